@@ -1,0 +1,37 @@
+# hystid: 'make demo' and 'make test' do everything on a fresh machine with Python 3.11, make and a C compiler.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test quick lint types check concealed benchmarks clean
+
+help:            ## this list
+	@grep -hE '^[a-z]+: .*##|^[a-z]+:  *##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## ?/\t/' | expand -t 14
+
+install: $(STAMP) ## make .venv with everything in it (pinned by constraints.txt)
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt torch==2.13.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,hdf5,uff,tdms,cluster,cross,test,dev]'
+	@touch $@
+
+demo: install    ## the virtual experiment end to end: Modelica to diagnosis, in ./demo
+	$(BIN)/hystid demo -o demo
+
+test: install    ## all tests
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+lint: install    ## ruff
+	$(BIN)/ruff check hystid tests benchmarks examples
+	$(BIN)/ruff format --check hystid tests benchmarks examples
+
+types: install   ## mypy, strict
+	$(BIN)/mypy
+
+check: lint types test ## everything that CI runs
+
+clean:           ## remove what was built here
+	rm -rf $(VENV) demo build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache

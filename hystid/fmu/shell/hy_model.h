@@ -1,0 +1,57 @@
+/* What a generated model gives to the shell, and all that the shell knows of it.
+ *
+ * Every value of an instance lies in one block of doubles, v[0 .. n_values). A value reference is an index into it, and a
+ * copy of the block is a complete FMU state. Integers and Booleans are stored as doubles.
+ *
+ *   v[0]                  time [s]
+ *   v[p .. p+n_p)         parameters, first the settable ones, then the dependent ones
+ *   v[u .. u+n_u)         inputs
+ *   v[x .. x+n_x)         continuous states
+ *   v[dx .. dx+n_x)       their derivatives
+ *   v[d .. d+n_d)         discrete states (assigned in when-clauses, or memory of sampled blocks)
+ *   v[y .. y+n_y)         algebraic variables and outputs
+ *   v[pre .. pre+n_d)     pre(d)
+ *   v[rel .. rel+n_rel)   frozen truth values of relations: they change at events only
+ *   v[w .. w+n_w)         private memory (warm starts of nonlinear blocks, next sample times, ...)
+ *
+ * Functions return HY_OK, HY_RETRY (no answer here, a smaller step may help) or HY_ERROR, and report through hy_data.log.
+ * They touch nothing but the block: instances are independent and may run in different threads. A NULL function is absent.
+ */
+#ifndef HY_MODEL_H
+#define HY_MODEL_H
+
+enum { HY_OK = 0, HY_RETRY = 1, HY_ERROR = 2 };
+enum { HY_INFO = 0, HY_WARNING = 1, HY_FAILURE = 2 };
+
+typedef struct {
+    double *v;                                              /* the block */
+    void (*log)(void *owner, int level, const char *text);  /* never NULL */
+    void *owner;
+} hy_data;
+
+typedef struct {
+    const char *name;
+    const char *token;        /* instantiation token, GUID of FMI 2 */
+    int n_values;
+    int p, n_p, u, n_u, x, n_x, dx, d, n_d, y, n_y, pre, rel, n_rel, w, n_w;
+    int n_z;                  /* event indicators */
+    double step;              /* default internal step [s] */
+    const double *start;      /* n_values start values */
+
+    int (*parameters)(hy_data *m);                  /* dependent parameters from the settable ones */
+    int (*initialise)(hy_data *m);                  /* solves the initial equations: p (fixed=false), x, d, pre, rel, w */
+    int (*evaluate)(hy_data *m);                    /* dx and y from time, p, u, x, d, rel */
+    int (*indicators)(hy_data *m, double *z);       /* n_z functions whose sign changes mark state events (after evaluate) */
+    int (*update)(hy_data *m, int *again);          /* one pass of event iteration: rel from the current values, when-clauses
+                                                       with pre, reinit of x; *again = 1 when anything changed. The shell sets
+                                                       pre := d before each pass and calls evaluate after the last. */
+    double (*next_time_event)(const hy_data *m);    /* next sample instant, or INFINITY */
+    int (*completed_step)(hy_data *m);              /* sampled memory of surrogates: called once per accepted step */
+    int (*forward)(hy_data *m, const double *seed, double *sens);  /* sens = d(dx, y)/d(p, u, x) . seed; both n_values long,
+                                                                      time and d may carry seeds too (zero where not smooth) */
+    int (*adjoint)(hy_data *m, const double *seed, double *sens);  /* sens += seed . d(dx, y)/d(p, u, x) */
+} hy_model;
+
+extern const hy_model hy_the_model;
+
+#endif

@@ -1,0 +1,83 @@
+"""What a code generator hands to the FMU shell: variables, units, and C text that implements ``hy_model.h``.
+
+Two generators exist: the Modelica compiler (``hystid.modelica``) and the network compiler (``hystid.surrogate``).
+The shell (``hystid.fmu``) and the in-process runner (``hystid.compiled``) know only this type.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Causality = Literal[
+    "parameter", "calculatedParameter", "input", "output", "local", "independent", "structuralParameter"
+]
+Variability = Literal["constant", "fixed", "tunable", "discrete", "continuous"]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable in the words of the FMI standard.
+
+    slot is its index in the value block of ``hy_model.h`` and its value reference; aliases share a slot.
+    start is None where the standard forbids one. unit is a Modelica unit string ("N.s/m"), "" where there is none.
+    derivative_of is the name of the state that this variable is the derivative of.
+    """
+
+    name: str
+    slot: int
+    causality: Causality
+    variability: Variability
+    type: Literal["Real", "Integer", "Boolean"] = "Real"
+    initial: Literal["exact", "approx", "calculated"] | None = None
+    start: float | None = None
+    min: float | None = None
+    max: float | None = None
+    nominal: float | None = None
+    unit: str = ""
+    description: str = ""
+    derivative_of: str | None = None
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Default experiment [s]."""
+
+    start: float = 0.0
+    stop: float = 1.0
+    step: float = 1e-4
+    tolerance: float | None = None
+
+
+@dataclass(frozen=True)
+class ModelCode:
+    """A model ready for the shell.
+
+    sources: file name -> C text; the one named ``model.c`` defines ``hy_the_model``.
+    states: names of the continuous states in block order. n_indicators: number of event indicators.
+    dependencies: name of an output or derivative -> names of inputs and states that it depends on.
+    resources: path below ``resources/`` -> bytes.
+    token: instantiation token (GUID), a hash of everything above.
+    """
+
+    name: str
+    description: str
+    variables: tuple[Variable, ...]
+    sources: Mapping[str, str]
+    states: tuple[str, ...] = ()
+    n_indicators: int = 0
+    n_values: int = 0
+    dependencies: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    has_forward: bool = False
+    has_adjoint: bool = False
+    experiment: Experiment = field(default_factory=Experiment)
+    resources: Mapping[str, bytes] = field(default_factory=dict)
+    token: str = ""
+
+    def variable(self, name: str) -> Variable:
+        """The named variable; KeyError when the model has none of that name."""
+        for candidate in self.variables:
+            if candidate.name == name:
+                return candidate
+        raise KeyError(name)
