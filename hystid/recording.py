@@ -55,7 +55,5 @@ class Recording:
 
         values = getattr(self, name, None) if name in CHANNELS else self.extra.get(name)
         if values is None:
-            raise RecordingError(
-                f"{self.name}: channel {name} is needed here but neither recorded nor derived"
-            )
+            raise RecordingError(f"{self.name}: channel {name} is needed here but neither recorded nor derived")
         return np.asarray(values)

@@ -97,9 +97,7 @@ def shared_library(
             check=False,
         )
         if run.returncode:
-            first = next(
-                (line for line in run.stderr.splitlines() if "error" in line), run.stderr.strip()[:200]
-            )
+            first = next((line for line in run.stderr.splitlines() if "error" in line), run.stderr.strip()[:200])
             raise ToolchainError(f"the C compiler '{command[0]}' refused generated code: {first}")
         made.replace(library)  # atomic: another process sees the whole library or none
     return library
