@@ -1,0 +1,199 @@
+"""Units: unit strings to SI factors, offsets and SI exponents.
+
+Two spellings are read. Modelica's and FMI's ("N.s/m", "m/s2", "kg.m2", "rad/s", "1") is parsed here from a table of SI
+symbols, without any import. Whatever is not in that grammar ("in", "lbf", "kip", "psi", "m*s**-1") goes to pint, which is
+imported only then because building its registry costs more than the rest of a start.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import Any
+
+from hystid.errors import UsageError
+
+BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+STANDARD_GRAVITY = 9.80665  # m/s2, exact by definition (CGPM 1901)
+
+# symbol -> (factor to SI, exponents); a prefix may stand before every one of them
+_SYMBOLS: dict[str, tuple[float, dict[str, int]]] = {
+    "m": (1.0, {"m": 1}),
+    "g": (1e-3, {"kg": 1}),
+    "s": (1.0, {"s": 1}),
+    "A": (1.0, {"A": 1}),
+    "K": (1.0, {"K": 1}),
+    "mol": (1.0, {"mol": 1}),
+    "cd": (1.0, {"cd": 1}),
+    "rad": (1.0, {"rad": 1}),
+    "Hz": (1.0, {"s": -1}),
+    "N": (1.0, {"kg": 1, "m": 1, "s": -2}),
+    "Pa": (1.0, {"kg": 1, "m": -1, "s": -2}),
+    "J": (1.0, {"kg": 1, "m": 2, "s": -2}),
+    "W": (1.0, {"kg": 1, "m": 2, "s": -3}),
+    "V": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "C": (1.0, {"A": 1, "s": 1}),
+    "F": (1.0, {"kg": -1, "m": -2, "s": 4, "A": 2}),
+    "Ohm": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -2}),
+    "Wb": (1.0, {"kg": 1, "m": 2, "s": -2, "A": -1}),
+    "T": (1.0, {"kg": 1, "s": -2, "A": -1}),
+    "H": (1.0, {"kg": 1, "m": 2, "s": -2, "A": -2}),
+}
+# taken whole: no prefix is allowed before these
+_WHOLE: dict[str, tuple[float, dict[str, int]]] = {
+    "1": (1.0, {}),
+    "%": (1e-2, {}),
+    "deg": (math.pi / 180, {"rad": 1}),
+    "min": (60.0, {"s": 1}),
+    "h": (3600.0, {"s": 1}),
+    "rev": (2 * math.pi, {"rad": 1}),
+    "bar": (1e5, {"kg": 1, "m": -1, "s": -2}),
+    "kip": (4448.2216152605, {"kg": 1, "m": 1, "s": -2}),  # 1000 lbf; pint knows it as a force too, but slower
+}
+_PREFIXES = {
+    "G": 1e9,
+    "M": 1e6,
+    "k": 1e3,
+    "d": 1e-1,
+    "c": 1e-2,
+    "m": 1e-3,
+    "u": 1e-6,
+    "µ": 1e-6,
+    "μ": 1e-6,
+    "n": 1e-9,
+    "p": 1e-12,
+}
+_FACTOR = re.compile(r"^([A-Za-zµμ%]+|1)\^?([+-]?\d+)?$")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What one unit is in SI: value_SI = factor * value + offset; exponents over ``BASES`` (zeros left out)."""
+
+    text: str
+    factor: float
+    offset: float
+    exponents: Mapping[str, int]
+
+
+class _NotSi(Exception):
+    pass
+
+
+@lru_cache(maxsize=1024)
+def parse(text: str) -> Unit:
+    """Read a unit string. "" and "1" are dimensionless.
+
+    Raises UsageError when neither the SI grammar nor pint knows it.
+    """
+    stripped = text.strip()
+    if stripped in ("", "-"):
+        return Unit(text, 1.0, 0.0, {})
+    if stripped == "degC":
+        return Unit(text, 1.0, 273.15, {"K": 1})
+    try:
+        factor, exponents = _product(stripped)
+    except _NotSi:
+        return _by_pint(stripped)
+    return Unit(text, factor, 0.0, {base: power for base, power in exponents.items() if power})
+
+
+def exponents(unit: str) -> tuple[float, float, dict[str, int]]:
+    """(factor, offset, {kg, m, s, A, K, mol, cd, rad}) of a Modelica unit string, as FMI's unit definitions want it.
+
+    value_SI = factor * value + offset. All eight exponents are present.
+    """
+    known = parse(unit)
+    return known.factor, known.offset, {base: known.exponents.get(base, 0) for base in BASES}
+
+
+def to_si(unit: str, quantity: str) -> tuple[float, float]:
+    """(factor, offset) from ``unit`` to the SI unit ``quantity`` ("m", "N", "m/s2", ...).
+
+    "g" means standard gravity where an acceleration is expected, "lb" pound-force where a force is.
+    Angles count as dimensionless. Raises UsageError when the unit is unknown or of another dimension.
+    """
+    target = parse(quantity)
+    spoken = _in_context(unit, target)
+    if not _same_dimension(spoken, target):
+        raise UsageError(f"unit '{unit}' cannot be converted to {quantity}: it measures something else")
+    return spoken.factor / target.factor, (spoken.offset - target.offset) / target.factor
+
+
+def _in_context(unit: str, target: Unit) -> Unit:
+    text = unit.strip()
+    scale = {"g": 1.0, "gn": 1.0, "g0": 1.0, "G": 1.0, "mg": 1e-3, "ug": 1e-6}.get(text)
+    if target.exponents == {"m": 1, "s": -2} and scale is not None:
+        return Unit(unit, scale * STANDARD_GRAVITY, 0.0, target.exponents)
+    if target.exponents == {"kg": 1, "m": 1, "s": -2} and text in ("lb", "lbs"):
+        return parse("lbf")
+    return parse(text)
+
+
+def _same_dimension(one: Unit, other: Unit) -> bool:
+    return all(one.exponents.get(base, 0) == other.exponents.get(base, 0) for base in BASES if base != "rad")
+
+
+def _product(text: str) -> tuple[float, dict[str, int]]:
+    """Modelica's grammar: factors joined by ".", one "/" with an optional bracket after it."""
+    numerator, slash, denominator = text.partition("/")
+    if slash and not denominator:
+        raise _NotSi
+    if denominator.startswith("(") and denominator.endswith(")"):
+        denominator = denominator[1:-1]
+    factor, powers = 1.0, dict.fromkeys(BASES, 0)
+    for part, sign in ((numerator, 1), (denominator, -1)):
+        for item in part.split(".") if part else ():
+            scale, dims, power = _factor(item)
+            factor *= scale ** (sign * power)
+            for base, exponent in dims.items():
+                powers[base] += sign * power * exponent
+    return factor, powers
+
+
+def _factor(text: str) -> tuple[float, dict[str, int], int]:
+    match = _FACTOR.match(text.strip().replace("²", "2").replace("³", "3"))
+    if not match:
+        raise _NotSi
+    symbol, power = match[1], int(match[2] or 1)
+    if symbol in _WHOLE:
+        return *_WHOLE[symbol], power
+    if symbol in _SYMBOLS:
+        return *_SYMBOLS[symbol], power
+    if symbol[0] in _PREFIXES and symbol[1:] in _SYMBOLS:
+        factor, dims = _SYMBOLS[symbol[1:]]
+        return _PREFIXES[symbol[0]] * factor, dims, power
+    raise _NotSi
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry(cache_folder=None)
+
+
+def _by_pint(text: str) -> Unit:
+    registry = _registry()
+    try:
+        at_zero, at_one = (registry.Quantity(value, text).to_base_units() for value in (0.0, 1.0))
+        dims = at_one.dimensionality
+    except Exception:  # pint raises its own, tokenize's and Python's syntax errors alike
+        raise UsageError(f"unit '{text}' is not known; write it like N, kN, mm, m/s2, N.s/m or lbf") from None
+    names = {
+        "[mass]": "kg",
+        "[length]": "m",
+        "[time]": "s",
+        "[current]": "A",
+        "[temperature]": "K",
+        "[substance]": "mol",
+        "[luminosity]": "cd",
+    }
+    powers = {names[name]: int(power) for name, power in dims.items() if name in names and power == int(power)}
+    if len(powers) != len(dims):
+        raise UsageError(f"unit '{text}' has no SI exponents")
+    offset = float(at_zero.magnitude)
+    return Unit(text, float(at_one.magnitude) - offset, offset, powers)
