@@ -16,6 +16,16 @@
  *
  * Functions return HY_OK, HY_RETRY (no answer here, a smaller step may help) or HY_ERROR, and report through hy_data.log.
  * They touch nothing but the block: instances are independent and may run in different threads. A NULL function is absent.
+ *
+ * Order of calls. Start: v := start, settings overwritten, parameters, initialise, then event iteration. Event iteration:
+ * evaluate; then, until again stays 0: pre := d, update, evaluate. Step: evaluate at each stage, with time, u and x set.
+ * Start may be repeated from fresh values, so that initialise must not rely on what an earlier call left in the block.
+ *
+ * Event indicators. A state event lies where an indicator changes sign. An indicator that is exactly 0 keeps the sign that
+ * it had; one that is 0 after event iteration and then leaves 0 is an event too. Indicators may depend on rel, so that
+ * hysteresis can be put in: z > 0 while the frozen relation agrees with the values is the recommended form.
+ *
+ * Derivatives. A seed on a settable parameter reaches dx and y also through the dependent parameters.
  */
 #ifndef HY_MODEL_H
 #define HY_MODEL_H

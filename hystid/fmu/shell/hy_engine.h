@@ -1,0 +1,75 @@
+/* One running instance of a model: the value block, event iteration, fixed-step RK4 with located events.
+ * Knows nothing of FMI. The FMI functions (fmi2.c, fmi3.c) and the table runner (hy_table.c) stand on it. */
+#ifndef HY_ENGINE_H
+#define HY_ENGINE_H
+
+#include <stddef.h>
+
+#include "hy_model.h"
+
+/* A value that follows a cubic polynomial of time instead of being held or integrated: an input whose derivatives are
+ * known, or a state clamped to a measured motion. value(t) = c[0] + s (c[1] + s (c[2] + s c[3])), s = t - origin. */
+typedef struct {
+    int slot;
+    double c[4];
+} hy_driven;
+
+/* What of an instance must survive saving and restoring, besides the block. */
+typedef struct {
+    int mode;          /* of the FMI layer */
+    int stale;         /* 1: dx and y do not belong to the present time, p, u, x, d */
+    int started;       /* 1: initial equations solved since the last change of a start value */
+    int event_pending; /* 1: an event was found and not yet handled */
+    int chattered;     /* 1: chattering has been reported */
+    int n_driven;
+    double origin;     /* time origin of the driven polynomials [s] */
+    double start_time, stop_time; /* stop_time is INFINITY where none was given */
+    double last_time;  /* last successful communication point [s] */
+} hy_status;
+
+typedef struct {
+    const hy_model *model;
+    hy_data data;      /* data.v is the block */
+    void *saved;       /* everything from here on in one piece: status, block, settings, signs, driven */
+    size_t saved_size; /* [bytes] */
+    hy_status *status;
+    double *settings;  /* block as set by the user before the initial equations were solved */
+    double *sign;      /* sign of each indicator after the last event: -1, 0, 1 */
+    hy_driven *driven; /* room for n_u + n_x */
+    int *free;         /* indices of the states that are integrated (all but the clamped) */
+    int n_free;
+    int n_seeds;       /* sensitivities carried along: parameter slots in seed_slots, see hy_table.c */
+    const int *seed_slots;
+    double *seed, *sens; /* n_values each, or NULL */
+    double *X;         /* extended state: n_free states, then n_free sensitivities per seed */
+    double *X0, *K, *sum, *trial; /* scratch, as long as X */
+    double *z, *z_left;
+    int *crossings;    /* how often each indicator crossed zero within the present step */
+    double *scratch;   /* one allocation behind all of the above */
+} hy_engine;
+
+enum { HY_EVENT = 3 }; /* hy_advance stopped at an event that it was told not to handle */
+
+int hy_open(hy_engine *e, const hy_model *model, void (*log)(void *, int, const char *), void *owner);
+void hy_close(hy_engine *e);
+void hy_reset(hy_engine *e);                       /* back to start values */
+int hy_clamp_states(hy_engine *e, const int *slots, int n); /* these states are driven from now on */
+int hy_carry(hy_engine *e, const int *slots, int n);        /* sensitivities to these parameters from now on */
+
+int hy_start(hy_engine *e);                        /* solves the initial equations; event iteration not yet done */
+int hy_settle(hy_engine *e);                       /* evaluate, if stale */
+void hy_drive(hy_engine *e);                       /* driven values at the present time */
+int hy_event(hy_engine *e, int *states_changed);   /* event iteration at the present time */
+int hy_note_signs(hy_engine *e);                   /* takes the indicators' present signs as reference */
+int hy_crossed(hy_engine *e, int *any);            /* whether an indicator left its reference sign */
+int hy_has_events(const hy_engine *e);
+int hy_inputs_changed(hy_engine *e);               /* event iteration where new inputs call for it */
+
+/* From the present time t0 to t0 + h in n equal steps; time is counted in steps, never summed up. With stop_at_events the
+ * call returns HY_EVENT at the first event, which is left to the caller; *reached is the time got to. */
+int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reached);
+int hy_completed(hy_engine *e);                    /* one step is accepted: sampled memory moves on */
+
+void hy_report(hy_engine *e, int level, const char *format, ...);
+
+#endif
