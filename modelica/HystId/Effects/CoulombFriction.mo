@@ -1,0 +1,9 @@
+within HystId.Effects;
+block CoulombFriction "Dry friction"
+  extends HystId.Interfaces.PartialEffect;
+  parameter Real Fc(unit="N") = 0 "Friction force";
+  parameter Real v_s(unit="m/s", min = 0) = 0.001 "Speed over which the friction force changes sign";
+equation
+  f = Fc*tanh(v/v_s);
+  annotation(Documentation(info = "<html><p>Loss per cycle proportional to the amplitude, independent of the frequency.</p></html>"));
+end CoulombFriction;

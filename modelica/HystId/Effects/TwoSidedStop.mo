@@ -1,0 +1,12 @@
+within HystId.Effects;
+block TwoSidedStop "Two stops: extra stiffness beyond a gap on both sides"
+  extends HystId.Interfaces.PartialEffect;
+  parameter Real k(unit="N/m") = 0 "Stiffness added beyond the gap";
+  parameter Real gap(unit="m", min = 0) = 0.001 "Displacement at which contact changes";
+protected
+  Real d(unit = "m") "Displacement beyond the gap, signed";
+equation
+  d = noEvent(if x > gap then x - gap else if x < -gap then x + gap else 0);
+  f = k*d;
+  annotation(Documentation(info = "<html><p>Nothing inside the gap, then a kink on both sides: odd harmonics with an onset in amplitude.</p></html>"));
+end TwoSidedStop;

@@ -1,0 +1,12 @@
+within HystId.Effects;
+block ViscoelasticRelaxation "Spring behind a dashpot (Maxwell branch)"
+  extends HystId.Interfaces.PartialEffect;
+  parameter Real k(unit="N/m") = 0 "Stiffness of the branch";
+  parameter Real tau(unit="s", min = 0) = 0.1 "Relaxation time";
+protected
+  Real z(unit = "m", start = 0, fixed = true) "Elongation of the spring";
+equation
+  der(z) = v - z/tau;
+  f = k*z;
+  annotation(Documentation(info = "<html><p>Linear, phase lagged: stiffness and loss depend on the frequency.</p></html>"));
+end ViscoelasticRelaxation;
