@@ -1,7 +1,7 @@
 """Units: unit strings to SI factors, offsets and SI exponents.
 
 Two spellings are read. Modelica's and FMI's ("N.s/m", "m/s2", "kg.m2", "rad/s", "1") is parsed here from a table of SI
-symbols, without any import. Whatever is not in that grammar ("in", "lbf", "kip", "psi", "m*s**-1") goes to pint, which is
+symbols, without any import. Whatever is not in that grammar ("in", "lbf", "psi", "m*s**-1") goes to pint, which is
 imported only then because building its registry costs more than the rest of a start.
 """
 

@@ -1,5 +1,8 @@
 """Recordings: the type, readers (CSV, MAT, HDF5, UFF, TDMS), the writer, and the checks at the door."""
 
+from hystid.recording.problems import Problem, report
+from hystid.recording.reading import read, read_all
 from hystid.recording.types import CHANNELS, Array, Recording
+from hystid.recording.writing import write_csv
 
-__all__ = ["CHANNELS", "Array", "Recording"]
+__all__ = ["CHANNELS", "Array", "Problem", "Recording", "read", "read_all", "report", "write_csv"]

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+PSEUDO_TIME = "sample numbers, not a measured time"
+
 CHANNELS = {"F": "N", "x": "m", "v": "m/s", "a": "m/s2", "R": "N"}
 
 
@@ -21,7 +23,8 @@ class Recording:
     """One test. All arrays have shape (n,), float64, SI units, and share the uniform grid ``t`` [s].
 
     Channels that were not recorded are None until derived; ``origin`` says of each channel whether it was
-    "measured" or how it was derived; ``notes`` lists what was done to the data, in order, in sentences.
+    "measured" or how it was derived; ``notes`` lists what was done to the data, in order, in sentences;
+    ``warnings`` lists what is doubtful about the data, in sentences.
     ``extra`` keeps further columns of the file (SI where the unit was known).
     """
 
@@ -35,6 +38,7 @@ class Recording:
     extra: Mapping[str, Array] = field(default_factory=dict)
     origin: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t)
@@ -48,6 +52,11 @@ class Recording:
     def sample_rate(self) -> float:
         """Samples per second [Hz]."""
         return 1.0 / self.dt
+
+    @property
+    def quasi_static(self) -> bool:
+        """Whether ``t`` only numbers the samples: rates then have no physical scale and inertia cannot be had."""
+        return self.origin.get("t") == PSEUDO_TIME
 
     def channel(self, name: str) -> Array:
         """The named channel, shape (n,); KeyError-free: raises RecordingError naming the recording when absent."""

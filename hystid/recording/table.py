@@ -1,0 +1,59 @@
+"""A table as it stands in a file: named columns with their unit text, before anything is interpreted."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hystid.recording.types import Array
+
+_HEADER = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))?\s*$")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column. values: shape (n,). unit is None where the file states none."""
+
+    name: str
+    unit: str | None
+    values: Array
+
+
+@dataclass(frozen=True)
+class Table:
+    """The columns of one test. Columns may differ in length until the door checks have run.
+
+    file is what messages call it. lines holds the line number of each sample for text files, else None.
+    sample_rate [Hz] is given by formats that store no time column. attributes are scalars that the file carries.
+    """
+
+    file: str
+    columns: tuple[Column, ...]
+    name: str = ""
+    lines: range | Array | None = None
+    sample_rate: float | None = None
+    attributes: Mapping[str, str] = field(default_factory=dict)
+
+    def line(self, sample: int | None) -> int | None:
+        """Line number of a sample, None where the format has no lines."""
+        if sample is None or self.lines is None:
+            return None
+        return int(self.lines[sample])
+
+
+def split_header(text: str) -> tuple[str, str | None]:
+    """``"x [mm]"`` or ``"x (mm)"`` -> ("x", "mm"); ``"x"`` -> ("x", None)."""
+    match = _HEADER.match(text.strip().strip('"').strip("'"))
+    if not match:
+        return text.strip(), None
+    unit = match["square"] if match["square"] is not None else match["round"]
+    return match["name"], None if unit is None else unit.strip()
+
+
+def column(header: str, values: object) -> Column:
+    """A column from its header text and anything that converts to a vector of numbers."""
+    name, unit = split_header(header)
+    return Column(name, unit, np.ascontiguousarray(np.asarray(values, dtype=np.float64).ravel()))
