@@ -1,0 +1,118 @@
+"""The shape of the package: imports go one way, one place per outside library, no leftovers."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "hystid"
+
+# Lower may not import higher. A name is a module or a package directly below hystid, or a module within a package.
+LAYERS = [
+    {"errors"},
+    {"files", "progress", "toolchain", "units", "modelcode"},
+    {"recording"},
+    {"turning_points", "comparison", "excitation", "processing"},
+    {"modelica", "networks", "compiled", "smoothing"},
+    {"surrogate"},
+    {"fmu"},
+    {"simulation"},
+    {"identification", "validation", "diagnosis"},
+    {"study"},
+    {"report"},
+    {"demo"},
+    {"cli", "pytest_plugin", "__main__"},
+]
+RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
+
+# Outside library -> the only modules that may import it (a front-end or format change then touches one file).
+ONLY_IN = {
+    "rumoca": {"modelica"},
+    "casadi": {"modelica"},
+    "torch": {"networks"},
+    "pint": {"units"},
+    "plotly": {"report"},
+    "onnx": {"networks", "surrogate"},
+    "distributed": {"study"},
+    "typer": {"cli"},
+}
+
+
+def modules() -> list[Path]:
+    return sorted(PACKAGE.rglob("*.py"))
+
+
+def top(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imports(path: Path) -> list[tuple[int, str]]:
+    """Every absolute import of the file, those inside functions too: (line, dotted name)."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found += [(node.lineno, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: relative import"
+            base = node.module or ""
+            found += [(node.lineno, f"{base}.{alias.name}" if base == "hystid" else base) for alias in node.names]
+    return found
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_downward(path: Path) -> None:
+    here = top(path)
+    if here == "__init__":
+        return
+    assert here in RANK, f"{here}: say in LAYERS where this module stands"
+    for line, name in imports(path):
+        if name.startswith("hystid."):
+            there = name.split(".")[1]
+            if there.startswith("__") or there == here:
+                continue
+            assert there in RANK, f"{path.name}:{line} imports unknown hystid.{there}"
+            assert RANK[there] < RANK[here], f"{path.name}:{line}: {here} may not import {there}"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_outside_libraries_have_one_home(path: Path) -> None:
+    for line, name in imports(path):
+        homes = ONLY_IN.get(name.split(".")[0])
+        assert homes is None or top(path) in homes, f"{path.name}:{line}: {name} belongs in {homes}"
+
+
+def test_no_file_is_too_long_to_read() -> None:
+    # 650 lines: the largest file of the code bases that this layout follows.
+    long = {str(p.relative_to(ROOT)): n for p in modules() if (n := len(p.read_text().splitlines())) > 650}
+    assert not long
+
+
+def test_every_public_function_says_what_it_does() -> None:
+    silent = []
+    for path in modules():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            public = isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+            if public and not ast.get_docstring(node):
+                silent.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.name}")
+    assert not silent
+
+
+def test_nothing_unfinished() -> None:
+    marks = re.compile(r"\b(TODO|FIXME|XXX|NotImplementedError)\b")
+    texts = [
+        p
+        for folder in ("hystid", "modelica")
+        for p in (ROOT / folder).rglob("*")
+        if p.suffix in {".py", ".c", ".h", ".mo"}
+    ]
+    found = [
+        f"{p.relative_to(ROOT)}:{i}"
+        for p in texts
+        for i, s in enumerate(p.read_text().splitlines(), 1)
+        if marks.search(s)
+    ]
+    assert not found
