@@ -1,0 +1,141 @@
+"""Overproduce and choose: many starts of the two-network pair, trained side by side, the best kept and averaged.
+
+Each start depends on the seed and its own number only, so that the result does not depend on how many run at a time.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from hystid.errors import NumericalError
+from hystid.networks.network import Member
+from hystid.networks.normal_equations import Precision
+from hystid.networks.training import RULES, Data, Rule, Training, initial_weights, train
+from hystid.progress import track
+from hystid.recording import Array
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Regression samples of the two-network method, each of shape (n,), SI units.
+
+    x0, R0: displacement and measured force at the latest turning point (``TurningPoints.hold``).
+    """
+
+    x: Array
+    v: Array
+    x0: Array
+    R0: Array
+    R: Array
+
+    def subset(self, count: int, seed: int) -> Samples:
+        """At most ``count`` of the samples, drawn without replacement."""
+        if len(self.x) <= count:
+            return self
+        pick = np.sort(np.random.default_rng(seed).choice(len(self.x), count, replace=False))
+        return Samples(*(getattr(self, name)[pick] for name in ("x", "v", "x0", "R0", "R")))
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """One trained pair. error: least validation error of the restoring network (scaled mean square)."""
+
+    number: int
+    member: Member
+    hysteresis: Training
+    restoring: Training
+
+    @property
+    def error(self) -> float:
+        return self.restoring.best
+
+
+def train_pair(
+    samples: Samples,
+    hidden: Sequence[int],
+    number: int,
+    *,
+    seed: int = 0,
+    rule: Rule = RULES["fast"],
+    precision: Precision = "float64",
+    stop: threading.Event | None = None,
+) -> Start:
+    """Hysteresis network on (x, x0, R0) -> R, then restoring network on (x, v, its output) -> R. Same split for both."""
+    rng = np.random.default_rng([seed, number])
+    sizes = (3, *hidden, 1)
+    first = Data.split(np.stack([samples.x, samples.x0, samples.R0]), samples.R, seed)
+    hysteresis = train(first, hidden, initial_weights(sizes, rng), rule=rule, precision=precision, stop=stop)
+    outer = first.network(hysteresis.w, hidden)
+    Rh = outer(samples.x, samples.x0, samples.R0)
+    second = Data.split(np.stack([samples.x, samples.v, Rh]), samples.R, seed)
+    restoring = train(second, hidden, initial_weights(sizes, rng), rule=rule, precision=precision, stop=stop)
+    return Start(number, Member(outer, second.network(restoring.w, hidden)), hysteresis, restoring)
+
+
+def workers_of(workers: int | None) -> int:
+    """Number of trainings at a time: the given one, or one per processor that this process may use."""
+    return max(1, workers if workers else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1)
+
+
+def side_by_side(
+    title: str, jobs: Sequence[Callable[[threading.Event], Result]], workers: int | None = None
+) -> tuple[list[Result], bool]:
+    """Results of the jobs in their order, and whether all ran.
+
+    Ctrl-C ends the running jobs (through their event) and starts no more; what was finished before is returned.
+    The work is in compiled code that runs beside Python, so threads serve as well as processes and copy no data.
+    """
+    stop = threading.Event()
+    done: dict[int, Result] = {}
+    with track(title, len(jobs)) as step, ThreadPoolExecutor(workers_of(workers)) as pool:
+        futures: dict[Future[Result], int] = {pool.submit(job, stop): k for k, job in enumerate(jobs)}
+        try:
+            pending = set(futures)
+            while pending:
+                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    done[futures[future]] = future.result()
+                    step()
+        except BaseException as error:
+            stop.set()
+            pool.shutdown(wait=True, cancel_futures=True)
+            if not isinstance(error, KeyboardInterrupt) or not done:
+                raise
+    return [done[k] for k in sorted(done)], len(done) == len(jobs)
+
+
+def train_ensemble(
+    samples: Samples,
+    hidden: Sequence[int],
+    count: int,
+    *,
+    seed: int = 0,
+    rule: Rule = RULES["fast"],
+    precision: Precision = "float64",
+    workers: int | None = None,
+) -> list[Start]:
+    """``count`` starts, in order of their number; fewer after Ctrl-C, then those finished."""
+
+    def job(number: int) -> Callable[[threading.Event], Start]:
+        return lambda stop: train_pair(
+            samples, hidden, number, seed=seed, rule=rule, precision=precision, stop=stop
+        )
+
+    return side_by_side("training", [job(number) for number in range(count)], workers)[0]
+
+
+def choose(starts: Sequence[Start], fraction: float = 0.1) -> list[Start]:
+    """The best tenth by validation error, at least one."""
+    finite = sorted((start for start in starts if np.isfinite(start.error)), key=lambda start: start.error)
+    if not finite:
+        raise NumericalError("no training ended with a finite error: is the target constant, or the data corrupted?")
+    return finite[: max(1, round(fraction * len(starts)))]

@@ -1,0 +1,218 @@
+"""Levenberg-Marquardt training of one tanh network, with early stopping.
+
+A rule is data: how the damping is formed and how its factor mu moves. One loop serves all rules.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from hystid.errors import NumericalError, UsageError
+from hystid.networks.network import Network
+from hystid.networks.normal_equations import NormalEquations, Precision, normal_equations, parameter_count, unflatten
+from hystid.recording import Array
+
+Mode = Literal["trainlm", "fast"]
+Reason = Literal["validation", "iterations", "damping", "gradient", "stalled", "interrupted"]
+
+REASONS: dict[Reason, str] = {
+    "validation": "the validation error had not fallen for the allowed number of iterations",
+    "iterations": "the iteration limit was reached",
+    "damping": "no step lowers the training error any more (mu above its limit)",
+    "gradient": "the gradient vanished",
+    "stalled": "the training error fell by less than the stated fraction",
+    "interrupted": "the training was interrupted",
+}
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Damping of J'J. scaling "mean": mu N I (mu damps J'J / N, as MATLAB's trainlm has it); "columns": mu diag(J'J).
+
+    After a step that lowers the error mu is multiplied by ``down``, after one that does not by ``up``.
+    The training ends as stalled when ``window`` iterations together lower the training error by less than ``progress``
+    (a fraction; 0 never).
+    """
+
+    scaling: Literal["mean", "columns"]
+    mu: float
+    up: float = 10.0
+    down: float = 0.1
+    mu_max: float = 1e10
+    max_iterations: int = 1000
+    max_fails: int = 6
+    min_gradient: float = 1e-7
+    progress: float = 0.0
+    window: int = 20
+
+
+# "fast" is Marquardt's own scaling (1963): about a quarter of trainlm's iterations on hysteresis data.
+RULES: dict[Mode, Rule] = {
+    "trainlm": Rule("mean", 1e-3),
+    "fast": Rule("columns", 1.0, max_iterations=200, progress=2e-3),
+}
+
+
+def rule_of(mode: Mode) -> Rule:
+    """The rule of a named mode."""
+    if mode not in RULES:
+        raise UsageError(f"mode must be one of {', '.join(RULES)}, found {mode!r}")
+    return RULES[mode]
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """Outcome of one training. Errors are mean squares in units of the scaled target ([-1, 1]).
+
+    w: parameters with the least validation error, shape (P,); iteration: where they were met.
+    train, validation: error before the first and after each iteration, shape (iterations + 1,).
+    """
+
+    w: Array
+    reason: Reason
+    iteration: int
+    train: Array
+    validation: Array
+    test: float = float("nan")
+
+    @property
+    def best(self) -> float:
+        """Least validation error."""
+        return float(self.validation.min())
+
+
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """Offsets and gains that map each row of data to [-1, 1] and back (gain = 2 / width; 1 for a constant row)."""
+
+    offset: Array
+    gain: Array
+
+    @staticmethod
+    def of(rows: Array) -> Scaling:
+        """Scaling of data of shape (rows, samples)."""
+        low, high = rows.min(axis=1), rows.max(axis=1)
+        width = high - low
+        return Scaling((low + high) / 2, 2 / np.where(width > 0, width, 2.0))
+
+    def apply(self, rows: Array) -> Array:
+        """Scaled rows."""
+        return np.asarray((rows - self.offset[:, None]) * self.gain[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """Scaled samples of one regression, split at random: parts "train", "validation", "test" -> (inputs, target)."""
+
+    parts: dict[str, tuple[Array, Array]]
+    inputs: Scaling
+    target: Scaling
+
+    @staticmethod
+    def split(inputs: Array, target: Array, seed: int, fractions: tuple[float, float] = (0.70, 0.15)) -> Data:
+        """Random split; inputs of shape (features, samples), target of shape (samples,). The rest is the test part."""
+        scaling, goal = Scaling.of(inputs), Scaling.of(target[None])
+        order = np.random.default_rng(seed).permutation(len(target))
+        ends = [int(round(sum(fractions[: k + 1]) * len(target))) for k in range(2)]
+        indices = dict(zip(("train", "validation", "test"), np.split(order, ends), strict=True))
+        scaled, wanted = scaling.apply(inputs), goal.apply(target[None])[0]
+        return Data({name: (scaled[:, pick], wanted[pick]) for name, pick in indices.items()}, scaling, goal)
+
+    def network(self, w: Array, hidden: Sequence[int]) -> Network:
+        """The trained network on physical units."""
+        sizes = (len(self.inputs.gain), *hidden, 1)
+        layers = tuple((weights.copy(), bias.copy()) for weights, bias in unflatten(np.asarray(w), sizes))
+        return Network(
+            layers, self.inputs.offset, self.inputs.gain, float(self.target.offset[0]), float(1 / self.target.gain[0])
+        )
+
+
+def initial_weights(sizes: Sequence[int], rng: np.random.Generator) -> Array:
+    """Nguyen-Widrow (1990): active regions of the hidden neurons spread over [-1, 1]; small random output layer."""
+    w = np.empty(parameter_count(sizes))
+    *hidden, (weights, bias) = unflatten(w, sizes)
+    for inner, shift in hidden:
+        neurons, inputs = inner.shape
+        reach = 0.7 * neurons ** (1 / inputs)
+        inner[:] = rng.uniform(-1, 1, inner.shape)
+        inner *= reach / np.linalg.norm(inner, axis=1, keepdims=True)
+        spread = np.linspace(-1, 1, neurons) if neurons > 1 else np.zeros(1)
+        shift[:] = reach * spread * np.where(rng.uniform(-1, 1, neurons) < 0, -1, 1)
+    weights[:] = rng.uniform(-0.5, 0.5, weights.shape)
+    bias[:] = rng.uniform(-0.5, 0.5, bias.shape)
+    return w
+
+
+def train(
+    data: Data,
+    hidden: Sequence[int],
+    w: Array,
+    *,
+    rule: Rule = RULES["trainlm"],
+    precision: Precision = "float64",
+    stop: threading.Event | None = None,
+) -> Training:
+    """Train from the parameters w. stop: ends the training after the iteration in which it is set."""
+    sizes = (len(data.inputs.gain), *hidden, 1)
+    parts = {name: normal_equations(sizes, *part, precision) for name, part in data.parts.items() if len(part[1])}
+    result = minimise(parts["train"], parts["validation"], w, rule, stop)
+    test = parts["test"].squares(result.w) / parts["test"].samples if "test" in parts else float("nan")
+    return Training(result.w, result.reason, result.iteration, result.train, result.validation, test)
+
+
+def minimise(
+    fit: NormalEquations, check: NormalEquations, w: Array, rule: Rule, stop: threading.Event | None = None
+) -> Training:
+    """Lower the error of ``fit`` from w; the answer is the iterate with the least error of ``check``."""
+    best, best_at, reason = w, 0, "iterations"
+    train = [fit.squares(w) / fit.samples]
+    validation = [check.squares(w) / check.samples]
+    if not np.isfinite(train[0]):
+        raise NumericalError("the network's error is not finite at its starting weights: is there a NaN in the data?")
+    mu = rule.mu
+    for iteration in range(1, rule.max_iterations + 1):
+        moved, mu, error = _step(fit, w, mu, rule)
+        if moved is None:
+            reason = "damping" if mu > rule.mu_max else "gradient"
+            break
+        w = moved
+        train.append(error / fit.samples)
+        validation.append(check.squares(w) / check.samples)
+        if validation[-1] < validation[best_at]:
+            best, best_at = w, iteration
+        if iteration - best_at >= rule.max_fails:
+            reason = "validation"
+            break
+        if len(train) > rule.window and train[-1] > (1 - rule.progress) * train[-1 - rule.window]:
+            reason = "stalled"
+            break
+        if stop is not None and stop.is_set():
+            reason = "interrupted"
+            break
+    return Training(best, reason, best_at, np.array(train), np.array(validation))  # type: ignore[arg-type]
+
+
+def _step(fit: NormalEquations, w: Array, mu: float, rule: Rule) -> tuple[Array | None, float, float]:
+    """One accepted step: new parameters, next mu, their error. None: the gradient vanished or mu passed its limit."""
+    before = fit.build(w)
+    gradient, count = fit.gradient(), fit.samples
+    if 2 * np.linalg.norm(gradient) / count < rule.min_gradient:
+        return None, mu, before
+    if rule.scaling == "mean":
+        scale = np.full(len(w), float(count))
+    else:  # a column of zeros (a saturated neuron) still needs a little damping
+        scale = fit.diagonal()
+        scale += 1e-12 * scale.max()
+    while mu <= rule.mu_max:
+        step = fit.solve(mu * scale)
+        if step is not None:
+            error = fit.squares(w - step)
+            if error < before:
+                return w - step, max(mu * rule.down, 1e-20), error
+        mu *= rule.up
+    return None, mu, before
