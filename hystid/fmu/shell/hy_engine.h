@@ -17,7 +17,7 @@ typedef struct {
 /* What of an instance must survive saving and restoring, besides the block. */
 typedef struct {
     int mode;          /* of the FMI layer */
-    int stale;         /* 1: dx and y do not belong to the present time, p, u, x, d */
+    int stale;         /* 0: dx and y belong to the present values; 1: they do not; 2: y does, but the memory has moved on */
     int started;       /* 1: initial equations solved since the last change of a start value */
     int event_pending; /* 1: an event was found and not yet handled */
     int chattered;     /* 1: chattering has been reported */
@@ -30,7 +30,7 @@ typedef struct {
 typedef struct {
     const hy_model *model;
     hy_data data;      /* data.v is the block */
-    void *saved;       /* everything from here on in one piece: status, block, settings, signs, driven */
+    void *saved;       /* status, block, settings, signs, driven in one piece: what an FMU state consists of */
     size_t saved_size; /* [bytes] */
     hy_status *status;
     double *settings;  /* block as set by the user before the initial equations were solved */
@@ -38,14 +38,15 @@ typedef struct {
     hy_driven *driven; /* room for n_u + n_x */
     int *free;         /* indices of the states that are integrated (all but the clamped) */
     int n_free;
-    int n_seeds;       /* sensitivities carried along: parameter slots in seed_slots, see hy_table.c */
+    int n_seeds;       /* sensitivities carried along, to the parameters in seed_slots */
     const int *seed_slots;
     double *seed, *sens; /* n_values each, or NULL */
-    double *X;         /* extended state: n_free states, then n_free sensitivities per seed */
-    double *X0, *K, *sum, *trial; /* scratch, as long as X */
-    double *z, *z_left;
-    int *crossings;    /* how often each indicator crossed zero within the present step */
-    double *scratch;   /* one allocation behind all of the above */
+    int n_X;           /* length of the extended state: n_free states, then n_free sensitivities per seed */
+    double *X;         /* extended state at the left end of the present step */
+    double *K1, *K, *sum, *trial;
+    double *x_before, *z, *z_left;
+    int *crossings;    /* how often each indicator crossed zero within the present step; then n_z marks, scratch */
+    double *scratch;   /* one allocation behind X ... z_left */
 } hy_engine;
 
 enum { HY_EVENT = 3 }; /* hy_advance stopped at an event that it was told not to handle */
@@ -54,7 +55,8 @@ int hy_open(hy_engine *e, const hy_model *model, void (*log)(void *, int, const 
 void hy_close(hy_engine *e);
 void hy_reset(hy_engine *e);                       /* back to start values */
 int hy_clamp_states(hy_engine *e, const int *slots, int n); /* these states are driven from now on */
-int hy_carry(hy_engine *e, const int *slots, int n);        /* sensitivities to these parameters from now on */
+int hy_carry(hy_engine *e, const int *slots, int n);        /* sensitivities to these parameters, before hy_start */
+void hy_sensitivity(hy_engine *e, int which);               /* sens := d(everything)/d(parameter), at the present values */
 
 int hy_start(hy_engine *e);                        /* solves the initial equations; event iteration not yet done */
 int hy_settle(hy_engine *e);                       /* evaluate, if stale */
@@ -66,7 +68,8 @@ int hy_has_events(const hy_engine *e);
 int hy_inputs_changed(hy_engine *e);               /* event iteration where new inputs call for it */
 
 /* From the present time t0 to t0 + h in n equal steps; time is counted in steps, never summed up. With stop_at_events the
- * call returns HY_EVENT at the first event, which is left to the caller; *reached is the time got to. */
+ * call returns HY_EVENT at the first event, which is left to the caller; *reached is the time got to. Steps inside are
+ * completed; the last one is the caller's to complete, who may want to set the inputs of its end first. */
 int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reached);
 int hy_completed(hy_engine *e);                    /* one step is accepted: sampled memory moves on */
 

@@ -1,0 +1,453 @@
+"""Any ``ModelCode`` compiled into this process: tables of inputs in, tables of outputs out, states clamped if wished.
+
+The C text of the model is compiled together with the step and event code of the FMU shell, so that a model behaves here
+as it does as an FMU. One call runs a whole recording; Python is left only at its beginning and end.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hystid.errors import NumericalError, UsageError
+from hystid.modelcode import ModelCode, Variable
+from hystid.toolchain import shared_library
+
+Array = NDArray[np.float64]
+Interpolation = Literal["hold", "linear", "cubic"]
+
+SHELL = Path(__file__).parent / "fmu" / "shell"
+FLAGS = ("-O2", "-ffp-contract=off")  # no fused multiply-add: the same bits on every processor
+_ENGINE = ("hy_engine.c", "hy_step.c", "hy_table.c")
+_HEADERS = ("hy_model.h", "hy_engine.h", "hy_table.h")
+_VERSION, _HOLD, _LINEAR, _HERMITE = 1, 0, 1, 2  # as in hy_table.h
+_OUTCOMES = {1: "found no answer", 2: "failed"}
+
+_log = logging.getLogger("hystid")
+_int_p, _double_p = ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_double)
+
+
+class _Table(ctypes.Structure):
+    """``hy_table`` of hy_table.h, field by field."""
+
+    _fields_ = (
+        ("version", ctypes.c_int),
+        ("rows", ctypes.c_int),
+        ("start_time", ctypes.c_double),
+        ("dt", ctypes.c_double),
+        ("substeps", ctypes.c_int),
+        ("n_settings", ctypes.c_int),
+        ("setting_slots", ctypes.c_void_p),
+        ("settings", ctypes.c_void_p),
+        ("n_columns", ctypes.c_int),
+        ("column_slots", ctypes.c_void_p),
+        ("column_modes", ctypes.c_void_p),
+        ("samples", ctypes.c_void_p),
+        ("slopes", ctypes.c_void_p),
+        ("n_outputs", ctypes.c_int),
+        ("output_slots", ctypes.c_void_p),
+        ("outputs", ctypes.c_void_p),
+        ("n_seeds", ctypes.c_int),
+        ("seed_slots", ctypes.c_void_p),
+        ("gradients", ctypes.c_void_p),
+        ("failed_row", ctypes.c_int),
+        ("failure", ctypes.c_char * 400),
+        ("warning", ctypes.c_char * 400),
+    )
+
+
+@dataclass(frozen=True)
+class Column:
+    """One given signal: samples (n,) and how it runs between them; slopes (n,) [unit/s] make it a cubic Hermite."""
+
+    slot: int
+    samples: Array
+    held: bool = False
+    slopes: Array | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outputs (n_outputs, rows) and, where seeds were asked for, gradients (n_outputs, n_seeds, rows)."""
+
+    outputs: Array
+    gradients: Array
+
+
+class TableRunner:
+    """The batch entry of a library that holds the shell, ours in this process or an FMU's."""
+
+    def __init__(self, library: ctypes.CDLL, name: str) -> None:
+        self._run = library.hy_run_table
+        self._run.argtypes = [ctypes.POINTER(_Table)]
+        self._run.restype = ctypes.c_int
+        self._library = library
+        self._name = name
+
+    def run(
+        self,
+        columns: Sequence[Column],
+        *,
+        rows: int,
+        dt: float,
+        start_time: float = 0.0,
+        settings: Mapping[int, float],
+        outputs: Sequence[int],
+        seeds: Sequence[int] = (),
+        substeps: int = 1,
+    ) -> Outcome:
+        """Run one table. Slots are value references; settings: slot -> parameter or start value.
+
+        Raises NumericalError with the model's own words where a step fails or an output is not finite.
+        """
+        values = np.empty((len(outputs), rows))
+        gradients = np.empty((len(outputs), len(seeds), rows))
+        keep: list[Any] = []  # arrays that the C side reads while the call lasts
+        table = _Table(
+            version=_VERSION,
+            rows=rows,
+            start_time=start_time,
+            dt=dt,
+            substeps=substeps,
+            n_settings=len(settings),
+            setting_slots=_address(np.fromiter(settings.keys(), np.intc, len(settings)), keep),
+            settings=_address(np.fromiter(settings.values(), np.float64, len(settings)), keep),
+            n_columns=len(columns),
+            column_slots=_address(np.array([c.slot for c in columns], np.intc), keep),
+            column_modes=_address(np.array([_mode(c) for c in columns], np.intc), keep),
+            samples=_pointers([c.samples for c in columns], keep),
+            slopes=_pointers([c.samples if c.slopes is None else c.slopes for c in columns], keep),
+            n_outputs=len(outputs),
+            output_slots=_address(np.array(outputs, np.intc), keep),
+            outputs=_pointers(list(values), keep),
+            n_seeds=len(seeds),
+            seed_slots=_address(np.array(seeds, np.intc), keep),
+            gradients=_pointers(list(gradients.reshape(-1, rows)), keep),
+        )
+        outcome = self._run(ctypes.byref(table))
+        if table.warning:
+            _log.warning("%s: %s", self._name, table.warning.decode(errors="replace"))
+        if outcome:
+            raise NumericalError(self._sentence(outcome, table, start_time + table.failed_row * dt))
+        return Outcome(values, gradients)
+
+    def _sentence(self, outcome: int, table: _Table, time: float) -> str:
+        reason = table.failure.decode(errors="replace") or "its equations have no answer at these values"
+        where = f"sample {table.failed_row} (t = {time:.9g} s)"
+        return f"{self._name}: the model {_OUTCOMES.get(outcome, 'failed')} at {where}: {reason}"
+
+
+def _mode(column: Column) -> int:
+    return _HOLD if column.held else _LINEAR if column.slopes is None else _HERMITE
+
+
+def _address(array: NDArray[Any], keep: list[Any]) -> int:
+    keep.append(array)
+    return int(array.ctypes.data)
+
+
+def _pointers(arrays: Sequence[Array], keep: list[Any]) -> int:
+    arrays = [np.ascontiguousarray(array, np.float64) for array in arrays]
+    keep.extend(arrays)
+    return _address(np.array([array.ctypes.data for array in arrays], np.uintp), keep)
+
+
+@cache
+def shell_text(name: str) -> str:
+    """Text of one file of the shell."""
+    return (SHELL / name).read_text(encoding="utf-8")
+
+
+def compile_model_code(code: ModelCode) -> Path:
+    """Library of the model and the table runner, without FMI; cached by content. Raises ToolchainError."""
+    shell = {name: shell_text(name) for name in (*_ENGINE, *_HEADERS)}
+    sources = {**shell, **code.sources}
+    main = [*_ENGINE, *(name for name in code.sources if name.endswith(".c"))]
+    return shared_library(sources, main=main, flags=FLAGS)
+
+
+class CompiledModel:
+    """A model in this process. Instances hold no run-time state: every call starts anew and calls may run in threads."""
+
+    def __init__(self, code: ModelCode) -> None:
+        self.code = code
+        self._variables = {variable.name: variable for variable in code.variables}
+        self._runner = TableRunner(ctypes.CDLL(str(compile_model_code(code))), code.name)
+        self._partners: dict[frozenset[str], dict[str, str]] = {}
+        self._forward_serves: dict[frozenset[str], bool] = {}
+
+    def simulate(
+        self,
+        inputs: Mapping[str, ArrayLike],
+        dt: float,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        start: Mapping[str, float] | None = None,
+        outputs: Iterable[str],
+        interpolation: Interpolation = "linear",
+        substeps: int = 1,
+        rows: int | None = None,
+        start_time: float = 0.0,
+    ) -> dict[str, Array]:
+        """Fixed-step Runge-Kutta with located events; one row per sample, the first at start_time.
+
+        inputs: name -> samples (n,) on a uniform grid of step dt [s]; inputs not named keep their start value.
+        interpolation: how inputs run between samples ("cubic" takes slopes of order four from the samples).
+        rows: number of samples, needed only where the model has no inputs. Returns output name -> (n,).
+        Raises UsageError for unknown names and unequal lengths, NumericalError where the model has no finite answer.
+        """
+        columns = [self._input(name, values, dt, interpolation) for name, values in inputs.items()]
+        return self._run(columns, dt, _rows(columns, rows), parameters, start, outputs, substeps, start_time)
+
+    def clamp(
+        self,
+        states: Mapping[str, ArrayLike],
+        inputs: Mapping[str, ArrayLike],
+        dt: float,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        outputs: Iterable[str],
+        substeps: int = 1,
+        sensitivities: Sequence[str] = (),
+        start: Mapping[str, float] | None = None,
+        start_time: float = 0.0,
+    ) -> dict[str, Array]:
+        """The named states follow the given motion, other states are integrated, outputs are evaluated at each sample.
+
+        Between samples a state whose derivative is another given state (x and v) follows the cubic Hermite through both;
+        other states follow a cubic with slopes of order four from their own samples; inputs run linearly.
+        sensitivities: parameter names; adds ``"d <output>/d <parameter>"`` -> (n,), the derivative with the motion held:
+        by the model's forward derivatives where they are exact, else by central differences over whole runs.
+        """
+        columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
+        arguments = (columns, dt, _rows(columns, None), parameters, start, tuple(outputs), substeps, start_time)
+        if not sensitivities:
+            return self._run(*arguments)
+        if self._forward_is_exact(frozenset(states), arguments, sensitivities):
+            return self._run(*arguments, seeds=tuple(sensitivities))
+        return self._central_differences(*arguments, sensitivities, relative_step=1e-4)
+
+    def clamp_many(
+        self,
+        states: Mapping[str, ArrayLike],
+        inputs: Mapping[str, ArrayLike],
+        dt: float,
+        *,
+        parameters: Mapping[str, ArrayLike],
+        outputs: Iterable[str],
+        substeps: int = 1,
+    ) -> dict[str, Array]:
+        """``clamp`` for k parameter vectors: parameters name -> (k,) or a number for all; returns output -> (k, n)."""
+        columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
+        n, names = _rows(columns, None), tuple(outputs)
+        table = np.broadcast_arrays(*(np.atleast_1d(np.asarray(p, np.float64)) for p in parameters.values()))
+        runs = [
+            self._run(
+                columns, dt, n, dict(zip(parameters, map(float, vector), strict=True)), None, names, substeps, 0.0
+            )
+            for vector in zip(*table, strict=True)
+        ]
+        return {name: np.array([run[name] for run in runs]) for name in names}
+
+    def _run(
+        self,
+        columns: Sequence[Column],
+        dt: float,
+        rows: int,
+        parameters: Mapping[str, float] | None,
+        start: Mapping[str, float] | None,
+        outputs: Iterable[str],
+        substeps: int,
+        start_time: float,
+        seeds: Sequence[str] = (),
+    ) -> dict[str, Array]:
+        names = tuple(outputs)
+        _check_steps(self.code.name, dt, substeps)
+        outcome = self._runner.run(
+            columns,
+            rows=rows,
+            dt=dt,
+            start_time=start_time,
+            settings=self._settings({**(parameters or {}), **(start or {})}),
+            outputs=[self._find(name).slot for name in names],
+            seeds=[self._find(name).slot for name in seeds],
+            substeps=substeps,
+        )
+        result = dict(zip(names, outcome.outputs, strict=True))
+        for name, rows_of_seeds in zip(names, outcome.gradients, strict=True):
+            result.update({f"d {name}/d {seed}": row for seed, row in zip(seeds, rows_of_seeds, strict=True)})
+        check_finite(self.code.name, result, dt)
+        return result
+
+    def _find(self, name: str) -> Variable:
+        if name not in self._variables:
+            known = ", ".join(v.name for v in self.code.variables if v.causality != "local")
+            raise UsageError(f"{self.code.name} has no variable '{name}'; it has {known}")
+        return self._variables[name]
+
+    def _settings(self, values: Mapping[str, float]) -> dict[int, float]:
+        settings = {}
+        for name, value in values.items():
+            variable = self._find(name)
+            if variable.causality not in ("parameter", "structuralParameter", "input") and name not in self.code.states:
+                raise UsageError(f"{self.code.name}: '{name}' is computed by the model and cannot be set")
+            if not np.isfinite(value):
+                raise UsageError(f"{self.code.name}: '{name}' must be a finite number, not {value}")
+            settings[variable.slot] = float(value)
+        return settings
+
+    def _input(self, name: str, values: ArrayLike, dt: float, interpolation: Interpolation) -> Column:
+        variable = self._find(name)
+        if variable.causality != "input":
+            raise UsageError(f"{self.code.name}: '{name}' is not an input")
+        samples = _samples(self.code.name, name, values)
+        if interpolation not in ("hold", "linear", "cubic"):
+            raise UsageError(f"interpolation must be hold, linear or cubic, not '{interpolation}'")
+        held = interpolation == "hold" or variable.variability == "discrete" or variable.type != "Real"
+        slopes = slopes_of(samples, dt) if interpolation == "cubic" and not held else None
+        return Column(variable.slot, samples, held, slopes)
+
+    def _motion(self, states: Mapping[str, ArrayLike], dt: float) -> list[Column]:
+        samples = {name: _samples(self.code.name, name, values) for name, values in states.items()}
+        for name in samples:
+            if name not in self.code.states:
+                known = ", ".join(self.code.states) or "none"
+                raise UsageError(
+                    f"{self.code.name}: '{name}' is not a continuous state and cannot be clamped; states: {known}"
+                )
+        partners = self._derivative_partners(frozenset(samples))
+        return [
+            Column(self._find(name).slot, x, slopes=samples[partners[name]] if name in partners else slopes_of(x, dt))
+            for name, x in samples.items()
+        ]
+
+    def _derivative_partners(self, states: frozenset[str]) -> dict[str, str]:
+        """State -> the other of these states that is its derivative, found by asking the model at an arbitrary point."""
+        if states not in self._partners:
+            found = {}
+            derivatives = {v.derivative_of: v.slot for v in self.code.variables if v.derivative_of in states}
+            if len(states) > 1 and derivatives:
+                given = {name: 1e-3 * (1 + 0.37 * i) for i, name in enumerate(sorted(states))}
+                columns = [Column(self._find(name).slot, np.array([value])) for name, value in given.items()]
+                slots = list(derivatives.values())
+                values = self._runner.run(columns, rows=1, dt=1.0, settings={}, outputs=slots).outputs[:, 0]
+                found = {
+                    state: other
+                    for state, slope in zip(derivatives, values, strict=True)
+                    for other, value in given.items()
+                    if state is not None and slope == value
+                }
+            self._partners[states] = found
+        return self._partners[states]
+
+    def _forward_is_exact(self, states: frozenset[str], arguments: tuple[Any, ...], names: Sequence[str]) -> bool:
+        """Whether forward derivatives serve here; where inner states switch, that is tried once and remembered.
+
+        They lack the jumps that a switch gives to the sensitivities of inner and discrete states, be it an event or a
+        discontinuity inside noEvent, which the code does not show.
+        """
+        discrete = any(v.variability == "discrete" and v.causality in ("local", "output") for v in self.code.variables)
+        inner = len(states) < len(self.code.states)
+        if not self.code.has_forward or (self.code.n_indicators and (inner or discrete)):
+            return False
+        if not inner:
+            return True
+        if states not in self._forward_serves:
+            carried = self._run(*arguments, seeds=tuple(names))
+            tried = self._central_differences(*arguments, names, relative_step=6e-6)
+            self._forward_serves[states] = all(
+                np.linalg.norm(carried[key] - tried[key]) <= 1e-3 * np.linalg.norm(tried[key])
+                for key in carried
+                if key.startswith("d ")
+            )
+        return self._forward_serves[states]
+
+    def _central_differences(
+        self,
+        columns: Sequence[Column],
+        dt: float,
+        rows: int,
+        parameters: Mapping[str, float] | None,
+        start: Mapping[str, float] | None,
+        outputs: tuple[str, ...],
+        substeps: int,
+        start_time: float,
+        names: Sequence[str],
+        *,
+        relative_step: float,
+    ) -> dict[str, Array]:
+        def run(values: Mapping[str, float]) -> dict[str, Array]:
+            return self._run(columns, dt, rows, values, start, outputs, substeps, start_time)
+
+        result = run(parameters or {})
+        scale = max((float(np.max(np.abs(y))) for y in result.values()), default=0.0)
+        for name in names:
+            variable = self._find(name)
+            value = float((parameters or {}).get(name, variable.start or 0.0))
+            step = relative_step * (abs(value) or abs(variable.nominal or 1.0))
+            for _ in range(4):  # a parameter at zero has no size of its own: grow the step until the outputs move
+                high, low = (
+                    run({**(parameters or {}), name: value + step}),
+                    run({**(parameters or {}), name: value - step}),
+                )
+                change = {output: high[output] - low[output] for output in outputs}
+                moved = max((float(np.max(np.abs(d))) for d in change.values()), default=0.0)
+                if value or moved > 1e-7 * scale:
+                    break
+                step *= 1e3
+            result.update({f"d {output}/d {name}": change[output] / (2 * step) for output in outputs})
+        return result
+
+
+def slopes_of(samples: Array, dt: float) -> Array:
+    """Time derivative (n,) of uniform samples by central differences of order four, lower at the two ends."""
+    if len(samples) < 3:
+        return np.full_like(samples, (samples[-1] - samples[0]) / dt if len(samples) == 2 else 0.0)
+    slopes = np.gradient(samples, dt, edge_order=2)
+    if len(samples) > 4:
+        slopes[2:-2] = (8 * (samples[3:-1] - samples[1:-3]) - (samples[4:] - samples[:-4])) / (12 * dt)
+    return np.asarray(slopes)
+
+
+def check_finite(model: str, values: Mapping[str, Array], dt: float) -> None:
+    """Raise NumericalError naming the first output and sample that is NaN or infinite."""
+    for name, row in values.items():
+        if not np.isfinite(np.sum(row)) and not np.all(np.isfinite(row)):
+            first = int(np.argmin(np.isfinite(row)))
+            raise NumericalError(
+                f"{model}: '{name}' is {row[first]} at sample {first} (t = {first * dt:.9g} s); "
+                "parameters or inputs lie where the model has no answer"
+            )
+
+
+def _samples(model: str, name: str, values: ArrayLike) -> Array:
+    samples = np.ascontiguousarray(values, np.float64)
+    if samples.ndim != 1 or not len(samples):
+        raise UsageError(f"{model}: '{name}' must be a row of samples, not an array of shape {samples.shape}")
+    if not np.isfinite(np.sum(samples)) and not np.all(np.isfinite(samples)):
+        first = int(np.argmin(np.isfinite(samples)))
+        raise UsageError(f"{model}: '{name}' is {samples[first]} at sample {first}; fill or cut gaps first")
+    return samples
+
+
+def _rows(columns: Sequence[Column], rows: int | None) -> int:
+    lengths = {len(column.samples) for column in columns} | ({rows} if rows is not None else set())
+    if len(lengths) != 1:
+        found = ", ".join(map(str, sorted(lengths))) or "none"
+        raise UsageError(f"inputs and states must have one common number of samples; found {found}")
+    return lengths.pop()
+
+
+def _check_steps(model: str, dt: float, substeps: int) -> None:
+    if not (np.isfinite(dt) and dt > 0):
+        raise UsageError(f"{model}: the sample step must be positive, not {dt} s")
+    if substeps < 1:
+        raise UsageError(f"{model}: substeps must be at least 1, not {substeps}")

@@ -1,0 +1,293 @@
+#include "hy_engine.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MOST_PASSES = 100 }; /* of one event iteration: a model that needs more switches back and forth */
+
+void hy_report(hy_engine *e, int level, const char *format, ...)
+{
+    char text[400];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    e->data.log(e->data.owner, level, text);
+}
+
+static size_t at_least_one(int n) { return n > 0 ? (size_t)n : 1; }
+
+static int allocate_scratch(hy_engine *e)
+{
+    const hy_model *m = e->model;
+    const size_t n_X = at_least_one(e->n_X), n_x = at_least_one(m->n_x), n_z = at_least_one(m->n_z);
+    double *s = calloc(5 * n_X + n_x + 2 * n_z, sizeof *s);
+    if (!s) return HY_ERROR;
+    free(e->scratch);
+    e->scratch = s;
+    e->X = s;
+    e->K1 = s + n_X;
+    e->K = s + 2 * n_X;
+    e->sum = s + 3 * n_X;
+    e->trial = s + 4 * n_X;
+    e->x_before = s + 5 * n_X;
+    e->z = e->x_before + n_x;
+    e->z_left = e->z + n_z;
+    return HY_OK;
+}
+
+int hy_open(hy_engine *e, const hy_model *model, void (*log)(void *, int, const char *), void *owner)
+{
+    const size_t block = sizeof(double) * (size_t)model->n_values;
+    const size_t signs = sizeof(double) * (size_t)model->n_z;
+    const size_t driven = sizeof(hy_driven) * (size_t)(model->n_u + model->n_x);
+    char *saved;
+    memset(e, 0, sizeof *e);
+    e->model = model;
+    e->data.log = log;
+    e->data.owner = owner;
+    e->saved_size = sizeof(hy_status) + 2 * block + signs + driven;
+    e->saved = saved = calloc(1, e->saved_size);
+    e->free = calloc(at_least_one(model->n_x), sizeof *e->free);
+    e->crossings = calloc(2 * at_least_one(model->n_z), sizeof *e->crossings);
+    e->n_X = e->n_free = model->n_x;
+    if (!saved || !e->free || !e->crossings || allocate_scratch(e)) {
+        hy_close(e);
+        return HY_ERROR;
+    }
+    e->status = e->saved;
+    e->data.v = (double *)(void *)(saved + sizeof(hy_status));
+    e->settings = e->data.v + model->n_values;
+    e->sign = e->settings + model->n_values;
+    e->driven = (hy_driven *)(void *)(e->sign + model->n_z);
+    for (int i = 0; i < model->n_x; i++) e->free[i] = i;
+    hy_reset(e);
+    return HY_OK;
+}
+
+void hy_close(hy_engine *e)
+{
+    free(e->saved);
+    free(e->free);
+    free(e->crossings);
+    free(e->scratch);
+    free(e->seed);
+    memset(e, 0, sizeof *e);
+}
+
+void hy_reset(hy_engine *e)
+{
+    const size_t block = sizeof(double) * (size_t)e->model->n_values;
+    memset(e->saved, 0, e->saved_size);
+    memcpy(e->data.v, e->model->start, block);
+    memcpy(e->settings, e->model->start, block);
+    e->status->stale = 1;
+    e->status->stop_time = INFINITY;
+}
+
+int hy_clamp_states(hy_engine *e, const int *slots, int n)
+{
+    const hy_model *m = e->model;
+    e->n_free = 0;
+    for (int i = 0; i < m->n_x; i++) {
+        int clamped = 0;
+        for (int k = 0; k < n; k++) clamped |= slots[k] == m->x + i;
+        if (!clamped) e->free[e->n_free++] = i;
+    }
+    e->n_X = e->n_free * (1 + e->n_seeds);
+    return allocate_scratch(e);
+}
+
+int hy_carry(hy_engine *e, const int *slots, int n)
+{
+    e->n_seeds = n;
+    e->seed_slots = slots;
+    e->n_X = e->n_free * (1 + n);
+    free(e->seed);
+    e->seed = calloc(2 * at_least_one(e->model->n_values), sizeof *e->seed);
+    e->sens = e->seed ? e->seed + e->model->n_values : NULL;
+    return e->seed ? allocate_scratch(e) : HY_ERROR;
+}
+
+int hy_has_events(const hy_engine *e)
+{
+    return e->model->update && (e->model->n_z > 0 || e->model->next_time_event);
+}
+
+void hy_drive(hy_engine *e)
+{
+    const double s = e->data.v[0] - e->status->origin;
+    for (int i = 0; i < e->status->n_driven; i++) {
+        const double *c = e->driven[i].c;
+        e->data.v[e->driven[i].slot] = c[0] + s * (c[1] + s * (c[2] + s * c[3]));
+    }
+}
+
+int hy_settle(hy_engine *e)
+{
+    int outcome = HY_OK;
+    if (e->status->stale == 1) {
+        outcome = e->model->evaluate(&e->data);
+        if (!outcome) e->status->stale = 0;
+    }
+    return outcome;
+}
+
+static int solve_initial(hy_engine *e)
+{
+    const hy_model *m = e->model;
+    int outcome = m->parameters ? m->parameters(&e->data) : HY_OK;
+    if (!outcome && m->initialise) outcome = m->initialise(&e->data);
+    return outcome;
+}
+
+/* d(initial states)/d(parameter) by central differences: the initial equations are solved anew on either side. */
+static int start_sensitivities(hy_engine *e)
+{
+    const hy_model *m = e->model;
+    const size_t block = sizeof(double) * (size_t)m->n_values;
+    double *S = e->X + e->n_free;
+    for (int s = 0; s < e->n_seeds; s++) {
+        const double p = e->settings[e->seed_slots[s]];
+        const double step = 6e-6 * (fabs(p) > 1e-6 ? fabs(p) : 1e-6);
+        for (int side = 1; side >= -1; side -= 2) {
+            memcpy(e->data.v, e->settings, block);
+            e->data.v[e->seed_slots[s]] = p + side * step;
+            if (solve_initial(e)) return HY_ERROR;
+            for (int i = 0; i < e->n_free; i++) {
+                double *slot = S + s * e->n_free + i;
+                const double x = e->data.v[m->x + e->free[i]];
+                *slot = side > 0 ? x : (*slot - x) / (2 * step);
+            }
+        }
+    }
+    return HY_OK;
+}
+
+int hy_start(hy_engine *e)
+{
+    const size_t block = sizeof(double) * (size_t)e->model->n_values;
+    int outcome = e->n_seeds ? start_sensitivities(e) : HY_OK;
+    if (outcome) return outcome;
+    memcpy(e->data.v, e->settings, block);
+    outcome = solve_initial(e);
+    e->status->stale = 1;
+    e->status->started = !outcome;
+    return outcome;
+}
+
+static int pass(hy_engine *e, int *again)
+{
+    const hy_model *m = e->model;
+    double *v = e->data.v;
+    int outcome;
+    *again = 0;
+    memcpy(v + m->pre, v + m->d, sizeof(double) * (size_t)m->n_d);
+    outcome = m->update(&e->data, again);
+    hy_drive(e); /* a clamped state follows its motion, whatever reinit says */
+    e->status->stale = 1;
+    return outcome ? outcome : hy_settle(e);
+}
+
+static int iterate(hy_engine *e)
+{
+    int again = 1, outcome = HY_OK;
+    for (int i = 0; again && !outcome; i++) {
+        if (i == MOST_PASSES) {
+            hy_report(e, HY_FAILURE, "event iteration does not settle at t = %.9g s: when-clauses switch each other back and forth",
+                      e->data.v[0]);
+            return HY_ERROR;
+        }
+        outcome = pass(e, &again);
+    }
+    return outcome;
+}
+
+/* The instant of a time event that is due, as the model named it rather than as the step's arithmetic rounded it. */
+static double due(const hy_engine *e)
+{
+    const double now = e->data.v[0];
+    const double next = e->model->next_time_event ? e->model->next_time_event(&e->data) : INFINITY;
+    return next > now && next - now <= 1e-9 * e->model->step + 1e-14 * fabs(now) ? next : now;
+}
+
+int hy_event(hy_engine *e, int *states_changed)
+{
+    const hy_model *m = e->model;
+    const double *x = e->data.v + m->x;
+    const size_t size = sizeof(double) * (size_t)m->n_x;
+    const double now = e->data.v[0];
+    int outcome;
+    e->status->event_pending = 0;
+    *states_changed = 0;
+    e->data.v[0] = due(e);
+    if (e->data.v[0] != now) e->status->stale = 1;
+    outcome = hy_settle(e);
+    if (outcome || !m->update) return outcome;
+    memcpy(e->x_before, x, size);
+    outcome = iterate(e);
+    if (outcome) return outcome;
+    *states_changed = memcmp(e->x_before, x, size) != 0;
+    if (e->data.v[0] != now) e->status->stale = 1;
+    e->data.v[0] = now;
+    return hy_note_signs(e);
+}
+
+static double sign_of(double z) { return z > 0 ? 1 : z < 0 ? -1 : 0; }
+
+int hy_note_signs(hy_engine *e)
+{
+    int outcome = HY_OK;
+    if (!e->model->n_z) return HY_OK;
+    outcome = hy_settle(e);
+    if (!outcome) outcome = e->model->indicators(&e->data, e->z);
+    for (int i = 0; i < e->model->n_z; i++) e->sign[i] = sign_of(e->z[i]);
+    return outcome;
+}
+
+int hy_crossed(hy_engine *e, int *any)
+{
+    int outcome;
+    *any = 0;
+    if (!e->model->n_z) return HY_OK;
+    outcome = e->model->indicators(&e->data, e->z);
+    for (int i = 0; i < e->model->n_z; i++) *any |= e->z[i] != 0 && sign_of(e->z[i]) != e->sign[i];
+    return outcome;
+}
+
+int hy_inputs_changed(hy_engine *e)
+{
+    int any = 0, changed, outcome;
+    if (e->status->stale != 1 || !hy_has_events(e)) return HY_OK;
+    outcome = hy_settle(e);
+    if (!outcome) outcome = hy_crossed(e, &any);
+    if (outcome || !(any || e->status->event_pending)) return outcome;
+    return hy_event(e, &changed);
+}
+
+int hy_completed(hy_engine *e)
+{
+    int outcome;
+    if (!e->model->completed_step) return HY_OK;
+    outcome = hy_settle(e);
+    if (!outcome) outcome = e->model->completed_step(&e->data);
+    e->status->stale = 2;
+    return outcome;
+}
+
+void hy_sensitivity(hy_engine *e, int which)
+{
+    const hy_model *m = e->model;
+    const double *S = e->X + e->n_free * (1 + which);
+    double *seed = e->seed;
+    seed[e->seed_slots[which]] = 1;
+    for (int i = 0; i < e->n_free; i++) seed[m->x + e->free[i]] = S[i];
+    if (m->forward(&e->data, seed, e->sens))
+        for (int i = 0; i < m->n_values; i++) e->sens[i] = NAN;
+    for (int i = 0; i < m->n_x; i++) e->sens[m->x + i] = seed[m->x + i];
+    for (int i = 0; i < e->n_free; i++) seed[m->x + e->free[i]] = 0;
+    seed[e->seed_slots[which]] = 0;
+}

@@ -1,0 +1,160 @@
+#include "hy_table.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "hy_engine.h"
+
+static void note(void *owner, int level, const char *text)
+{
+    hy_table *t = owner;
+    char *place = level == HY_FAILURE ? t->failure : t->warning;
+    if (level != HY_INFO && !place[0]) snprintf(place, sizeof t->failure, "%s", text);
+}
+
+/* Cubic through (0, u0) and (h, u1) with slopes d0 and d1; a line or a constant where the column says so. */
+static void interpolate(const hy_table *t, int column, int row, double *c)
+{
+    const double *u = t->samples[column] + row;
+    const double h = t->dt;
+    c[0] = u[0];
+    c[1] = c[2] = c[3] = 0;
+    if (t->column_modes[column] == HY_LINEAR) c[1] = (u[1] - u[0]) / h;
+    if (t->column_modes[column] == HY_HERMITE) {
+        const double *d = t->slopes[column] + row;
+        const double mean = (u[1] - u[0]) / h;
+        c[1] = d[0];
+        c[2] = (3 * mean - 2 * d[0] - d[1]) / h;
+        c[3] = (d[0] + d[1] - 2 * mean) / (h * h);
+    }
+}
+
+static double row_time(const hy_table *t, int row) { return t->start_time + row * t->dt; }
+
+/* The values of a sample exactly as given, not as the end of the previous polynomial. */
+static void set_row(hy_engine *e, const hy_table *t, int row)
+{
+    e->data.v[0] = row_time(t, row);
+    for (int i = 0; i < t->n_columns; i++) e->data.v[t->column_slots[i]] = t->samples[i][row];
+    e->status->stale = 1;
+}
+
+static void set_polynomials(hy_engine *e, const hy_table *t, int row)
+{
+    e->status->origin = row_time(t, row);
+    for (int i = 0; i < t->n_columns; i++) interpolate(t, i, row, e->driven[i].c);
+}
+
+/* During event iteration at a sample, driven values are that sample's. */
+static void hold_row(hy_engine *e, const hy_table *t, int row)
+{
+    e->status->origin = row_time(t, row);
+    for (int i = 0; i < t->n_columns; i++) {
+        double *c = e->driven[i].c;
+        c[0] = t->samples[i][row];
+        c[1] = c[2] = c[3] = 0;
+    }
+}
+
+static void put_gradients(hy_engine *e, hy_table *t, int row)
+{
+    for (int s = 0; s < t->n_seeds; s++) {
+        hy_sensitivity(e, s);
+        for (int k = 0; k < t->n_outputs; k++) t->gradients[k * t->n_seeds + s][row] = e->sens[t->output_slots[k]];
+    }
+}
+
+static int put_row(hy_engine *e, hy_table *t, int row)
+{
+    int outcome = hy_settle(e);
+    if (outcome) return outcome;
+    for (int k = 0; k < t->n_outputs; k++) t->outputs[k][row] = e->data.v[t->output_slots[k]];
+    if (t->n_seeds) put_gradients(e, t, row);
+    return HY_OK;
+}
+
+static int prepare(hy_engine *e, const hy_table *t)
+{
+    for (int i = 0; i < t->n_settings; i++) e->settings[t->setting_slots[i]] = t->settings[i];
+    for (int i = 0; i < t->n_columns; i++) {
+        e->settings[t->column_slots[i]] = t->samples[i][0];
+        e->driven[i].slot = t->column_slots[i];
+    }
+    e->settings[0] = t->start_time;
+    e->status->n_driven = t->n_columns;
+    if (hy_clamp_states(e, t->column_slots, t->n_columns)) return HY_ERROR;
+    if (t->n_seeds && hy_carry(e, t->seed_slots, t->n_seeds)) return HY_ERROR;
+    return HY_OK;
+}
+
+/* Initial equations may move a clamped state: the motion has the last word. */
+static int first_row(hy_engine *e, hy_table *t)
+{
+    int changed, outcome = hy_start(e);
+    if (outcome) return outcome;
+    hold_row(e, t, 0);
+    set_row(e, t, 0);
+    outcome = hy_has_events(e) ? hy_event(e, &changed) : HY_OK;
+    if (!outcome) outcome = put_row(e, t, 0);
+    return outcome ? outcome : hy_completed(e);
+}
+
+static int any_held(const hy_table *t)
+{
+    for (int i = 0; i < t->n_columns; i++)
+        if (t->column_modes[i] == HY_HOLD) return 1;
+    return 0;
+}
+
+/* With events, smooth columns keep the polynomial's end value (the sample to one rounding), which saves an evaluation. */
+static int integrated_row(hy_engine *e, hy_table *t, int row)
+{
+    double reached;
+    int outcome;
+    set_polynomials(e, t, row - 1);
+    outcome = hy_advance(e, t->dt, t->substeps, 0, &reached);
+    if (outcome) return outcome;
+    if (!hy_has_events(e) || any_held(t)) {
+        hold_row(e, t, row);
+        set_row(e, t, row);
+        outcome = hy_inputs_changed(e);
+    }
+    if (!outcome) outcome = put_row(e, t, row);
+    return outcome ? outcome : hy_completed(e);
+}
+
+/* A model without anything to integrate or to locate: one evaluation a sample. */
+static int evaluated_row(hy_engine *e, hy_table *t, int row)
+{
+    int outcome;
+    set_row(e, t, row);
+    outcome = put_row(e, t, row);
+    return outcome ? outcome : hy_completed(e);
+}
+
+static int run(hy_engine *e, hy_table *t)
+{
+    int outcome = prepare(e, t);
+    const int plain = !e->n_X && !hy_has_events(e);
+    t->failed_row = 0;
+    if (!outcome) outcome = first_row(e, t);
+    for (int row = 1; row < t->rows && !outcome; row++) {
+        t->failed_row = row;
+        outcome = plain ? evaluated_row(e, t, row) : integrated_row(e, t, row);
+    }
+    if (!outcome) t->failed_row = -1;
+    return outcome;
+}
+
+int hy_run_table(hy_table *table)
+{
+    hy_engine engine;
+    int outcome;
+    table->failure[0] = table->warning[0] = 0;
+    if (table->version != HY_TABLE_VERSION || table->rows < 1) return HY_ERROR;
+    if (hy_open(&engine, &hy_the_model, note, table)) return HY_ERROR;
+    outcome = run(&engine, table);
+    hy_close(&engine);
+    return outcome;
+}
