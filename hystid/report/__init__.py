@@ -1,0 +1,1 @@
+"""Self-contained interactive HTML reports: pages made from result objects."""

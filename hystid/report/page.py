@@ -1,0 +1,267 @@
+"""Building blocks of a report: one HTML file with everything inside, readable without the documentation.
+
+    page = Page(
+        "Validation of the surrogate", command="hystid validate surrogate.fmu --against ref.fmu ...",
+        verdict=Verdict("good", "The surrogate follows the reference: 2.1 % force error in the median"),
+        facts=[Fact("Force error, median", percent(0.021), "of 8 harmonic tests")],
+    )
+    page.section("Loops", "Restoring force over displacement. The area of a loop is the energy of one cycle.")
+    page.plots(Plot(...), Plot(...))          # two beside each other, below each other on a phone
+    page.table(Table("Errors", ["test", "force NRMSE [-]"], [["20 Hz", number(0.02)]]))
+    page.reproduce("hystid validate ...", {"seed": "1"})
+    page.write(path)
+
+Rules: first the verdict, then the figures that carry it, then the details. All text is escaped. The same calls give
+the same bytes: no date, no random identifier. Plots are thinned (``plots.thin``), so that a page stays below 15 MB.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+from hystid.files import write_text
+from hystid.report.plots import Plot, figure
+
+Tone = Literal["good", "warn", "bad", "neutral"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The one sentence that matters, its colour, and what stands behind it."""
+
+    tone: Tone
+    headline: str
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A figure of the first screen: what it is, its value with unit, how to read it."""
+
+    label: str
+    value: str
+    hint: str = ""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A table cell with a colour that means something."""
+
+    text: str
+    tone: Tone = "neutral"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text; numbers come formatted (``number``, ``percent``). A cell with letters is set to the left."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str | Cell]]
+    note: str = ""
+
+
+def number(value: float | None, unit: str = "", digits: int = 3) -> str:
+    """``digits`` significant digits with the unit; "not available" for None and NaN."""
+    if value is None or not math.isfinite(value):
+        return "not available"
+    return f"{_significant(value, digits)} {unit}".strip()
+
+
+def percent(fraction: float | None, digits: int = 2) -> str:
+    """A fraction in percent with ``digits`` significant digits."""
+    if fraction is None or not math.isfinite(fraction):
+        return "not available"
+    return f"{_significant(100 * fraction, digits)} %"
+
+
+def with_error(value: float, stderr: float | None, unit: str = "") -> str:
+    """``value ± stderr unit`` with the digits that the standard error leaves meaning to."""
+    if stderr is None or not math.isfinite(stderr) or stderr <= 0:
+        return number(value, unit, 4)
+    magnitude = math.floor(math.log10(max(abs(value), stderr)))
+    digits = min(max(magnitude - math.floor(math.log10(stderr)) + 2, 2), 9)
+    return f"{_significant(value, digits)} ± {_significant(stderr, 2)} {unit}".strip()
+
+
+def _significant(value: float, digits: int) -> str:
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(value)))
+    if -4 <= exponent < 7:
+        return f"{value:.{max(digits - 1 - exponent, 0)}f}"
+    mantissa, power = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa}·10^{int(power)}"
+
+
+class Page:
+    """Collects the parts of a report in reading order; ``html`` joins them."""
+
+    def __init__(
+        self,
+        title: str,
+        *,
+        subtitle: str = "",
+        command: str = "hystid",
+        verdict: Verdict | None = None,
+        facts: Sequence[Fact] = (),
+    ) -> None:
+        self.title = title
+        self._body: list[str] = []
+        self._sections: list[str] = []
+        self._head = [f'<p class="kicker">{escape(command)}</p>', f"<h1>{escape(title)}</h1>"]
+        if subtitle:
+            self._head.append(f'<p class="subtitle">{escape(subtitle)}</p>')
+        if verdict:
+            self._head.append(_verdict(verdict))
+        if facts:
+            self._head.append(_facts(facts))
+
+    def section(self, title: str, text: str = "") -> None:
+        """Start a section; it appears in the list of contents. Blank lines in text part paragraphs."""
+        self._sections.append(title)
+        self._body.append(f'<h2 id="s{len(self._sections)}">{escape(title)}</h2>')
+        if text:
+            self.text(text)
+
+    def text(self, text: str) -> None:
+        """Paragraphs, parted by blank lines."""
+        self._body += [f"<p>{escape(part.strip())}</p>" for part in text.split("\n\n") if part.strip()]
+
+    def bullets(self, items: Iterable[str]) -> None:
+        """A list of sentences."""
+        self._body.append("<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>")
+
+    def code(self, text: str) -> None:
+        """Program text or a command, as it stands."""
+        self._body.append(f"<pre>{escape(text.strip())}</pre>")
+
+    def facts(self, facts: Sequence[Fact]) -> None:
+        """A row of figures."""
+        self._body.append(_facts(facts))
+
+    def verdict(self, verdict: Verdict) -> None:
+        """A coloured sentence within the page."""
+        self._body.append(_verdict(verdict))
+
+    def plots(self, *plots: Plot, columns: int = 2) -> None:
+        """Figures beside each other, ``columns`` (1, 2 or 3) in a row; below each other on a narrow screen."""
+        columns = 1 if len(plots) == 1 else columns
+        names = {1: "grid one", 2: "grid", 3: "grid three"}
+        self._body.append(f'<div class="{names[columns]}">' + "".join(_plot(plot) for plot in plots) + "</div>")
+
+    def table(self, table: Table) -> None:
+        """A table that scrolls sideways where it is wider than the screen."""
+        self._body.append(_table(table))
+
+    def reproduce(self, command: str, settings: Mapping[str, str] | None = None) -> None:
+        """The last section: the command, what it was given, and the versions that matter."""
+        self.section("How to get these results again")
+        rows = {**(settings or {}), "Versions": versions()}
+        listed = "".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in rows.items())
+        self._body.append(f'<div class="box"><pre>{escape(command)}</pre><dl>{listed}</dl></div>')
+
+    def html(self) -> str:
+        """The whole page."""
+        links = "".join(f'<a href="#s{k}">{escape(name)}</a>' for k, name in enumerate(self._sections, start=1))
+        contents = f"<nav aria-label='Contents'>{links}</nav>" if len(self._sections) > 2 else ""
+        body = "\n".join(self._body)
+        drawing = ""
+        if 'class="figure"' in body:
+            drawing = f"<script>{_plotly()}</script>\n<script>{_asset('page.js')}</script>"
+        return (
+            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f"<title>{escape(self.title)}</title>\n<style>{_asset('page.css')}</style></head>\n"
+            f"<body><main><header>{''.join(self._head)}{contents}</header>\n{body}\n"
+            "<footer>Made by hystid. All quantities in SI units unless the axis says otherwise. NRMSE is the rms of the"
+            " error over the standard deviation of the reference.</footer></main>\n"
+            f"{drawing}</body></html>\n"
+        )
+
+    def write(self, path: Path) -> Path:
+        """Write the page atomically and return its path."""
+        write_text(Path(path), self.html())
+        return Path(path)
+
+
+def versions() -> str:
+    """hystid and the packages that decide numbers, with their versions."""
+    return ", ".join(f"{name} {version(name)}" for name in ("hystid", "numpy", "scipy"))
+
+
+def _verdict(verdict: Verdict) -> str:
+    detail = f"<p>{escape(verdict.detail)}</p>" if verdict.detail else ""
+    return f'<div class="verdict {verdict.tone}"><strong>{escape(verdict.headline)}</strong>{detail}</div>'
+
+
+def _facts(facts: Sequence[Fact]) -> str:
+    cards = []
+    for fact in facts:
+        hint = f"<small>{escape(fact.hint)}</small>" if fact.hint else ""
+        cards.append(f'<div class="fact"><dt>{escape(fact.label)}</dt><dd>{escape(fact.value)}{hint}</dd></div>')
+    return f'<dl class="facts">{"".join(cards)}</dl>'
+
+
+def _plot(plot: Plot) -> str:
+    data = json.dumps(figure(plot), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    caption = f"<figcaption>{escape(plot.caption)}</figcaption>" if plot.caption else ""
+    label = escape(f"{plot.title}. {plot.caption}", quote=True)
+    return (
+        f'<figure><h3>{escape(plot.title)}</h3><div class="plot" role="img" aria-label="{label}"'
+        f' style="min-height:{min(plot.height, 320)}px"></div>'
+        f'<script type="application/json" class="figure">{data}</script>{caption}</figure>'
+    )
+
+
+def _table(table: Table) -> str:
+    wordy = [any(_is_text(row[k]) for row in table.rows) for k in range(len(table.columns))]
+    head = "".join(
+        f'<th scope="col"{_class("text" if text else "")}>{escape(name)}</th>'
+        for name, text in zip(table.columns, wordy, strict=True)
+    )
+    rows = "".join(
+        "<tr>" + "".join(_cell(cell, text) for cell, text in zip(row, wordy, strict=True)) + "</tr>"
+        for row in table.rows
+    )
+    note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
+    return (
+        f'<div class="scroll"><table><caption>{escape(table.title)}</caption>'
+        f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{note}</div>"
+    )
+
+
+def _cell(cell: str | Cell, text: bool) -> str:
+    content, tone = (cell.text, cell.tone) if isinstance(cell, Cell) else (cell, "neutral")
+    kind = " ".join(part for part in ("text" if text else "", tone if tone != "neutral" else "") if part)
+    return f"<td{_class(kind)}>{escape(content)}</td>"
+
+
+def _class(name: str) -> str:
+    return f' class="{name}"' if name else ""
+
+
+def _is_text(cell: str | Cell) -> bool:
+    content = cell.text if isinstance(cell, Cell) else cell
+    return content != "not available" and sum(letter.isalpha() for letter in content) > 8
+
+
+@cache
+def _asset(name: str) -> str:
+    return (files("hystid.report") / name).read_text(encoding="utf-8")
+
+
+@cache
+def _plotly() -> str:
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs()).replace("</script", "<\\/script")

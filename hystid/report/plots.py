@@ -1,0 +1,356 @@
+"""Figures as data: what is drawn is stated here in physical terms, and turned into plotly's JSON.
+
+A ``Plot`` has two axes with quantity and unit, series of a few kinds, and a caption. Values are given in SI; the axis
+chooses a prefix (mm, kN) from what is shown. Long series are thinned block by block so that every peak stays.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from hystid.recording.types import Array
+
+COLOURS = {
+    "measured": "#2b3440",
+    "reference": "#2b3440",
+    "model": "#1668c7",
+    "after": "#1668c7",
+    "before": "#d9730d",
+    "good": "#12805c",
+    "bad": "#c8372d",
+    "third": "#7b4fc9",
+    "muted": "#98a2ae",
+}
+_CYCLE = ("#1668c7", "#d9730d", "#12805c", "#7b4fc9", "#c8372d", "#0c8599", "#9c6500", "#5c677a")
+_MOST_POINTS = 4000  # a screen has fewer columns; more only makes the file heavy
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+_PREFIXABLE = {"m", "N", "s", "J", "W", "Hz", "m/s", "N/m", "Pa", "V"}
+
+Role = Literal["measured", "reference", "model", "after", "before", "good", "bad", "third", "muted"]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Quantity and SI unit of an axis; "" is a number without unit. Every axis needs a label.
+
+    bounds: (lowest, highest) in SI to show, None to fit the data. whole: ticks at whole numbers only.
+    """
+
+    label: str
+    unit: str = ""
+    log: bool = False
+    bounds: tuple[float, float] | None = None
+    whole: bool = False
+    prefix: bool = True
+
+
+@dataclass(frozen=True)
+class Line:
+    """A curve through x and y, shape (n,), SI units. Without a role the colour is the next of the cycle."""
+
+    x: Array
+    y: Array
+    name: str = ""
+    role: Role | None = None
+    dash: Literal["solid", "dash", "dot"] = "solid"
+    width: float = 1.8
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Points:
+    """Markers at x and y, shape (n,), SI units; labels are shown when pointing at them."""
+
+    x: Array
+    y: Array
+    name: str = ""
+    role: Role | None = None
+    labels: Sequence[str] = ()
+    size: float = 7.0
+    opacity: float = 0.9
+
+
+@dataclass(frozen=True)
+class Bars:
+    """One bar per label. error: half length of the error bars, None for none."""
+
+    labels: Sequence[str]
+    values: Array
+    name: str = ""
+    role: Role | None = None
+    error: Array | None = None
+    horizontal: bool = False
+
+
+@dataclass(frozen=True)
+class Band:
+    """A shaded area between lower and upper over x, all of shape (n,)."""
+
+    x: Array
+    lower: Array
+    upper: Array
+    name: str = ""
+    role: Role | None = None
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """A box (quartiles, whiskers of 1.5 interquartile ranges, outliers) per label; values: one array per label."""
+
+    labels: Sequence[str]
+    values: Sequence[Array]
+    name: str = ""
+    role: Role | None = None
+
+
+@dataclass(frozen=True)
+class Heat:
+    """A map z of shape (len(y), len(x)) over the centres x and y; NaN cells stay empty. label [unit] names z."""
+
+    x: Array
+    y: Array
+    z: Array
+    label: str
+    unit: str = ""
+    diverging: bool = True
+
+
+Series = Line | Points | Bars | Band | Boxes | Heat
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A straight mark across the plot at ``at`` on the named axis, or a shaded span up to ``to``; SI units."""
+
+    at: float
+    to: float | None = None
+    axis: Literal["x", "y"] = "x"
+    text: str = ""
+    role: Role = "muted"
+
+
+@dataclass(frozen=True)
+class Plot:
+    """One figure. title says what is shown, caption what to see in it.
+
+    marks: limits, thresholds, stretches of time. height in pixels.
+    """
+
+    title: str
+    x: Axis
+    y: Axis
+    series: Sequence[Series]
+    caption: str = ""
+    marks: Sequence[Mark] = field(default_factory=tuple)
+    height: int = 340
+    square: bool = False
+
+
+def figure(plot: Plot) -> dict[str, Any]:
+    """plotly's figure {"data": [...], "layout": {...}} of a plot. Deterministic."""
+    (sx, x_title), (sy, y_title) = _scaled(plot, "x"), _scaled(plot, "y")
+    colours = iter(_CYCLE * (1 + len(plot.series) // len(_CYCLE)))
+    data: list[dict[str, Any]] = []
+    for series in plot.series:
+        role = getattr(series, "role", None)
+        colour = COLOURS[role] if role else next(colours)
+        data += _TRACES[type(series)](series, colour, sx, sy)
+    named = sum(bool(getattr(series, "name", "")) for series in plot.series)
+    layout: dict[str, Any] = {
+        "xaxis": _axis(plot.x, x_title, sx),
+        "yaxis": _axis(plot.y, y_title, sy),
+        "height": plot.height,
+        "showlegend": named > 1 or (named == 1 and len(plot.series) > 1),
+        "shapes": [_shape(mark, sx, sy) for mark in plot.marks],
+        "annotations": [_annotation(mark, sx, sy) for mark in plot.marks if mark.text],
+    }
+    for series in plot.series:
+        if isinstance(series, Bars | Boxes):
+            across = "yaxis" if isinstance(series, Bars) and series.horizontal else "xaxis"
+            layout[across] |= {"type": "category"}
+    if sum(isinstance(series, Bars) for series in plot.series) > 1:
+        layout["barmode"] = "group"
+    if sum(isinstance(series, Boxes) for series in plot.series) > 1:
+        layout["boxmode"] = "group"
+    return {"data": data, "layout": layout}
+
+
+def thin(x: Array, y: Array, most: int = _MOST_POINTS) -> tuple[Array, Array]:
+    """At most about ``most`` of the samples, in order, with the extremes of x and of y of every block kept."""
+    n = x.size
+    if n <= most:
+        return x, y
+    keys = (y,) if np.all(np.diff(x) >= 0) else (x, y)
+    block = math.ceil(n * 2 * len(keys) / most)
+    full = n // block
+    kept = [np.array([0, n - 1])]
+    for key in keys:
+        rows = np.where(np.isfinite(key), key, 0.0)[: full * block].reshape(full, block)
+        kept += [np.arange(full) * block + rows.argmin(axis=1), np.arange(full) * block + rows.argmax(axis=1)]
+        if full * block < n:
+            tail = key[full * block :]
+            kept.append(full * block + np.array([int(np.argmin(tail)), int(np.argmax(tail))]))
+    index = np.unique(np.concatenate(kept))
+    return x[index], y[index]
+
+
+def prefix_for(largest: float, unit: str) -> tuple[float, str]:
+    """(divisor, unit with prefix) that brings ``largest`` between 1 and 1000."""
+    if unit not in _PREFIXABLE or not math.isfinite(largest) or largest <= 0:
+        return 1.0, unit
+    scale, letter = next(((s, p) for s, p in _PREFIXES if largest >= 0.9999 * s), _PREFIXES[-1])
+    return scale, letter + unit
+
+
+def _scaled(plot: Plot, which: str) -> tuple[float, str]:
+    axis: Axis = getattr(plot, which)
+    largest = 0.0
+    for series in plot.series:
+        for values in _values(series, which):
+            finite = np.abs(values[np.isfinite(values)])
+            largest = max(largest, float(finite.max(initial=0.0)))
+    if axis.bounds:
+        largest = max(abs(bound) for bound in axis.bounds)
+    scale, unit = prefix_for(largest, axis.unit) if axis.prefix and not axis.log else (1.0, axis.unit)
+    return scale, f"{axis.label} [{unit}]" if unit else axis.label
+
+
+def _values(series: Series, which: str) -> list[Array]:
+    if isinstance(series, Bars):
+        return [series.values] if (which == "x") == series.horizontal else []
+    if isinstance(series, Boxes):
+        return list(series.values) if which == "y" else []
+    if isinstance(series, Band) and which == "y":
+        return [series.lower, series.upper]
+    return [getattr(series, which)]
+
+
+def _axis(axis: Axis, title: str, scale: float) -> dict[str, Any]:
+    settings: dict[str, Any] = {"title": {"text": title}}
+    if axis.log:
+        settings["type"] = "log"
+    if axis.bounds:
+        low, high = (bound / scale for bound in axis.bounds)
+        settings["range"] = [math.log10(low), math.log10(high)] if axis.log else [low, high]
+    if axis.whole:
+        settings["dtick"] = 1
+    return settings
+
+
+def _packed(values: Array) -> dict[str, str]:
+    """plotly's typed array; single precision unless the values differ by less than it resolves."""
+    spread = float(np.ptp(values)) if values.size and np.all(np.isfinite(values)) else math.inf
+    narrow = values.size > 0 and spread > 1e-3 * float(np.max(np.abs(values)))
+    kind = "f4" if narrow else "f8"
+    data = np.ascontiguousarray(values, dtype=f"<{kind}")
+    return {"dtype": kind, "bdata": base64.b64encode(data.tobytes()).decode("ascii")}
+
+
+def _line(series: Line, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
+    x, y = thin(np.asarray(series.x, dtype=float), np.asarray(series.y, dtype=float))
+    style = {"color": colour, "width": series.width, "dash": series.dash}
+    common = {"type": "scatter", "mode": "lines", "name": series.name, "line": style, "opacity": series.opacity}
+    return [{**common, "x": _packed(x / sx), "y": _packed(y / sy)}]
+
+
+def _points(series: Points, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
+    x, y = np.asarray(series.x, dtype=float), np.asarray(series.y, dtype=float)
+    if not series.labels:
+        x, y = thin(x, y)
+    style = {"color": colour, "size": series.size, "opacity": series.opacity}
+    trace = {"type": "scatter", "mode": "markers", "name": series.name, "marker": style}
+    if series.labels:
+        trace |= {"text": list(series.labels), "hovertemplate": "%{text}<br>%{x:.4g}, %{y:.4g}<extra></extra>"}
+    return [{**trace, "x": _packed(x / sx), "y": _packed(y / sy)}]
+
+
+def _bars(series: Bars, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
+    scale = sx if series.horizontal else sy
+    values = [_number(value / scale) for value in series.values]
+    along, across = ("x", "y") if series.horizontal else ("y", "x")
+    trace: dict[str, Any] = {"type": "bar", "name": series.name, "marker": {"color": colour}}
+    trace |= {along: values, across: list(series.labels)}
+    if series.horizontal:
+        trace["orientation"] = "h"
+    if series.error is not None:
+        half = [_number(value / scale) for value in series.error]
+        trace[f"error_{along}"] = {"type": "data", "array": half, "color": "#5c677a", "thickness": 1.2}
+    return [trace]
+
+
+def _band(series: Band, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
+    edges = [thin(np.asarray(series.x, dtype=float), np.asarray(edge)) for edge in (series.lower, series.upper)]
+    common = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
+    lower, upper = ({**common, "x": _packed(x / sx), "y": _packed(y / sy)} for x, y in edges)
+    fill = {"fill": "tonexty", "fillcolor": _translucent(colour, 0.18), "name": series.name}
+    return [{**lower, "showlegend": False}, {**upper, **fill, "showlegend": bool(series.name)}]
+
+
+def _boxes(series: Boxes, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
+    labels = [label for label, group in zip(series.labels, series.values, strict=True) for _ in range(len(group))]
+    values = np.concatenate([np.asarray(group, dtype=float) for group in series.values]) / sy
+    style = {"marker": {"color": colour, "size": 4}, "line": {"width": 1.4}, "boxpoints": "outliers"}
+    return [{"type": "box", "name": series.name, "x": labels, "y": [_number(v) for v in values], **style}]
+
+
+def _heat(series: Heat, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
+    finite = np.abs(series.z[np.isfinite(series.z)])
+    largest = float(finite.max(initial=0.0))
+    scale, unit = prefix_for(largest, series.unit)
+    rows = [[_number(cell / scale) for cell in row] for row in series.z]
+    title = f"{series.label} [{unit}]" if unit else series.label
+    bar = {"title": {"text": title, "side": "right"}, "thickness": 12, "outlinewidth": 0}
+    trace: dict[str, Any] = {"type": "heatmap", "z": rows, "colorbar": bar, "hoverongaps": False}
+    trace |= {"x": [_number(v / sx) for v in series.x], "y": [_number(v / sy) for v in series.y]}
+    if series.diverging:
+        scales = [[0.0, "#1668c7"], [0.5, "#f7f8fa"], [1.0, "#d9730d"]]
+        return [{**trace, "zmin": -largest / scale, "zmax": largest / scale, "colorscale": scales}]
+    return [{**trace, "colorscale": [[0.0, "#f2f6fb"], [0.5, "#6aa5e3"], [1.0, "#0b3d7a"]]}]
+
+
+_TRACES: dict[type, Callable[..., list[dict[str, Any]]]] = {
+    Line: _line,
+    Points: _points,
+    Bars: _bars,
+    Band: _band,
+    Boxes: _boxes,
+    Heat: _heat,
+}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _translucent(colour: str, alpha: float) -> str:
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{alpha})"
+
+
+def _shape(mark: Mark, sx: float, sy: float) -> dict[str, Any]:
+    scale, other = (sx, "y") if mark.axis == "x" else (sy, "x")
+    end = mark.at if mark.to is None else mark.to
+    ends = {f"{mark.axis}0": mark.at / scale, f"{mark.axis}1": end / scale, f"{other}0": 0, f"{other}1": 1}
+    colour = COLOURS[mark.role]
+    if mark.to is None:
+        return {"type": "line", **ends, f"{other}ref": "paper", "line": {"color": colour, "width": 1.3, "dash": "dot"}}
+    fill = {"fillcolor": _translucent(colour, 0.14), "line": {"width": 0}, "layer": "below"}
+    return {"type": "rect", **ends, f"{other}ref": "paper", **fill}
+
+
+def _annotation(mark: Mark, sx: float, sy: float) -> dict[str, Any]:
+    style = {"text": mark.text, "showarrow": False, "font": {"size": 11, "color": COLOURS[mark.role]}}
+    if mark.axis == "x":
+        return {**style, "x": mark.at / sx, "y": 1, "yref": "paper", "xanchor": "left", "yanchor": "top"}
+    return {**style, "y": mark.at / sy, "x": 1, "xref": "paper", "xanchor": "right", "yanchor": "bottom"}
+
+
+def with_marks(plot: Plot, *marks: Mark) -> Plot:
+    """The plot with further marks."""
+    return replace(plot, marks=(*plot.marks, *marks))
