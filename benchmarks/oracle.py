@@ -57,15 +57,20 @@ def _library() -> ctypes.CDLL:
 
 
 def simulate(name: str, force: np.ndarray, dt: float, parameters: dict[str, float], substeps: int = 20) -> Recording:
-    """Motion from rest under a sampled force, linear between samples. Bouc-Wen where ``alpha`` is among the parameters."""
+    """Motion from rest under a sampled force, linear between samples; Bouc-Wen where ``alpha`` is a parameter."""
     names = ("m", "B", "Kl", "Ks", "fc", "alpha", "beta", "gamma", "delta")
     law = np.array([parameters.get(key, 0.0) for key in names])
     force = np.ascontiguousarray(force, dtype=float)
     rows = np.empty((len(force), 5))
     pointer = lambda values: values.ctypes.data_as(ctypes.c_void_p)  # noqa: E731
     _library().simulate(
-        pointer(law), int("alpha" in parameters), ctypes.c_long(len(force)), ctypes.c_double(dt), substeps,
-        pointer(force), pointer(rows),
+        pointer(law),
+        int("alpha" in parameters),
+        ctypes.c_long(len(force)),
+        ctypes.c_double(dt),
+        substeps,
+        pointer(force),
+        pointer(rows),
     )
     x, v, a, R, _ = rows.T.copy()
     return Recording(name, np.arange(len(force)) * dt, F=force, x=x, v=v, a=a, R=R)
@@ -95,4 +100,6 @@ def harmonics(dt: float = 1e-4, duration: float = 2.0):
     t = np.arange(round(duration / dt)) * dt
     for frequency in (20, 30, 40, 50):
         for amplitude in (80, 90):
-            yield simulate(f"harmonic_{frequency}Hz_{amplitude}N", amplitude * np.sin(2 * np.pi * frequency * t), dt, JENKINS)
+            yield simulate(
+                f"harmonic_{frequency}Hz_{amplitude}N", amplitude * np.sin(2 * np.pi * frequency * t), dt, JENKINS
+            )

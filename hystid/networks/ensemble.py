@@ -69,7 +69,7 @@ def train_pair(
     precision: Precision = "float64",
     stop: threading.Event | None = None,
 ) -> Start:
-    """Hysteresis network on (x, x0, R0) -> R, then restoring network on (x, v, its output) -> R. Same split for both."""
+    """Hysteresis network on (x, x0, R0) -> R, then restoring network on (x, v, its output) -> R, on one split."""
     rng = np.random.default_rng([seed, number])
     sizes = (3, *hidden, 1)
     first = Data.split(np.stack([samples.x, samples.x0, samples.R0]), samples.R, seed)
@@ -126,9 +126,7 @@ def train_ensemble(
     """``count`` starts, in order of their number; fewer after Ctrl-C, then those finished."""
 
     def job(number: int) -> Callable[[threading.Event], Start]:
-        return lambda stop: train_pair(
-            samples, hidden, number, seed=seed, rule=rule, precision=precision, stop=stop
-        )
+        return lambda stop: train_pair(samples, hidden, number, seed=seed, rule=rule, precision=precision, stop=stop)
 
     return side_by_side("training", [job(number) for number in range(count)], workers)[0]
 

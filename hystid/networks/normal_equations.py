@@ -89,7 +89,7 @@ def _aligned(shape: tuple[int, ...], kind: str) -> np.ndarray[tuple[int, ...], n
 
 
 class CompiledNormal:
-    """C kernel; the Jacobian exists one cache-sized chunk at a time. Memory beyond the data: about 1 MB + 2 P^2 doubles."""
+    """C kernel; the Jacobian exists one cache-sized chunk at a time. Beyond the data: about 1 MB and 2 P^2 doubles."""
 
     def __init__(self, sizes: Sequence[int], inputs: Array, target: Array, precision: Precision = "float64") -> None:
         self._library = _library(precision)
@@ -138,10 +138,10 @@ class CompiledNormal:
         return self._run(w, self._sums.ctypes.data_as(ctypes.c_void_p))
 
     def diagonal(self) -> Array:
-        return np.diagonal(self._sums)[: self._count].copy()
+        return np.array(np.diagonal(self._sums)[: self._count])
 
     def gradient(self) -> Array:
-        return self._sums[self._count, : self._count].copy()
+        return np.array(self._sums[self._count, : self._count])
 
     def solve(self, damping: Array) -> Array | None:
         damping = np.ascontiguousarray(damping, dtype=np.float64)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hystid.errors import NumericalError, UsageError
 from hystid.networks.network import Network
@@ -105,11 +106,22 @@ class Scaling:
         return np.asarray((rows - self.offset[:, None]) * self.gain[:, None])
 
 
+def split_indices(count: int, seed: int, fractions: tuple[float, float] = (0.70, 0.15)) -> dict[str, NDArray[np.intp]]:
+    """Random parts "train", "validation" and, with the rest, "test" of ``count`` samples."""
+    order = np.random.default_rng(seed).permutation(count)
+    ends = [round(sum(fractions[: k + 1]) * count) for k in range(2)]
+    return dict(zip(("train", "validation", "test"), np.split(order, ends), strict=True))
+
+
 @dataclass(frozen=True, eq=False)
 class Data:
-    """Scaled samples of one regression, split at random: parts "train", "validation", "test" -> (inputs, target)."""
+    """Scaled samples of one regression, split at random: parts "train", "validation", "test" -> (inputs, target).
+
+    indices: the sample numbers of each part.
+    """
 
     parts: dict[str, tuple[Array, Array]]
+    indices: dict[str, NDArray[np.intp]]
     inputs: Scaling
     target: Scaling
 
@@ -117,11 +129,10 @@ class Data:
     def split(inputs: Array, target: Array, seed: int, fractions: tuple[float, float] = (0.70, 0.15)) -> Data:
         """Random split; inputs of shape (features, samples), target of shape (samples,). The rest is the test part."""
         scaling, goal = Scaling.of(inputs), Scaling.of(target[None])
-        order = np.random.default_rng(seed).permutation(len(target))
-        ends = [int(round(sum(fractions[: k + 1]) * len(target))) for k in range(2)]
-        indices = dict(zip(("train", "validation", "test"), np.split(order, ends), strict=True))
+        indices = split_indices(len(target), seed, fractions)
         scaled, wanted = scaling.apply(inputs), goal.apply(target[None])[0]
-        return Data({name: (scaled[:, pick], wanted[pick]) for name, pick in indices.items()}, scaling, goal)
+        parts = {name: (scaled[:, pick], wanted[pick]) for name, pick in indices.items()}
+        return Data(parts, indices, scaling, goal)
 
     def network(self, w: Array, hidden: Sequence[int]) -> Network:
         """The trained network on physical units."""

@@ -1,0 +1,124 @@
+"""What an identification answers: the model, how its training went, and how it does on each recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from hystid.networks import TwoNetworkModel
+from hystid.networks.ensemble import Start
+from hystid.networks.training import REASONS
+from hystid.recording import Array, Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One model on one recording. R: restoring force on the measured motion [N], shape (n,).
+
+    free_run: x, v, a, R of the closed loop from the recording's own start and force, None where there is no mass or
+    where it diverged (then ``diverged`` says so). Errors are NRMSE (fractions); R_mse [N2].
+    """
+
+    R: Array
+    force_nrmse: float
+    free_run: Mapping[str, Array] | None = None
+    x_nrmse: float | None = None
+    R_nrmse: float | None = None
+    R_mse: float | None = None
+    diverged: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """One recording as it was used, with the answers of the network model and of the linear fit."""
+
+    recording: Recording
+    role: Literal["training", "holdout"]
+    network: Prediction
+    linear: Prediction
+
+    def summary(self) -> dict[str, Any]:
+        """Entry of ``metrics.recordings`` in identification.json."""
+        return {
+            "name": self.recording.name,
+            "role": self.role,
+            **_errors(self.network),
+            "linear": _errors(self.linear),
+            "notes": list(self.recording.notes),
+        }
+
+
+def _errors(prediction: Prediction) -> dict[str, Any]:
+    free = {key: getattr(prediction, key) for key in ("x_nrmse", "R_nrmse", "R_mse")}
+    entry: dict[str, Any] = {"force_nrmse": prediction.force_nrmse}
+    entry["free_run"] = free if prediction.free_run is not None else None
+    if prediction.diverged:
+        entry["diverged"] = prediction.diverged
+    return entry
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """Least-squares fit of R = B v + Kl x + offset to the training samples, for comparison. B [N.s/m], Kl [N/m]."""
+
+    mass: float
+    B: float
+    Kl: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Result of ``identify``.
+
+    starts: every finished training, in order; chosen: numbers of those that the model averages.
+    test: {"nrmse", "mse" [N2], "samples"} of the model on the test part of the split, with measured turning points.
+    settings: the arguments that matter to repeat it. notes: sentences a reader of the result should see.
+    files: paths written, empty without ``out``.
+    """
+
+    model: TwoNetworkModel
+    starts: Sequence[Start]
+    chosen: tuple[int, ...]
+    comparisons: Sequence[Comparison]
+    linear: LinearFit
+    test: Mapping[str, float]
+    settings: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
+    files: Mapping[str, Path] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, Any]:
+        """Content of identification.json."""
+        return {
+            "mass": self.model.mass,
+            "sample_rate": self.model.sample_rate,
+            **self.settings,
+            "metrics": {
+                "test": dict(self.test),
+                "recordings": [comparison.summary() for comparison in self.comparisons],
+            },
+            "linear": {"m": self.linear.mass, "B": self.linear.B, "Kl": self.linear.Kl, "offset": self.linear.offset},
+            "training_range": {name: list(limits) for name, limits in self.model.training_range.items()},
+            "velocity_band": self.model.velocity_band,
+            "trainings": [self._training(start) for start in self.starts],
+            "notes": list(self.notes),
+            "files": {name: path.name for name, path in self.files.items()},
+        }
+
+    def _training(self, start: Start) -> dict[str, Any]:
+        parts = {"hysteresis": start.hysteresis, "restoring": start.restoring}
+        return {
+            "start": start.number,
+            "chosen": start.number in self.chosen,
+            **{
+                name: {
+                    "validation_mse": part.best,
+                    "test_mse": part.test,
+                    "iterations": len(part.train) - 1,
+                    "stopped": REASONS[part.reason],
+                }
+                for name, part in parts.items()
+            },
+        }
