@@ -16,7 +16,8 @@ typedef struct {
 
 /* What of an instance must survive saving and restoring, besides the block. */
 typedef struct {
-    int mode;          /* of the FMI layer */
+    int kind, mode;    /* of the FMI layer */
+    int sampled;       /* 1: the sampled memory has taken the initial point */
     int stale;         /* 0: dx and y belong to the present values; 1: they do not; 2: y does, but the memory has moved on */
     int started;       /* 1: initial equations solved since the last change of a start value */
     int event_pending; /* 1: an event was found and not yet handled */

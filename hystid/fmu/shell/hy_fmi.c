@@ -1,0 +1,462 @@
+#include "hy_fmi.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void engine_log(void *owner, int level, const char *text)
+{
+    hy_instance *c = owner;
+    static const int status[] = {FMI_OK, FMI_WARNING, FMI_ERROR};
+    static const char *const category[] = {"logEvents", "logStatusWarning", "logStatusError"};
+    if (level == HY_WARNING) c->warned = 1;
+    if (level != HY_INFO || c->logging) c->logger(c, status[level], category[level], text);
+}
+
+int hy_fail(hy_instance *c, const char *format, ...)
+{
+    char text[400];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    c->logger(c, FMI_ERROR, "logStatusError", text);
+    return FMI_ERROR;
+}
+
+static const char *mode_name(int mode)
+{
+    switch (mode) {
+    case INSTANTIATED: return "instantiated";
+    case INITIALIZATION: return "initialization mode";
+    case EVENT: return "event mode";
+    case CONTINUOUS: return "continuous-time mode";
+    case STEP: return "step mode";
+    case STEP_DISCARDED: return "after a discarded step";
+    case TERMINATED: return "terminated";
+    case IN_STEP: return "intermediate update mode";
+    default: return "in error";
+    }
+}
+
+int hy_allowed(hy_instance *c, const hy_call *call)
+{
+    if (!c) return 0;
+    c->warned = 0;
+    if (c->engine.status->mode & call->modes) return 1;
+    hy_fail(c, "%s is not allowed here: the instance is %s", call->name, mode_name(c->engine.status->mode));
+    return 0;
+}
+
+int hy_fmi_status(hy_instance *c, int outcome)
+{
+    if (outcome == HY_OK) return c->warned ? FMI_WARNING : FMI_OK;
+    if (outcome == HY_RETRY) return FMI_DISCARD;
+    c->engine.status->mode = FAILED;
+    return FMI_ERROR;
+}
+
+static char *copy_of(const char *text)
+{
+    const size_t size = strlen(text) + 1;
+    char *copy = malloc(size);
+    return copy ? memcpy(copy, text, size) : NULL;
+}
+
+hy_instance *hy_new_instance(const char *name, const char *token, int kind, hy_logger logger, void (*callback)(void),
+                             void *environment)
+{
+    hy_instance *c = calloc(1, sizeof *c);
+    const char *refused = NULL;
+    if (!c) return NULL;
+    c->logger = logger;
+    c->callback = callback;
+    c->environment = environment;
+    c->name = copy_of(name && name[0] ? name : hy_the_model.name);
+    if (!name || !name[0]) refused = "an instance needs a name";
+    if (!token || strcmp(token, hy_the_model.token)) refused = "the instantiation token is not that of this model's description";
+    if (!refused && (!c->name || hy_open(&c->engine, &hy_the_model, engine_log, c))) refused = "out of memory";
+    if (!refused) c->backup = malloc(c->engine.saved_size);
+    if (!refused && !c->backup) refused = "out of memory";
+    if (refused) {
+        if (c->name) hy_fail(c, "%s", refused);
+        hy_free_instance(c);
+        return NULL;
+    }
+    c->engine.status->kind = kind;
+    c->engine.status->mode = INSTANTIATED;
+    return c;
+}
+
+void hy_free_instance(hy_instance *c)
+{
+    if (!c) return;
+    hy_close(&c->engine);
+    free(c->backup);
+    free(c->name);
+    free(c);
+}
+
+int hy_setup(hy_instance *c, double start, int stop_defined, double stop)
+{
+    hy_status *s = c->engine.status;
+    if (!isfinite(start)) return hy_fail(c, "the start time must be finite");
+    if (stop_defined && !(isfinite(stop) && stop >= start)) return hy_fail(c, "the stop time must be finite and not before the start");
+    s->start_time = s->last_time = start;
+    s->stop_time = stop_defined ? stop : INFINITY;
+    c->engine.settings[0] = start;
+    s->started = 0;
+    return FMI_OK;
+}
+
+/* Initial values are solved when somebody asks for one. */
+static int present(hy_instance *c)
+{
+    hy_engine *e = &c->engine;
+    int outcome = HY_OK;
+    if (e->status->mode == INITIALIZATION && !e->status->started) outcome = hy_start(e);
+    return outcome ? outcome : hy_settle(e);
+}
+
+int hy_exit_initialization(hy_instance *c)
+{
+    hy_engine *e = &c->engine;
+    hy_status *s = e->status;
+    int changed, outcome = present(c);
+    if (outcome) return hy_fmi_status(c, HY_ERROR);
+    if (s->kind == MODEL_EXCHANGE || c->event_mode_used) {
+        s->mode = EVENT;
+        return hy_fmi_status(c, hy_note_signs(e));
+    }
+    outcome = hy_event(e, &changed);
+    if (!outcome && e->model->n_x) outcome = hy_completed(e);
+    s->sampled = 1;
+    s->mode = STEP;
+    return outcome ? hy_fmi_status(c, HY_ERROR) : hy_fmi_status(c, HY_OK);
+}
+
+/* The value references of FMI 3's event indicators come after the block's. */
+static int is_indicator(const hy_instance *c, unsigned vr)
+{
+    return vr >= (unsigned)c->engine.model->n_values && vr - (unsigned)c->engine.model->n_values < (unsigned)c->engine.model->n_z;
+}
+
+static int get_indicator(hy_instance *c, unsigned vr, double *value)
+{
+    const int outcome = c->engine.model->indicators(&c->engine.data, c->engine.z);
+    *value = c->engine.z[vr - (unsigned)c->engine.model->n_values];
+    return hy_fmi_status(c, outcome);
+}
+
+int hy_get(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, double *value)
+{
+    int outcome;
+    if (n && (!vr || !value)) return hy_fail(c, "%s: a NULL array was given for %zu values", call, n);
+    outcome = present(c);
+    if (outcome) return hy_fmi_status(c, outcome);
+    for (size_t i = 0; i < n; i++) {
+        if (vr[i] < (unsigned)c->engine.model->n_values && hy_variables[vr[i]].type == type)
+            value[i] = c->engine.data.v[vr[i]];
+        else if (type == REAL && is_indicator(c, vr[i]) && !get_indicator(c, vr[i], value + i))
+            continue;
+        else
+            return hy_fail(c, "%s: there is no variable of this type with value reference %u", call, vr[i]);
+    }
+    return FMI_OK;
+}
+
+static int before_start(const hy_instance *c) { return c->engine.status->mode & (INSTANTIATED | INITIALIZATION); }
+
+static int may_set(hy_instance *c, const char *call, unsigned vr, int type, double value)
+{
+    const hy_variable *variable = vr < (unsigned)c->engine.model->n_values ? hy_variables + vr : NULL;
+    int flags;
+    if (!variable || variable->type != type) {
+        hy_fail(c, "%s: there is no variable of this type with value reference %u", call, vr);
+        return 0;
+    }
+    if (!isfinite(value)) {
+        hy_fail(c, "%s: %s must be a finite number", call, variable->name);
+        return 0;
+    }
+    flags = before_start(c) ? HAS_START : c->engine.status->mode == CONTINUOUS ? IS_INPUT : IS_INPUT | IS_TUNABLE;
+    if (variable->flags & flags) return 1;
+    hy_fail(c, "%s: %s cannot be set while the instance is %s", call, variable->name, mode_name(c->engine.status->mode));
+    return 0;
+}
+
+static int set_running(hy_instance *c, unsigned vr, double value)
+{
+    hy_engine *e = &c->engine;
+    if (e->data.v[vr] == value) return HY_OK;
+    e->data.v[vr] = value;
+    e->status->stale = 1;
+    if (hy_variables[vr].flags & IS_DISCRETE) e->status->event_pending = 1;
+    if (hy_variables[vr].flags & IS_TUNABLE && e->model->parameters) return e->model->parameters(&e->data);
+    return HY_OK;
+}
+
+/* All values are checked before the first is taken: a refused call changes nothing. */
+int hy_set(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, const double *value)
+{
+    int outcome = HY_OK;
+    if (n && (!vr || !value)) return hy_fail(c, "%s: a NULL array was given for %zu values", call, n);
+    for (size_t i = 0; i < n; i++)
+        if (!may_set(c, call, vr[i], type, value[i])) return FMI_ERROR;
+    if (before_start(c)) {
+        for (size_t i = 0; i < n; i++) c->engine.settings[vr[i]] = value[i];
+        c->engine.status->started = 0;
+        return FMI_OK;
+    }
+    for (size_t i = 0; i < n && !outcome; i++) outcome = set_running(c, vr[i], value[i]);
+    return hy_fmi_status(c, outcome);
+}
+
+int hy_set_time(hy_instance *c, double time)
+{
+    if (!isfinite(time)) return hy_fail(c, "time must be finite");
+    c->engine.data.v[0] = time;
+    c->engine.status->stale = 1;
+    return FMI_OK;
+}
+
+static int right_length(hy_instance *c, const void *values, size_t n, int expected, const char *what)
+{
+    if (n == (size_t)expected && (values || !n)) return 1;
+    hy_fail(c, "an array of %d %s is needed, one of %zu was given", expected, what, values ? n : 0);
+    return 0;
+}
+
+int hy_set_states(hy_instance *c, const double *x, size_t n)
+{
+    if (!right_length(c, x, n, c->engine.model->n_x, "states")) return FMI_ERROR;
+    for (size_t i = 0; i < n; i++)
+        if (!isfinite(x[i])) return hy_fail(c, "continuous state %zu must be finite", i + 1);
+    memcpy(c->engine.data.v + c->engine.model->x, x, n * sizeof *x);
+    c->engine.status->stale = 1;
+    return FMI_OK;
+}
+
+int hy_get_states(hy_instance *c, double *x, size_t n)
+{
+    int outcome;
+    if (!right_length(c, x, n, c->engine.model->n_x, "states")) return FMI_ERROR;
+    outcome = present(c);
+    if (n) memcpy(x, c->engine.data.v + c->engine.model->x, n * sizeof *x);
+    return hy_fmi_status(c, outcome);
+}
+
+int hy_get_nominals(hy_instance *c, double *x, size_t n)
+{
+    if (!right_length(c, x, n, c->engine.model->n_x, "nominals")) return FMI_ERROR;
+    if (n) memcpy(x, hy_nominals, n * sizeof *x);
+    return FMI_OK;
+}
+
+int hy_get_derivatives(hy_instance *c, double *dx, size_t n)
+{
+    hy_engine *e = &c->engine;
+    int outcome;
+    if (!right_length(c, dx, n, e->model->n_x, "derivatives")) return FMI_ERROR;
+    if (e->status->stale == 2) e->status->stale = 1;
+    outcome = present(c);
+    if (n) memcpy(dx, e->data.v + e->model->dx, n * sizeof *dx);
+    return hy_fmi_status(c, outcome);
+}
+
+/* An indicator that was exactly 0 after the last event is shown as "how far from 0", so that leaving 0 either way is a
+ * sign change for importers that count 0 as negative. */
+int hy_get_indicators(hy_instance *c, double *z, size_t n)
+{
+    int outcome;
+    if (!right_length(c, z, n, c->engine.model->n_z, "event indicators")) return FMI_ERROR;
+    outcome = present(c);
+    if (!outcome && n) outcome = c->engine.model->indicators(&c->engine.data, z);
+    for (size_t i = 0; i < n; i++)
+        if (c->engine.sign[i] == 0) z[i] = DBL_MIN - fabs(z[i]);
+    return hy_fmi_status(c, outcome);
+}
+
+int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_defined, double *next)
+{
+    hy_engine *e = &c->engine;
+    const int outcome = hy_event(e, states_changed);
+    *next = e->model->next_time_event ? e->model->next_time_event(&e->data) : INFINITY;
+    *next_defined = isfinite(*next);
+    if (!*next_defined) *next = 0;
+    return hy_fmi_status(c, outcome ? HY_ERROR : HY_OK);
+}
+
+int hy_enter_continuous(hy_instance *c)
+{
+    hy_status *s = c->engine.status;
+    int outcome = HY_OK;
+    if (!s->sampled && (s->kind == MODEL_EXCHANGE || c->engine.model->n_x)) outcome = hy_completed(&c->engine);
+    s->sampled = 1;
+    s->mode = s->kind == MODEL_EXCHANGE ? CONTINUOUS : STEP;
+    return hy_fmi_status(c, outcome);
+}
+
+/* ---- co-simulation ---- */
+
+int hy_input_derivatives(hy_instance *c, const unsigned *vr, size_t n, const int *order, const double *value)
+{
+    static const double factorial[] = {1, 1, 2, 6};
+    hy_engine *e = &c->engine;
+    if (n && (!vr || !order || !value)) return hy_fail(c, "input derivatives: a NULL array was given");
+    for (size_t i = 0; i < n; i++) {
+        if (vr[i] >= (unsigned)e->model->n_values || hy_variables[vr[i]].type != REAL || !(hy_variables[vr[i]].flags & IS_INPUT))
+            return hy_fail(c, "input derivatives: value reference %u is not a real input", vr[i]);
+        if (order[i] < 1 || order[i] > 3) return hy_fail(c, "input derivatives of order %d are not supported: 1 to 3 are", order[i]);
+        if (!isfinite(value[i])) return hy_fail(c, "the derivative of %s must be finite", hy_variables[vr[i]].name);
+    }
+    for (size_t i = 0; i < n; i++) {
+        int k = 0;
+        while (k < e->status->n_driven && e->driven[k].slot != (int)vr[i]) k++;
+        if (k == e->status->n_driven) {
+            memset(e->driven + k, 0, sizeof *e->driven);
+            e->driven[k].slot = (int)vr[i];
+            e->status->n_driven++;
+        }
+        e->driven[k].c[order[i]] = value[i] / factorial[order[i]];
+    }
+    return FMI_OK;
+}
+
+static int internal_steps(const hy_engine *e, double h)
+{
+    const double n = e->model->step > 0 ? ceil(h / e->model->step * (1 - 1e-9)) : 1;
+    return n < 1 ? 1 : n > 1e9 ? 1000000000 : (int)n;
+}
+
+static int advance(hy_instance *c, double t, double h, int stop_at_events, int (*between)(hy_instance *), double *reached)
+{
+    hy_engine *e = &c->engine;
+    const int n = internal_steps(e, h);
+    int outcome = HY_OK;
+    if (!between) return hy_advance(e, h, n, stop_at_events, reached);
+    for (int i = 0; i < n && !outcome; i++) {
+        outcome = hy_advance(e, h / n, 1, stop_at_events, reached);
+        if (!outcome) *reached = e->data.v[0] = t + h * ((double)(i + 1) / n);
+        if (!outcome && i + 1 < n) outcome = hy_completed(e);
+        if (!outcome && between(c)) break;
+        if (!outcome && i + 1 < n) outcome = hy_inputs_changed(e);
+    }
+    return outcome;
+}
+
+static int check_step(hy_instance *c, double t, double h)
+{
+    const hy_status *s = c->engine.status;
+    if (!isfinite(t) || !isfinite(h) || h <= 0) return hy_fail(c, "a step must have a finite start and a positive length");
+    if (fabs(t - s->last_time) > 1e-6 * h + 1e-12 * fabs(t))
+        return hy_fail(c, "a step starts at %.12g s, but the instance stands at %.12g s", t, s->last_time);
+    if (t + h > s->stop_time + 1e-6 * h)
+        return hy_fail(c, "a step to %.12g s goes beyond the stop time %.12g s", t + h, s->stop_time);
+    return FMI_OK;
+}
+
+int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, int (*between)(hy_instance *), double *reached,
+               int *event)
+{
+    hy_engine *e = &c->engine;
+    hy_status *s = e->status;
+    int outcome;
+    *reached = s->last_time;
+    *event = 0;
+    if (check_step(c, t, h)) return FMI_ERROR;
+    memcpy(c->backup, e->saved, e->saved_size);
+    e->data.v[0] = s->origin = t;
+    for (int i = 0; i < s->n_driven; i++) e->driven[i].c[0] = e->data.v[e->driven[i].slot];
+    outcome = hy_inputs_changed(e);
+    if (!outcome) outcome = advance(c, t, h, stop_at_events, between, reached);
+    *event = outcome == HY_EVENT;
+    if (*event) outcome = hy_settle(e);
+    if (!outcome) outcome = hy_completed(e);
+    if (outcome == HY_RETRY) {
+        memcpy(e->saved, c->backup, e->saved_size);
+        *reached = s->last_time;
+        s->mode = STEP_DISCARDED;
+    } else {
+        s->last_time = *reached;
+        s->n_driven = 0;
+    }
+    return hy_fmi_status(c, outcome);
+}
+
+/* ---- derivatives ---- */
+
+static int in_range(int slot, int first, int n) { return slot >= first && slot < first + n; }
+
+static int is_known(const hy_model *m, int slot)
+{
+    return in_range(slot, m->p, m->n_p) || in_range(slot, m->u, m->n_u) || in_range(slot, m->x, m->n_x);
+}
+
+static int is_unknown(const hy_model *m, int slot)
+{
+    return in_range(slot, m->dx, m->n_x) || in_range(slot, m->y, m->n_y) || in_range(slot, m->x, m->n_x);
+}
+
+static int check_derivative(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known)
+{
+    const hy_model *m = c->engine.model;
+    if ((n_unknown && !unknown) || (n_known && !known)) return hy_fail(c, "derivative: a NULL array was given");
+    for (size_t i = 0; i < n_known; i++)
+        if (known[i] >= (unsigned)m->n_values || hy_variables[known[i]].type != REAL || !is_known(m, (int)known[i]))
+            return hy_fail(c, "derivative: value reference %u is not a real parameter, input or state", known[i]);
+    for (size_t i = 0; i < n_unknown; i++)
+        if (unknown[i] >= (unsigned)m->n_values || hy_variables[unknown[i]].type != REAL || !is_unknown(m, (int)unknown[i]))
+            return hy_fail(c, "derivative: value reference %u is not an output or the derivative of a state", unknown[i]);
+    return FMI_OK;
+}
+
+/* Room for a seed and its sensitivities comes with the first use. */
+static int derivative_room(hy_instance *c)
+{
+    if (!c->engine.seed) hy_carry(&c->engine, NULL, 0);
+    if (!c->engine.seed) return hy_fail(c, "out of memory");
+    memset(c->engine.seed, 0, 2 * sizeof(double) * (size_t)c->engine.model->n_values);
+    return FMI_OK;
+}
+
+int hy_directional(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known,
+                   const double *seed, double *sensitivity)
+{
+    hy_engine *e = &c->engine;
+    const hy_model *m = e->model;
+    int outcome;
+    if (!m->forward) return hy_fail(c, "this model has no directional derivatives");
+    if (check_derivative(c, unknown, n_unknown, known, n_known) || derivative_room(c)) return FMI_ERROR;
+    if ((n_known && !seed) || (n_unknown && !sensitivity)) return hy_fail(c, "derivative: a NULL array was given");
+    outcome = present(c);
+    for (size_t i = 0; i < n_known; i++) e->seed[known[i]] += seed[i];
+    if (!outcome) outcome = m->forward(&e->data, e->seed, e->sens);
+    for (size_t i = 0; i < n_unknown; i++)
+        sensitivity[i] = in_range((int)unknown[i], m->x, m->n_x) ? e->seed[unknown[i]] : e->sens[unknown[i]];
+    return hy_fmi_status(c, outcome);
+}
+
+int hy_adjoint(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known,
+               const double *seed, double *sensitivity)
+{
+    hy_engine *e = &c->engine;
+    const hy_model *m = e->model;
+    int outcome;
+    if (!m->adjoint) return hy_fail(c, "this model has no adjoint derivatives");
+    if (check_derivative(c, unknown, n_unknown, known, n_known) || derivative_room(c)) return FMI_ERROR;
+    if ((n_unknown && !seed) || (n_known && !sensitivity)) return hy_fail(c, "derivative: a NULL array was given");
+    outcome = present(c);
+    for (size_t i = 0; i < n_unknown; i++) {
+        if (in_range((int)unknown[i], m->x, m->n_x))
+            e->sens[unknown[i]] += seed[i];
+        else
+            e->seed[unknown[i]] += seed[i];
+    }
+    if (!outcome) outcome = m->adjoint(&e->data, e->seed, e->sens);
+    for (size_t i = 0; i < n_known; i++) sensitivity[i] = e->sens[known[i]];
+    return hy_fmi_status(c, outcome);
+}

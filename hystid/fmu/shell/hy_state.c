@@ -1,0 +1,88 @@
+/* FMU states: a copy of the engine's saved piece, and its form as bytes. The bytes hold numbers only, no addresses, so
+ * that another process on a machine of the same byte order can take them; they are checked before they are believed. */
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "hy_fmi.h"
+
+typedef struct {
+    uint64_t magic, size, token, checksum;
+} hy_head;
+
+static const uint64_t MAGIC = 0x3130544154535948u; /* "HYSTAT01" */
+
+static uint64_t fnv1a(const void *bytes, size_t n)
+{
+    const unsigned char *b = bytes;
+    uint64_t hash = 0xcbf29ce484222325u;
+    for (size_t i = 0; i < n; i++) hash = (hash ^ b[i]) * 0x100000001b3u;
+    return hash;
+}
+
+static hy_head head_of(const hy_instance *c, const void *data)
+{
+    const hy_head head = {MAGIC, c->engine.saved_size, fnv1a(hy_the_model.token, strlen(hy_the_model.token)),
+                          fnv1a(data, c->engine.saved_size)};
+    return head;
+}
+
+int hy_get_state(hy_instance *c, void **state)
+{
+    if (!state) return hy_fail(c, "get state: a NULL pointer was given");
+    if (!*state) *state = malloc(c->engine.saved_size);
+    if (!*state) return hy_fail(c, "out of memory");
+    memcpy(*state, c->engine.saved, c->engine.saved_size);
+    return FMI_OK;
+}
+
+int hy_set_state(hy_instance *c, const void *state)
+{
+    const hy_status *status = state;
+    if (!state) return hy_fail(c, "set state: a NULL pointer was given");
+    if (status->kind != c->engine.status->kind)
+        return hy_fail(c, "set state: a state of model exchange does not fit co-simulation, nor the other way round");
+    memcpy(c->engine.saved, state, c->engine.saved_size);
+    return FMI_OK;
+}
+
+int hy_free_state(hy_instance *c, void **state)
+{
+    (void)c;
+    if (!state) return FMI_OK;
+    free(*state);
+    *state = NULL;
+    return FMI_OK;
+}
+
+int hy_state_size(hy_instance *c, const void *state, size_t *size)
+{
+    if (!state || !size) return hy_fail(c, "state size: a NULL pointer was given");
+    *size = sizeof(hy_head) + c->engine.saved_size;
+    return FMI_OK;
+}
+
+int hy_write_state(hy_instance *c, const void *state, char *bytes, size_t size)
+{
+    hy_head head;
+    if (!state || !bytes) return hy_fail(c, "write state: a NULL pointer was given");
+    if (size < sizeof head + c->engine.saved_size) return hy_fail(c, "write state: room for %zu bytes is not enough", size);
+    head = head_of(c, state);
+    memcpy(bytes, &head, sizeof head);
+    memcpy(bytes + sizeof head, state, c->engine.saved_size);
+    return FMI_OK;
+}
+
+int hy_read_state(hy_instance *c, const char *bytes, size_t size, void **state)
+{
+    hy_head head, expected;
+    if (!bytes || !state) return hy_fail(c, "read state: a NULL pointer was given");
+    if (size < sizeof head + c->engine.saved_size) return hy_fail(c, "read state: %zu bytes are not a state of this model", size);
+    memcpy(&head, bytes, sizeof head);
+    expected = head_of(c, bytes + sizeof head);
+    if (memcmp(&head, &expected, sizeof head)) return hy_fail(c, "read state: the bytes are damaged or of another model");
+    if (!*state) *state = malloc(c->engine.saved_size);
+    if (!*state) return hy_fail(c, "out of memory");
+    memcpy(*state, bytes + sizeof head, c->engine.saved_size);
+    return FMI_OK;
+}
