@@ -1,0 +1,3 @@
+within HystId;
+package Forces "Restoring-force laws with memory"
+end Forces;

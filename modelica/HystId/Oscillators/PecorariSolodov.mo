@@ -1,0 +1,12 @@
+within HystId.Oscillators;
+model PecorariSolodov "Oscillator with the stick-slip law of Pecorari and Solodov"
+  extends Interfaces.PartialOscillator;
+  parameter Units.Stiffness Ks = 5e3 "Stiffness while sticking";
+  parameter Units.Displacement x0(min = 0) = 2e-2 "Amplitude of the loop: not below the largest displacement";
+  parameter Units.Displacement x1(min = 0) = 1e-2 "Displacement that parts stick from slip";
+  Forces.PecorariSolodov law(Ks = Ks, x0 = x0, x1 = x1) "Hysteretic law";
+equation
+  law.x = x;
+  law.v = v;
+  f_h = law.f;
+end PecorariSolodov;

@@ -1,0 +1,3 @@
+within HystId;
+package Oscillators "One mass, one law: input F, outputs x, v, a, R"
+end Oscillators;
