@@ -1,0 +1,375 @@
+"""The sub-commands. Each reads its options, makes one library call, writes the report and prints a summary."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hystid.cli import options as opt
+from hystid.errors import UsageError
+
+app = typer.Typer(
+    name="hystid",
+    help="Identify, export, validate and diagnose structures that slide, stick, open and close.\n\n"
+    "m a + R = F, SI units; R opposes motion as a spring does. Every command has examples in its own --help.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+study = typer.Typer(
+    rich_markup_mode=None,
+    help="Many trainings: which structure, which mass. Resumable; on this machine or a Dask cluster.",
+)
+app.add_typer(study, name="study", no_args_is_help=True)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        print(f"hystid {version('hystid')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+Output = Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="File to write.", show_default=False)]
+Force = Annotated[
+    str,
+    typer.Option(
+        metavar="SPEC|REC",
+        help="chirp:0-100Hz@60N,5s | harmonic:20Hz@80N,2s | multisine:5-80Hz@30Nrms,4s, or a recording.",
+        show_default=False,
+    ),
+]
+Step = Annotated[float, typer.Option("--dt", metavar="S", help="Time step in s of a force given as SPEC.")]
+
+
+@app.command()
+def build(
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="HystId.Oscillators.Jenkins, or file.mo:Class.")],
+    out: Output,
+    fmi: Annotated[int, typer.Option(metavar="2|3", help="FMI version.")] = 2,
+    set_: opt.Set = None,
+    platforms: Annotated[str, typer.Option(metavar="host|all", help="Machines that the FMU runs on.")] = "host",
+) -> None:
+    """Compile a Modelica model to an FMU.
+
+    \b
+    Examples:
+      hystid build HystId.Oscillators.Jenkins --set m=4.2 --set Ks=2e5 -o jenkins.fmu
+      hystid build my.mo:Rig --fmi 3 --platforms all -o rig.fmu
+    """
+    from hystid.fmu import build_model
+
+    if fmi not in (2, 3):
+        raise UsageError(f"--fmi {fmi}: FMI versions 2 and 3 are written")
+    if platforms not in ("host", "all"):
+        raise UsageError(f"--platforms {platforms}: choose host or all")
+    _output(out, ".fmu")
+    build_model(model, out, fmi=fmi, parameters=opt.numbers("--set", set_), platforms=platforms)
+    print(f"{out} ({out.stat().st_size / 1000:.0f} kB, FMI {fmi}.0, from {model})")
+
+
+@app.command()
+def simulate(
+    fmu: Annotated[Path, typer.Argument(metavar="FMU", help="An FMU with an input F.")],
+    force: Force,
+    out: Output,
+    set_: opt.Set = None,
+    dt: Step = 1e-4,
+    noise_snr: Annotated[float | None, typer.Option(metavar="DB", help="Add white noise at this ratio in dB.")] = None,
+    seed: opt.Seed = 0,
+) -> None:
+    """Drive an FMU with a force and write the answer as a recording (t, F, x, v, a, R in SI units).
+
+    \b
+    Examples:
+      hystid simulate jenkins.fmu --force chirp:0-100Hz@60N,5s --noise-snr 34 -o chirp60.csv
+      hystid simulate jenkins.fmu --force measured.csv --set Ks=1.8e5 -o answer.csv
+    """
+    from hystid.recording import write_csv
+    from hystid.simulation import force_of, simulate
+
+    _output(out, ".csv")
+    record = simulate(
+        fmu, force_of(force, dt, seed), parameters=opt.numbers("--set", set_), noise_snr=noise_snr, seed=seed
+    )
+    write_csv(record, out)
+    print(f"{out} ({len(record)} samples at {record.sample_rate:.6g} Hz)")
+
+
+@app.command()
+def identify(
+    recordings: opt.Recordings,
+    mass: opt.Mass,
+    out: opt.Folder,
+    layers: Annotated[str, typer.Option(metavar="N,N", help="Neurons of each hidden layer, as 5,5.")] = "5,5",
+    ensemble: Annotated[int, typer.Option(metavar="N", help="Trainings; the best tenth is averaged.")] = 30,
+    band: opt.BandText = None,
+    decimate: opt.Decimate = 1,
+    seed: opt.Seed = 0,
+    mode: Annotated[str, typer.Option(metavar="fast|trainlm", help="Damping rule of the training.")] = "fast",
+    method: Annotated[
+        str, typer.Option(metavar="published|refined", help="The published method, or refined in closed loop.")
+    ] = "published",
+    holdout: opt.Holdout = None,
+    workers: Annotated[int | None, typer.Option(metavar="N", help="Trainings at a time; all cores by default.")] = None,
+    sensitivity: opt.Sensitivity = None,
+    channel: opt.Channel = None,
+    resample: opt.Resample = False,
+    accept: opt.Accept = None,
+) -> None:
+    """Train a network model of the restoring force and write it as ONNX and FMU, with a report.
+
+    \b
+    Examples:
+      hystid identify chirp*.csv --mass 4.2 --layers 5,5 --ensemble 30 --holdout sine20.csv -o model
+      hystid identify damper.csv --mass 0 --band 0-50Hz --decimate 4 -o model
+    """
+    from hystid import identification
+    from hystid.processing import parse_band
+    from hystid.report.identification import write_identification
+
+    settings = (sensitivity, channel, resample, accept or ())
+    result = identification.identify(
+        opt.load(recordings, *settings),
+        mass=mass,
+        layers=opt.layer_sizes(layers),
+        ensemble=ensemble,
+        band=parse_band(band) if band else None,
+        decimate=decimate,
+        seed=seed,
+        mode=_choice("--mode", mode, ("fast", "trainlm")),
+        method=_choice("--method", method, ("published", "refined")),
+        holdout=opt.load(holdout or [], *settings) if holdout else (),
+        workers=workers,
+        out=out,
+    )
+    write_identification(result, out / "report.html", _command("identify"))
+    from hystid.report.text import identification_summary
+
+    print(identification_summary(result))
+    print(f"results and report.html in {out}")
+
+
+@app.command()
+def validate(
+    surrogate: Annotated[Path, typer.Argument(metavar="SURROGATE", help="surrogate.fmu, oscillator.fmu or .onnx.")],
+    out: opt.Folder,
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(metavar="[REC...]", help="Recordings to compare with.")
+    ] = None,
+    against: Annotated[Path | None, typer.Option(metavar="REF.fmu", help="Reference FMU to compare with.")] = None,
+    force: Annotated[
+        list[str] | None, typer.Option(metavar="SPEC", help="Force for --against, as harmonic:20Hz@80N,2s; repeatable.")
+    ] = None,
+    mass: Annotated[
+        float | None, typer.Option(metavar="KG", help="Moving mass in kg, if not that of the model.")
+    ] = None,
+    dt: Step = 1e-4,
+    band: opt.BandText = None,
+    decimate: opt.Decimate = 1,
+    sensitivity: opt.Sensitivity = None,
+    channel: opt.Channel = None,
+    resample: opt.Resample = False,
+    accept: opt.Accept = None,
+) -> None:
+    """Compare a surrogate with recordings or with a reference FMU, in closed loop with its mass.
+
+    \b
+    Examples:
+      hystid validate model/surrogate.fmu sine20.csv sine50.csv -o check
+      hystid validate model/surrogate.fmu --against jenkins.fmu --force harmonic:20Hz@80N,2s -o check
+    """
+    from hystid import validation
+    from hystid.processing import parse_band
+    from hystid.report.validation import write_validation
+
+    if bool(recordings) == bool(against):
+        raise UsageError(
+            "name either recordings or a reference FMU (--against REF.fmu with --force SPEC) to compare with"
+        )
+    if against and not force:
+        raise UsageError("--against needs at least one --force, as --force harmonic:20Hz@80N,2s")
+    loaded = opt.load(recordings, sensitivity, channel, resample, accept or ()) if recordings else ()
+    result = validation.validate(
+        surrogate,
+        loaded,
+        reference=against,
+        forces=tuple(force or ()),
+        mass=mass,
+        dt=dt,
+        band=parse_band(band) if band else None,
+        decimate=decimate,
+        out=out,
+    )
+    write_validation(result, out / "report.html", _command("validate"))
+    from hystid.report.text import validation_summary
+
+    print(validation_summary(result))
+    print(f"results and report.html in {out}")
+
+
+@app.command()
+def diagnose(
+    recordings: opt.Recordings,
+    model: Annotated[
+        str, typer.Option(metavar="MODEL|FMU", help="HystId.Oscillators.Jenkins, file.mo:Class or an FMU.")
+    ],
+    out: opt.Folder,
+    parameters: Annotated[Path | None, typer.Option(metavar="P.json", help='Known parameters, as {"m": 4.2}.')] = None,
+    set_: opt.Set = None,
+    holdout: opt.Holdout = None,
+    effects: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="MY.mo", help="Your own effect blocks as further candidates; repeatable."),
+    ] = None,
+    sensitivity: opt.Sensitivity = None,
+    channel: opt.Channel = None,
+    resample: opt.Resample = False,
+    accept: opt.Accept = None,
+) -> None:
+    """Find where a model and recordings disagree, name the physics that was left out, and fit it.
+
+    Exit code 0: the model explains the data (perhaps after its own refit); 1: something was found.
+
+    \b
+    Examples:
+      hystid diagnose sweep*.csv --model HystId.Oscillators.Jenkins --set m=4.2 --holdout sine30.csv -o why
+    """
+    from hystid import diagnosis
+    from hystid.report.diagnosis import write_diagnosis
+
+    settings = (sensitivity, channel, resample, {*(accept or ()), *diagnosis.TOLERATED})
+    known = {**opt.parameter_file(parameters), **opt.numbers("--set", set_)}
+    result = diagnosis.diagnose(
+        opt.load(recordings, *settings),
+        model=model,
+        parameters=known,
+        holdout=opt.load(holdout, *settings) if holdout else (),
+        effects=tuple(effects or ()),
+        out=out,
+    )
+    write_diagnosis(result, out / "report.html", _command("diagnose"))
+    print(result.sentence())
+    print(f"results and report.html in {out}")
+
+
+@app.command()
+def regress(
+    fmu: Annotated[Path, typer.Argument(metavar="FMU", help="An FMU with a reference result inside or beside it.")],
+    update: Annotated[bool, typer.Option("--update", help="Store today's result as the reference.")] = False,
+) -> int:
+    """Replay the reference result of an FMU and compare within a tolerance tube; exit code 1 when it leaves the tube.
+
+    \b
+    Examples:
+      hystid regress jenkins.fmu
+      hystid regress jenkins.fmu --update
+    """
+    from hystid.fmu import regress
+
+    outcome = regress(fmu, update=update)
+    print(outcome.sentence())
+    return 0 if outcome.holds else 1
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.")] = Path(
+        "hystid-demo"
+    ),
+) -> int:
+    """Everything on a virtual experiment: Modelica, FMU, identification, validation, diagnosis (under 3 minutes).
+
+    \b
+    Examples:
+      hystid demo -o hystid-demo
+    """
+    from hystid.demo import run_demo
+
+    outcome = run_demo(out)
+    print(outcome.text())
+    return 0 if outcome.passed else 1
+
+
+Workers = Annotated[
+    int | None, typer.Option(metavar="N", help="Trainings at a time on this machine; all cores by default.")
+]
+Scheduler = Annotated[str | None, typer.Option(metavar="URL", help="Dask scheduler, as tcp://host:8786.")]
+
+
+@study.command("grid")
+def study_grid(
+    recordings: opt.Recordings,
+    mass: opt.Mass,
+    out: opt.Folder,
+    holdout: opt.Holdout = None,
+    starts: Annotated[int, typer.Option(metavar="N", help="Trainings of each structure.")] = 30,
+    band: opt.BandText = None,
+    decimate: opt.Decimate = 1,
+    seed: opt.Seed = 0,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    sensitivity: opt.Sensitivity = None,
+    channel: opt.Channel = None,
+    resample: opt.Resample = False,
+    accept: opt.Accept = None,
+) -> None:
+    """Which network structure: 1-3 hidden layers of 2-13 neurons, many starts each, tested on held-out recordings.
+
+    \b
+    Examples:
+      hystid study grid chirp*.csv --mass 4.2 --holdout sine20.csv --starts 30 -o grid
+    """
+    from hystid import study
+    from hystid.processing import parse_band
+    from hystid.report.study import write_grid
+
+    settings = (sensitivity, channel, resample, accept or ())
+    result = study.grid(
+        opt.load(recordings, *settings),
+        mass=mass,
+        holdout=opt.load(holdout, *settings) if holdout else (),
+        starts=starts,
+        band=parse_band(band) if band else None,
+        decimate=decimate,
+        seed=seed,
+        workers=workers,
+        scheduler=scheduler,
+        out=out,
+    )
+    write_grid(result, out / "report.html", _command("study grid"))
+    print(f"results and report.html in {out}")
+
+
+def _choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
+    if value not in allowed:
+        raise UsageError(f"{option} {value}: choose {' or '.join(allowed)}")
+    return value
+
+
+def _output(path: Path, suffix: str) -> None:
+    if path.suffix.lower() != suffix:
+        raise UsageError(f"-o {path}: the name must end in {suffix}")
+    if path.is_dir():
+        raise UsageError(f"-o {path}: this is a folder; name a file in it")
+
+
+def _command(name: str) -> str:
+    import shlex
+    import sys
+
+    return shlex.join(["hystid", *sys.argv[1:]]) if sys.argv[1:] else f"hystid {name}"
