@@ -1,0 +1,167 @@
+"""Frame around a compiled network: which slot of the value block is what, and the C text that the shell calls."""
+
+from __future__ import annotations
+
+import hashlib
+import uuid
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hystid.modelcode import ModelCode
+from hystid.surrogate.emit import Functions, number
+from hystid.surrogate.names import readable
+from hystid.surrogate.program import Port, Program
+
+INCLUDES = """\
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "hy_model.h"
+"""
+FIRST_SLOT = 1  # slot 0 is time
+
+
+@dataclass(frozen=True)
+class Block:
+    """Sizes of the parts of the value block, in the order of ``hy_model.h``; the methods give first slots."""
+
+    n_p: int = 0
+    n_u: int = 0
+    n_x: int = 0
+    n_d: int = 0
+    n_y: int = 0
+    n_w: int = 0
+
+    def _after(self, *sizes: int) -> int:
+        return FIRST_SLOT + sum(sizes)
+
+    @property
+    def p(self) -> int:
+        """Parameters."""
+        return FIRST_SLOT
+
+    @property
+    def u(self) -> int:
+        """Inputs."""
+        return self._after(self.n_p)
+
+    @property
+    def x(self) -> int:
+        """Continuous states."""
+        return self._after(self.n_p, self.n_u)
+
+    @property
+    def dx(self) -> int:
+        """Derivatives."""
+        return self.x + self.n_x
+
+    @property
+    def d(self) -> int:
+        """Memory of the network."""
+        return self.dx + self.n_x
+
+    @property
+    def y(self) -> int:
+        """Outputs."""
+        return self.d + self.n_d
+
+    @property
+    def pre(self) -> int:
+        """pre(d)."""
+        return self.y + self.n_y
+
+    @property
+    def w(self) -> int:
+        """Private memory: the latest sample."""
+        return self.pre + self.n_d
+
+    @property
+    def size(self) -> int:
+        """Length of the block."""
+        return self.w + self.n_w
+
+    def defines(self) -> str:
+        """The first slots as C constants."""
+        pairs = {"P": self.p, "U": self.u, "X": self.x, "DX": self.dx, "D": self.d, "Y": self.y, "W": self.w}
+        counts = {"N_U": self.n_u, "N_D": self.n_d, "N_Y": self.n_y, "N_VALUES": self.size}
+        items = ", ".join(f"{name} = {value}" for name, value in (pairs | counts).items())
+        return f"enum {{ {items} }};\n"
+
+    def model(self, name: str, step: float, start: Mapping[int, float], functions: Sequence[str]) -> str:
+        """The definition of ``hy_the_model``. functions: the members of ``hy_model`` that the text defines."""
+        values = ", ".join(f"[{slot}] = {number(value)}" for slot, value in sorted(start.items()))
+        members = "".join(f"    .{function} = {function},\n" for function in functions)
+        return f"""\
+static const double start[N_VALUES] = {{ {values or "0.0"} }};
+
+const hy_model hy_the_model = {{
+    .name = "{readable(name).replace('"', "'")}",
+    .token = TOKEN,
+    .n_values = N_VALUES,
+    .p = {self.p}, .n_p = {self.n_p}, .u = {self.u}, .n_u = {self.n_u}, .x = {self.x}, .n_x = {self.n_x},
+    .dx = {self.dx}, .d = {self.d}, .n_d = {self.n_d}, .y = {self.y}, .n_y = {self.n_y}, .pre = {self.pre},
+    .rel = {self.w}, .n_rel = 0, .w = {self.w}, .n_w = {self.n_w}, .n_z = 0,
+    .step = {number(step)},
+    .start = start,
+{members}}};
+"""
+
+
+def signed(code: ModelCode) -> ModelCode:
+    """The same model with its token, a hash of all that it consists of."""
+    digest = hashlib.sha256()
+    for part in (code.name, repr(code.variables), repr(code.experiment), *_flat(code.sources)):
+        digest.update(part.encode())
+        digest.update(b"\0")
+    token = "{" + str(uuid.UUID(bytes=digest.digest()[:16], version=4)) + "}"
+    sources = {name: text.replace("TOKEN", f'"{token}"', 1) for name, text in code.sources.items()}
+    return replace(code, token=token, sources=sources)
+
+
+def _flat(sources: Mapping[str, str]) -> Iterable[str]:
+    for name, text in sorted(sources.items()):
+        yield name
+        yield text
+
+
+def offsets(ports: Sequence[Port], first: int) -> dict[str, int]:
+    """First slot of each port's elements when they lie one after the other."""
+    places, at = {}, first
+    for port in ports:
+        places[port.name] = at
+        at += port.view.size
+    return places
+
+
+def text_of(functions: Functions) -> str:
+    """All functions of a network, tables first."""
+    return "\n".join([functions.tables, functions.value, functions.forward, functions.adjoint])
+
+
+def call(
+    program: Program,
+    mode: str,
+    inputs: Mapping[str, str],
+    outputs: Mapping[str, str],
+    d_inputs: Mapping[str, str] | None = None,
+    d_outputs: Mapping[str, str] | None = None,
+    work: str = "0",
+) -> str:
+    """A C call of a generated function; the mappings give a pointer expression per port name."""
+    arguments = [inputs[port.name] for port in program.inputs]
+    if d_inputs is not None:
+        arguments += [d_inputs[port.name] for port in program.inputs]
+    arguments += [outputs[port.name] for port in program.outputs]
+    if d_outputs is not None:
+        arguments += [d_outputs[port.name] for port in program.outputs]
+    return f"network{mode}({', '.join([*arguments, work])});"
+
+
+def range_test(expression: str, low: float, high: float) -> str:
+    """C condition: outside [low, high]."""
+    below = f"{expression} < {number(low)}" if np.isfinite(low) else ""
+    above = f"{expression} > {number(high)}" if np.isfinite(high) else ""
+    return " || ".join(part for part in (below, above) if part)

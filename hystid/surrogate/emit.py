@@ -1,0 +1,397 @@
+"""``Program`` -> C text: one function for the values, one for a directional derivative, one for the adjoint.
+
+    void NAME(const double *in_a, ..., double *out_b, ...)
+    void NAME_forward(in..., const double *d_in..., double *out..., double *d_out...)
+    void NAME_adjoint(in..., double *d_in..., double *out..., const double *d_out...)     d_in += d_out . d out / d in
+
+All three are pure functions of their arguments. Locals live on the stack, or in ``work`` where they are large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import prod
+
+import numpy as np
+
+from hystid.surrogate.functions import C_HELPERS, FUNCTIONS
+from hystid.surrogate.names import readable
+from hystid.surrogate.program import Elementwise, MatMul, Program, Reduce, Statement, Table
+from hystid.surrogate.tensors import Buffer, View
+
+STACK_LIMIT = 4096  # doubles in locals of one function; beyond, the instance's own memory is used
+_INDEX = "ijklmnop"
+_OPERANDS = "abc"
+Lines = list[str]
+
+
+def number(value: float) -> str:
+    """A C literal that reads back as exactly this double."""
+    if np.isnan(value):
+        return "NAN"
+    if np.isinf(value):
+        return "INFINITY" if value > 0 else "(-INFINITY)"
+    return repr(float(value)) if value >= 0 and not np.signbit(value) else f"({float(value)!r})"
+
+
+@dataclass(frozen=True)
+class Functions:
+    """Generated text. tables: constants and helpers that the functions need. work: doubles that ``work`` must hold."""
+
+    tables: str
+    value: str
+    forward: str
+    adjoint: str
+    work: int
+
+
+def functions(program: Program, name: str) -> Functions:
+    """C text of a program; the functions are called ``name``, ``name_forward`` and ``name_adjoint``."""
+    active = active_buffers(program)
+    value = _Writer(program, name, active, "value")
+    forward = _Writer(program, name, active, "forward")
+    adjoint = _Writer(program, name, active, "adjoint")
+    texts = (value.text(), forward.text(), adjoint.text())
+    used = "".join(texts)
+    return Functions(_helpers(used) + _tables(program, used), *texts, max(w.work for w in (value, forward, adjoint)))
+
+
+def active_buffers(program: Program) -> frozenset[Buffer]:
+    """Buffers that lie on a smooth path from a float input to an output, those at its ends included."""
+    reached = {port.view.buffer for port in program.inputs if port.view.kind == "float"}
+    for statement in program.statements:
+        if any(view.buffer in reached for _, view in _derivatives(statement)):
+            reached.add(statement.out.buffer)
+    wanted = {port.view.buffer for port in program.outputs}
+    for statement in reversed(program.statements):
+        if statement.out.buffer in wanted:
+            wanted.update(view.buffer for _, view in _derivatives(statement))
+    return frozenset(reached & wanted)
+
+
+def _derivatives(statement: Statement) -> Iterator[tuple[str, View]]:
+    """Partial derivative (a C expression, for element-wise statements) and operand, where it is not zero."""
+    if isinstance(statement, Elementwise):
+        for partial, view in zip(FUNCTIONS[statement.function].partials, statement.operands, strict=False):
+            if partial is not None and not view.is_constant:
+                yield partial, view
+    else:
+        yield from (("", view) for view in statement.operands if not view.is_constant)
+
+
+def _helpers(text: str) -> str:
+    wanted: list[str] = []
+
+    def add(name: str) -> None:
+        for other in C_HELPERS[name][1]:
+            add(other)
+        if name not in wanted:
+            wanted.append(name)
+
+    for name in C_HELPERS:
+        if name + "(" in text:
+            add(name)
+    return "".join(C_HELPERS[name][0] + "\n" for name in wanted)
+
+
+def _tables(program: Program, text: str) -> str:
+    """Constants that the text refers to by name."""
+    lines: Lines = []
+    for buffer in program.buffers:
+        if buffer.values is not None and f"{buffer.name}[" in text:
+            lines += _table("static const double", buffer.name, [number(v).strip("()") for v in buffer.values])
+    for place, statement in enumerate(program.statements):
+        if isinstance(statement, Table):
+            lines += _table(
+                "static const int", f"at_{place}", [str(i) for i in statement.index + statement.source.offset]
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _table(kind: str, name: str, items: Sequence[str]) -> Lines:
+    width = max(1, 110 // (max(len(item) for item in items) + 2))
+    rows = [", ".join(items[i : i + width]) for i in range(0, len(items), width)]
+    return [f"{kind} {name}[{len(items)}] = {{", *(f"    {row}," for row in rows), "};"]
+
+
+@dataclass
+class _Writer:
+    program: Program
+    name: str
+    active: frozenset[Buffer]
+    mode: str
+    lines: Lines = field(default_factory=list)
+    work: int = 0
+
+    def text(self) -> str:
+        """The whole function."""
+        self._declare()
+        derivative = {"value": None, "forward": self._forward, "adjoint": None}[self.mode]
+        note = None
+        for place, statement in enumerate(self.program.statements):
+            if statement.note != note:
+                self.lines.append(f"    /* {readable(statement.note)} */")
+                note = statement.note
+            self._value(place, statement)
+            if derivative:
+                derivative(place, statement)
+        if self.mode == "adjoint":
+            self.lines.append("    /* backwards */")
+            for place, statement in reversed(list(enumerate(self.program.statements))):
+                self._adjoint(place, statement)
+        return "\n".join([self._head(), "{", *self.lines, "}", ""])
+
+    def _head(self) -> str:
+        suffix = "" if self.mode == "value" else "_" + self.mode
+        d_in, d_out = ("double *", "const double *") if self.mode == "adjoint" else ("const double *", "double *")
+        arguments = []
+        for ports, plain, slope in (
+            (self.program.inputs, "const double *", d_in),
+            (self.program.outputs, "double *", d_out),
+        ):
+            arguments += [f"{plain}restrict {port.view.buffer.name}" for port in ports]
+            if self.mode != "value":
+                arguments += [f"{slope}restrict d_{port.view.buffer.name}" for port in ports]
+        return f"static void {self.name}{suffix}({', '.join([*arguments, 'double *restrict work'])})"
+
+    def _declare(self) -> None:
+        """Locals on the stack or in ``work``; arguments that a network ignores are marked as such."""
+        wanted = [b for b in self.program.buffers if b.role == "local"]
+        slots = [(b.name, b.size) for b in wanted]
+        if self.mode != "value":
+            slots += [("d_" + b.name, b.size) for b in wanted if b in self.active]
+        total = sum(size for _, size in slots)
+        if total > STACK_LIMIT:
+            self.work = total
+        at = 0
+        for slot, size in slots:
+            if self.work:
+                self.lines.append(f"    double *const {slot} = work + {at};")
+                at += size
+            elif slot.startswith("d_") and self.mode == "adjoint":
+                self.lines.append(f"    double {slot}[{size}] = {{0}};")
+            else:
+                self.lines.append(f"    double {slot}[{size}];")
+        if self.work and self.mode == "adjoint":
+            self.lines.append(f"    memset(work, 0, {total} * sizeof *work);")
+        names = [port.view.buffer.name for port in (*self.program.inputs, *self.program.outputs)]
+        silent = ["work", *names, *(["d_" + name for name in names] if self.mode != "value" else [])]
+        self.lines.append("    " + " ".join(f"(void){name};" for name in silent))
+
+    # values
+
+    def _value(self, place: int, statement: Statement) -> None:
+        if isinstance(statement, Elementwise):
+            expression = FUNCTIONS[statement.function].c
+            self._loop(statement, lambda at: [f"{at(statement.out)} = {_fill(expression, statement, at)};"])
+        elif isinstance(statement, MatMul):
+            self._product(statement)
+        elif isinstance(statement, Reduce):
+            self._reduction(statement)
+        else:
+            source = statement.source.buffer.name
+            self._loop(statement, lambda at: [f"{at(statement.out)} = {source}[at_{place}[{at.counter()}]];"])
+
+    def _product(self, s: MatMul) -> None:
+        rows, columns, inner = s.out.shape[0], s.out.shape[1], s.a.shape[1]
+        outer = _Nest((rows, columns))
+        start = "0.0" if s.bias is None else outer.at(s.bias)
+        deep = _Nest((rows, columns, inner))
+        a, b = _over(s.a, (rows, columns, inner), (0, 2)), _over(s.b, (rows, columns, inner), (2, 1))
+        self.lines += outer.wrap(
+            [
+                f"double sum = {start};",
+                *deep.inner_wrap([f"sum += {deep.at(a)} * {deep.at(b)};"], 2),
+                f"{outer.at(s.out)} = sum;",
+            ]
+        )
+
+    def _reduction(self, s: Reduce) -> None:
+        rank = len(s.out.shape)
+        deep, outer = _Nest(s.operand.shape), _Nest(s.out.shape)
+        value = deep.at(s.operand)
+        if s.function == "sum":
+            start, line = "0.0", f"result += {value};"
+        else:
+            start, sign = ("-INFINITY", ">") if s.function == "max" else ("INFINITY", "<")
+            line = f"if ({value} {sign} result || {value} != {value}) result = {value};"
+        body = [f"double result = {start};", *deep.inner_wrap([line], rank), f"{outer.at(s.out)} = result;"]
+        self.lines += outer.wrap(body)
+
+    # directional derivative
+
+    def _forward(self, place: int, statement: Statement) -> None:
+        if statement.out.buffer not in self.active:
+            return
+        if isinstance(statement, Elementwise):
+            pairs = [(p, v) for p, v in _derivatives(statement) if v.buffer in self.active]
+            self._loop(
+                statement,
+                lambda at: [
+                    f"{at(statement.out, 'd_')} = "
+                    + (" + ".join(_times(_fill(p, statement, at), at(v, "d_")) for p, v in pairs) or "0.0")
+                    + ";"
+                ],
+            )
+        elif isinstance(statement, MatMul):
+            self._product_forward(statement)
+        elif isinstance(statement, Reduce):
+            self._reduction_forward(statement)
+        else:
+            source = f"d_{statement.source.buffer.name}"
+            self._loop(statement, lambda at: [f"{at(statement.out, 'd_')} = {source}[at_{place}[{at.counter()}]];"])
+
+    def _reduction_forward(self, s: Reduce) -> None:
+        rank = len(s.out.shape)
+        deep, outer = _Nest(s.operand.shape), _Nest(s.out.shape)
+        line = f"result += {deep.at(s.operand, 'd_')};"
+        if s.function != "sum":  # the first of equal elements is the one that counts
+            line = f"if (!found && {deep.at(s.operand)} == {outer.at(s.out)}) {{ {line} found = 1; }}"
+        start = ["double result = 0.0;"] + (["int found = 0;"] if s.function != "sum" else [])
+        self.lines += outer.wrap([*start, *deep.inner_wrap([line], rank), f"{outer.at(s.out, 'd_')} = result;"])
+
+    def _product_forward(self, s: MatMul) -> None:
+        shape = (s.out.shape[0], s.out.shape[1], s.a.shape[1])
+        outer, deep = _Nest(shape[:2]), _Nest(shape)
+        a, b = _over(s.a, shape, (0, 2)), _over(s.b, shape, (2, 1))
+        start = outer.at(s.bias, "d_") if s.bias is not None and s.bias.buffer in self.active else "0.0"
+        terms = []
+        if s.a.buffer in self.active:
+            terms.append(f"{deep.at(a, 'd_')} * {deep.at(b)}")
+        if s.b.buffer in self.active:
+            terms.append(f"{deep.at(a)} * {deep.at(b, 'd_')}")
+        inner = deep.inner_wrap([f"sum += {' + '.join(terms)};"], 2) if terms else []
+        self.lines += outer.wrap([f"double sum = {start};", *inner, f"{outer.at(s.out, 'd_')} = sum;"])
+
+    # adjoint
+
+    def _adjoint(self, place: int, statement: Statement) -> None:
+        if statement.out.buffer not in self.active:
+            return
+        targets = [(p, v) for p, v in _derivatives(statement) if v.buffer in self.active]
+        if isinstance(statement, Elementwise):
+            self._loop(
+                statement,
+                lambda at: [
+                    f"{at(v, 'd_')} += {_times(_fill(p, statement, at), at(statement.out, 'd_'))};" for p, v in targets
+                ],
+            )
+        elif isinstance(statement, MatMul):
+            self._product_adjoint(statement)
+        elif isinstance(statement, Reduce):
+            self._reduction_adjoint(statement)
+        else:
+            source = f"d_{statement.source.buffer.name}"
+            self._loop(statement, lambda at: [f"{source}[at_{place}[{at.counter()}]] += {at(statement.out, 'd_')};"])
+
+    def _product_adjoint(self, s: MatMul) -> None:
+        shape = (s.out.shape[0], s.out.shape[1], s.a.shape[1])
+        outer, deep = _Nest(shape[:2]), _Nest(shape)
+        a, b = _over(s.a, shape, (0, 2)), _over(s.b, shape, (2, 1))
+        slope = deep.at(_over(s.out, shape, (0, 1)), "d_")
+        body = []
+        if s.a.buffer in self.active:
+            body.append(f"{deep.at(a, 'd_')} += {slope} * {deep.at(b)};")
+        if s.b.buffer in self.active:
+            body.append(f"{deep.at(b, 'd_')} += {slope} * {deep.at(a)};")
+        if body:
+            self.lines += deep.wrap(body)
+        if s.bias is not None and s.bias.buffer in self.active:
+            self.lines += outer.wrap([f"{outer.at(s.bias, 'd_')} += {outer.at(s.out, 'd_')};"])
+
+    def _reduction_adjoint(self, s: Reduce) -> None:
+        rank = len(s.out.shape)
+        deep, outer = _Nest(s.operand.shape), _Nest(s.out.shape)
+        line, start = f"{deep.at(s.operand, 'd_')} += {outer.at(s.out, 'd_')};", []
+        if s.function != "sum":
+            line = f"if (!found && {deep.at(s.operand)} == {outer.at(s.out)}) {{ {line} found = 1; }}"
+            start = ["int found = 0;"]
+        self.lines += outer.wrap([*start, *deep.inner_wrap([line], rank)])
+
+    def _loop(self, statement: Statement, body: Callable[[_At], Lines]) -> None:
+        views = [statement.out] if isinstance(statement, Table) else [statement.out, *statement.operands]
+        nest = _Nest.merged(views)
+        lines = body(_At(nest))
+        if lines:
+            self.lines += nest.wrap(lines)
+
+
+def _over(view: View, shape: Sequence[int], axes: Sequence[int]) -> View:
+    """View re-read over a larger index space: its axis n runs with index ``axes[n]``, the others do not move it."""
+    strides = [0] * len(shape)
+    for stride, axis in zip(view.strides, axes, strict=True):
+        strides[axis] = stride
+    return View(view.buffer, tuple(shape), tuple(strides), view.offset, view.kind)
+
+
+def _fill(expression: str, statement: Elementwise, at: _At) -> str:
+    values = dict(zip(_OPERANDS, (at(view) for view in statement.operands), strict=False))
+    return expression.format(y=at(statement.out), **values)
+
+
+def _times(factor: str, term: str) -> str:
+    return {"1.0": term, "-1.0": f"-{term}"}.get(factor, f"({factor}) * {term}")
+
+
+@dataclass(frozen=True)
+class _Nest:
+    """Nested loops over a shape. strides: for views whose axes were merged, their strides in this nest."""
+
+    shape: tuple[int, ...]
+    strides: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+
+    @staticmethod
+    def merged(views: Sequence[View]) -> _Nest:
+        """As few loops as visit the same elements of all views in row-major order."""
+        axes: list[tuple[int, list[int]]] = []
+        for axis, size in enumerate(views[0].shape):
+            steps = [view.strides[axis] for view in views]
+            if size == 1:
+                continue
+            if axes and all(before == size * step for before, step in zip(axes[-1][1], steps, strict=True)):
+                axes[-1] = (axes[-1][0] * size, steps)
+            else:
+                axes.append((size, steps))
+        columns = {id(view): tuple(steps[n] for _, steps in axes) for n, view in enumerate(views)}
+        return _Nest(tuple(size for size, _ in axes), columns)
+
+    def at(self, view: View, prefix: str = "") -> str:
+        """The element of a view at the loop counters; constants of one element are written out."""
+        strides = self.strides.get(id(view), view.strides)
+        if view.is_constant and not prefix and all(n == 1 or s == 0 for n, s in zip(self.shape, strides, strict=True)):
+            assert view.buffer.values is not None
+            return number(float(view.buffer.values[view.offset]))
+        terms = [str(view.offset)] if view.offset else []
+        for index, size, stride in zip(_INDEX, self.shape, strides, strict=False):
+            if size > 1 and stride:
+                terms.append(index if stride == 1 else f"{stride} * {index}")
+        return f"{prefix}{view.buffer.name}[{' + '.join(terms) or '0'}]"
+
+    def wrap(self, body: Lines) -> Lines:
+        """The body inside all loops, or in a block of its own where there is nothing to loop over."""
+        return self.inner_wrap(body, 0, "    ")
+
+    def inner_wrap(self, body: Lines, first: int, indent: str = "") -> Lines:
+        """The body inside the loops from axis ``first`` on."""
+        loops = [(index, size) for index, size in list(zip(_INDEX, self.shape, strict=False))[first:] if size > 1]
+        lines: Lines = []
+        for depth, (index, size) in enumerate(loops):
+            lines.append(f"{indent}{'    ' * depth}for (int {index} = 0; {index} < {size}; ++{index}) {{")
+        block = len(body) > 1 and not loops
+        inner = indent + "    " * (len(loops) + block)
+        lines += [indent + "{"] * block + [inner + line for line in body] + [indent + "}"] * block
+        return lines + [f"{indent}{'    ' * depth}}}" for depth in reversed(range(len(loops)))]
+
+
+@dataclass(frozen=True)
+class _At:
+    nest: _Nest
+
+    def __call__(self, view: View, prefix: str = "") -> str:
+        return self.nest.at(view, prefix)
+
+    def counter(self) -> str:
+        """Row-major position of the loop counters."""
+        assert len(self.nest.shape) <= 1
+        return "i" if prod(self.nest.shape) > 1 else "0"

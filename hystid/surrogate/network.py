@@ -1,0 +1,383 @@
+"""Any ONNX network as a block with inputs and outputs; pairs of ports that carry memory become its state.
+
+The memory moves on once per accepted sample: in co-simulation at the end of each doStep, with the inputs of that step;
+in model exchange at completedIntegratorStep. The outputs of an accepted sample stay until an input changes; then the
+network answers for the new input and the memory as it stands, as often as it is asked, without the memory moving.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from hystid.errors import NetworkError
+from hystid.modelcode import Experiment, ModelCode, Variable
+from hystid.networks import onnx
+from hystid.surrogate import block, reader
+from hystid.surrogate.block import Block
+from hystid.surrogate.emit import functions
+from hystid.surrogate.names import Names, identifier, readable
+from hystid.surrogate.program import Port, Program
+
+OUTSIDE = "outside_training_range"
+_TYPES: dict[str, Literal["Real", "Integer", "Boolean"]] = {"float": "Real", "int": "Integer", "bool": "Boolean"}
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What the ports of a network mean. All mappings are by port name and may be empty.
+
+    memory: input -> output that holds its next value. initial: start values of the memory, flat. names: a name for each
+    element of a port. units: Modelica unit strings. training_range: least and greatest value that the network was
+    trained on; where there is one, the block has an output that tells when an input leaves it. sample_rate [Hz].
+    """
+
+    memory: Mapping[str, str] = field(default_factory=dict)
+    initial: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    names: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    training_range: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    sample_rate: float | None = None
+
+
+def network_code(
+    path: Path,
+    *,
+    name: str | None = None,
+    sizes: Mapping[str, int] | None = None,
+    memory: Mapping[str, str] | None = None,
+) -> ModelCode:
+    """Compile any ONNX network of supported operators into a block for the shell.
+
+    Every element of an input or output becomes a scalar variable: ``x`` where there is one, else ``x[1]``, ``x[2]``
+    ... (``x[1,1]`` ... for two axes; axes of length 1 are left out). Inputs are 0 at the start.
+
+    name: model name, by default the file's. sizes: length of named axes that the file leaves open; 1 otherwise.
+    memory: input name -> output name of state that is carried from sample to sample. By default these are pairs called
+    ``s`` and ``s_next``, or ``s_in`` and ``s_out``; it starts at the metadata entry ``initial_state`` or 0.
+    Metadata of the file that are used where they are there: ``units``, ``training_range``, ``names`` (JSON, by port
+    name), ``sample_rate``.
+    Raises NetworkError naming file, node and operator.
+    """
+    path = Path(path)
+    proto = onnx.load(path)
+    title = name or path.stem
+    try:
+        program = reader.program(proto, identifier(title), sizes)
+        given = {entry.key: entry.value for entry in proto.metadata_props}
+        return block_code(program, _interface(program, given, memory), title)
+    except NetworkError as error:
+        raise NetworkError(f"{path}: {error}") from error
+
+
+def block_code(program: Program, interface: Interface, title: str, description: str = "") -> ModelCode:
+    """A compiled network as a ``ModelCode``: inputs -> outputs, with memory where the interface says so."""
+    layout = _Layout.of(program, interface)
+    text = functions(program, "network")
+    frame = replace_w(layout.block, layout.recorded + text.work)
+    c_text = _Frame(program, layout, frame, interface).text(block.text_of(text), title)
+    known = _variables(layout, interface)
+    step = 1.0 / interface.sample_rate if interface.sample_rate else Experiment().step
+    return block.signed(
+        ModelCode(
+            name=identifier(title),
+            description=description or f"Network '{readable(title)}', compiled from ONNX",
+            variables=tuple(known),
+            sources={"model.c": c_text},
+            n_values=frame.size,
+            dependencies={v.name: _inputs(known) for v in known if v.causality == "output"},
+            has_forward=True,
+            has_adjoint=True,
+            experiment=Experiment(step=step, stop=round(1000 * step, 12)),
+        )
+    )
+
+
+def replace_w(sizes: Block, n_w: int) -> Block:
+    """The same block with another amount of private memory."""
+    return Block(sizes.n_p, sizes.n_u, sizes.n_x, sizes.n_d, sizes.n_y, n_w)
+
+
+def _inputs(variables: Sequence[Variable]) -> tuple[str, ...]:
+    return tuple(v.name for v in variables if v.causality == "input")
+
+
+def _interface(program: Program, given: Mapping[str, str], memory: Mapping[str, str] | None) -> Interface:
+    pairs = dict(memory) if memory is not None else memory_pairs(program)
+    _check_pairs(program, pairs)
+    initial = _json(given, "initial_state", {})
+    if isinstance(initial, list):
+        initial = {next(iter(pairs)): initial} if len(pairs) == 1 else {}
+    rate = _json(given, "sample_rate", None)
+    return Interface(
+        pairs,
+        {key: [float(v) for v in values] for key, values in initial.items()},
+        _json(given, "names", {}),
+        _json(given, "units", {}),
+        {key: (float(low), float(high)) for key, (low, high) in _json(given, "training_range", {}).items()},
+        float(rate) if isinstance(rate, int | float) and rate > 0 else None,
+    )
+
+
+def _json(given: Mapping[str, str], key: str, default: Any) -> Any:
+    try:
+        value = json.loads(given[key])
+    except (KeyError, ValueError):  # a foreign file may use the same key for something else
+        return default
+    return value if default is None or isinstance(value, dict | list) else default
+
+
+def memory_pairs(program: Program) -> dict[str, str]:
+    """Inputs and outputs that carry memory by their names: ``s`` and ``s_next``, or ``s_in`` and ``s_out``."""
+    outputs, pairs = {port.name for port in program.outputs}, {}
+    for port in program.inputs:
+        partner = port.name.removesuffix("_in") + "_out" if port.name.endswith("_in") else port.name + "_next"
+        if partner in outputs:
+            pairs[port.name] = partner
+    return pairs
+
+
+def _check_pairs(program: Program, pairs: Mapping[str, str]) -> None:
+    inputs = {port.name: port.view for port in program.inputs}
+    outputs = {port.name: port.view for port in program.outputs}
+    for source, target in pairs.items():
+        if source not in inputs or target not in outputs:
+            raise NetworkError(f"memory '{source}' -> '{target}': there is no such input or output")
+        if inputs[source].size != outputs[target].size:
+            raise NetworkError(
+                f"memory '{source}' has {inputs[source].size} elements but '{target}' has {outputs[target].size}"
+            )
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Ports by their part in the block, and their first slots there."""
+
+    inputs: tuple[Port, ...]
+    states: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    nexts: tuple[Port, ...]
+    block: Block
+    outside: bool
+
+    @staticmethod
+    def of(program: Program, interface: Interface) -> _Layout:
+        """Sort the ports of a program."""
+        by_name = {port.name: port for port in program.outputs}
+        inputs = tuple(port for port in program.inputs if port.name not in interface.memory)
+        states = tuple(port for port in program.inputs if port.name in interface.memory)
+        nexts = tuple(by_name[interface.memory[port.name]] for port in states)
+        outputs = tuple(port for port in program.outputs if port not in nexts)
+        if not outputs:
+            raise NetworkError("the network has no output besides its memory")
+        outside = any(port.name in interface.training_range for port in inputs)
+        n_u, n_d, n_y = (sum(port.view.size for port in ports) for ports in (inputs, states, outputs))
+        return _Layout(inputs, states, outputs, nexts, Block(n_u=n_u, n_d=n_d, n_y=n_y + outside), outside)
+
+    @property
+    def recorded(self) -> int:
+        """Private memory for the latest sample: a mark, a note of the warning, the inputs, the next memory."""
+        return 2 + self.block.n_u + self.block.n_d
+
+    def starts(self, interface: Interface) -> dict[int, float]:
+        """Start values that are not 0."""
+        places, values = block.offsets(self.states, self.block.d), {}
+        for port in self.states:
+            given = list(interface.initial.get(port.name, []))
+            if given and len(given) != port.view.size:
+                raise NetworkError(f"initial_state of '{port.name}' has {len(given)} numbers, not {port.view.size}")
+            values.update({places[port.name] + i: value for i, value in enumerate(given) if value})
+        return values
+
+
+def element_names(port: Port, base: str, given: Sequence[str] = ()) -> list[str]:
+    """A name per element of a port: ``base``, ``base[1]`` ..., or the given ones."""
+    if given and len(given) == port.view.size:
+        return [identifier(str(name)) for name in given]
+    shape = [n for n in port.view.shape if n > 1]
+    if not shape:
+        return [base]
+    return [f"{base}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
+
+
+def _variables(layout: _Layout, interface: Interface) -> list[Variable]:
+    names, b = Names({"time"}), layout.block
+    starts = layout.starts(interface)
+    found: list[Variable] = []
+
+    def add(ports: Sequence[Port], first: int, **common: Any) -> None:
+        for port in ports:
+            labels = element_names(port, names.unique(port.name), interface.names.get(port.name, ()))
+            low, high = interface.training_range.get(port.name, (None, None))
+            for i, label in enumerate(labels):
+                found.append(_variable(port, i, label, first + i, interface, common, starts, (low, high)))
+            first += port.view.size
+
+    add(layout.inputs, b.u, causality="input", variability="continuous", start=0.0)
+    add(layout.outputs, b.y, causality="output", variability="continuous", initial="calculated")
+    add(layout.states, b.d, causality="local", variability="discrete", initial="exact", start=0.0)
+    if layout.outside:
+        found.append(outside_variable(b.y + b.n_y - 1, names.unique(OUTSIDE)))
+    return found
+
+
+def outside_variable(slot: int, name: str = OUTSIDE) -> Variable:
+    """The output that tells when the network is asked about something that it was not trained on."""
+    return Variable(
+        name, slot, "output", "continuous", initial="calculated", min=0.0, max=1.0,
+        description="1 where an input lies outside the range of the training data, else 0",
+    )  # fmt: skip
+
+
+def _variable(
+    port: Port,
+    i: int,
+    label: str,
+    slot: int,
+    interface: Interface,
+    common: Mapping[str, Any],
+    starts: Mapping[int, float],
+    trained: tuple[float | None, float | None],
+) -> Variable:
+    size = port.view.size
+    role = {"input": "input", "output": "output", "local": "memory"}[common["causality"]]
+    text = f"{role} '{readable(port.name)}' of the network" + (f", element {i + 1} of {size}" if size > 1 else "")
+    if common["causality"] == "input" and trained[0] is not None:
+        text += f"; trained from {trained[0]:.6g} to {trained[1]:.6g}"
+    settings = dict(common)
+    if "start" in settings:
+        settings["start"] = starts.get(slot, 0.0)
+    if port.view.kind != "float":
+        settings["variability"] = "discrete"
+    unit = str(interface.units.get(port.name, ""))
+    kind = _TYPES[port.view.kind]
+    return Variable(label, slot, type=kind, unit=unit if kind == "Real" else "", description=text, **settings)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """C text around a memory network: evaluation with a record of the latest sample, and derivatives."""
+
+    program: Program
+    layout: _Layout
+    block: Block
+    interface: Interface
+
+    def text(self, network: str, title: str) -> str:
+        """The whole of ``model.c``."""
+        members = ["evaluate", "forward", "adjoint", *(["completed_step"] if self.layout.states else [])]
+        step = 1.0 / self.interface.sample_rate if self.interface.sample_rate else Experiment().step
+        parts = [
+            f"/* Network '{readable(title)}' in double precision, compiled from ONNX. */",
+            block.INCLUDES,
+            self.block.defines(),
+            network,
+            self._values(),
+            self._derivative("forward"),
+            self._derivative("adjoint"),
+            self.block.model(title, step, self.layout.starts(self.interface), members),
+        ]
+        return "\n".join(parts)
+
+    def _pointers(self, ports: Sequence[Port], base: str, start: int = 0) -> dict[str, str]:
+        return {name: f"{base} + {at}" for name, at in block.offsets(ports, start).items()}
+
+    @property
+    def _work(self) -> str:
+        return f"v + W + {self.layout.recorded}"
+
+    def _values(self) -> str:
+        inputs = self._pointers(self.layout.inputs, "v + U") | self._pointers(self.layout.states, "v + D")
+        outputs = self._pointers(self.layout.outputs, "v + Y") | self._pointers(self.layout.nexts, "v + W + 2 + N_U")
+        run = block.call(self.program, "", inputs, outputs, work=self._work)
+        return f"""\
+/* v[W]: 0, or 1 when the outputs belong to the recorded inputs, or 2 when that sample has been accepted as well.
+ * v[W + 1]: 1 after the warning. Then the inputs of the sample and the memory that follows it. */
+static int same_inputs(const double *v)
+{{
+    int same = v[W] != 0.0;
+    for (int i = 0; i < N_U; ++i) same &= v[U + i] == v[W + 2 + i];
+    return same;
+}}
+
+static int sample(hy_data *m)
+{{
+    double *v = m->v, sum = 0.0;
+    {run}
+{self._outside()}    for (int i = 0; i < N_U; ++i) v[W + 2 + i] = v[U + i];
+    for (int i = 0; i < N_Y; ++i) sum += 0.0 * v[Y + i]; /* NaN where one is not finite */
+    v[W] = sum == 0.0;
+    if (sum == 0.0) return HY_OK;
+    m->log(m->owner, HY_FAILURE, "an output of the network is not finite");
+    return HY_ERROR;
+}}
+
+static int evaluate(hy_data *m) {{ return same_inputs(m->v) ? HY_OK : sample(m); }}
+{self._completed()}"""
+
+    def _outside(self) -> str:
+        places = block.offsets(self.layout.inputs, 0)
+        tests = []
+        for port in self.layout.inputs:
+            low, high = self.interface.training_range.get(port.name, (-np.inf, np.inf))
+            for i in range(port.view.size):
+                tests.append(block.range_test(f"v[U + {places[port.name] + i}]", low, high))
+        condition = " || ".join(test for test in tests if test)
+        return f"    v[Y + N_Y - 1] = {condition};\n" if self.layout.outside else ""
+
+    def _completed(self) -> str:
+        if not self.layout.states:
+            return ""
+        warning = """\
+    if (v[Y + N_Y - 1] != 0.0 && v[W + 1] == 0.0) {
+        m->log(m->owner, HY_WARNING, "an input has left the range of the training data: this is an extrapolation");
+        v[W + 1] = 1.0;
+    }
+"""
+        return f"""
+static int completed_step(hy_data *m)
+{{
+    double *v = m->v;
+    if (v[W] != 1.0 || !same_inputs(v)) {{
+        const int outcome = sample(m);
+        if (outcome) return outcome;
+    }}
+    memcpy(v + D, v + W + 2 + N_U, N_D * sizeof *v);
+    v[W] = 2.0;
+{warning if self.layout.outside else ""}    return HY_OK;
+}}
+"""
+
+    def _derivative(self, mode: str) -> str:
+        """With respect to inputs and memory, at the present ones."""
+        sizes = {port.name: port.view.size for port in self.program.outputs}
+        results = {name: f"y{n}" for n, name in enumerate(sizes)}
+        slopes = {name: f"d_y{n}" for n, name in enumerate(sizes)}
+        declared = ", ".join(f"{results[name]}[{size}]" for name, size in sizes.items())
+        zero = ", ".join(f"{slopes[name]}[{size}] = {{0}}" for name, size in sizes.items())
+        point = self._pointers(self.layout.inputs, "v + U") | self._pointers(self.layout.states, "v + D")
+        places = block.offsets(self.layout.outputs, 0)
+        base = "seed" if mode == "forward" else "sens"
+        ends = self._pointers(self.layout.inputs, f"{base} + U") | self._pointers(self.layout.states, f"{base} + D")
+        run = block.call(self.program, "_" + mode, point, results, ends, slopes, self._work)
+        copies = [
+            f"    memcpy(sens + Y + {places[port.name]}, {slopes[port.name]}, sizeof {slopes[port.name]});"
+            if mode == "forward"
+            else f"    memcpy({slopes[port.name]}, seed + Y + {places[port.name]}, sizeof {slopes[port.name]});"
+            for port in self.layout.outputs
+        ]
+        first = "    memset(sens, 0, N_VALUES * sizeof *sens);\n" if mode == "forward" else ""
+        body = [f"    {run}", *copies] if mode == "forward" else [*copies, f"    {run}"]
+        return f"""\
+static int {mode}(hy_data *m, const double *seed, double *sens)
+{{
+    double *v = m->v, {declared}, {zero};
+{first}{chr(10).join(body)}
+    return HY_OK;
+}}
+"""

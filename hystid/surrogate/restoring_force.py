@@ -1,0 +1,277 @@
+"""The identified restoring force as blocks: by itself (x, v -> R) and on a mass (F -> x, v, a, R)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from hystid.errors import NetworkError, UsageError
+from hystid.modelcode import Experiment, ModelCode, Variable
+from hystid.networks import onnx
+from hystid.surrogate import block, reader
+from hystid.surrogate.block import Block
+from hystid.surrogate.emit import functions
+from hystid.surrogate.network import OUTSIDE, Interface, block_code, outside_variable
+from hystid.surrogate.program import Program
+
+_RECORD = 5  # mark of the warning; x, v, R and the outside flag of the accepted sample
+_UNITS = {"x": "m", "v": "m/s", "R": "N"}
+
+
+def surrogate_code(path: Path) -> ModelCode:
+    """The restoring force of a surrogate's ONNX file as a block: inputs x [m], v [m/s]; outputs R [N] and
+    ``outside_training_range``; the memory is local and moves on once per accepted sample (see ``network``).
+
+    Raises NetworkError when the file is no surrogate (``hystid.networks.onnx.read``) or cannot be compiled.
+    """
+    program, about = _read(path)
+    interface = Interface(
+        memory={"state": "state_next"},
+        initial={"state": about.initial_state},
+        units=_UNITS,
+        training_range={name: about.training_range[name] for name in ("x", "v")},
+        sample_rate=about.sample_rate,
+    )
+    return block_code(program, interface, "surrogate", "Restoring force R of an identified structure with memory")
+
+
+def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
+    """The structure that a surrogate's ONNX file describes: m a = F - R, free to move.
+
+    Input F [N]; outputs x [m], v [m/s], a [m/s2], R [N], ``outside_training_range``; parameters m [kg], x_start [m],
+    v_start [m/s]. mass [kg] replaces that of the file. In co-simulation the internal step is that of the training data.
+
+    The memory stays as it is between accepted samples: the turning-point rule is applied at the start and at the end of
+    each step, never at the stages of an integrator in between. R and a of an accepted sample are those after the rule.
+    Raises UsageError when there is no mass above 0, NetworkError as ``surrogate_code``.
+    """
+    program, about = _read(path)
+    kilograms = about.mass if mass is None else float(mass)
+    if not 0 < kilograms < math.inf:
+        raise UsageError(
+            f"{path}: an oscillator needs a mass above 0 kg, found {kilograms:g}: pass the mass of the moving part"
+        )
+    text = functions(program, "network")
+    n_d = len(about.initial_state)
+    sizes = Block(n_p=3, n_u=1, n_x=2, n_d=n_d, n_y=2, n_w=_RECORD + text.work)
+    step = 1.0 / about.sample_rate
+    start = {sizes.p: kilograms} | {sizes.d + i: value for i, value in enumerate(about.initial_state) if value}
+    c_text = "\n".join(
+        [
+            "/* Mass on an identified restoring force: m a = F - R(x, v, memory). */",
+            block.INCLUDES,
+            sizes.defines(),
+            block.text_of(text),
+            _Oscillator(program, about.memory == onnx.TURNING_POINTS, about.training_range).text(),
+            sizes.model(
+                "oscillator",
+                step,
+                start,
+                ["parameters", "initialise", "evaluate", "completed_step", "forward", "adjoint"],
+            ),
+        ]
+    )
+    states = ("x", "v")
+    return block.signed(
+        ModelCode(
+            name="oscillator",
+            description="Mass on the restoring force of an identified structure with memory: m a = F - R",
+            variables=_variables(sizes, kilograms, about.state_layout),
+            sources={"model.c": c_text},
+            states=states,
+            n_values=sizes.size,
+            dependencies={
+                "x": ("x",),
+                "v": ("v",),
+                "der(x)": ("v",),
+                "R": states,
+                "a": ("F", *states),
+                OUTSIDE: states,
+            },
+            has_forward=True,
+            has_adjoint=True,
+            experiment=Experiment(step=step, stop=1.0),
+        )
+    )
+
+
+def _read(path: Path) -> tuple[Program, onnx.StepDescription]:
+    proto, about = onnx.read(Path(path))
+    try:
+        return reader.program(proto, "step"), about
+    except NetworkError as error:
+        raise NetworkError(f"{path}: {error}") from error
+
+
+def _variables(sizes: Block, mass: float, layout: tuple[str, ...]) -> tuple[Variable, ...]:
+    memory = tuple(
+        Variable(name, sizes.d + i, "local", "discrete", initial="calculated", description="memory of the network")
+        for i, name in enumerate(f"state[{i + 1}]" for i in range(len(layout)))
+    )
+    return (
+        Variable(
+            "m", sizes.p, "parameter", "fixed", initial="exact", start=mass, min=0.0, unit="kg", description="mass"
+        ),
+        Variable(
+            "x_start", sizes.p + 1, "parameter", "fixed", initial="exact", start=0.0, unit="m", description="start of x"
+        ),
+        Variable(
+            "v_start",
+            sizes.p + 2,
+            "parameter",
+            "fixed",
+            initial="exact",
+            start=0.0,
+            unit="m/s",
+            description="start of v",
+        ),
+        Variable("F", sizes.u, "input", "continuous", start=0.0, unit="N", description="force on the mass"),
+        Variable("x", sizes.x, "output", "continuous", initial="calculated", unit="m", description="displacement"),
+        Variable("v", sizes.x + 1, "output", "continuous", initial="calculated", unit="m/s", description="velocity"),
+        Variable("der(x)", sizes.dx, "local", "continuous", initial="calculated", unit="m/s", derivative_of="x"),
+        Variable(
+            "a",
+            sizes.dx + 1,
+            "output",
+            "continuous",
+            initial="calculated",
+            unit="m/s2",
+            description="acceleration",
+            derivative_of="v",
+        ),
+        Variable(
+            "R",
+            sizes.y,
+            "output",
+            "continuous",
+            initial="calculated",
+            unit="N",
+            description="restoring force, against the motion as a spring",
+        ),
+        outside_variable(sizes.y + 1),
+        *memory,
+    )
+
+
+@dataclass(frozen=True)
+class _Oscillator:
+    program: Program
+    freeze: bool
+    training_range: Mapping[str, tuple[float, float]]
+
+    def _run(self, mode: str, state: str, ends: Mapping[str, str] | None = None) -> str:
+        inputs = {"x": "&x", "v": "&speed", "state": state}
+        results, work = {"R": "&R", "state_next": "next"}, f"v + W + {_RECORD}"
+        slopes = {"R": "&d_R", "state_next": "d_next"} if ends else None
+        return block.call(self.program, mode, inputs, results, ends, slopes, work)
+
+    def text(self) -> str:
+        """Everything that the shell calls."""
+        outside = [block.range_test(f"v[X + {i}]", *self.training_range[name]) for i, name in enumerate(("x", "v"))]
+        condition = " || ".join(test for test in outside if test) or "0"
+        frozen = """\
+    frozen[0] = copysign(1.0, speed);          /* as if the motion had gone this way all along: no turning point */
+    if (speed == 0.0) speed = copysign(1e-300, speed);
+"""
+        frozen = frozen if self.freeze else ""
+        forward = {"x": "seed + X", "v": "seed + X + 1", "state": "seed + D"}
+        adjoint = {"x": "sens + X", "v": "sens + X + 1", "state": "sens + D"}
+        held = f"""\
+    double *v = m->v, x = v[X], speed = v[X + 1], R = 0.0, next[N_D], frozen[N_D];
+    memcpy(frozen, v + D, sizeof frozen);
+{frozen}"""
+        return f"""\
+/* v[W]: 1 after the warning. v[W + 1 ...]: x, v, R of the accepted sample, and whether it is one. */
+enum {{ AT_X = W + 1, AT_V = W + 2, AT_R = W + 3, AT_SAMPLE = W + 4 }};
+
+static void outputs(double *v, double R)
+{{
+    v[Y] = R;
+    v[Y + 1] = {condition};
+    v[DX] = v[X + 1];
+    v[DX + 1] = (v[U] - R) / v[P];
+}}
+
+/* R at a new sample, and the memory that follows it. */
+static double at_sample(hy_data *m, double *next)
+{{
+    double *v = m->v, x = v[X], speed = v[X + 1], R = 0.0;
+    {self._run("", "v + D")}
+    return R;
+}}
+
+/* R between samples: with the memory as it stands. */
+static double between(hy_data *m)
+{{
+{held}    {self._run("", "frozen")}
+    return R;
+}}
+
+static int evaluate(hy_data *m)
+{{
+    double *v = m->v, next[N_D];
+    if (v[AT_SAMPLE] == 0.0)
+        outputs(v, at_sample(m, next)); /* the start, which is about to become the first sample */
+    else
+        outputs(v, v[AT_X] == v[X] && v[AT_V] == v[X + 1] ? v[AT_R] : between(m));
+    if (isfinite(v[DX + 1])) return HY_OK;
+    m->log(m->owner, HY_FAILURE, "the restoring force of the network is not finite");
+    return HY_RETRY;
+}}
+
+/* The present motion becomes a sample: the memory moves on. */
+static int completed_step(hy_data *m)
+{{
+    double *v = m->v, next[N_D];
+    const double R = at_sample(m, next);
+    memcpy(v + D, next, sizeof next);
+    v[AT_X] = v[X];
+    v[AT_V] = v[X + 1];
+    v[AT_R] = R;
+    v[AT_SAMPLE] = 1.0;
+    outputs(v, R);
+    if (v[Y + 1] != 0.0 && v[W] == 0.0) {{
+        m->log(m->owner, HY_WARNING, "the motion has left the range of the training data: R is an extrapolation");
+        v[W] = 1.0;
+    }}
+    return isfinite(R) ? HY_OK : HY_ERROR;
+}}
+
+static int parameters(hy_data *m)
+{{
+    if (m->v[P] > 0.0) return HY_OK;
+    m->log(m->owner, HY_FAILURE, "the mass m must be above 0 kg");
+    return HY_ERROR;
+}}
+
+static int initialise(hy_data *m)
+{{
+    m->v[X] = m->v[P + 1];
+    m->v[X + 1] = m->v[P + 2];
+    m->v[AT_SAMPLE] = 0.0;
+    return HY_OK;
+}}
+
+static int forward(hy_data *m, const double *seed, double *sens)
+{{
+    double d_R = 0.0, d_next[N_D] = {{0}};
+{held}    {self._run("_forward", "frozen", forward)}
+    memset(sens, 0, N_VALUES * sizeof *sens);
+    sens[Y] = d_R;
+    sens[DX] = seed[X + 1];
+    sens[DX + 1] = (seed[U] - d_R - seed[P] * v[DX + 1]) / v[P];
+    return HY_OK;
+}}
+
+static int adjoint(hy_data *m, const double *seed, double *sens)
+{{
+    double d_R = seed[Y] - seed[DX + 1] / m->v[P], d_next[N_D] = {{0}};
+{held}    {self._run("_adjoint", "frozen", adjoint)}
+    sens[X + 1] += seed[DX];
+    sens[U] += seed[DX + 1] / v[P];
+    sens[P] -= seed[DX + 1] * v[DX + 1] / v[P];
+    return HY_OK;
+}}
+"""
