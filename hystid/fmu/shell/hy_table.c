@@ -68,6 +68,7 @@ static void put_gradients(hy_engine *e, hy_table *t, int row)
 static int put_row(hy_engine *e, hy_table *t, int row)
 {
     int outcome = hy_settle(e);
+    if (!outcome) outcome = hy_completed(e); /* a row is an accepted sample: it shows what its acceptance has changed */
     if (outcome) return outcome;
     for (int k = 0; k < t->n_outputs; k++) t->outputs[k][row] = e->data.v[t->output_slots[k]];
     if (t->n_seeds) put_gradients(e, t, row);
@@ -96,8 +97,7 @@ static int first_row(hy_engine *e, hy_table *t)
     hold_row(e, t, 0);
     set_row(e, t, 0);
     outcome = hy_has_events(e) ? hy_event(e, &changed) : HY_OK;
-    if (!outcome) outcome = put_row(e, t, 0);
-    return outcome ? outcome : hy_completed(e);
+    return outcome ? outcome : put_row(e, t, 0);
 }
 
 static int any_held(const hy_table *t)
@@ -120,17 +120,14 @@ static int integrated_row(hy_engine *e, hy_table *t, int row)
         set_row(e, t, row);
         outcome = hy_inputs_changed(e);
     }
-    if (!outcome) outcome = put_row(e, t, row);
-    return outcome ? outcome : hy_completed(e);
+    return outcome ? outcome : put_row(e, t, row);
 }
 
 /* A model without anything to integrate or to locate: one evaluation a sample. */
 static int evaluated_row(hy_engine *e, hy_table *t, int row)
 {
-    int outcome;
     set_row(e, t, row);
-    outcome = put_row(e, t, row);
-    return outcome ? outcome : hy_completed(e);
+    return put_row(e, t, row);
 }
 
 static int run(hy_engine *e, hy_table *t)
