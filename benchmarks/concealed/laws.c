@@ -280,28 +280,42 @@ __attribute__((visibility("default"))) long concealed_run(int ne, const int *kin
     return 0;
 }
 
-/* Forces on a given motion, n+1 values each; inner states start at zero. h: n+1; each: ne rows of n+1 values. */
+/* Position and speed inside a sample interval: the cubic that meets both ends. w in 0..1. */
+static void between(const double *x, const double *v, double dt, double w, double *at, double *speed) {
+    double d = x[1] - x[0], s0 = dt * v[0] - d, s1 = d - dt * v[1], u = 1 - w;
+    *at = x[0] + w * d + w * u * (u * s0 + w * s1);
+    *speed = (d + (u - w) * (u * s0 + w * s1) + w * u * (s1 - s0)) / dt;
+}
+
+/* Forces on a given motion, n+1 values each, with sub steps per interval; inner states start at zero.
+ * h: n+1; each: ne rows of n+1 values. */
 __attribute__((visibility("default"))) long concealed_clamp(int ne, const int *kind, const int *role, const int *at,
-    const double *p, long n, double dt, const double *x, const double *v, const double *a, double *h, double *each_out) {
+    const double *p, long n, double dt, int sub, const double *x, const double *v, const double *a, double *h,
+    double *each_out) {
     rig r = {ne, kind, role, at, p, 1, 0, 0, {0}, {0}, 0, 0};
     if (lay_out(&r)) return -1;
     double flow[MAX_STATES] = {0}, map[MAX_STATES] = {0}, stage[MAX_STATES], to[MAX_STATES], each[32], masses[32], mass;
-    double k[4][MAX_STATES];
+    double k[4][MAX_STATES], step = dt / sub;
+    static const double part[4] = {0, 0.5, 0.5, 1};
     for (long i = 0; i <= n; i++) {
         place now = {(double)i * dt, x[i], v[i], 0, 0, x, i, dt};
         forces(&r, &now, flow, k[0], map, to, each, masses, &mass);
         h[i] = now.h;
         for (int e = 0; e < ne; e++) each_out[(size_t)e * (size_t)(n + 1) + (size_t)i] = each[e] + masses[e] * a[i];
         if (i == n) break;
-        double xm = 0.5 * (x[i] + x[i + 1]) + dt / 8 * (v[i] - v[i + 1]), vm = 0.5 * (v[i] + v[i + 1]) + dt / 8 * (a[i] - a[i + 1]);
-        for (int s = 1; s < 4; s++) {
-            double w = s < 3 ? 0.5 * dt : dt, xs = s < 3 ? xm : x[i + 1], vs = s < 3 ? vm : v[i + 1];
-            for (int j = 0; j < r.n_flows; j++) stage[j] = flow[j] + w * k[s - 1][j];
-            place q = {(double)i * dt + w, xs, vs, xs - x[i], 0, x, i, dt};
-            forces(&r, &q, stage, k[s], map, to, each, masses, &mass);
+        for (int j = 0; j < sub; j++) {
+            double from = 0;
+            for (int s = 0; s < 4; s++) {
+                double w = (j + part[s]) / sub, xs, vs;
+                between(x + i, v + i, dt, w, &xs, &vs);
+                if (s == 0) from = xs;
+                for (int q = 0; q < r.n_flows; q++) stage[q] = s ? flow[q] + part[s] * step * k[s - 1][q] : flow[q];
+                place q = {((double)i + w) * dt, xs, vs, xs - from, 0, x, i, dt};
+                forces(&r, &q, stage, k[s], map, to, each, masses, &mass);
+            }
+            for (int q = 0; q < r.n_flows; q++) flow[q] += step / 6 * (k[0][q] + 2 * k[1][q] + 2 * k[2][q] + k[3][q]);
+            memcpy(map, to, sizeof(double) * (size_t)r.n_maps);
         }
-        for (int j = 0; j < r.n_flows; j++) flow[j] += dt / 6 * (k[0][j] + 2 * k[1][j] + 2 * k[2][j] + k[3][j]);
-        memcpy(map, to, sizeof(double) * (size_t)r.n_maps);
     }
     return 0;
 }

@@ -47,7 +47,7 @@ def mismatch(baseline: Baseline, rig: Rig, taken: Sequence[Taken], mass: float) 
 
 
 def _truth_residual(rig: Rig, r: Taken, dt: float) -> Array:
-    law, each = clamp(rig.elements, r.true["x"], r.true["v"], r.true["a"], dt)
+    law, each = clamp(rig.elements, r.true["x"], r.true["v"], r.true["a"], dt, substeps=4)
     concealed = sum((row for row, e in zip(each, rig.elements, strict=True) if e.concealed), np.zeros_like(law))
     return np.asarray(r.true["F"] - rig.m * r.true["a"] - rig.B * r.true["v"] - rig.Kl * r.true["x"] - law - concealed)
 

@@ -103,12 +103,17 @@ def run(rig: Rig, force: Array, dt: float, start: Sequence[float] = (0.0, 0.0)) 
     return Motion(dt, x, v, a, h, each[: len(rig.elements)])
 
 
-def clamp(elements: tuple[Element, ...], x: Array, v: Array, a: Array, dt: float) -> tuple[Array, Array]:
-    """Forces of the elements on a given motion: (baseline law, shape (n,); each, shape (elements, n)) [N]."""
+def clamp(
+    elements: tuple[Element, ...], x: Array, v: Array, a: Array, dt: float, substeps: int = 1
+) -> tuple[Array, Array]:
+    """Forces on a given motion: (baseline law, shape (n,); each element, shape (elements, n)) [N].
+
+    substeps: steps per sample, for loops that are short against the motion of one sample.
+    """
     x, v, a = (np.ascontiguousarray(y, dtype=float) for y in (x, v, a))
     h, each = np.empty(len(x)), np.empty((max(len(elements), 1), len(x)))
     head, keep = _pack(elements)
-    _library().concealed_clamp(*head, len(x) - 1, dt, *(_pointer(y) for y in (x, v, a, h, each)))
+    _library().concealed_clamp(*head, len(x) - 1, dt, substeps, *(_pointer(y) for y in (x, v, a, h, each)))
     del keep
     return h, each[: len(elements)]
 
@@ -131,6 +136,6 @@ def _library() -> ctypes.CDLL:
     library = ctypes.CDLL(str(shared_library({"laws.c": _TEXT}, main=["laws.c"])))
     whole, real, address, small = ctypes.c_long, ctypes.c_double, ctypes.c_void_p, ctypes.c_int
     library.concealed_run.argtypes = [small, *[address] * 4, real, real, real, whole, real, *[address] * 7]
-    library.concealed_clamp.argtypes = [small, *[address] * 4, whole, real, *[address] * 5]
+    library.concealed_clamp.argtypes = [small, *[address] * 4, whole, real, small, *[address] * 5]
     library.concealed_run.restype = library.concealed_clamp.restype = whole
     return library
