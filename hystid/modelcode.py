@@ -58,6 +58,7 @@ class ModelCode:
     states: names of the continuous states in block order. n_indicators: number of event indicators.
     dependencies: name of an output or derivative -> names of inputs and states that it depends on.
     resources: path below ``resources/`` -> bytes.
+    reinit: names of the states that events may set anew; None where that is not known.
     token: instantiation token (GUID), a hash of everything above.
     """
 
@@ -74,6 +75,7 @@ class ModelCode:
     experiment: Experiment = field(default_factory=Experiment)
     resources: Mapping[str, bytes] = field(default_factory=dict)
     token: str = ""
+    reinit: tuple[str, ...] | None = None
 
     def variable(self, name: str) -> Variable:
         """The named variable; KeyError when the model has none of that name."""

@@ -66,21 +66,24 @@ def shared_library(
     main: Sequence[str],
     flags: Sequence[str] = ("-O2",),
     libraries: Sequence[str] = ("-lm",),
+    command: Sequence[str] | None = None,
+    suffix: str = _SUFFIX,
 ) -> Path:
     """Compile C text to a shared library and return its path in the cache.
 
     sources: file name -> text, headers included. main: names of the ``.c`` files to compile.
-    flags are added to ``-std=c11 -fPIC -shared -fvisibility=hidden``.
+    flags are added to ``-std=c11 -fPIC -shared -fvisibility=hidden``. command: another compiler than this machine's,
+    whose libraries end in suffix.
     Raises ToolchainError with the compiler's first error line.
     """
-    command = [*compiler(), "-std=c11", "-fPIC", "-shared", "-fvisibility=hidden", *flags]
+    command = [*(command or compiler()), "-std=c11", "-fPIC", "-shared", "-fvisibility=hidden", *flags]
     digest = hashlib.sha256()
     for part in (*command, *libraries, *main, *(text for item in sorted(sources.items()) for text in item)):
         digest.update(part.encode())
         digest.update(b"\0")
     if "-march=native" in flags:  # a cache folder on a network drive may serve machines of several kinds
         digest.update(_processor().encode())
-    library = cache_folder() / f"{digest.hexdigest()[:32]}{_SUFFIX}"
+    library = cache_folder() / f"{digest.hexdigest()[:32]}{suffix}"
     if library.exists():
         return library
     with tempfile.TemporaryDirectory(dir=cache_folder()) as folder:
@@ -88,7 +91,7 @@ def shared_library(
             path = Path(folder, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text)
-        made = Path(folder, "library" + _SUFFIX)
+        made = Path(folder, "library" + suffix)
         run = subprocess.run(
             [*command, *main, "-o", made.name, *libraries],
             cwd=folder,

@@ -65,14 +65,15 @@ static void put_gradients(hy_engine *e, hy_table *t, int row)
     }
 }
 
+/* A row is an accepted sample: it shows what its acceptance has changed in the memory. Gradients belong to the values
+ * before that. */
 static int put_row(hy_engine *e, hy_table *t, int row)
 {
     int outcome = hy_settle(e);
-    if (!outcome) outcome = hy_completed(e); /* a row is an accepted sample: it shows what its acceptance has changed */
-    if (outcome) return outcome;
-    for (int k = 0; k < t->n_outputs; k++) t->outputs[k][row] = e->data.v[t->output_slots[k]];
-    if (t->n_seeds) put_gradients(e, t, row);
-    return HY_OK;
+    if (!outcome && t->n_seeds) put_gradients(e, t, row);
+    if (!outcome) outcome = hy_completed(e);
+    for (int k = 0; k < t->n_outputs && !outcome; k++) t->outputs[k][row] = e->data.v[t->output_slots[k]];
+    return outcome;
 }
 
 static int prepare(hy_engine *e, const hy_table *t)

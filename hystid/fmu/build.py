@@ -1,0 +1,117 @@
+"""From ``ModelCode`` to an FMU: C tables, libraries, description, sources and reference results in one zip file."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree as ET
+
+from hystid.compiled import FLAGS, shell_text
+from hystid.errors import FmuError, UsageError
+from hystid.files import atomic
+from hystid.fmu.interface import Interface, interface
+from hystid.fmu.model_description import model_description
+from hystid.fmu.model_description.common import add, text_of
+from hystid.fmu.platforms import Platform, binaries, chosen, compile_for
+from hystid.fmu.tables import variables_source
+from hystid.modelcode import ModelCode
+
+Version = Literal[2, 3]
+
+_SHELL_C = ("hy_engine.c", "hy_step.c", "hy_table.c", "hy_fmi.c", "hy_state.c")
+_SHELL_H = ("hy_model.h", "hy_engine.h", "hy_table.h", "hy_fmi.h")
+_FMI_H = {
+    2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+
+
+@dataclass(frozen=True)
+class BuildResult:
+    """A finished FMU. size in bytes; identifier is the name of its binaries."""
+
+    path: Path
+    fmi: Version
+    identifier: str
+    platforms: tuple[str, ...]
+    size: int
+
+
+def build(
+    code: ModelCode,
+    out: Path,
+    *,
+    fmi: Version = 2,
+    platforms: str | Iterable[str] = "host",
+    extra: Mapping[str, bytes] | None = None,
+) -> BuildResult:
+    """Write an FMU for Model Exchange and Co-Simulation.
+
+    fmi: 2 or 3. platforms: "host", "all" or names such as "aarch64-linux". extra: path inside the FMU -> content.
+    Raises UsageError, FmuError (a variable's attributes are contradictory), ToolchainError; then nothing is written.
+    """
+    if fmi not in (2, 3):
+        raise UsageError(f"fmi must be 2 or 3, not {fmi}")
+    if not code.token:
+        raise FmuError(f"{code.name}: the model code carries no instantiation token")
+    model, targets = interface(code), chosen(platforms)
+    sources = fmu_sources(model, fmi)
+    main = [name for name in sources if name.endswith(".c")]
+    built = {target.tuple: compile_for(target, sources, main, FLAGS) for target in targets}
+    description = model_description(model, fmi, generated=_now(), sources=main)
+    content: dict[str, bytes] = {
+        "modelDescription.xml": description.encode(),
+        **binaries(built, model.identifier, fmi),
+        **{f"sources/{name}": text.encode() for name, text in sources.items()},
+        **{f"resources/{name}": data for name, data in code.resources.items()},
+        **(extra or {}),
+    }
+    if fmi == 3:
+        content["sources/buildDescription.xml"] = _build_description(model, main, targets).encode()
+    write_zip(Path(out), content)
+    return BuildResult(Path(out), fmi, model.identifier, tuple(built), Path(out).stat().st_size)
+
+
+def fmu_sources(model: Interface, version: Version) -> dict[str, str]:
+    """File name -> text of everything that the library is compiled from, headers included."""
+    names = (*_SHELL_C, *_SHELL_H, f"fmi{version}.c")
+    headers = {name: shell_text(f"fmi/{name}") for name in _FMI_H[version]}
+    shell = {name: shell_text(name) for name in names}
+    clash = set(model.code.sources) & (set(shell) | set(headers))
+    if clash:
+        raise FmuError(f"{model.code.name}: the source file {min(clash)} has the name of a file of the shell")
+    return {**shell, **headers, **model.code.sources, "hy_variables.c": variables_source(model)}
+
+
+def write_zip(path: Path, content: Mapping[str, bytes]) -> None:
+    """Write a zip file atomically; the same content gives the same bytes."""
+    with atomic(path) as beside, zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in content.items():
+            entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
+            archive.writestr(entry, data)
+
+
+def _now() -> datetime:
+    """SOURCE_DATE_EPOCH, where it is set, makes builds reproducible byte for byte."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH")
+    return datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now(UTC)
+
+
+def _build_description(model: Interface, main: Iterable[str], targets: Iterable[Platform]) -> str:
+    root = ET.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
+    attributes: dict[str, str | None] = {"modelIdentifier": model.identifier, "description": "any C11 compiler"}
+    configuration = add(root, "BuildConfiguration", attributes)
+    options = " ".join(("-std=c11", "-fvisibility=hidden", *FLAGS))
+    files = add(configuration, "SourceFileSet", {"language": "C11", "compiler": "gcc", "compilerOptions": options})
+    for name in main:
+        add(files, "SourceFile", {"name": name})
+    if any(target.suffix == ".so" for target in targets):
+        add(configuration, "Library", {"name": "m", "external": "true", "description": "C mathematics library"})
+    return text_of(root)

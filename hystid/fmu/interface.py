@@ -1,0 +1,155 @@
+"""A model's variables as FMI sees them: legal attributes, aliases grouped, derivatives of all states present.
+
+Value references are slots of the value block. Rules are those of FMI 2.0.4, section 2.2.7, and FMI 3.0.1, section 2.4.7.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from hystid.errors import FmuError
+from hystid.modelcode import ModelCode, Variable
+
+_RANK = {"input": 0, "output": 1, "parameter": 2, "calculatedParameter": 3, "local": 4}
+_IDENTIFIER = re.compile(r"[^A-Za-z0-9_]")
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What an importer sees of a model. ``variables`` is in declaration order, the independent variable first."""
+
+    code: ModelCode
+    variables: tuple[Variable, ...]
+
+    @property
+    def identifier(self) -> str:
+        """File name of the binaries: the model's name as a C identifier."""
+        name = _IDENTIFIER.sub("_", self.code.name)
+        return name if not name[:1].isdigit() else f"_{name}"
+
+    @cached_property
+    def groups(self) -> dict[int, tuple[Variable, ...]]:
+        """Slot -> the variables that share it, the one to be listed first (input, output, parameter, ...) in front."""
+        found: dict[int, list[Variable]] = {}
+        for variable in self.variables:
+            found.setdefault(variable.slot, []).append(variable)
+        return {slot: tuple(sorted(group, key=_rank)) for slot, group in found.items()}
+
+    @cached_property
+    def state_slots(self) -> tuple[int, ...]:
+        """Slots of the continuous states in block order."""
+        return tuple(self.named(name).slot for name in self.code.states)
+
+    @cached_property
+    def derivatives(self) -> tuple[Variable, ...]:
+        """The variable that is the derivative of each state, in block order."""
+        by_state = {v.derivative_of: v for v in self.variables if v.derivative_of is not None}
+        missing = [name for name in self.code.states if name not in by_state]
+        if missing:
+            raise FmuError(f"{self.code.name}: no variable is declared as the derivative of state '{missing[0]}'")
+        return tuple(by_state[name] for name in self.code.states)
+
+    @property
+    def outputs(self) -> tuple[Variable, ...]:
+        """Variables of causality output."""
+        return tuple(v for v in self.variables if v.causality == "output")
+
+    @property
+    def inputs(self) -> tuple[Variable, ...]:
+        """Variables of causality input."""
+        return tuple(v for v in self.variables if v.causality == "input")
+
+    def named(self, name: str) -> Variable:
+        """The named variable; FmuError when there is none."""
+        for variable in self.variables:
+            if variable.name == name:
+                return variable
+        raise FmuError(f"{self.code.name} has no variable '{name}'")
+
+    def initial_unknowns(self) -> Iterator[Variable]:
+        """What initialization computes: outputs, calculated parameters, states and derivatives that are not given."""
+        needed = {*self.state_slots, *(d.slot for d in self.derivatives)}
+        for variable in self.variables:
+            computed = variable.initial in ("calculated", "approx")
+            wanted = variable.causality in ("output", "calculatedParameter") or (
+                variable.slot in needed and (variable.name in self.code.states or variable.derivative_of)
+            )
+            if computed and wanted:
+                yield variable
+
+    def known(self, variable: Variable) -> tuple[int, ...] | None:
+        """Slots of inputs and states that an output or derivative depends on; None where that is not known."""
+        names = self.code.dependencies.get(variable.name)
+        if names is None:
+            return None
+        allowed = {v.slot for v in self.inputs} | set(self.state_slots)
+        return tuple(sorted({slot for slot in (self.named(name).slot for name in names) if slot in allowed}))
+
+    def reinitialised(self, state: str) -> bool:
+        """Whether an event may set the state anew; taken as possible where the generator does not say."""
+        if self.code.reinit is not None:
+            return state in self.code.reinit
+        return self.code.n_indicators > 0
+
+
+def interface(code: ModelCode) -> Interface:
+    """Complete and legal list of the model's variables."""
+    variables = [_legal(variable) for variable in code.variables if variable.slot != 0]
+    named_time = next((v for v in code.variables if v.slot == 0), None)
+    time = Variable(named_time.name if named_time else "time", 0, "independent", "continuous", unit="s")
+    if any(v.name == time.name for v in variables):
+        time = replace(time, name="time_of_the_simulation")
+    return Interface(code, (time, *_one_start_per_slot(variables)))
+
+
+def _rank(variable: Variable) -> tuple[int, bool]:
+    return _RANK.get(variable.causality, 9), variable.start is None
+
+
+def _legal(v: Variable) -> Variable:
+    continuous = "continuous" if v.type == "Real" else "discrete"
+    if v.causality == "structuralParameter" or v.variability == "constant":
+        causality = "output" if v.causality == "output" else "local"
+        return replace(v, causality=causality, variability="constant", initial="exact", start=_start(v))
+    if v.causality == "parameter":
+        variability = "tunable" if v.variability == "tunable" else "fixed"
+        return replace(v, variability=variability, initial="exact", start=_start(v))
+    if v.causality == "calculatedParameter":
+        variability = "tunable" if v.variability == "tunable" else "fixed"
+        return replace(v, variability=variability, initial="calculated", start=None)
+    variability = continuous if v.variability == "continuous" else v.variability
+    if v.causality == "input":
+        return replace(v, variability="discrete" if v.type != "Real" else variability, initial=None, start=_start(v))
+    if v.variability in ("fixed", "tunable") and v.causality == "output":
+        variability = "discrete"  # an output may not be a parameter
+    initial = v.initial or ("exact" if v.start is not None else "calculated")
+    start = None if initial == "calculated" else _start(v)
+    return replace(v, variability=variability, initial=initial, start=start)
+
+
+def _start(variable: Variable) -> float:
+    return 0.0 if variable.start is None else variable.start
+
+
+def _one_start_per_slot(variables: list[Variable]) -> list[Variable]:
+    """Of several names of one value only the first in rank may be set; the others are computed."""
+    keeper: dict[int, Variable] = {}
+    for variable in sorted(variables, key=_rank):
+        keeper.setdefault(variable.slot, variable)
+    return [
+        v
+        if keeper[v.slot] is v or (v.causality != "local" and v.causality != "output")
+        else _computed(v, keeper[v.slot])
+        for v in variables
+    ]
+
+
+def _computed(v: Variable, keeper: Variable) -> Variable:
+    if v.variability == "constant":
+        return v
+    if keeper.causality in ("parameter", "input") or keeper.start is not None:
+        return replace(v, initial="calculated", start=None)
+    return v

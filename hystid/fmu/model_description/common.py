@@ -1,0 +1,109 @@
+"""Parts that both versions of the description share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from importlib.metadata import version
+from xml.etree import ElementTree as ET
+
+from hystid.errors import UsageError
+from hystid.fmu.interface import Interface
+from hystid.modelcode import Variable
+from hystid.units import exponents
+
+LOG_CATEGORIES = {
+    "logEvents": "Events found and handled",
+    "logStatusWarning": "Warnings: chattering relations held over a step",
+    "logStatusError": "Refused calls and failed steps, with the reason",
+}
+
+
+def number(value: float) -> str:
+    """Shortest text that reads back as the same double."""
+    return repr(float(value))
+
+
+def start_text(variable: Variable) -> str:
+    """Start value in the spelling of the variable's type."""
+    value = variable.start or 0.0
+    if variable.type == "Boolean":
+        return "true" if value else "false"
+    return str(round(value)) if variable.type == "Integer" else number(value)
+
+
+def one_line(text: str) -> str:
+    """Text fit for an attribute: line ends and tabs become spaces."""
+    return " ".join(text.split())
+
+
+def timestamp(generated: datetime) -> str:
+    """xs:dateTime in UTC with the letter Z, to the second: the only form that strict checkers take."""
+    return generated.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def generation_tool() -> str:
+    """Name and version of this tool."""
+    return f"hystid {version('hystid')}"
+
+
+def add(parent: ET.Element, tag: str, attributes: dict[str, str | None] | None = None) -> ET.Element:
+    """Child element; attributes that are None are left out."""
+    given = {name: value for name, value in (attributes or {}).items() if value is not None}
+    return ET.SubElement(parent, tag, given)
+
+
+def flag(value: bool) -> str | None:
+    """Attribute of a capability: left out unless true, since false is the default of all of them."""
+    return "true" if value else None
+
+
+def add_units(root: ET.Element, model: Interface) -> None:
+    """Every unit in use with its SI exponents, factor and offset; no element where no variable has a unit."""
+    names = sorted({v.unit for v in model.variables if v.unit and v.type == "Real"})
+    if not names:
+        return
+    definitions = add(root, "UnitDefinitions")
+    for name in names:
+        unit = add(definitions, "Unit", {"name": name})
+        try:
+            factor, offset, powers = exponents(name)
+        except UsageError:
+            continue  # a unit without base unit is legal: it only cannot be converted
+        attributes: dict[str, str | None] = {base: str(power) for base, power in powers.items() if power}
+        attributes["factor"] = number(factor) if factor != 1 else None
+        attributes["offset"] = number(offset) if offset != 0 else None
+        add(unit, "BaseUnit", attributes)
+
+
+def add_log_categories(root: ET.Element) -> None:
+    """The categories under which the shell logs."""
+    categories = add(root, "LogCategories")
+    for name, description in LOG_CATEGORIES.items():
+        add(categories, "Category", {"name": name, "description": description})
+
+
+def add_experiment(root: ET.Element, model: Interface) -> None:
+    """Default experiment [s]."""
+    experiment = model.code.experiment
+    add(
+        root,
+        "DefaultExperiment",
+        {
+            "startTime": number(experiment.start),
+            "stopTime": number(experiment.stop),
+            "tolerance": None if experiment.tolerance is None else number(experiment.tolerance),
+            "stepSize": number(experiment.step),
+        },
+    )
+
+
+def joined(numbers: Iterable[int] | None) -> str | None:
+    """List attribute; None stays None ("not known", which importers take as "depends on all")."""
+    return None if numbers is None else " ".join(map(str, numbers))
+
+
+def text_of(root: ET.Element) -> str:
+    """The document with declaration, indented."""
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"

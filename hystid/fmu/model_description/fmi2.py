@@ -1,0 +1,125 @@
+"""FMI 2.0: variables are referred to by their one-based index."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from xml.etree import ElementTree as ET
+
+from hystid.fmu.interface import Interface
+from hystid.fmu.model_description.common import (
+    add,
+    add_experiment,
+    add_log_categories,
+    add_units,
+    flag,
+    generation_tool,
+    joined,
+    number,
+    one_line,
+    start_text,
+    timestamp,
+)
+from hystid.modelcode import Variable
+
+
+def describe(model: Interface, generated: datetime, sources: Sequence[str]) -> ET.Element:
+    """The root element."""
+    root = ET.Element("fmiModelDescription", _attributes(model, generated))
+    _add_kinds(root, model, sources)
+    add_units(root, model)
+    add_log_categories(root)
+    add_experiment(root, model)
+    variables = add(root, "ModelVariables")
+    for variable in model.variables:
+        _add_variable(variables, model, variable)
+    _add_structure(root, model)
+    return root
+
+
+def _attributes(model: Interface, generated: datetime) -> dict[str, str]:
+    attributes = {
+        "fmiVersion": "2.0",
+        "modelName": model.code.name,
+        "guid": model.code.token,
+        "description": one_line(model.code.description),
+        "generationTool": generation_tool(),
+        "generationDateAndTime": timestamp(generated),
+        "variableNamingConvention": "structured",
+        "numberOfEventIndicators": str(model.code.n_indicators),
+    }
+    return {name: value for name, value in attributes.items() if value}
+
+
+def _add_kinds(root: ET.Element, model: Interface, sources: Sequence[str]) -> None:
+    shared: dict[str, str | None] = {
+        "modelIdentifier": model.identifier,
+        "canNotUseMemoryManagementFunctions": "true",
+        "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true",
+        "providesDirectionalDerivative": flag(model.code.has_forward),
+    }
+    interpolates = any(v.type == "Real" and v.variability == "continuous" for v in model.inputs)
+    own = {"canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": flag(interpolates)}
+    for tag, attributes in (("ModelExchange", shared), ("CoSimulation", {**shared, **own})):
+        files = add(add(root, tag, attributes), "SourceFiles")
+        for name in sources:
+            add(files, "File", {"name": name})
+
+
+def _index(model: Interface, variable: Variable) -> int:
+    return model.variables.index(variable) + 1
+
+
+def _add_variable(parent: ET.Element, model: Interface, v: Variable) -> None:
+    inherited = v.causality in ("input", "independent") or v.variability == "constant"
+    element = add(
+        parent,
+        "ScalarVariable",
+        {
+            "name": v.name,
+            "valueReference": str(v.slot),
+            "description": one_line(v.description) or None,
+            "causality": v.causality,
+            "variability": v.variability,
+            "initial": None if inherited else v.initial,
+        },
+    )
+    attributes: dict[str, str | None] = {}
+    if v.type != "Boolean":
+        text = number if v.type == "Real" else lambda value: str(round(value))
+        attributes |= {name: text(x) for name, x in (("min", v.min), ("max", v.max)) if x is not None}
+    if v.type == "Real":
+        attributes["unit"] = v.unit or None
+        attributes["nominal"] = number(abs(v.nominal)) if v.nominal else None
+    if v.start is not None and v.causality != "independent":
+        attributes["start"] = start_text(v)
+    if v.derivative_of is not None and v.type == "Real":
+        attributes["derivative"] = str(_index(model, model.named(v.derivative_of)))
+    if v.name in model.code.states:
+        attributes["reinit"] = flag(model.reinitialised(v.name))
+    order = ("unit", "min", "max", "nominal", "start", "derivative", "reinit")
+    add(element, v.type, {name: attributes.get(name) for name in order})
+
+
+def _add_structure(root: ET.Element, model: Interface) -> None:
+    structure = add(root, "ModelStructure")
+    _add_unknowns(structure, "Outputs", model, model.outputs, with_dependencies=True)
+    _add_unknowns(structure, "Derivatives", model, model.derivatives, with_dependencies=True)
+    _add_unknowns(structure, "InitialUnknowns", model, tuple(model.initial_unknowns()), with_dependencies=False)
+
+
+def _add_unknowns(
+    structure: ET.Element, tag: str, model: Interface, variables: Sequence[Variable], *, with_dependencies: bool
+) -> None:
+    if not variables:
+        return  # empty lists are not valid
+    index_of = {slot: _index(model, group[0]) for slot, group in model.groups.items()}
+    index_of |= {
+        slot: _index(model, model.named(name)) for slot, name in zip(model.state_slots, model.code.states, strict=True)
+    }
+    elements = add(structure, tag)
+    for variable in variables:
+        slots = model.known(variable) if with_dependencies else None
+        known = None if slots is None else sorted(index_of[slot] for slot in slots)
+        add(elements, "Unknown", {"index": str(_index(model, variable)), "dependencies": joined(known)})

@@ -1,0 +1,138 @@
+"""FMI 3.0: variables are referred to by value reference; further names of one value are aliases inside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from xml.etree import ElementTree as ET
+
+from hystid.fmu.interface import Interface
+from hystid.fmu.model_description.common import (
+    add,
+    add_experiment,
+    add_log_categories,
+    add_units,
+    flag,
+    generation_tool,
+    joined,
+    number,
+    one_line,
+    start_text,
+    timestamp,
+)
+from hystid.modelcode import Variable
+
+_TAG = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+
+
+def describe(model: Interface, generated: datetime) -> ET.Element:
+    """The root element."""
+    root = ET.Element("fmiModelDescription", _attributes(model, generated))
+    _add_kinds(root, model)
+    add_units(root, model)
+    add_log_categories(root)
+    add_experiment(root, model)
+    variables = add(root, "ModelVariables")
+    for group in model.groups.values():
+        _add_variable(variables, model, group)
+    for i in range(model.code.n_indicators):
+        _add_indicator(variables, model, i)
+    _add_structure(root, model)
+    return root
+
+
+def _attributes(model: Interface, generated: datetime) -> dict[str, str]:
+    attributes = {
+        "fmiVersion": "3.0",
+        "modelName": model.code.name,
+        "instantiationToken": model.code.token,
+        "description": one_line(model.code.description),
+        "generationTool": generation_tool(),
+        "generationDateAndTime": timestamp(generated),
+        "variableNamingConvention": "structured",
+    }
+    return {name: value for name, value in attributes.items() if value}
+
+
+def _add_kinds(root: ET.Element, model: Interface) -> None:
+    shared: dict[str, str | None] = {
+        "modelIdentifier": model.identifier,
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+        "providesDirectionalDerivatives": flag(model.code.has_forward),
+        "providesAdjointDerivatives": flag(model.code.has_adjoint),
+    }
+    add(root, "ModelExchange", shared)
+    own: dict[str, str | None] = {
+        "canHandleVariableCommunicationStepSize": "true",
+        "providesIntermediateUpdate": "true",
+        "mightReturnEarlyFromDoStep": "true",
+        "canReturnEarlyAfterIntermediateUpdate": "true",
+        "hasEventMode": "true",
+    }
+    add(root, "CoSimulation", {**shared, **own})
+
+
+def _add_variable(parent: ET.Element, model: Interface, group: tuple[Variable, ...]) -> None:
+    v = group[0]
+    attributes: dict[str, str | None] = {
+        "name": v.name,
+        "valueReference": str(v.slot),
+        "description": one_line(v.description) or None,
+        "causality": v.causality,
+        "variability": v.variability,
+        "initial": None if v.causality in ("input", "independent") else v.initial,
+    }
+    if v.type == "Real":
+        attributes["unit"] = v.unit or None
+        attributes["nominal"] = number(abs(v.nominal)) if v.nominal else None
+    if v.type != "Boolean":
+        text = number if v.type == "Real" else lambda value: str(round(value))
+        attributes |= {name: text(x) for name, x in (("min", v.min), ("max", v.max)) if x is not None}
+    state = next((name for name, s in zip(model.code.states, model.state_slots, strict=True) if s == v.slot), None)
+    derived = next((a.derivative_of for a in group if a.derivative_of is not None), None)
+    if derived is not None:
+        attributes["derivative"] = str(model.named(derived).slot)
+    if state is not None:
+        attributes["reinit"] = flag(model.reinitialised(state))
+    if v.start is not None and v.causality != "independent":
+        attributes["start"] = start_text(v)
+    element = add(parent, _TAG[v.type], attributes)
+    for alias in group[1:]:
+        add(element, "Alias", {"name": alias.name, "description": one_line(alias.description) or None})
+
+
+def _add_indicator(parent: ET.Element, model: Interface, i: int) -> None:
+    add(
+        parent,
+        "Float64",
+        {
+            "name": f"eventIndicator[{i + 1}]",
+            "valueReference": str(model.code.n_values + i),
+            "description": "its change of sign is a state event",
+            "causality": "local",
+            "variability": "continuous",
+            "initial": "calculated",
+        },
+    )
+
+
+def _add_structure(root: ET.Element, model: Interface) -> None:
+    structure = add(root, "ModelStructure")
+    outputs = [group[0] for group in model.groups.values() if group[0].causality == "output"]
+    _add_unknowns(structure, "Output", model, outputs)
+    _add_unknowns(structure, "ContinuousStateDerivative", model, model.derivatives)
+    done: set[int] = set()
+    for variable in model.initial_unknowns():
+        first = model.groups[variable.slot][0]
+        if variable.slot not in done and first.initial in ("calculated", "approx"):
+            add(structure, "InitialUnknown", {"valueReference": str(variable.slot)})
+        done.add(variable.slot)
+    for i in range(model.code.n_indicators):
+        add(structure, "EventIndicator", {"valueReference": str(model.code.n_values + i)})
+
+
+def _add_unknowns(structure: ET.Element, tag: str, model: Interface, variables: Sequence[Variable]) -> None:
+    for variable in variables:
+        known = next((k for k in map(model.known, model.groups[variable.slot]) if k is not None), None)
+        add(structure, tag, {"valueReference": str(variable.slot), "dependencies": joined(known)})

@@ -1,0 +1,99 @@
+"""Where an FMU's binaries go and how they are compiled: for this machine by its compiler, for others by ziglang."""
+
+from __future__ import annotations
+
+import platform
+import struct
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+from hystid.errors import ToolchainError, UsageError
+from hystid.toolchain import shared_library
+
+
+@dataclass(frozen=True)
+class Platform:
+    """One target. tuple: FMI 3's name; folder: FMI 2's; zig: target of ``zig cc``; glibc 2.17 is that of 2012."""
+
+    tuple: str
+    folder: str
+    zig: str
+    suffix: str
+
+
+PLATFORMS = {
+    p.tuple: p
+    for p in (
+        Platform("x86_64-linux", "linux64", "x86_64-linux-gnu.2.17", ".so"),
+        Platform("aarch64-linux", "aarch64-linux", "aarch64-linux-gnu.2.17", ".so"),
+        Platform("x86_64-windows", "win64", "x86_64-windows-gnu", ".dll"),
+        Platform("x86_64-darwin", "darwin64", "x86_64-macos", ".dylib"),
+        Platform("aarch64-darwin", "darwin64", "aarch64-macos", ".dylib"),
+    )
+}
+_MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
+
+
+def host() -> str:
+    """Name of this machine's platform, such as "x86_64-linux"."""
+    machine = platform.machine().lower()
+    system = {"win32": "windows", "darwin": "darwin"}.get(sys.platform, "linux")
+    return f"{_MACHINES.get(machine, machine)}-{system}"
+
+
+def chosen(platforms: str | Iterable[str]) -> tuple[Platform, ...]:
+    """ "host", "all" or names of platforms. Raises UsageError for a name that is none."""
+    names = [platforms] if isinstance(platforms, str) else list(platforms)
+    names = [*PLATFORMS] if names == ["all"] else [host() if name == "host" else name for name in names]
+    for name in names:
+        if name not in PLATFORMS:
+            raise UsageError(
+                f"'{name}' is not a platform that can be built for; choose host, all, {', '.join(PLATFORMS)}"
+            )
+    return tuple(PLATFORMS[name] for name in dict.fromkeys(names))
+
+
+def compile_for(target: Platform, sources: Mapping[str, str], main: Sequence[str], flags: Sequence[str]) -> Path:
+    """Library for one platform, from the cache where it was built before. Raises ToolchainError."""
+    if target.tuple == host():
+        return shared_library(sources, main=main, flags=flags)
+    if not find_spec("ziglang"):
+        raise ToolchainError(f"building for {target.tuple} needs a cross compiler: pip install hystid[cross]")
+    command = (sys.executable, "-m", "ziglang", "cc", "-target", target.zig)
+    strip = () if target.suffix == ".dylib" else ("-s",)
+    libraries = ("-lm",) if target.suffix == ".so" else ()
+    return shared_library(
+        sources, main=main, flags=(*flags, *strip), libraries=libraries, command=command, suffix=target.suffix
+    )
+
+
+def binaries(built: Mapping[str, Path], identifier: str, version: Literal[2, 3]) -> dict[str, bytes]:
+    """Path inside the FMU -> content. FMI 2 has one folder for both Macs: their libraries become one universal file."""
+    found: dict[str, list[Path]] = {}
+    for name, library in built.items():
+        target = PLATFORMS[name]
+        folder = target.tuple if version == 3 else target.folder
+        found.setdefault(f"binaries/{folder}/{identifier}{target.suffix}", []).append(library)
+    return {path: _one_file([library.read_bytes() for library in parts]) for path, parts in found.items()}
+
+
+def _one_file(libraries: Sequence[bytes]) -> bytes:
+    return libraries[0] if len(libraries) == 1 else universal(libraries)
+
+
+def universal(libraries: Sequence[bytes]) -> bytes:
+    """Mach-O libraries of several processors in one file (format: Apple's ``mach-o/fat.h``, big-endian, 16 kB pages)."""
+    page = 1 << 14
+    header = struct.pack(">II", 0xCAFEBABE, len(libraries))
+    body, offset = b"", page
+    for library in libraries:
+        cpu_type, cpu_subtype = struct.unpack_from("<ii", library, 4)
+        header += struct.pack(">iiIII", cpu_type, cpu_subtype, offset, len(library), 14)
+        padded = library + bytes(-len(library) % page)
+        body += padded
+        offset += len(padded)
+    return header + bytes(page - len(header)) + body
