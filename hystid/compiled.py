@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -72,6 +72,19 @@ class Column:
     samples: Array
     held: bool = False
     slopes: Array | None = None
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run: given signals, sample grid, values set before the start (name -> value), and what is wanted."""
+
+    columns: Sequence[Column]
+    rows: int
+    dt: float
+    start_time: float
+    settings: Mapping[str, float]
+    outputs: tuple[str, ...]
+    substeps: int
 
 
 @dataclass(frozen=True)
@@ -175,12 +188,13 @@ def compile_model_code(code: ModelCode) -> Path:
 
 
 class CompiledModel:
-    """A model in this process. Instances hold no run-time state: every call starts anew and calls may run in threads."""
+    """A model in this process. It holds no run-time state: every call starts anew, and calls may run in threads."""
 
-    def __init__(self, code: ModelCode) -> None:
+    def __init__(self, code: ModelCode, runner: TableRunner | None = None) -> None:
+        """runner: the batch entry of a library that holds this model already (an FMU's); else it is compiled."""
         self.code = code
         self._variables = {variable.name: variable for variable in code.variables}
-        self._runner = TableRunner(ctypes.CDLL(str(compile_model_code(code))), code.name)
+        self._runner = runner or TableRunner(ctypes.CDLL(str(compile_model_code(code))), code.name)
         self._partners: dict[frozenset[str], dict[str, str]] = {}
         self._forward_serves: dict[frozenset[str], bool] = {}
 
@@ -201,11 +215,13 @@ class CompiledModel:
 
         inputs: name -> samples (n,) on a uniform grid of step dt [s]; inputs not named keep their start value.
         interpolation: how inputs run between samples ("cubic" takes slopes of order four from the samples).
+        substeps: Runge-Kutta steps per sample; 0 takes as many as the model's own step asks for.
         rows: number of samples, needed only where the model has no inputs. Returns output name -> (n,).
         Raises UsageError for unknown names and unequal lengths, NumericalError where the model has no finite answer.
         """
         columns = [self._input(name, values, dt, interpolation) for name, values in inputs.items()]
-        return self._run(columns, dt, _rows(columns, rows), parameters, start, outputs, substeps, start_time)
+        settings = {**(parameters or {}), **(start or {})}
+        return self._run(Job(columns, _rows(columns, rows), dt, start_time, settings, tuple(outputs), substeps))
 
     def clamp(
         self,
@@ -222,18 +238,19 @@ class CompiledModel:
     ) -> dict[str, Array]:
         """The named states follow the given motion, other states are integrated, outputs are evaluated at each sample.
 
-        Between samples a state whose derivative is another given state (x and v) follows the cubic Hermite through both;
-        other states follow a cubic with slopes of order four from their own samples; inputs run linearly.
-        sensitivities: parameter names; adds ``"d <output>/d <parameter>"`` -> (n,), the derivative with the motion held:
-        by the model's forward derivatives where they are exact, else by central differences over whole runs.
+        Between samples a state whose derivative is another given state (x and v) follows the cubic Hermite through
+        both; other states follow a cubic with slopes of order four from their own samples; inputs run linearly.
+        sensitivities: parameter names; adds ``"d <output>/d <parameter>"`` -> (n,), the derivative with the motion
+        held: by the model's forward derivatives where they are exact, else by central differences over whole runs.
         """
         columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
-        arguments = (columns, dt, _rows(columns, None), parameters, start, tuple(outputs), substeps, start_time)
+        settings = {**(parameters or {}), **(start or {})}
+        job = Job(columns, _rows(columns, None), dt, start_time, settings, tuple(outputs), substeps)
         if not sensitivities:
-            return self._run(*arguments)
-        if self._forward_is_exact(frozenset(states), arguments, sensitivities):
-            return self._run(*arguments, seeds=tuple(sensitivities))
-        return self._central_differences(*arguments, sensitivities, relative_step=1e-4)
+            return self._run(job)
+        if self._forward_is_exact(frozenset(states), job, sensitivities):
+            return self._run(job, sensitivities)
+        return self._central_differences(job, sensitivities, relative_step=1e-4)
 
     def clamp_many(
         self,
@@ -247,44 +264,29 @@ class CompiledModel:
     ) -> dict[str, Array]:
         """``clamp`` for k parameter vectors: parameters name -> (k,) or a number for all; returns output -> (k, n)."""
         columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
-        n, names = _rows(columns, None), tuple(outputs)
+        names = tuple(outputs)
         table = np.broadcast_arrays(*(np.atleast_1d(np.asarray(p, np.float64)) for p in parameters.values()))
-        runs = [
-            self._run(
-                columns, dt, n, dict(zip(parameters, map(float, vector), strict=True)), None, names, substeps, 0.0
-            )
-            for vector in zip(*table, strict=True)
-        ]
+        job = Job(columns, _rows(columns, None), dt, 0.0, {}, names, substeps)
+        vectors = [dict(zip(parameters, map(float, vector), strict=True)) for vector in zip(*table, strict=True)]
+        runs = [self._run(replace(job, settings=vector)) for vector in vectors]
         return {name: np.array([run[name] for run in runs]) for name in names}
 
-    def _run(
-        self,
-        columns: Sequence[Column],
-        dt: float,
-        rows: int,
-        parameters: Mapping[str, float] | None,
-        start: Mapping[str, float] | None,
-        outputs: Iterable[str],
-        substeps: int,
-        start_time: float,
-        seeds: Sequence[str] = (),
-    ) -> dict[str, Array]:
-        names = tuple(outputs)
-        _check_steps(self.code.name, dt, substeps)
+    def _run(self, job: Job, seeds: Sequence[str] = ()) -> dict[str, Array]:
+        _check_steps(self.code.name, job.dt, job.substeps)
         outcome = self._runner.run(
-            columns,
-            rows=rows,
-            dt=dt,
-            start_time=start_time,
-            settings=self._settings({**(parameters or {}), **(start or {})}),
-            outputs=[self._find(name).slot for name in names],
+            job.columns,
+            rows=job.rows,
+            dt=job.dt,
+            start_time=job.start_time,
+            settings=self._settings(job.settings),
+            outputs=[self._find(name).slot for name in job.outputs],
             seeds=[self._find(name).slot for name in seeds],
-            substeps=substeps,
+            substeps=job.substeps,
         )
-        result = dict(zip(names, outcome.outputs, strict=True))
-        for name, rows_of_seeds in zip(names, outcome.gradients, strict=True):
+        result = dict(zip(job.outputs, outcome.outputs, strict=True))
+        for name, rows_of_seeds in zip(job.outputs, outcome.gradients, strict=True):
             result.update({f"d {name}/d {seed}": row for seed, row in zip(seeds, rows_of_seeds, strict=True)})
-        check_finite(self.code.name, result, dt)
+        check_finite(self.code.name, result, job.dt)
         return result
 
     def _find(self, name: str) -> Variable:
@@ -330,7 +332,7 @@ class CompiledModel:
         ]
 
     def _derivative_partners(self, states: frozenset[str]) -> dict[str, str]:
-        """State -> the other of these states that is its derivative, found by asking the model at an arbitrary point."""
+        """State -> the other of these states that is its derivative, found by asking the model at some point."""
         if states not in self._partners:
             found = {}
             derivatives = {v.derivative_of: v.slot for v in self.code.variables if v.derivative_of in states}
@@ -348,7 +350,7 @@ class CompiledModel:
             self._partners[states] = found
         return self._partners[states]
 
-    def _forward_is_exact(self, states: frozenset[str], arguments: tuple[Any, ...], names: Sequence[str]) -> bool:
+    def _forward_is_exact(self, states: frozenset[str], job: Job, names: Sequence[str]) -> bool:
         """Whether forward derivatives serve here; where inner states switch, that is tried once and remembered.
 
         They lack the jumps that a switch gives to the sensitivities of inner and discrete states, be it an event or a
@@ -361,8 +363,8 @@ class CompiledModel:
         if not inner:
             return True
         if states not in self._forward_serves:
-            carried = self._run(*arguments, seeds=tuple(names))
-            tried = self._central_differences(*arguments, names, relative_step=6e-6)
+            carried = self._run(job, names)
+            tried = self._central_differences(job, names, relative_step=6e-6)
             self._forward_serves[states] = all(
                 np.linalg.norm(carried[key] - tried[key]) <= 1e-3 * np.linalg.norm(tried[key])
                 for key in carried
@@ -370,41 +372,26 @@ class CompiledModel:
             )
         return self._forward_serves[states]
 
-    def _central_differences(
-        self,
-        columns: Sequence[Column],
-        dt: float,
-        rows: int,
-        parameters: Mapping[str, float] | None,
-        start: Mapping[str, float] | None,
-        outputs: tuple[str, ...],
-        substeps: int,
-        start_time: float,
-        names: Sequence[str],
-        *,
-        relative_step: float,
-    ) -> dict[str, Array]:
-        def run(values: Mapping[str, float]) -> dict[str, Array]:
-            return self._run(columns, dt, rows, values, start, outputs, substeps, start_time)
-
-        result = run(parameters or {})
+    def _central_differences(self, job: Job, names: Sequence[str], *, relative_step: float) -> dict[str, Array]:
+        result = self._run(job)
         scale = max((float(np.max(np.abs(y))) for y in result.values()), default=0.0)
         for name in names:
             variable = self._find(name)
-            value = float((parameters or {}).get(name, variable.start or 0.0))
+            value = float(job.settings.get(name, variable.start or 0.0))
             step = relative_step * (abs(value) or abs(variable.nominal or 1.0))
             for _ in range(4):  # a parameter at zero has no size of its own: grow the step until the outputs move
-                high, low = (
-                    run({**(parameters or {}), name: value + step}),
-                    run({**(parameters or {}), name: value - step}),
-                )
-                change = {output: high[output] - low[output] for output in outputs}
+                change = self._change(job, name, value, step)
                 moved = max((float(np.max(np.abs(d))) for d in change.values()), default=0.0)
                 if value or moved > 1e-7 * scale:
                     break
                 step *= 1e3
-            result.update({f"d {output}/d {name}": change[output] / (2 * step) for output in outputs})
+            result.update({f"d {output}/d {name}": change[output] / (2 * step) for output in job.outputs})
         return result
+
+    def _change(self, job: Job, name: str, value: float, step: float) -> dict[str, Array]:
+        high = self._run(replace(job, settings={**job.settings, name: value + step}))
+        low = self._run(replace(job, settings={**job.settings, name: value - step}))
+        return {output: high[output] - low[output] for output in job.outputs}
 
 
 def slopes_of(samples: Array, dt: float) -> Array:
@@ -449,5 +436,5 @@ def _rows(columns: Sequence[Column], rows: int | None) -> int:
 def _check_steps(model: str, dt: float, substeps: int) -> None:
     if not (np.isfinite(dt) and dt > 0):
         raise UsageError(f"{model}: the sample step must be positive, not {dt} s")
-    if substeps < 1:
-        raise UsageError(f"{model}: substeps must be at least 1, not {substeps}")
+    if substeps < 0:
+        raise UsageError(f"{model}: substeps must be at least 1, or 0 for the model's own step, not {substeps}")

@@ -72,6 +72,7 @@ int hy_inputs_changed(hy_engine *e);               /* event iteration where new 
  * call returns HY_EVENT at the first event, which is left to the caller; *reached is the time got to. Steps inside are
  * completed; the last one is the caller's to complete, who may want to set the inputs of its end first. */
 int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reached);
+int hy_steps_in(const hy_engine *e, double h);     /* how many of the model's own steps an interval h needs */
 int hy_completed(hy_engine *e);                    /* one step is accepted: sampled memory moves on */
 
 void hy_report(hy_engine *e, int level, const char *format, ...);

@@ -326,16 +326,10 @@ int hy_input_derivatives(hy_instance *c, const unsigned *vr, size_t n, const int
     return FMI_OK;
 }
 
-static int internal_steps(const hy_engine *e, double h)
-{
-    const double n = e->model->step > 0 ? ceil(h / e->model->step * (1 - 1e-9)) : 1;
-    return n < 1 ? 1 : n > 1e9 ? 1000000000 : (int)n;
-}
-
 static int advance(hy_instance *c, double t, double h, int stop_at_events, int (*between)(hy_instance *), double *reached)
 {
     hy_engine *e = &c->engine;
-    const int n = internal_steps(e, h);
+    const int n = hy_steps_in(e, h);
     int outcome = HY_OK;
     if (!between) return hy_advance(e, h, n, stop_at_events, reached);
     for (int i = 0; i < n && !outcome; i++) {

@@ -260,6 +260,12 @@ static int step_without_events(hy_engine *e, stretch w)
     return outcome;
 }
 
+int hy_steps_in(const hy_engine *e, double h)
+{
+    const double n = e->model->step > 0 ? ceil(h / e->model->step * (1 - 1e-9)) : 1;
+    return n < 1 ? 1 : n > 1e9 ? 1000000000 : (int)n;
+}
+
 int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reached)
 {
     const double t0 = e->data.v[0];

@@ -114,7 +114,7 @@ static int integrated_row(hy_engine *e, hy_table *t, int row)
     double reached;
     int outcome;
     set_polynomials(e, t, row - 1);
-    outcome = hy_advance(e, t->dt, t->substeps, 0, &reached);
+    outcome = hy_advance(e, t->dt, t->substeps > 0 ? t->substeps : hy_steps_in(e, t->dt), 0, &reached);
     if (outcome) return outcome;
     if (!hy_has_events(e) || any_held(t)) {
         hold_row(e, t, row);

@@ -10,7 +10,7 @@ typedef struct {
     int version;  /* HY_TABLE_VERSION */
     int rows;     /* samples, the first at start_time */
     double start_time, dt; /* [s] */
-    int substeps; /* Runge-Kutta steps per sample */
+    int substeps; /* Runge-Kutta steps per sample; 0: as many as the model's own step asks for */
     int n_settings;
     const int *setting_slots;
     const double *settings; /* parameters and start values */
