@@ -229,8 +229,10 @@ def read(path: Path) -> tuple[ModelProto, StepDescription]:
     """
     proto = load(path)
     given = {entry.key: entry.value for entry in proto.metadata_props}
+    ports = _ports(path, proto.graph)
     initial = _numbers(path, given, "initial_state")
-    _check_ports(path, proto.graph, len(initial))
+    for name, (kind, info) in ports.items():
+        _check_port(path, kind, name, info, len(initial) if name.startswith("state") else 1)
     layout = json.loads(given.get("state_layout", "null")) or [f"state[{i + 1}]" for i in range(len(initial))]
     if len(layout) != len(initial):
         raise NetworkError(f"{path}: state_layout names {len(layout)} elements, initial_state has {len(initial)}")
@@ -263,19 +265,21 @@ def _check_finite(proto: ModelProto, path: Path) -> None:
             raise NetworkError(f"{path}: initialiser '{tensor.name}' holds NaN: the training that wrote it failed")
 
 
-def _check_ports(path: Path, graph: GraphProto, n: int) -> None:
+def _ports(path: Path, graph: GraphProto) -> dict[str, tuple[str, ValueInfoProto]]:
+    """Name -> ("input" or "output", declaration); the names must be those of a surrogate."""
     stored = {tensor.name for tensor in graph.initializer}
-    for kind, ports, wanted in (
+    ports: dict[str, tuple[str, ValueInfoProto]] = {}
+    for kind, declared, wanted in (
         ("input", [info for info in graph.input if info.name not in stored], ("x", "v", "state")),
         ("output", list(graph.output), ("R", "state_next")),
     ):
-        found = {info.name: info for info in ports}
+        found = {info.name: (kind, info) for info in declared}
         if set(found) != set(wanted):
             raise NetworkError(
                 f"{path}: a surrogate has the {kind}s {', '.join(wanted)}, found {', '.join(found) or 'none'}"
             )
-        for name, info in found.items():
-            _check_port(path, kind, name, info, n if name.startswith("state") else 1)
+        ports |= found
+    return ports
 
 
 def _check_port(path: Path, kind: str, name: str, info: ValueInfoProto, size: int) -> None:
@@ -310,6 +314,8 @@ def _numbers(path: Path, given: Mapping[str, str], key: str) -> tuple[float, ...
     values = _entry(path, given, key)
     if not isinstance(values, list) or not all(isinstance(value, int | float) for value in values):
         raise NetworkError(f"{path}: the metadata entry '{key}' must be a list of numbers, found {str(values)[:60]}")
+    if not values:
+        raise NetworkError(f"{path}: the metadata entry '{key}' must hold at least one number")
     return tuple(float(value) for value in values)
 
 

@@ -53,7 +53,7 @@ FUNCTIONS: dict[str, Function] = {
     "div": Function("{a} / {b}", _float(np.divide), ("1.0 / {b}", "-{y} / {b}")),
     "div_int": Function("trunc({a} / {b})", _truncated_division),
     "mod": Function("nn_mod({a}, {b})", np.mod, needs="nn_mod"),
-    "fmod": Function("fmod({a}, {b})", np.fmod, ("1.0", None)),
+    "fmod": Function("fmod({a}, {b})", np.fmod, ("1.0", "-trunc({a} / {b})")),
     "pow": Function(
         "pow({a}, {b})",
         _float(np.power),

@@ -64,6 +64,10 @@ class Node:
             return [int(v) for v in value] if isinstance(value, Sequence) else [int(value)]
         return [int(v) for v in self.constants(position, what)] if self.has(position) else None
 
+    def number(self, what: str, default: float) -> float:
+        """A number given as an attribute. The standard keeps these, and their defaults, in single precision."""
+        return float(np.float32(self.attributes.get(what, default)))
+
     def axis(self, axis: int, rank: int) -> int:
         """A possibly negative axis, checked and counted from the front."""
         if not -rank <= axis < max(rank, 1):
@@ -125,21 +129,21 @@ def _mod(b: Builder, node: Node) -> View:
 
 @operator("LeakyRelu")
 def _leaky_relu(b: Builder, node: Node) -> View:
-    return b.apply("leaky", node.operand(0), b.constant(node.attributes.get("alpha", 0.01)))
+    return b.apply("leaky", node.operand(0), b.constant(node.number("alpha", 0.01)))
 
 
 @operator("ThresholdedRelu")
 def _thresholded_relu(b: Builder, node: Node) -> View:
     x = node.operand(0)
-    return b.apply("select", b.apply("greater", x, b.constant(node.attributes.get("alpha", 1.0))), x, b.constant(0.0))
+    return b.apply("select", b.apply("greater", x, b.constant(node.number("alpha", 1.0))), x, b.constant(0.0))
 
 
 @operator("Elu", "Selu", "Celu")
 def _elu(b: Builder, node: Node) -> View:
     """gain (x where x >= 0, else alpha (exp(x / scale) - 1))"""
-    x, given = node.operand(0), node.attributes
-    alpha = given.get("alpha", 1.6732631921768188 if node.operator == "Selu" else 1.0)
-    gain = given.get("gamma", 1.0507009873554804 if node.operator == "Selu" else 1.0)
+    x = node.operand(0)
+    alpha = node.number("alpha", 1.6732631921768188 if node.operator == "Selu" else 1.0)
+    gain = node.number("gamma", 1.0507010221481323 if node.operator == "Selu" else 1.0)
     scale = alpha if node.operator == "Celu" else 1.0
     negative = b.apply("min", x, b.constant(0.0))  # keeps exp finite on the side that is not used
     curve = b.apply("mul", b.constant(alpha), b.apply("expm1", b.apply("div", negative, b.constant(scale))))
@@ -155,14 +159,14 @@ def _softsign(b: Builder, node: Node) -> View:
 
 @operator("HardSigmoid")
 def _hard_sigmoid(b: Builder, node: Node) -> View:
-    alpha, beta = node.attributes.get("alpha", 0.2), node.attributes.get("beta", 0.5)
+    alpha, beta = node.number("alpha", 0.2), node.number("beta", 0.5)
     return b.apply("hard_sigmoid", node.operand(0), b.constant(alpha), b.constant(beta))
 
 
 @operator("HardSwish")
 def _hard_swish(b: Builder, node: Node) -> View:
     x = node.operand(0)
-    return b.apply("mul", x, b.apply("hard_sigmoid", x, b.constant(1.0 / 6.0), b.constant(0.5)))
+    return b.apply("mul", x, b.apply("hard_sigmoid", x, b.constant(node.number("alpha", 1.0 / 6.0)), b.constant(0.5)))
 
 
 @operator("Gelu")
@@ -246,7 +250,7 @@ def _gemm(b: Builder, node: Node) -> View:
     a, w = node.operand(0), node.operand(1)
     a = a.transpose((1, 0)) if node.attributes.get("transA", 0) else a
     w = w.transpose((1, 0)) if node.attributes.get("transB", 0) else w
-    alpha, beta = node.attributes.get("alpha", 1.0), node.attributes.get("beta", 1.0)
+    alpha, beta = node.number("alpha", 1.0), node.number("beta", 1.0)
     if alpha != 1.0:
         w = b.apply("mul", w, b.constant(alpha))
     bias = node.operand(2) if node.has(2) else None
@@ -337,7 +341,7 @@ def _layer_normalization(b: Builder, node: Node) -> View:
     count = b.constant(float(prod(x.shape[axis] for axis in axes)))
     centred = b.apply("sub", x, b.apply("div", b.reduce("sum", x, axes, True), count))
     variance = b.apply("div", b.reduce("sum", b.apply("square", centred), axes, True), count)
-    spread = b.apply("sqrt", b.apply("add", variance, b.constant(node.attributes.get("epsilon", 1e-5))))
+    spread = b.apply("sqrt", b.apply("add", variance, b.constant(node.number("epsilon", 1e-5))))
     scaled = b.apply("mul", b.apply("div", centred, spread), node.operand(1))
     return b.apply("add", scaled, node.operand(2)) if node.has(2) else scaled
 
@@ -350,7 +354,7 @@ def _batch_normalization(b: Builder, node: Node) -> View:
         raise node.refuse("training mode cannot be exported")
     channel = (-1, *[1] * (len(x.shape) - 2))
     scale, shift, mean, variance = (np.asarray(node.constants(i, "each parameter")) for i in range(1, 5))
-    gain = scale / np.sqrt(variance + node.attributes.get("epsilon", 1e-5))
+    gain = scale / np.sqrt(variance + node.number("epsilon", 1e-5))
     scaled = b.apply("mul", x, b.constant(gain.reshape(channel)))
     return b.apply("add", scaled, b.constant((shift - mean * gain).reshape(channel)))
 
