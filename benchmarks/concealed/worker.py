@@ -1,0 +1,40 @@
+"""Diagnose one case in a process of its own: ``python -m benchmarks.concealed.worker CASE OUT [--exclude id,...]``.
+
+It sees a copy of the case folder and nothing else of the deck. The last line that it prints is a JSON object with the
+processor time of the diagnosis [s], imports left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import time
+from pathlib import Path
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("case", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--exclude", default="")
+    chosen = parser.parse_args()
+    from hystid import diagnosis
+    from hystid.recording import read_all
+
+    handed = json.loads((chosen.case / "case.json").read_text(encoding="utf-8"))
+    options = {"exclude": tuple(chosen.exclude.split(","))} if chosen.exclude else {}
+    start = time.process_time()
+    files = ([chosen.case / name for name in handed[kind]] for kind in ("recordings", "holdout"))
+    recordings, holdout = (read_all(names, accept=set(diagnosis.TOLERATED)) for names in files)
+    parameters = json.loads((chosen.case / handed["parameters"]).read_text(encoding="utf-8"))
+    diagnosis.diagnose(
+        recordings, model=handed["model"], parameters=parameters, holdout=holdout, out=chosen.out, **options
+    )
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(json.dumps({"cpu_s": time.process_time() - start, "memory_MB": memory}))
+
+
+if __name__ == "__main__":
+    main()
