@@ -3,5 +3,6 @@
 from __future__ import annotations
 
 from hystid.fmu.build import BuildResult, build
+from hystid.fmu.driver import Driver
 
-__all__ = ["BuildResult", "build"]
+__all__ = ["BuildResult", "Driver", "build"]

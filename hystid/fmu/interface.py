@@ -1,6 +1,7 @@
 """A model's variables as FMI sees them: legal attributes, aliases grouped, derivatives of all states present.
 
-Value references are slots of the value block. Rules are those of FMI 2.0.4, section 2.2.7, and FMI 3.0.1, section 2.4.7.
+Value references are slots of the value block. The rules are those of FMI 2.0.4, section 2.2.7, and FMI 3.0.1, section
+2.4.7.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from hystid.errors import FmuError
-from hystid.modelcode import ModelCode, Variable
+from hystid.modelcode import ModelCode, Variability, Variable
 
 _RANK = {"input": 0, "output": 1, "parameter": 2, "calculatedParameter": 3, "local": 4}
 _IDENTIFIER = re.compile(r"[^A-Za-z0-9_]")
@@ -110,24 +111,25 @@ def _rank(variable: Variable) -> tuple[int, bool]:
 
 
 def _legal(v: Variable) -> Variable:
-    continuous = "continuous" if v.type == "Real" else "discrete"
     if v.causality == "structuralParameter" or v.variability == "constant":
         causality = "output" if v.causality == "output" else "local"
         return replace(v, causality=causality, variability="constant", initial="exact", start=_start(v))
     if v.causality == "parameter":
-        variability = "tunable" if v.variability == "tunable" else "fixed"
-        return replace(v, variability=variability, initial="exact", start=_start(v))
+        return replace(v, variability=_fixed_or_tunable(v), initial="exact", start=_start(v))
     if v.causality == "calculatedParameter":
-        variability = "tunable" if v.variability == "tunable" else "fixed"
-        return replace(v, variability=variability, initial="calculated", start=None)
-    variability = continuous if v.variability == "continuous" else v.variability
+        return replace(v, variability=_fixed_or_tunable(v), initial="calculated", start=None)
+    variability: Variability = "discrete" if v.type != "Real" else v.variability
     if v.causality == "input":
-        return replace(v, variability="discrete" if v.type != "Real" else variability, initial=None, start=_start(v))
+        return replace(v, variability=variability, initial=None, start=_start(v))
     if v.variability in ("fixed", "tunable") and v.causality == "output":
         variability = "discrete"  # an output may not be a parameter
     initial = v.initial or ("exact" if v.start is not None else "calculated")
     start = None if initial == "calculated" else _start(v)
     return replace(v, variability=variability, initial=initial, start=start)
+
+
+def _fixed_or_tunable(v: Variable) -> Variability:
+    return "tunable" if v.variability == "tunable" else "fixed"
 
 
 def _start(variable: Variable) -> float:

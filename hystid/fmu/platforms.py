@@ -86,7 +86,7 @@ def _one_file(libraries: Sequence[bytes]) -> bytes:
 
 
 def universal(libraries: Sequence[bytes]) -> bytes:
-    """Mach-O libraries of several processors in one file (format: Apple's ``mach-o/fat.h``, big-endian, 16 kB pages)."""
+    """Mach-O libraries of several processors in one file (Apple's ``mach-o/fat.h``: big-endian, pages of 16 kB)."""
     page = 1 << 14
     header = struct.pack(">II", 0xCAFEBABE, len(libraries))
     body, offset = b"", page

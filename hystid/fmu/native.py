@@ -1,0 +1,232 @@
+"""One FMU instance through ctypes, with arrays prepared once: what FMPy builds anew at each call is built here never.
+
+Addresses instead of arrays go into the hot calls, so that a row of a table is read or written in place.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from ctypes import c_bool, c_char_p, c_double, c_int, c_size_t, c_void_p
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.errors import FmuError
+from hystid.fmu.door import Kind, OpenedFmu
+from hystid.modelcode import Variable
+
+Array = NDArray[np.float64]
+KindName = Literal["CoSimulation", "ModelExchange"]
+
+_LOG2 = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)
+_LOG3 = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)
+_TYPE_SUFFIX = {2: {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"},
+                3: {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}}  # fmt: skip
+_DTYPE: dict[int, dict[str, type[np.generic]]] = {2: {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32},
+          3: {"Real": np.float64, "Integer": np.int32, "Boolean": np.bool_}}  # fmt: skip
+
+
+class _Callbacks(ctypes.Structure):
+    _fields_ = (
+        ("logger", _LOG2),
+        ("allocate", c_void_p),
+        ("free", c_void_p),
+        ("finished", c_void_p),
+        ("environment", c_void_p),
+    )
+
+
+class _EventInfo(ctypes.Structure):
+    _fields_ = tuple((name, c_int) for name in ("needed", "terminate", "nominals", "values", "defined")) + (
+        ("time", c_double),
+    )
+
+
+class Access:
+    """Getting or setting a fixed list of variables of one type, one row at a time."""
+
+    def __init__(self, instance: Instance, variables: Sequence[Variable]) -> None:
+        self.kind = variables[0].type
+        self.dtype: np.dtype[Any] = np.dtype(_DTYPE[instance.version][self.kind])
+        self.references = np.array([v.slot for v in variables], np.uint32)
+        self.names = [v.name for v in variables]
+        self._arguments = (instance.component, c_void_p(self.references.ctypes.data), c_size_t(len(variables)))
+        self._last = (c_size_t(len(variables)),) if instance.version == 3 else ()
+        suffix = _TYPE_SUFFIX[instance.version][self.kind]
+        self._get = instance.function(f"Get{suffix}")
+        self._set = instance.function(f"Set{suffix}")
+        self._instance = instance
+
+    def get(self, address: int) -> None:
+        """Write the present values to the array at this address."""
+        if self._get(*self._arguments, c_void_p(address), *self._last) > 1:
+            self._instance.fail(f"reading {', '.join(self.names)}")
+
+    def set(self, address: int) -> None:
+        """Set the values from the array at this address."""
+        if self._set(*self._arguments, c_void_p(address), *self._last) > 1:
+            self._instance.fail(f"setting {', '.join(self.names)}")
+
+
+class Instance:
+    """One instance, FMI 2.0 or 3.0, of one kind. Close it, or use it as a context manager."""
+
+    def __init__(self, fmu: OpenedFmu, kind: KindName) -> None:
+        found: Kind | None = fmu.co_simulation if kind == "CoSimulation" else fmu.model_exchange
+        if found is None:
+            raise FmuError(
+                f"{fmu.name}: it offers no {'co-simulation' if kind == 'CoSimulation' else 'model exchange'}"
+            )
+        self.version = fmu.version
+        self.name = fmu.name
+        self.last_message = ""
+        self._prefix = f"fmi{fmu.version}"
+        self._functions: dict[str, Any] = {}
+        self._library = load(fmu, found)
+        self._logger: Any = (_LOG2 if self.version == 2 else _LOG3)(self._log2 if self.version == 2 else self._log3)
+        self.component = c_void_p(self._instantiate(fmu, kind))
+        if not self.component.value:
+            raise FmuError(f"{self.name}: it could not be instantiated{self._reason()}")
+
+    def __enter__(self) -> Instance:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the instance."""
+        if self.component.value:
+            free = getattr(self._library, f"{self._prefix}FreeInstance")
+            free.restype = None
+            free(self.component)
+            self.component = c_void_p()
+
+    def function(self, name: str) -> Any:
+        """The FMI function of this name, without its prefix."""
+        if name not in self._functions:
+            try:
+                function = getattr(self._library, self._prefix + name)
+            except AttributeError:
+                raise FmuError(f"{self.name}: its library lacks the function {self._prefix}{name}") from None
+            function.restype = c_int
+            self._functions[name] = function
+        return self._functions[name]
+
+    def call(self, name: str, *arguments: Any) -> None:
+        """Call a function of the instance; FmuError with the FMU's own words where it answers discard or worse."""
+        if self.function(name)(self.component, *arguments) > 1:
+            self.fail(f"{self._prefix}{name}")
+
+    def fail(self, doing: str) -> None:
+        """Raise FmuError."""
+        raise FmuError(f"{self.name}: {doing} failed{self._reason()}")
+
+    def access(self, variables: Sequence[Variable]) -> list[Access]:
+        """One Access per type that occurs among the variables."""
+        kinds = dict.fromkeys(v.type for v in variables)
+        return [Access(self, [v for v in variables if v.type == kind]) for kind in kinds]
+
+    def set(self, values: Sequence[tuple[Variable, float]]) -> None:
+        """Set values one by one, before the run."""
+        for variable, value in values:
+            access = Access(self, [variable])
+            access.set(np.array([value], access.dtype).ctypes.data)
+
+    def initialise(self, start_time: float, values: Sequence[tuple[Variable, float]]) -> None:
+        """From instantiation to the end of initialization mode with these start values."""
+        if self.version == 2:
+            self.call("SetupExperiment", 0, c_double(0), c_double(start_time), 0, c_double(0))
+            self.set(values)
+            self.call("EnterInitializationMode")
+        else:
+            self.set(values)
+            nothing = (c_bool(False), c_double(0))
+            self.call("EnterInitializationMode", *nothing, c_double(start_time), *nothing)
+        self.call("ExitInitializationMode")
+
+    def new_discrete_states(self) -> tuple[bool, float]:
+        """Event iteration to its end: whether states changed, and the next time event (infinity without one)."""
+        changed, next_time = False, np.inf
+        for _ in range(100):
+            needed, now_changed, next_time = self._update2() if self.version == 2 else self._update3()
+            changed |= now_changed
+            if not needed:
+                return changed, next_time
+        self.fail("event iteration (100 passes)")
+        raise AssertionError
+
+    def _update2(self) -> tuple[bool, bool, float]:
+        info = _EventInfo()
+        self.call("NewDiscreteStates", ctypes.byref(info))
+        return bool(info.needed), bool(info.values), info.time if info.defined else np.inf
+
+    def _update3(self) -> tuple[bool, bool, float]:
+        flags = [c_bool() for _ in range(5)]
+        time = c_double()
+        self.call("UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(time))
+        return flags[0].value, flags[3].value, time.value if flags[4].value else np.inf
+
+    def _instantiate(self, fmu: OpenedFmu, kind: KindName) -> int | None:
+        name, token = fmu.model.name.encode(), fmu.model.token.encode()
+        resources = fmu.folder / "resources"
+        if self.version == 2:
+            self._callbacks = _Callbacks(self._logger, _libc("calloc"), _libc("free"), None, None)
+            make = self._library.fmi2Instantiate
+            make.restype = c_void_p
+            number = 1 if kind == "CoSimulation" else 0
+            found = make(name, number, token, resources.as_uri().encode(), ctypes.byref(self._callbacks), 0, 0)
+            return found if found is None else int(found)
+        make = getattr(self._library, f"fmi3Instantiate{kind}")
+        make.restype = c_void_p
+        common = (name, token, f"{resources}/".encode(), c_bool(False), c_bool(False))
+        if kind == "CoSimulation":
+            found = make(*common, c_bool(False), c_bool(False), None, c_size_t(0), None, self._logger, None)
+        else:
+            found = make(*common, None, self._logger)
+        return found if found is None else int(found)
+
+    def _log2(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
+        if status > 0 and message:
+            self.last_message = message.decode(errors="replace")
+
+    def _log3(self, _environment: Any, status: int, _category: bytes, message: bytes) -> None:
+        if status > 0 and message:
+            self.last_message = message.decode(errors="replace")
+
+    def _reason(self) -> str:
+        return f": {self.last_message}" if self.last_message else ", and it gave no reason"
+
+
+def load(fmu: OpenedFmu, kind: Kind) -> ctypes.CDLL:
+    """Load a library. Raises FmuError where the system refuses it."""
+    try:
+        return ctypes.CDLL(str(kind.library))
+    except OSError as error:
+        raise FmuError(f"{fmu.name}: its library cannot be loaded: {str(error).splitlines()[0]}") from None
+
+
+def _libc(name: str) -> int | None:
+    """Address of calloc or free of this process, which FMI 2.0 wants to be given."""
+    return ctypes.cast(getattr(ctypes.CDLL(None), name), c_void_p).value
+
+
+class Stepper:
+    """Co-simulation steps of a fixed length with prepared arguments."""
+
+    def __init__(self, instance: Instance) -> None:
+        self._step = instance.function("DoStep")
+        self._instance = instance
+        self._rest: tuple[Any, ...] = (c_int(1),)
+        if instance.version == 3:
+            self._flags = (c_bool * 3)()
+            self._reached = c_double()
+            addresses = [ctypes.byref(self._flags, i) for i in range(3)]
+            self._rest = (c_bool(True), *addresses, ctypes.byref(self._reached))
+
+    def step(self, t: float, h: float) -> None:
+        """From t to t + h."""
+        if self._step(self._instance.component, c_double(t), c_double(h), *self._rest) > 1:
+            self._instance.fail(f"the step from t = {t:.9g} s to {t + h:.9g} s")
