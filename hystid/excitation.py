@@ -57,9 +57,9 @@ class Excitation:
                 f"a step of {dt:g} s cannot carry {self.high:g} Hz for {self.duration:g} s;"
                 f" use at most {0.05 / self.high:.3g} s"
             )
-        shape = _SHAPES[self.kind](self, dt * np.arange(n), seed)
+        shape = _SHAPES[self.kind](self, dt * np.arange(n, dtype=np.float64), seed)
         size = np.sqrt(np.mean(shape**2)) if self.rms else np.max(np.abs(shape)) if "multisine" in self.kind else 1.0
-        return np.asarray(self.level / size * shape)
+        return np.asarray(self.level / size * shape, dtype=np.float64)
 
 
 def is_specification(text: str) -> bool:

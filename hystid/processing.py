@@ -22,6 +22,7 @@ Band = tuple[float | None, float | None]
 Kind = Literal["bandpass", "lowpass", "highpass"]
 
 _ORDER = 4  # of the Butterworth filters; forward and backward makes the gain that of order 8
+_STEEP = 8  # order of the low-pass before a derivative: 0.1 % of loss two thirds up to its limit
 _MOTION = ("x", "v", "a")
 _SIXTH_ORDER = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0  # Fornberg (1988), table 1, first derivative
 
@@ -57,6 +58,10 @@ def prepare(recording: Recording, *, band: Band | None = None, decimate: int = 1
         raise UsageError(f"--mass {mass:g}: a mass in kg of 0 or more is needed (0: F is the restoring force itself)")
     low, high = band or (None, None)
     derived = derive(recording, mass=mass, low=low, high=high)
+    if low and any(how.startswith("integral") for how in derived.origin.values()):
+        ends = _memory(low, "highpass", derived)
+        note = f"{ends} samples cut at each end, where integration had to settle"
+        derived = _sliced(derived, slice(ends, -ends), note)
     filtered = band_pass(derived, (low, high)) if band else derived
     return with_restoring_force(_reduced(filtered, int(decimate), high), mass)
 
@@ -99,9 +104,10 @@ def _with_derivative(recording: Recording, name: str, source: str, high: float |
     values = recording.channel(source)
     measured = recording.origin.get(source, "measured") == "measured"
     cutoff = _below_nyquist(high if high is not None or not measured else noise_cutoff(values, recording.dt), recording)
-    smooth = _low_passed(values, cutoff, recording.sample_rate) if cutoff and measured else values
+    filtering = cutoff is not None and measured
+    smooth = _filtered(values, cutoff or 0.0, "lowpass", recording.sample_rate, _STEEP) if filtering else values
     how = f"d{source}/dt, central differences of sixth order (one-sided of second order at the three end samples)"
-    if cutoff and measured:
+    if filtering:
         how += f" after a zero-phase low-pass at {cutoff:.4g} Hz"
         how += "" if high is not None else ", above which the spectrum is noise"
     derived = differentiate(smooth, recording.dt)
@@ -147,17 +153,17 @@ def differentiate(values: Array, dt: float) -> Array:
 def noise_cutoff(values: Array, dt: float) -> float | None:
     """Frequency [Hz] above which the spectrum is flat noise, None where it is signal (or falling) to the end.
 
-    The floor is the median of the highest fifth of a Welch spectrum; signal stands 10 dB above it. A fifth is added
-    so that the filter's own roll-off stays out of the signal.
+    The floor is the median of the highest fifth of a Welch spectrum; signal stands 10 dB above it. Half as much again
+    is added so that the filter's own roll-off stays out of the signal.
     """
-    from scipy.signal import welch
+    from scipy.signal import detrend, welch
 
-    frequency, power = welch(values - values.mean(), fs=1 / dt, nperseg=min(values.size, 2048), detrend="linear")
+    frequency, power = welch(detrend(values), fs=1 / dt, nperseg=min(values.size, 2048))
     floor = float(np.median(power[-max(power.size // 5, 1) :]))
     signal = np.flatnonzero(power > 10 * floor)
     if not signal.size:
         return None
-    cutoff = 1.2 * float(frequency[signal[-1]])
+    cutoff = 1.5 * float(frequency[signal[-1]])
     return cutoff if cutoff < 0.4 / dt else None
 
 
@@ -176,6 +182,7 @@ def band_pass(recording: Recording, band: Band) -> Recording:
     samples = _memory(limits, kind, recording)
     text = f"{low or 0:g} to {high:g} Hz" if high else f"from {low:g} Hz"
     note = f"zero-phase Butterworth band-pass of order {_ORDER}, {text}; {samples} samples cut at each end"
+    note += " (1 % of the filter's response is left there)"
     return _mapped(recording, lambda y: _filtered(y, limits, kind, recording.sample_rate), samples, note)
 
 
@@ -245,14 +252,10 @@ def _below_nyquist(high: float | None, recording: Recording) -> float | None:
     return high
 
 
-def _low_passed(values: Array, cutoff: float, rate: float) -> Array:
-    return _filtered(values, cutoff, "lowpass", rate)
-
-
-def _filtered(values: Array, limits: float | list[float], kind: Kind, rate: float) -> Array:
+def _filtered(values: Array, limits: float | list[float], kind: Kind, rate: float, order: int = _ORDER) -> Array:
     from scipy.signal import butter, sosfiltfilt
 
-    sections = butter(_ORDER, limits, kind, fs=rate, output="sos")
+    sections = butter(order, limits, kind, fs=rate, output="sos")
     # Odd reflection over a few periods of the lowest limit keeps value and slope continuous at the ends.
     lowest = limits[0] if isinstance(limits, list) else limits
     pad = int(min(values.size - 1, max(3 * rate / lowest, 64)))

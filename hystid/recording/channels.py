@@ -29,6 +29,11 @@ _NUMBER = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)$")
 _CANONICAL = {alias: name for name, aliases in _ALIASES.items() for alias in aliases}
 
 
+def known_name(name: str) -> str | None:
+    """The channel (t, F, x, v, a, R) that a column of this name holds, None when hystid has no meaning for it."""
+    return _CANONICAL.get(name.strip().lower().replace(" ", "_"))
+
+
 @dataclass(frozen=True)
 class Channels:
     """Channels in SI units. values holds t and what else was found; extra the columns that hystid has no name for."""
@@ -108,7 +113,7 @@ class _Reading:
     def _canonical(self, name: str) -> str | None:
         if name in self.wanted.values():
             return None
-        channel = _CANONICAL.get(name.strip().lower().replace(" ", "_"))
+        channel = known_name(name)
         return None if channel in self.wanted.values() else channel
 
     def _channel(self, channel: str, column: Column) -> None:
@@ -183,10 +188,14 @@ def _per_volt(channel: str, value: float, unit: str) -> float:
     if not unit:
         return value
     above, _, below = unit.partition("/")
-    # "100 mV/g": the unit below the line is read in its channel's context, so that g means gravity for a
-    if below and _is_voltage(above):
-        return to_si(below, SI[channel])[0] / (value * parse(above).factor)
     head, _, volts = unit.rpartition("/")
-    if head and _is_voltage(volts):
-        return value * to_si(head, SI[channel])[0] / parse(volts).factor
-    raise UsageError(f"--sensitivity {channel}={value:g}{unit}: write it as {SI[channel]}/V or mV/{SI[channel]}")
+    try:
+        # "100 mV/g": the unit below the line is read in its channel's context, so that g means gravity for a
+        if below and _is_voltage(above):
+            return to_si(below, SI[channel])[0] / (value * parse(above).factor)
+        if head and _is_voltage(volts):
+            return value * to_si(head, SI[channel])[0] / parse(volts).factor
+    except UsageError:
+        pass
+    text = f"--sensitivity {channel}={value:g}{unit}"
+    raise UsageError(f"{text}: write it as {SI[channel]}/V or mV/{SI[channel]}, for example 22.4mV/{SI[channel]}")

@@ -13,19 +13,12 @@ import numpy as np
 from hystid.recording.problems import Problem, Severity
 from hystid.recording.table import Table
 from hystid.recording.types import Array
+from hystid.units import STANDARD_GRAVITY
 
 # Largest plausible values: far beyond any structure's vibration, but below what a thousandfold unit error makes of it.
 _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
-_UNIT_SLIPS = {
-    1000.0: "mm",
-    1e6: "µm",
-    9.80665: "g",
-    25.4e-3: "in",
-    39.3700787: "in",
-    100.0: "cm",
-    1e-3: "km",
-    10.0: "dm",
-}
+# How much larger numbers get when a length is written in a smaller unit but labelled m
+_UNIT_SLIPS = {"mm": 1e3, "µm": 1e6, "cm": 1e2, "inches": 39.3700787}
 
 
 def channel_problems(table: Table, channels: Mapping[str, Array]) -> list[Problem]:
@@ -116,7 +109,7 @@ def motion_problems(table: Table, channels: Mapping[str, Array], dt: float, *, t
                 problems += _rate(table, channels, lower, upper, dt)
     faulty = {item.channel for item in problems}
     problems += [item for item in _sizes(table, channels, dt, timed=timed) if item.channel not in faulty]
-    return problems + _power(table, channels)
+    return problems + _power(table, channels, timed=timed)
 
 
 def _rate(table: Table, channels: Mapping[str, Array], lower: str, upper: str, dt: float) -> list[Problem]:
@@ -162,10 +155,12 @@ def _dominant_period(values: Array) -> int:
 
 
 def _slip(ratio: float, lower: str, upper: str) -> str:
-    for factor, unit in _UNIT_SLIPS.items():
+    for unit, factor in _UNIT_SLIPS.items():
         for size, culprit in ((factor, upper), (1 / factor, lower)):
             if abs(abs(ratio) / size - 1) < 0.2:
-                return f", as if {culprit} were in {unit}-based units"
+                return f", as if {culprit} were in {unit}{'' if culprit == 'x' else ' and s'}"
+    if upper == "a" and abs(abs(ratio) * STANDARD_GRAVITY - 1) < 0.2:
+        return ", as if a were in g"
     return ""
 
 
@@ -187,31 +182,35 @@ def _sizes(table: Table, channels: Mapping[str, Array], dt: float, *, timed: boo
     return problems
 
 
-def _power(table: Table, channels: Mapping[str, Array]) -> list[Problem]:
+def _power(table: Table, channels: Mapping[str, Array], *, timed: bool) -> list[Problem]:
     if "F" not in channels or "x" not in channels:
         return []
-    share = energy_share(channels["F"], channels["x"])
-    if share > -0.1:
+    F, x = channels["F"], channels["x"]
+    released = energy_released(F, x)
+    if released > 1.5:
+        found = f"the structure gives out energy throughout the test, {released:.3g} times what it can have stored"
+    elif not timed and np.corrcoef(F, x)[0, 1] < -0.8:
+        found = f"F falls as x grows (correlation {np.corrcoef(F, x)[0, 1]:.2f}) in a quasi-static test"
+    else:
         return []
-    found = f"the structure gives out energy in every part of the test ({100 * share:.0f} % of the work exchanged)"
     action = "reverse the sign of F or of x, or accept an active structure with --accept swapped_sign"
     return [_problem(table, "swapped_sign", found, action, "F")]
 
 
-def energy_share(F: Array, x: Array) -> float:
-    """Work taken up / work exchanged, the largest over three thirds and the whole of a test; -1 gives all, 1 takes all.
+def energy_released(F: Array, x: Array) -> float:
+    """Energy given out over a test in units of  max|F| max|x| / 2,  0 where it is not given out all the time.
 
-    A passive structure can give out only what it had stored, so it cannot be negative in every third. The mean force
-    is left out: a preload or a pressure works on a drift of the mean position in either direction.
+    A passive structure can give out no more than it had stored at the start, and that only once: a test counts only
+    if either half has at least 15 % of the release. The mean force is left out, because a preload or a pressure works
+    on a drift of the mean position in either direction.
     """
-    dx, middle = np.diff(x), 0.5 * (F[1:] + F[:-1])
-    work = (middle - F.mean()) * dx
-    shares = []
-    for part in (work, *np.array_split(work, 3)):
-        exchanged = float(np.abs(part).sum())
-        if exchanged > 0.02 * float(np.abs(work).sum()):
-            shares.append(float(part.sum()) / exchanged)
-    return max(shares, default=0.0)
+    force, place = F - F.mean(), x - x.mean()
+    work = 0.5 * (force[1:] + force[:-1]) * np.diff(x)
+    total = float(work.sum())
+    first = float(work[: work.size // 2].sum())
+    if not (total < 0 and 0.15 < first / total < 0.85):
+        return 0.0
+    return -total / (0.5 * float(np.max(np.abs(force))) * float(np.max(np.abs(place))))
 
 
 def _problem(

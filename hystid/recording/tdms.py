@@ -1,0 +1,55 @@
+"""TDMS files of LabVIEW and DIAdem (extra ``tdms``): one test per group."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hystid.errors import RecordingError
+from hystid.recording.channels import known_name
+from hystid.recording.table import Column, Table, split_header
+
+
+def read_tdms(path: Path) -> list[Table]:
+    """One table for every group with numeric channels.
+
+    The unit is the channel's property ``unit_string`` (LabVIEW) or ``unit``, or stands in the name, ``x [mm]``;
+    without a time channel the waveform property ``wf_increment`` gives the time axis.
+    """
+    try:
+        from nptdms import TdmsFile
+    except ImportError:
+        raise RecordingError(f"{path.name}: reading TDMS needs the extra: pip install 'hystid[tdms]'") from None
+    try:
+        groups = [
+            (group.name, [_column(channel) for channel in group.channels()], _rate(group))
+            for group in TdmsFile.read(path).groups()
+        ]
+    except Exception as error:  # npTDMS raises ValueError, KeyError, struct.error ... on broken files
+        raise RecordingError(f"{path.name}: this is not a readable TDMS file ({error})") from None
+    several = len(groups) > 1
+    found = []
+    for name, columns, rate in groups:
+        kept = tuple(column for column in columns if column is not None and column.values.size)
+        if any(known_name(column.name) for column in kept):
+            found.append(Table(path.name, kept, name if several else path.stem, sample_rate=rate))
+    if not found:
+        raise RecordingError(f"{path.name}: no group holds channels named t, F and x; name them so in the recording")
+    return found
+
+
+def _column(channel: Any) -> Column | None:
+    values = np.asarray(channel[:])
+    if values.dtype.kind not in "fiu":
+        return None
+    name, unit = split_header(channel.name)
+    stated = channel.properties.get("unit_string", channel.properties.get("unit", unit))
+    return Column(name, str(stated) if stated else None, values.astype(np.float64))
+
+
+def _rate(group: Any) -> float | None:
+    steps = [channel.properties.get("wf_increment", 0.0) for channel in group.channels()]
+    known = [float(step) for step in steps if step and step > 0]
+    return 1 / known[0] if known else None

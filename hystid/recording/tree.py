@@ -1,0 +1,113 @@
+"""Nested containers (MATLAB structs, HDF5 groups) to tables.
+
+A container that holds vectors of one length under names that hystid knows is one test; containers inside containers are
+searched, so that a struct array or one group per test gives one table each. The unit of a vector is looked for, in this
+order: an attribute of the vector itself, ``units.<name>``, ``<name>_unit``, and the end of the name (``x_mm``,
+``F_kN``). A scalar ``fs`` or ``sample_rate`` [Hz] or ``dt`` [s] stands in for a time vector.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hystid.errors import UsageError
+from hystid.recording.channels import known_name
+from hystid.recording.table import Column, Table, split_header
+from hystid.recording.types import Array
+from hystid.units import parse
+
+_RATES = ("fs", "sample_rate", "samplerate", "samplingrate", "sampling_rate", "samplefrequency")
+_STEPS = ("dt", "delta_t", "sample_time")
+
+
+@dataclass(frozen=True)
+class Vector:
+    """A vector with the unit that the format itself attaches to it. values: shape (n,)."""
+
+    values: Array
+    unit: str | None = None
+
+
+def tables_of(tree: Any, file: str, name: str) -> list[Table]:
+    """Every test in a tree of mappings, sequences, ``Vector``, arrays, numbers and texts."""
+    if isinstance(tree, Sequence) and not isinstance(tree, str | bytes):
+        many = len(tree) > 1
+        parts = [tables_of(item, file, f"{name}-{k}" if many else name) for k, item in enumerate(tree, start=1)]
+        return [table for part in parts for table in part]
+    if not isinstance(tree, Mapping):
+        return []
+    table = _table(tree, file, name)
+    if table is not None:
+        return [table]
+    inner = {key: item for key, item in tree.items() if isinstance(item, Mapping | list | tuple) and key != "units"}
+    return [t for key, item in inner.items() for t in tables_of(item, file, key if len(inner) > 1 else name)]
+
+
+def _table(tree: Mapping[str, Any], file: str, name: str) -> Table | None:
+    vectors = {key: vector for key, item in tree.items() if (vector := _vector(item)) is not None}
+    columns = [_column(key, vector, tree) for key, vector in vectors.items()]
+    known = [column for column in columns if known_name(column.name)]
+    rate = _rate(tree)
+    if len(known) < 2 and not (known and rate):
+        return None
+    longest = max(column.values.size for column in known)
+    kept = tuple(column for column in columns if column in known or column.values.size == longest)
+    return Table(file, kept, name, sample_rate=rate)
+
+
+def _vector(item: Any) -> Vector | None:
+    if isinstance(item, Vector):
+        return item if item.values.size > 1 else None
+    if not isinstance(item, np.ndarray) or item.dtype.kind not in "fiub" or item.size < 2:
+        return None
+    return Vector(np.asarray(item, dtype=np.float64).ravel()) if max(item.shape) == item.size else None
+
+
+def _column(key: str, vector: Vector, tree: Mapping[str, Any]) -> Column:
+    name, unit = split_header(key)
+    stated = vector.unit or unit or _text(_units(tree).get(key)) or _text(tree.get(f"{key}_unit"))
+    if stated:
+        return Column(name, stated, vector.values)
+    head, _, tail = name.rpartition("_")
+    if head and known_name(head) and not known_name(name) and _is_unit(tail):
+        return Column(head, tail, vector.values)
+    return Column(name, None, vector.values)
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        parse(text)
+    except UsageError:
+        return False
+    return True
+
+
+def _units(tree: Mapping[str, Any]) -> Mapping[str, Any]:
+    units = tree.get("units", tree.get("unit"))
+    return units if isinstance(units, Mapping) else {}
+
+
+def _text(value: Any) -> str | None:
+    return value.strip() if isinstance(value, str) and value.strip() else None
+
+
+def _rate(tree: Mapping[str, Any]) -> float | None:
+    numbers = {key.lower(): value for key, item in tree.items() if (value := _scalar(item)) is not None}
+    for key in _RATES:
+        if numbers.get(key, 0.0) > 0:
+            return numbers[key]
+    steps = [numbers[key] for key in _STEPS if numbers.get(key, 0.0) > 0]
+    return 1 / steps[0] if steps else None
+
+
+def _scalar(item: Any) -> float | None:
+    if isinstance(item, Vector):
+        item = item.values
+    if isinstance(item, bool | str | bytes) or not isinstance(item, int | float | np.number | np.ndarray):
+        return None
+    array = np.asarray(item)
+    return float(array.ravel()[0]) if array.size == 1 and array.dtype.kind in "fiu" else None
