@@ -1,0 +1,412 @@
+"""The front end's flat dictionary read into ``FlatModel``; what the subset leaves out is refused here by name and line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NoReturn
+
+from hystid.errors import ModelicaError
+from hystid.modelica.diagnostics import declared_at
+from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text
+from hystid.modelica.flat import (
+    Action,
+    Assertion,
+    Branch,
+    Equation,
+    FlatModel,
+    FlatVariable,
+    Function,
+    FunctionVariable,
+    Place,
+    Statement,
+    When,
+)
+from hystid.modelica.sources import Source
+
+_BINARY = {
+    "Add": "+", "Sub": "-", "Mul": "*", "Div": "/", "Exp": "^", "And": "and", "Or": "or",
+    "AddElem": "+", "SubElem": "-", "MulElem": ".*", "DivElem": "./", "ExpElem": ".^",
+    "Lt": "<", "Le": "<=", "Gt": ">", "Ge": ">=", "Eq": "==", "Neq": "<>", "Ne": "<>",
+}  # fmt: skip
+_UNARY = {"Minus": "neg", "Not": "not", "Plus": "+", "DotMinus": "neg", "DotPlus": "+"}
+
+# Built-in operators outside the subset, with the way around.
+_REFUSED = {
+    "delay": "keep the delayed signal out of the model, or approximate it by a first-order lag",
+    "spatialDistribution": "discretise in space with an array of states",
+    "homotopy": "use its first argument",
+    "terminate": "end the experiment from outside",
+    "inStream": "streams are not supported: use plain connectors",
+    "actualStream": "streams are not supported: use plain connectors",
+    "previous": "use sample(start, interval) and pre()",
+    "hold": "use sample(start, interval) and pre()",
+    "subSample": "use sample(start, interval) and pre()",
+    "cardinality": "state the number of connections by a parameter",
+}
+
+
+class Adapter:
+    """Reads one dictionary; sources give lines to byte offsets."""
+
+    def __init__(self, name: str, sources: Sequence[Source]) -> None:
+        self.name = name
+        self.sources = sources
+        self._origin: dict[int, Source | None] = {}
+        self._enumerations: dict[str, float] = {}
+        self._pieces: dict[int, dict[tuple[int, int], str]] = {}
+        self._here: Place | None = None
+
+    def model(self, d: Mapping[str, Any]) -> FlatModel:
+        """The flat model. Raises ModelicaError for what the subset leaves out."""
+        self._note_pieces(d)
+        self._enumerations = {k: float(v) for k, v in d["enum_literal_ordinals"].items()}
+        self._refuse_sections(d)
+        structural = _structural(d)
+        return FlatModel(
+            name=self.name,
+            description=d.get("model_description") or "",
+            variables=tuple(self._variable(v, d, structural) for v in d["variables"].values()),
+            equations=self._equations(d["equations"]),
+            initial=self._equations(d["initial_equations"]),
+            whens=tuple(self._when(w) for w in d["when_chains"]),
+            assertions=tuple(self._assertion(a) for a in d["assert_equations"]),
+            functions=tuple(self._function(f) for f in d["functions"].values()),
+        )
+
+    # -- places
+
+    def _note_pieces(self, node: Any) -> None:
+        """Collects identifiers with their offsets by source number, to find out which file a number means."""
+        if isinstance(node, dict):
+            span = node.get("span")
+            if "ident" in node and isinstance(span, dict):
+                pieces = self._pieces.setdefault(span["source"], {})
+                if len(pieces) < 200:
+                    pieces[(span["start"], span["end"])] = node["ident"]
+            for value in node.values():
+                self._note_pieces(value)
+        elif isinstance(node, list):
+            for value in node:
+                self._note_pieces(value)
+
+    def _source(self, number: int) -> Source | None:
+        if number not in self._origin:
+            pieces = self._pieces.get(number, {})
+            scored = [(sum(s.piece(*span) == word for span, word in pieces.items()), s) for s in self.sources]
+            best = max(scored, key=lambda item: item[0], default=(0, None))
+            self._origin[number] = best[1] if best[0] else None
+        return self._origin[number]
+
+    def _place(self, node: Mapping[str, Any]) -> Place:
+        span = node.get("span") or node.get("source_span")
+        source = self._source(span["source"]) if span else None
+        if source is None:
+            return Place(declared_at(self.name, self.sources))
+        return Place(str(source.path), source.line(span["start"]))
+
+    def _refuse(self, node: Mapping[str, Any], what: str, way: str) -> NoReturn:
+        place = self._place(node) if "span" in node else self._here or self._place(node)
+        raise ModelicaError(f"{place}: {what} is not supported: {way}")
+
+    def _refuse_sections(self, d: Mapping[str, Any]) -> None:
+        table = {
+            "algorithms": ("an algorithm section in a model", "write equations, or put the algorithm into a function"),
+            "initial_algorithms": ("an initial algorithm", "write initial equations"),
+            "record_instances": ("a record component", "declare its fields as variables or parameters"),
+            "initial_assert_equations": ("assert in an initial equation", "put the assert among the equations"),
+            "branches": ("an overconstrained connector", "use plain connectors"),
+        }
+        for key, (what, way) in table.items():
+            if d.get(key):
+                items = d[key]
+                first = next(iter(items.values() if isinstance(items, dict) else items))
+                node = next(_spans(first), {})
+                self._here = Place(declared_at(self.name, self.sources))
+                self._refuse(node, what, way)
+
+    # -- declarations
+
+    def _variable(self, v: Mapping[str, Any], d: Mapping[str, Any], structural: frozenset[str]) -> FlatVariable:
+        place = self._place(v)
+        self._here = place
+        name = v["name"]
+        kind = self._type(v, d)
+        if v.get("stream"):
+            self._refuse(v, f"stream variable '{name}'", "use plain connectors")
+        fixed = v["fixed"]
+        variability = _tag(v["variability"])
+        return FlatVariable(
+            name=name,
+            type=kind,
+            variability="continuous" if variability in ("empty", "continuous") else variability,  # type: ignore[arg-type]
+            causality={"input": "input", "output": "output"}.get(_tag(v["causality"]), "local"),  # type: ignore[arg-type]
+            dims=tuple(v["dims"]),
+            start=self._attribute(v, "start"),
+            fixed=fixed[0] if isinstance(fixed, list) and fixed else fixed,
+            min=self._attribute(v, "min"),
+            max=self._attribute(v, "max"),
+            nominal=self._attribute(v, "nominal"),
+            unit=v["unit"] or "",
+            description=v["description"] or "",
+            binding=self._attribute(v, "binding"),
+            final=bool(d["variable_final_flags"].get(name)),
+            protected=bool(v["is_protected"]),
+            structural=name in structural,
+            place=place,
+        )
+
+    def _attribute(self, v: Mapping[str, Any], key: str) -> Expr | None:
+        return self.expr(v[key]) if v[key] is not None else None
+
+    def _type(self, v: Mapping[str, Any], d: Mapping[str, Any]) -> Any:
+        number = v["type_id"]
+        effective = d["effective_types"].get(str(number))
+        canonical = effective["canonical_type"] if effective else number
+        if canonical in d["enumeration_types"]:
+            return "Integer"
+        names = {n: k for k, n in d["predefined_types"].items()}
+        kind = names.get(canonical)
+        if kind in ("real", "integer", "boolean"):
+            return kind.capitalize()
+        what = {"string": "a String variable", "clock": "a Clock"}.get(kind or "", "a variable of this type")
+        self._refuse(v, f"{what} ('{v['name']}')", "use Real, Integer or Boolean")
+
+    # -- equations
+
+    def _equations(self, items: Sequence[Mapping[str, Any]]) -> tuple[Equation, ...]:
+        result = []
+        for item in items:
+            place = self._equation_place(item)
+            self._here = place
+            result.append(Equation(self.expr(item["residual"]), place))
+        return tuple(result)
+
+    def _equation_place(self, item: Mapping[str, Any]) -> Place:
+        """The first line of an equation; connections report the line of a connected variable."""
+        spans = [self._place(n) for n in _spans(item)] if not item.get("span") else [self._place(item)]
+        return spans[0] if spans else Place(declared_at(self.name, self.sources))
+
+    def _assertion(self, a: Mapping[str, Any]) -> Assertion:
+        place = self._equation_place(a)
+        self._here = place
+        return Assertion(self.expr(a["condition"]), self.expr(a["message"]), self._level(a["level"]), place)
+
+    def _level(self, node: Any) -> str:
+        level = self.expr(node) if node is not None else Num(2.0)
+        return "warning" if level == Num(self._enumerations["AssertionLevel.warning"]) else "error"
+
+    def _when(self, chain: Mapping[str, Any]) -> When:
+        return When(tuple(self._branch(b) for b in [chain["first"], *chain["else_when"]]))
+
+    def _branch(self, b: Mapping[str, Any]) -> Branch:
+        place = self._equation_place(b)
+        self._here = place
+        condition = self.expr(b["condition"])
+        several = condition.args if isinstance(condition, Op) and condition.name == "{}" else (condition,)
+        return Branch(tuple(several), tuple(self._actions(b["equations"], None)), place)
+
+    def _actions(self, items: Sequence[Mapping[str, Any]], guard: Expr | None) -> Iterator[Action]:
+        for item in items:
+            kind, body = next(iter(item.items()))
+            place = self._equation_place(body)
+            self._here = place
+            if kind == "Assign":
+                yield Action("assign", body["target"], self.expr(body["value"]), place, guard)
+            elif kind == "Reinit":
+                yield Action("reinit", body["state"], self.expr(body["value"]), place, guard)
+            elif kind == "Assert":
+                message, level = self.expr(body["message"]), self._level(body.get("level"))
+                yield Action("assert", "", self.expr(body["condition"]), place, guard, message, level)
+            elif kind == "Conditional":
+                yield from self._conditional(body, guard)
+            else:
+                self._refuse(body, f"{kind.lower()} in a when-clause", _REFUSED.get(kind.lower(), "write assignments"))
+
+    def _conditional(self, body: Mapping[str, Any], guard: Expr | None) -> Iterator[Action]:
+        so_far: Expr | None = guard
+        branches = [(self.expr(c), items) for c, items in body["branches"]]
+        if body.get("else_branch"):
+            branches.append((ONE, body["else_branch"]))
+        for condition, items in branches:
+            yield from self._actions(items, _both(so_far, condition))
+            so_far = _both(so_far, Op("not", (condition,)))
+
+    # -- functions
+
+    def _function(self, f: Mapping[str, Any]) -> Function:
+        place = self._place(f["inputs"][0] if f["inputs"] else f)
+        self._here = place
+        if f.get("external"):
+            self._refuse(f, f"external function '{f['name']}'", "write the function in Modelica")
+        return Function(
+            f["name"],
+            *(tuple(self._function_variable(v) for v in f[key]) for key in ("inputs", "outputs", "locals")),
+            body=tuple(s for item in f["body"] for s in self._statement(item)),
+            place=place,
+        )
+
+    def _function_variable(self, v: Mapping[str, Any]) -> FunctionVariable:
+        dims = tuple(Num(-1.0) if "Colon" in s else self._subscript(s) for s in v["shape_expr"])
+        return FunctionVariable(v["name"], v["type_name"], dims, self.expr(v["default"]) if v["default"] else None)
+
+    def _statement(self, item: Mapping[str, Any]) -> Iterator[Statement]:
+        kind, body = next(iter(item.items())) if isinstance(item, dict) else (str(item), {})
+        place = self._equation_place(body)
+        self._here = place
+        if kind == "Assignment":
+            yield Statement("assign", place, (self._target(body["comp"]),), self.expr(body["value"]))
+        elif kind == "FunctionCall" and body.get("outputs"):
+            targets = tuple(self._lvalue(o) for o in body["outputs"])
+            call = Op("call " + _dotted(body["comp"]), tuple(self.expr(a) for a in body["args"]))
+            yield Statement("assign", place, targets, call)
+        elif kind == "If":
+            blocks = [(self.expr(b["cond"]), b["stmts"]) for b in body["cond_blocks"]]
+            blocks += [(ONE, body["else_block"])] if body.get("else_block") else []
+            yield Statement("if", place, branches=tuple((c, self._statements(s)) for c, s in blocks))
+        elif kind == "For":
+            yield self._loop(body, place)
+        elif kind in ("Assert", "Empty"):
+            return
+        else:
+            self._refuse(body, f"a {kind.lower()} statement", "functions may hold assignments, if and for")
+
+    def _statements(self, items: Sequence[Mapping[str, Any]]) -> tuple[Statement, ...]:
+        return tuple(s for item in items for s in self._statement(item))
+
+    def _loop(self, body: Mapping[str, Any], place: Place) -> Statement:
+        inner = self._statements(body["equations"])
+        for index in reversed(body["indices"]):
+            inner = (Statement("for", place, (), self.expr(index["range"]), ((ONE, inner),), index["ident"]),)
+        return inner[0]
+
+    def _target(self, comp: Mapping[str, Any]) -> Expr:
+        subscripts = [s for part in comp["parts"] for s in part["subs"] or ()]
+        base = Ref(".".join(part["ident"] for part in comp["parts"]))
+        return Op("[]", (base, *(self._subscript(s) for s in subscripts))) if subscripts else base
+
+    def _lvalue(self, node: Any) -> Expr | None:
+        return self.expr(node) if node is not None and node != "Empty" else None
+
+    # -- expressions
+
+    def expr(self, node: Any) -> Expr:
+        """An expression; ModelicaError for a kind outside the subset."""
+        if not isinstance(node, dict):
+            self._refuse({}, f"expression '{node}'", "write it in another way")
+        kind, body = next(iter(node.items()))
+        reader = getattr(self, "_read_" + kind, None)
+        if reader is None:
+            self._refuse(body if isinstance(body, dict) else {}, f"the construct '{kind}'", "write it in another way")
+        result: Expr = reader(body)
+        return result
+
+    def _read_Literal(self, b: Mapping[str, Any]) -> Expr:
+        kind, value = next(iter(b["value"].items()))
+        if kind == "String":
+            return Text(value)
+        return ONE if value is True else ZERO if value is False else Num(float(value))
+
+    def _read_VarRef(self, b: Mapping[str, Any]) -> Expr:
+        name = b["name"]["name"] if isinstance(b["name"], dict) else b["name"]
+        if name in self._enumerations:
+            return Num(self._enumerations[name])
+        if not b["subscripts"]:
+            return Ref(name)
+        return Op("[]", (Ref(name), *(self._subscript(s) for s in b["subscripts"])))
+
+    def _subscript(self, s: Mapping[str, Any]) -> Expr:
+        kind, body = next(iter(s.items()))
+        if kind == "Index":
+            return Num(float(body["value"]))
+        if kind == "Colon":
+            return Op(":", ())
+        return self.expr(body["expr"])
+
+    def _read_Binary(self, b: Mapping[str, Any]) -> Expr:
+        if b["op"] not in _BINARY:
+            self._refuse(b, f"operator '{b['op']}'", "write it in another way")
+        lhs, rhs = self.expr(b["lhs"]), self.expr(b["rhs"])
+        return Op(_BINARY[b["op"]], (lhs, rhs))
+
+    def _read_Unary(self, b: Mapping[str, Any]) -> Expr:
+        name = _UNARY[b["op"]]
+        operand = self.expr(b["rhs"])
+        if isinstance(operand, Num) and name == "neg":
+            return Num(-operand.value)
+        return operand if name == "+" else Op(name, (operand,))
+
+    def _read_If(self, b: Mapping[str, Any]) -> Expr:
+        result = self.expr(b["else_branch"])
+        for condition, value in reversed(b["branches"]):
+            result = Op("if", (self.expr(condition), self.expr(value), result))
+        return result
+
+    def _read_Array(self, b: Mapping[str, Any]) -> Expr:
+        kind = {"Array": "{}", "Horizontal": "[,]", "Vertical": "[;]"}.get(b.get("kind", "Array"), "{}")
+        return Op(kind, tuple(self.expr(e) for e in b["elements"]))
+
+    def _read_Tuple(self, b: Mapping[str, Any]) -> Expr:
+        return Op("tuple", tuple(self._lvalue(e) or Op("nothing", ()) for e in b["elements"]))
+
+    def _read_Range(self, b: Mapping[str, Any]) -> Expr:
+        step = self.expr(b["step"]) if b["step"] is not None else ONE
+        return Op("range", (self.expr(b["start"]), step, self.expr(b["end"])))
+
+    def _read_ArrayComprehension(self, b: Mapping[str, Any]) -> Expr:
+        if b.get("filter") is not None:
+            self._refuse(b, "a filter in a comprehension", "write the array out")
+        loops = [part for i in b["indices"] for part in (Ref(i["name"]), self.expr(i["range"]))]
+        return Op("for", (self.expr(b["expr"]), *loops))
+
+    def _read_Index(self, b: Mapping[str, Any]) -> Expr:
+        return Op("[]", (self.expr(b["base"]), *(self._subscript(s) for s in b["subscripts"])))
+
+    def _read_BuiltinCall(self, b: Mapping[str, Any]) -> Expr:
+        name = b["function"][0].lower() + b["function"][1:]
+        if name in _REFUSED:
+            self._refuse(b, f"{name}()", _REFUSED[name])
+        return Op(name, tuple(self.expr(a) for a in b["args"]))
+
+    def _read_FunctionCall(self, b: Mapping[str, Any]) -> Expr:
+        name = b["name"]["name"] if isinstance(b["name"], dict) else b["name"]
+        if b.get("is_constructor"):
+            self._refuse(b, f"record constructor '{name}'", "declare its fields as variables or parameters")
+        if name in _REFUSED:
+            self._refuse(b, f"{name}()", _REFUSED[name])
+        return Op("call " + name, tuple(self.expr(a) for a in b["args"]))
+
+    def _read_StringConversion(self, b: Mapping[str, Any]) -> Expr:
+        return Op("String", (self.expr(b["value"]),))
+
+
+def _tag(value: Any) -> str:
+    return (next(iter(value)) if isinstance(value, dict) else str(value)).lower()
+
+
+def _both(a: Expr | None, b: Expr) -> Expr:
+    return b if a is None or a == ONE else a if b == ONE else Op("and", (a, b))
+
+
+def _dotted(comp: Mapping[str, Any]) -> str:
+    return ".".join(part["ident"] for part in comp["parts"])
+
+
+def _spans(node: Any) -> Iterator[Mapping[str, Any]]:
+    """Dictionaries with a span, outermost first."""
+    if isinstance(node, dict):
+        if isinstance(node.get("span"), dict):
+            yield node
+        for value in node.values():
+            yield from _spans(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from _spans(value)
+
+
+def _structural(d: Mapping[str, Any]) -> frozenset[str]:
+    """Parameters whose values decided sizes, loops or which equations exist."""
+    return frozenset(
+        ".".join(r) if isinstance(r, list) else r for s in d.get("parameter_branch_selections", ()) for r in s["references"]
+    )
+
+

@@ -1,0 +1,102 @@
+"""``compile_model``: a class name or a file in, ``ModelCode`` out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from pathlib import Path
+
+from hystid.errors import ModelicaError
+from hystid.modelcode import ModelCode
+from hystid.modelica.causalise import causalise
+from hystid.modelica.describe import model_code
+from hystid.modelica.flat import FlatModel
+from hystid.modelica.frontend import flatten
+from hystid.modelica.sources import Source, library_folder, near, qualified_classes, read, read_tree
+
+
+def compile_model(
+    model: str, *, parameters: Mapping[str, float] | None = None, libraries: Sequence[Path] = ()
+) -> ModelCode:
+    """C for a Modelica model.
+
+    model: a class of the library ("HystId.Oscillators.Jenkins") or of a file ("rig.mo:Rig", "folder/package.mo:Rig.Arm").
+    parameters: name -> value; those that decide sizes or equations are built in, the others become start values.
+    libraries: further .mo files or package folders that the model uses.
+    Raises ModelicaError with file, line, construct and the way around it.
+    """
+    values = dict(parameters or {})
+    flat = flat_model(model, libraries=libraries)
+    structure = {n: values.pop(n) for n in [*values] if _is_structural(flat, n)}
+    if structure:
+        flat = flat_model(model, libraries=libraries, structure=structure)
+    return model_code(causalise(flat, values))
+
+
+def flat_model(
+    model: str, *, libraries: Sequence[Path] = (), structure: Mapping[str, float] | None = None
+) -> FlatModel:
+    """The flat model of ``model``, with values of structural parameters built in. Raises ModelicaError."""
+    name, files, roots = _locate(model, libraries)
+    library = [s for root in roots for s in read_tree(root)]
+    _must_exist(name, files, library, roots)
+    return flatten(name, files, library, [r.parent for r in roots], structure or {})
+
+
+def _is_structural(flat: FlatModel, name: str) -> bool:
+    return any(v.structural and v.name == name for v in flat.variables)
+
+
+def _locate(model: str, libraries: Sequence[Path]) -> tuple[str, list[Source], list[Path]]:
+    """Class name, the user's files, and the folders of directory packages."""
+    roots = [library_folder() / "HystId"]
+    files: list[Source] = []
+    path, name = _split(model)
+    for entry in (*([path] if path else []), *map(Path, libraries)):
+        folder = _package_of(entry)
+        if folder is None:
+            files.append(read(entry))
+        elif folder not in roots:
+            roots.append(folder)
+    return name, files, roots
+
+
+def _split(model: str) -> tuple[Path | None, str]:
+    found = re.fullmatch(r"(.+\.mo):([A-Za-z_][\w.]*)", model)
+    if found:
+        return Path(found.group(1)), found.group(2)
+    if re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", model) and not model.endswith(".mo"):
+        return None, model
+    raise ModelicaError(
+        f"'{model}' names no model: write a class such as HystId.Oscillators.Jenkins, or file.mo:Class"
+    )
+
+
+def _package_of(entry: Path) -> Path | None:
+    """The outermost folder of the directory package that a file belongs to, None for a file of its own."""
+    if not entry.exists():
+        raise ModelicaError(f"{entry}: no such file")
+    folder = entry.resolve() if entry.is_dir() else entry.resolve().parent
+    if not (folder / "package.mo").is_file():
+        if entry.is_dir():
+            raise ModelicaError(f"{entry}: a folder without package.mo is no Modelica package; name the .mo files")
+        return None
+    while (folder.parent / "package.mo").is_file():
+        folder = folder.parent
+    return folder
+
+
+def _must_exist(name: str, files: Sequence[Source], library: Sequence[Source], roots: Sequence[Path]) -> None:
+    """The class is declared somewhere; else near names are suggested."""
+    names = [c for root in roots for c in qualified_classes(root)] + [c for f in files for c in _classes(f)]
+    if name in names or any(name.rsplit(".", 1)[-1] in s.classes() for s in files):
+        return
+    where = ", ".join(str(f.path) for f in files) or "the library HystId"
+    raise ModelicaError(f"{where}: there is no class '{name}'{near(name, names)}")
+
+
+def _classes(source: Source) -> list[str]:
+    """Names of a file's classes; those inside the first are given with its name in front."""
+    found = source.classes()
+    return [*found, *(f"{found[0]}.{c}" for c in found[1:])]

@@ -1,0 +1,228 @@
+"""The hybrid model in the words of the FMI standard: variables, dependencies, sources -> ``ModelCode``."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+from hystid.modelcode import Experiment, ModelCode, Variable
+from hystid.modelica.blocks import Step, sources, targets
+from hystid.modelica.c_expr import comment, number, quoted
+from hystid.modelica.emit_c import Emitter, indented
+from hystid.modelica.emit_derivatives import DerivativeEmitter
+from hystid.modelica.events import der
+from hystid.modelica.expr import refs
+from hystid.modelica.hybrid import HybridModel
+from hystid.modelica.layout import Layout
+from hystid.modelica.scalar import ScalarVariable
+
+_SECTIONS = ("p", "u", "x", "dx", "d", "y", "pre", "rel", "w")
+
+
+def model_code(model: HybridModel) -> ModelCode:
+    """The model as C with its description."""
+    layout = Layout(model)
+    variables = tuple(_variables(model, layout))
+    draft = ModelCode(
+        name=model.flat.name,
+        description=model.flat.description,
+        variables=variables,
+        sources={},
+        states=model.states,
+        n_indicators=sum(len(r.indicators) for r in model.relations),
+        n_values=layout.size,
+        dependencies=_dependencies(model),
+        has_forward=True,
+        has_adjoint=True,
+        experiment=model.flat.experiment,
+    )
+    text = _c_text(model, layout, "")
+    token = hashlib.sha256(f"{text}{draft}".encode()).hexdigest()
+    guid = "{" + "-".join((token[:8], token[8:12], token[12:16], token[16:20], token[20:32])) + "}"
+    return replace(draft, sources={"model.c": _c_text(model, layout, guid)}, token=guid)
+
+
+# -- C
+
+
+def _c_text(model: HybridModel, layout: Layout, token: str) -> str:
+    emitter = Emitter(model, layout)
+    derivatives = DerivativeEmitter(emitter)
+    functions = {
+        "parameters": emitter.parameters(),
+        "initialise": emitter.initialise(),
+        "evaluate": emitter.evaluate(),
+    }
+    if any(r.indicators for r in model.relations):
+        functions["indicators"] = emitter.indicators()
+    if model.relations or model.discrete or model.reinits or model.checks:
+        functions["update"] = emitter.update()
+    if model.samplers or any(r.deadline is not None for r in model.relations):
+        functions["next_time_event"] = emitter.next_time_event()
+    if model.assertions:
+        functions["completed_step"] = emitter.completed_step()
+    functions["forward"] = derivatives.forward()
+    functions["adjoint"] = derivatives.adjoint()
+    body = [line for lines in functions.values() for line in lines]
+    head = [
+        f"/* {comment(model.flat.name)}: {comment(model.flat.description)}",
+        "   Written by hystid from Modelica. The block is laid out as hy_model.h says. */",
+        '#include "hy_model.h"',
+        "",
+        "#include <math.h>",
+        *(["#include <stdio.h>"] if any("snprintf" in line for line in [*body, *emitter.preamble()]) else []),
+        "",
+    ]
+    return "\n".join([*head, *emitter.preamble(), *body, *_table(model, layout, functions, token), ""])
+
+
+def _table(model: HybridModel, layout: Layout, functions: Mapping[str, list[str]], token: str) -> list[str]:
+    starts = [0.0] * layout.size
+    starts[0] = model.flat.experiment.start
+    for name, value in model.starts.items():
+        if name in layout.slots and name not in model.aliases:
+            starts[layout.slots[name]] = value
+    rows = [", ".join(number(v) for v in starts[k : k + 12]) for k in range(0, len(starts), 12)]
+    fields = [
+        f".name = {quoted(model.flat.name)}, .token = {quoted(token)}, .n_values = {layout.size},",
+        *(f".{s} = {layout.first(s)}, .n_{s} = {layout.count(s)}," for s in _SECTIONS if s not in ("dx", "pre")),
+        f".dx = {layout.first('dx')}, .pre = {layout.first('pre')},",
+        f".n_z = {sum(len(r.indicators) for r in model.relations)}, .step = {number(_step(model.flat.experiment))},",
+        ".start = hy_start_values,",
+        *(f".{name} = hy_{name}," for name in functions),
+    ]
+    return [
+        f"static const double hy_start_values[{layout.size}] = {{",
+        *indented(r + "," for r in rows),
+        "};",
+        "",
+        "const hy_model hy_the_model = {",
+        *indented(fields),
+        "};",
+    ]
+
+
+def _step(experiment: Experiment) -> float:
+    return experiment.step
+
+
+# -- variables
+
+
+def _variables(model: HybridModel, layout: Layout) -> Iterator[Variable]:
+    for name, v in model.variables.items():
+        yield _variable(name, v, model, layout)
+    for name in model.states:
+        v = model.variables[name]
+        yield Variable(
+            der(name),
+            layout.slots[der(name)],
+            "local",
+            "continuous",
+            initial="calculated",
+            unit=f"{v.flat.unit}/s" if v.flat.unit and "/" not in v.flat.unit else _per_second(v.flat.unit),
+            description=f"derivative of {name}",
+            derivative_of=name,
+        )
+
+
+def _per_second(unit: str) -> str:
+    """Unit of the derivative of a quantity whose unit is a quotient: "m/s" -> "m/s2", "N/m" -> "N/(m.s)"."""
+    if not unit or unit == "1":
+        return "1/s" if unit else ""
+    above, below = unit.split("/", 1)
+    if below == "s":
+        return f"{above}/s2"
+    if below.startswith("s") and below[1:].isdigit():
+        return f"{above}/s{int(below[1:]) + 1}"
+    return f"{above}/({below.strip('()')}.s)"
+
+
+def _variable(name: str, v: ScalarVariable, model: HybridModel, layout: Layout) -> Variable:
+    causality, variability, initial = _role(name, v, model)
+    start: float | None = None
+    if initial in ("exact", "approx") or causality == "input":
+        start = model.starts.get(name, 0.0)
+    return Variable(
+        name=name,
+        slot=layout.slots[name],
+        causality=causality,  # type: ignore[arg-type]
+        variability=variability,  # type: ignore[arg-type]
+        type=v.flat.type,
+        initial=initial,  # type: ignore[arg-type]
+        start=start,
+        min=v.min,
+        max=v.max,
+        nominal=v.nominal,
+        unit=v.flat.unit if v.flat.type == "Real" else "",
+        description=v.flat.description,
+    )
+
+
+def _role(name: str, v: ScalarVariable, model: HybridModel) -> tuple[str, str, str | None]:
+    """Causality, variability and initial."""
+    if v.kind == "constant":
+        return "local", "constant", "exact"
+    if v.kind == "parameter":
+        return "parameter", _parameter_variability(name, v, model), "exact"
+    if v.kind in ("dependent", "free"):
+        late = v.kind == "free" or name in model.solved_at_start
+        needs = refs(v.binding) if v.binding is not None and not late else frozenset()
+        fixed = late or any(_parameter_variability(n, model.variables[n], model) == "fixed" for n in needs)
+        return "calculatedParameter", "fixed" if fixed else "tunable", "calculated"
+    if v.kind == "input":
+        return "input", "continuous" if v.flat.type == "Real" else "discrete", None
+    outside = v.flat.causality == "output" and "." not in name
+    causality = "output" if outside else "local"
+    if name in model.discrete:
+        return causality, "discrete", "calculated"
+    if name in model.states:
+        exact = name not in model.solved_at_start
+        return causality, "continuous", "exact" if exact else "calculated"
+    return causality, "continuous" if v.flat.type == "Real" else "discrete", "calculated"
+
+
+def _parameter_variability(name: str, v: ScalarVariable, model: HybridModel) -> str:
+    """Parameters of the start alone cannot be tuned later."""
+    if v.kind in ("dependent", "free", "constant"):
+        return "fixed" if v.kind != "dependent" else "tunable"
+    running = _running_names(model)
+    return "tunable" if v.flat.type == "Real" and name in running else "fixed"
+
+
+def _running_names(model: HybridModel) -> frozenset[str]:
+    """Names read after the start, directly or through dependent parameters."""
+    found = {n for s in (*model.derivatives, *model.event) for n in sources(s)}
+    found |= {n for r in model.relations for n in refs(r.value)}
+    found |= {n for r in model.reinits for n in refs(r.value) | refs(r.active)}
+    found |= {n for s in model.samplers for n in refs(s.start) | refs(s.interval)}
+    for step in reversed(model.dependent):
+        if any(t in found for t in targets(step)):
+            found |= sources(step)
+    return frozenset(found)
+
+
+# -- dependencies
+
+
+def _dependencies(model: HybridModel) -> dict[str, tuple[str, ...]]:
+    """Which inputs and states each output and derivative needs, directly."""
+    known: dict[str, frozenset[str]] = {n: frozenset({n}) for n in (*model.inputs, *model.states)}
+    for step in (*model.derivatives, *_discrete_steps(model)):
+        needs = frozenset(k for n in sources(step) for k in known.get(n, frozenset()))
+        for t in targets(step):
+            known[t] = needs
+    wanted = [n for n, v in model.variables.items() if _role_is_output(n, v)]
+    order = [*model.inputs, *model.states]
+    named = {n: known.get(model.aliases.get(n, n), frozenset()) for n in wanted}
+    named |= {der(n): known.get(der(n), frozenset()) for n in model.states}
+    return {n: tuple(k for k in order if k in needs) for n, needs in named.items()}
+
+
+def _discrete_steps(model: HybridModel) -> list[Step]:
+    return [s for s in model.event if any(t in model.discrete for t in targets(s))]
+
+
+def _role_is_output(name: str, v: ScalarVariable) -> bool:
+    return v.kind == "unknown" and v.flat.causality == "output" and "." not in name

@@ -1,0 +1,111 @@
+"""The front end's complaints turned into one sentence with file, line and a way around."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from hystid.errors import ModelicaError
+from hystid.modelica.sources import Source, blanked, near
+
+_PLACE = re.compile(r"\[([^\[\]\n]+):(\d+):\d+\]")
+_QUOTED = re.compile(
+    r"(?:unresolved [\w ]+|not found|base class not found|unknown [\w ]+|only be applied to state variables)"
+    r":? [`']?([A-Za-z_][\w.\[\]]*)"
+)
+
+
+def located_syntax_error(validate: Callable[..., list[Any]], *groups: Sequence[Source]) -> None:
+    """Raise ModelicaError for the first file that does not parse; the line comes out of the message's picture."""
+    for source in (s for group in groups for s in group):
+        for diagnostic in validate(source.text, filename=str(source.path)):
+            text = str(diagnostic)
+            place = re.search(r"\[[^\[\]\n]*:(\d+):(\d+)\]", text)
+            what = re.search(r"×\s*(.+)", text)
+            line = place.group(1) if place else "1"
+            raise ModelicaError(f"{source.path}:{line}: syntax error: {what.group(1) if what else text.splitlines()[0]}")
+
+
+def explain(message: str, name: str, files: Sequence[Source], library: Sequence[Source]) -> ModelicaError:
+    """One sentence for a message of the front end about class ``name``."""
+    sources = [*files, *library]
+    core = _core(message)
+    place = _PLACE.search(message)
+    where = f"{place.group(1)}:{place.group(2)}" if place else _search(message, core, name, sources)
+    return ModelicaError(f"{where}: {_plain(core)}{_advice(core, sources)}")
+
+
+def _core(message: str) -> str:
+    """The first line without the stage, the wrapper and the place."""
+    text = message.splitlines()[0]
+    text = re.sub(r"^.*? (?:could not be compiled:|failed in \w+:)\s*", "", text)
+    text = re.sub(r"^parse error:\s*", "", text)
+    return _PLACE.sub("", text).strip().rstrip(".")
+
+
+def _search(message: str, core: str, name: str, sources: Sequence[Source]) -> str:
+    """File and line by looking for the name that the message speaks of."""
+    line = re.search(r"\(line (\d+)\)", core)
+    file = re.search(r"^- (.+?) \[", message, re.MULTILINE)
+    if line and file and not file.group(1).startswith("<"):
+        return f"{file.group(1)}:{line.group(1)}"
+    quoted = _QUOTED.search(core) or re.search(r"[`']([A-Za-z_][\w.\[\]]*)[`']", core)
+    if quoted:
+        word = re.sub(r"\[.*", "", quoted.group(1))
+        for source in sources:
+            found = source.find(word)
+            if found:
+                return f"{source.path}:{found}"
+    return declared_at(name, sources)
+
+
+def declared_at(name: str, sources: Sequence[Source]) -> str:
+    """File and line of a class's declaration, the class name itself where it is nowhere."""
+    short = name.rsplit(".", 1)[-1]
+    for source in sources:
+        found = re.search(rf"\b(?:model|block|class|function|connector|type)\s+{short}\b", blanked(source.text))
+        if found:
+            return f"{source.path}:{source.text.count(chr(10), 0, found.start()) + 1}"
+    return name
+
+
+# What to say after the front end's own words, by a pattern in them.
+_ADVICE = (
+    (r"unbalanced model", "; give every unknown one equation"),
+    (r"derivative expression", "; der() takes one variable: give the expression a name and derive that"),
+    (r"function statement", "; functions may hold assignments, if and for: unroll while-loops and leave out return"),
+    (r"external function", "; external functions are not supported: write the function in Modelica"),
+    (r"only be applied to state variables", "; reinit() takes a scalar state: name array elements as scalars"),
+    (r"edge|change\(", "; give the operand a name: Boolean b = <condition>, then change(b)"),
+    (r"unsupported initial algorithm|algorithm", "; algorithm sections are for functions only: write equations"),
+    (r"branches have mismatched equation counts", "; every branch of an if-equation needs as many equations, 'else' too"),
+    (r"when-equations cannot be nested", "; join the conditions with 'and', or use elsewhen"),
+    (r"previous|[Cc]lock", "; clocks are not supported: use sample(start, interval) and pre()"),
+    (r"dependency cycle", "; break the loop with pre()"),
+)
+
+
+def _advice(core: str, sources: Sequence[Source]) -> str:
+    unresolved = re.search(r"(?:unresolved [\w ]+|base class not found)[:\s]+[`']([\w.]+)[`']", core)
+    if unresolved:
+        word = unresolved.group(1)
+        if word.startswith("Modelica."):
+            return "; the Modelica Standard Library is not part of hystid: use HystId.Units or plain Real(unit=...)"
+        return near(word, _identifiers(sources))
+    for pattern, advice in _ADVICE:
+        if re.search(pattern, core):
+            return advice
+    return ""
+
+
+def _identifiers(sources: Sequence[Source]) -> set[str]:
+    return {word for s in sources for word in re.findall(r"[A-Za-z_]\w{2,}", blanked(s.text))} - {"time"}
+
+
+def _plain(core: str) -> str:
+    """Words of a Modelica author in place of those of a compiler."""
+    core = core.replace("unsupported Flat semantic owner ", "not supported: ")
+    core = re.sub(r"; unknowns\[.*", "", core)
+    core = re.sub(r"\s*\(line \d+\)", "", core)
+    return core.replace("`", "'")

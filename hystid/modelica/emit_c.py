@@ -1,0 +1,371 @@
+"""The value functions of ``hy_model.h`` as readable C: Modelica names stand in comments beside the slots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from hystid.modelica.blocks import Assign, Solve, Step
+from hystid.modelica.c_expr import HELPERS, Printer, comment, number, quoted
+from hystid.modelica.events import INITIAL
+from hystid.modelica.expr import Expr, Num, Op, Ref, Text, op
+from hystid.modelica.flat import Assertion
+from hystid.modelica.hybrid import HybridModel
+from hystid.modelica.layout import Layout, tick, warned
+
+# How often initialisation looks at the relations anew: a start that still changes then has no consistent modes.
+_START_PASSES = 50
+
+SOLVERS = """\
+/* Solves A x = b by elimination with row exchange; b becomes x. 1 where A is singular to rounding. */
+static int hy_solve(int n, double *A, double *b)
+{
+    for (int k = 0; k < n; k++) {
+        int p = k;
+        double largest = 0;
+        for (int i = k; i < n; i++)
+            if (fabs(A[i * n + k]) > fabs(A[p * n + k])) p = i;
+        for (int j = k; j < n; j++) largest = fmax(largest, fabs(A[p * n + j]));
+        if (!(fabs(A[p * n + k]) > 1e-14 * largest)) return 1;
+        for (int j = k; j < n && p != k; j++) {
+            const double t = A[k * n + j];
+            A[k * n + j] = A[p * n + j];
+            A[p * n + j] = t;
+        }
+        if (p != k) {
+            const double t = b[k];
+            b[k] = b[p];
+            b[p] = t;
+        }
+        for (int i = k + 1; i < n; i++) {
+            const double f = A[i * n + k] / A[k * n + k];
+            if (f == 0) continue;
+            for (int j = k + 1; j < n; j++) A[i * n + j] -= f * A[k * n + j];
+            b[i] -= f * b[k];
+        }
+    }
+    for (int i = n - 1; i >= 0; i--) {
+        for (int j = i + 1; j < n; j++) b[i] -= A[i * n + j] * b[j];
+        b[i] /= A[i * n + i];
+    }
+    return 0;
+}
+"""
+
+NEWTON = """\
+typedef void hy_function(const double *v, double *out);
+
+static double hy_norm(int n, const double *r, const double *scale)
+{
+    double sum = 0;
+    for (int i = 0; i < n; i++) sum += r[i] * r[i] / (scale[i] * scale[i]);
+    return sqrt(sum);
+}
+
+/* Newton's method with halved steps: a step is taken when it makes the residual, weighed by the rows of the first
+   jacobian, smaller. r, A and x0 are scratch of n, n*n and 3*n numbers. 1 where it does not converge. */
+static int hy_newton(double *v, int n, const int *slots, const double *nominal, hy_function *residual,
+                     hy_function *jacobian, double *r, double *A, double *x0)
+{
+    double *const step = x0 + n, *const scale = x0 + 2 * n;
+    residual(v, r);
+    for (int k = 0; k < 60; k++) {
+        double before, size = 0, part = 1;
+        jacobian(v, A);
+        for (int i = 0; k == 0 && i < n; i++) {
+            scale[i] = 1e-300;
+            for (int j = 0; j < n; j++) scale[i] = fmax(scale[i], fabs(A[i * n + j]) * fmax(fabs(v[slots[j]]), nominal[j]));
+        }
+        before = hy_norm(n, r, scale);
+        for (int i = 0; i < n; i++) step[i] = r[i], x0[i] = v[slots[i]];
+        if (hy_solve(n, A, step)) return 1;
+        for (int i = 0; i < n; i++) size = fmax(size, fabs(step[i]) / fmax(fabs(x0[i]), nominal[i]));
+        for (;;) {
+            double after;
+            for (int i = 0; i < n; i++) v[slots[i]] = x0[i] - part * step[i];
+            residual(v, r);
+            after = hy_norm(n, r, scale);
+            if (after < before || after <= 1e-15) break;
+            if (size <= 1e-9 && isfinite(after)) return 0; /* rounding: no smaller residual to be had */
+            part *= 0.5;
+            if (part < 1e-10) return 1;
+        }
+        if (part == 1 && size <= 1e-12) return 0;
+        if (part == 1 && before == 0) return 0;
+    }
+    return 1;
+}
+"""
+
+
+class Emitter:
+    """Prints one model."""
+
+    def __init__(self, model: HybridModel, layout: Layout) -> None:
+        self.model = model
+        self.layout = layout
+        self.printer = Printer(self.slot)
+        self.needs_solve = False
+        self.needs_newton = False
+        self._blocks: dict[Solve, int] = {}
+        self._block_text: list[str] = []
+
+    def slot(self, name: str) -> str:
+        """``v[3 /* name */]``."""
+        return f"v[{self.layout.slots[name]} /* {comment(name)} */]"
+
+    # -- steps
+
+    def steps(self, steps: Iterable[Step]) -> list[str]:
+        """Statements, one step after another."""
+        return [line for step in steps for line in self._step(step)]
+
+    def _step(self, step: Step) -> list[str]:
+        if isinstance(step, Assign):
+            declarations, texts = self.printer.lines([step.value])
+            line = f"{self.slot(step.variable)} = {texts[0]};"
+            return [*declarations, line] if declarations else [line]
+        self.needs_solve = True
+        return self._linear(step) if step.linear else self._nonlinear(step)
+
+    def _linear(self, step: Solve) -> list[str]:
+        n = len(step.variables)
+        entries = [e for row in step.jacobian for e in row]
+        declarations, texts = self.printer.lines([*entries, *step.residuals])
+        lines = [f"{{ /* {self._what(step)} */"]
+        lines += [f"    {self.slot(name)} = 0;" for name in step.variables]
+        lines += ["    {", *(f"        {d}" for d in declarations)]
+        lines += [f"        double A[{n * n}] = {{{', '.join(texts[: n * n])}}};"]
+        lines += [f"        double b[{n}] = {{{', '.join(texts[n * n :])}}};"]
+        lines += [f"        if (hy_solve({n}, A, b)) return hy_singular(m, {quoted(self._what(step))});"]
+        lines += [f"        {self.slot(name)} = -b[{i}];" for i, name in enumerate(step.variables)]
+        return [*lines, "    }", "}"]
+
+    def _nonlinear(self, step: Solve) -> list[str]:
+        self.needs_newton = True
+        k, n = self._block(step), len(step.variables)
+        slots = ", ".join(f"{self.layout.slots[name]} /* {comment(name)} */" for name in step.variables)
+        nominal = ", ".join(number(self._nominal(name)) for name in step.variables)
+        start = ", ".join(number(self.model.starts.get(name, 0.0)) for name in step.variables)
+        return [
+            f"{{ /* {self._what(step)} */",
+            f"    static const int slots[{n}] = {{{slots}}};",
+            f"    static const double nominal[{n}] = {{{nominal}}}, start[{n}] = {{{start}}};",
+            f"    double r[{n}], A[{n * n}], x[{3 * n}];",
+            f"    if (hy_newton(v, {n}, slots, nominal, hy_residual{k}, hy_jacobian{k}, r, A, x)) {{",
+            f"        for (int i = 0; i < {n}; i++) v[slots[i]] = start[i];",
+            f"        if (hy_newton(v, {n}, slots, nominal, hy_residual{k}, hy_jacobian{k}, r, A, x)) {{",
+            f"            for (int i = 0; i < {n}; i++) v[slots[i]] = start[i];",
+            f"            return hy_not_converged(m, {quoted(self._what(step))});",
+            "        }",
+            "    }",
+            "}",
+        ]
+
+    def _nominal(self, name: str) -> float:
+        v = self.model.variables.get(name.removeprefix("der(").removesuffix(")"))
+        return abs(v.nominal) if v is not None and v.nominal else 1e-3
+
+    def _what(self, step: Solve) -> str:
+        names = ", ".join(step.variables[:4]) + (", ..." if len(step.variables) > 4 else "")
+        return comment(f"simultaneous equations for {names}, {step.place}")
+
+    def _block(self, step: Solve) -> int:
+        """Number of a nonlinear block, its functions printed once."""
+        if step not in self._blocks:
+            k = self._blocks[step] = len(self._blocks) + 1
+            entries = [e for row in step.jacobian for e in row]
+            for name, values in (("residual", step.residuals), ("jacobian", entries)):
+                declarations, texts = self.printer.lines(list(values))
+                body = [*declarations, *(f"out[{i}] = {t};" for i, t in enumerate(texts))]
+                head = f"static void hy_{name}{k}(const double *v, double *out)"
+                unused = [] if any("v[" in line for line in body) else ["(void)v;"]
+                self._block_text += [head, "{", *indented([*unused, *body]), "}", ""]
+        return self._blocks[step]
+
+    # -- functions
+
+    def parameters(self) -> list[str]:
+        """Dependent parameters."""
+        return self.function("int", "parameters", "hy_data *m", self.steps(self.model.dependent))
+
+    def evaluate(self) -> list[str]:
+        """Derivatives and algebraic variables."""
+        return self.function("int", "evaluate", "hy_data *m", self.steps(self.model.derivatives))
+
+    def initialise(self) -> list[str]:
+        """Solves the initial equations; relations are looked at until they agree with the values."""
+        lines = [f"{self.slot(INITIAL)} = 1;"]
+        for s in self.model.samplers:
+            lines += [f"{self.slot(s.flag)} = 0;", self._first_tick(s.start, s.interval, s.flag)]
+        lines += [f"{self.slot(warned(k))} = 0;" for k in range(len(self.model.assertions))]
+        body = self.steps(self.model.initialisation)
+        if self.model.relations:
+            lines += [f"for (int pass = 0; pass < {_START_PASSES}; pass++) {{", "    int changed = 0;"]
+            lines += [*indented(body), *indented(self._renew_relations("changed")), "    if (!changed) break;", "}"]
+        lines += body
+        count, d, before = self.layout.count("d"), self.layout.first("d"), self.layout.first("pre")
+        if count:
+            lines.append(f"for (int i = 0; i < {count}; i++) v[{before} + i] = v[{d} + i]; /* pre := d */")
+        lines.append(f"{self.slot(INITIAL)} = 0;")
+        return self.function("int", "initialise", "hy_data *m", lines)
+
+    def _first_tick(self, start: Expr, interval: Expr, flag: str) -> str:
+        ratio = self.printer.value(op("/", op("-", Ref("time"), start), interval))
+        return f"{self.slot(tick(flag))} = fmax(0.0, ceil({ratio} - 1e-9));"
+
+    def _renew_relations(self, changed: str) -> list[str]:
+        lines = []
+        for r in self.model.relations:
+            name = self.slot(r.name)
+            text = self.printer.value(r.value)
+            lines += ["{", f"    const double now = {text};", f"    {changed} |= now != {name};", f"    {name} = now;", "}"]
+        return lines
+
+    def indicators(self) -> list[str]:
+        """Event indicators."""
+        values = [i for r in self.model.relations for i in r.indicators]
+        declarations, texts = self.printer.lines(values)
+        lines = [*declarations, *(f"z[{k}] = {text};" for k, text in enumerate(texts))]
+        return self.function("int", "indicators", "hy_data *m, double *z", lines)
+
+    def update(self) -> list[str]:
+        """One pass of event iteration."""
+        lines = ["int changed = 0;"]
+        lines += self._renew_relations("changed")
+        lines += self._ticks()
+        lines += self.steps(self.model.event)
+        lines += self._checks() + self._reinits() + self._settled()
+        lines.append("*again = changed;")
+        return self.function("int", "update", "hy_data *m, int *again", lines)
+
+    def _ticks(self) -> list[str]:
+        lines = []
+        for s in self.model.samplers:
+            due = self._due(s.start, s.interval, s.flag)
+            lines += [f"{self.slot(s.flag)} = {self.slot('time')} >= {due} ? 1.0 : 0.0;"]
+            lines += [f"if ({self.slot(s.flag)} != 0) {self.slot(tick(s.flag))} += 1;"]
+        return lines
+
+    def _due(self, start: Expr, interval: Expr, flag: str) -> str:
+        return self.printer.value(op("+", start, op("*", Ref(tick(flag)), interval)), 4)
+
+    def _reinits(self) -> list[str]:
+        lines = []
+        for k, r in enumerate(self.model.reinits):
+            active, value = self.printer.truth(r.active), self.printer.value(r.value)
+            lines += [f"const int fires{k} = {active}; /* {comment(str(r.place))} */"]
+            lines += [f"const double new{k} = fires{k} ? {value} : 0.0;"]
+        for k, r in enumerate(self.model.reinits):
+            lines += [f"if (fires{k}) {{ changed = 1; {self.slot(r.state)} = new{k}; }}"]
+        return lines
+
+    def _settled(self) -> list[str]:
+        count, d, before = self.layout.count("d"), self.layout.first("d"), self.layout.first("pre")
+        return [f"for (int i = 0; i < {count}; i++) changed |= v[{d} + i] != v[{before} + i];"] if count else []
+
+    def _checks(self) -> list[str]:
+        """Assertions inside when-clauses."""
+        lines = []
+        for active, a in self.model.checks:
+            condition = op("and", active, op("not", a.condition))
+            lines += [f"if ({self.printer.truth(condition)}) {{", *indented(self._report(a)), "}"]
+        return lines
+
+    def completed_step(self) -> list[str]:
+        """Assertions, looked at once per step: a warning is given when the condition begins to fail."""
+        lines = []
+        for k, a in enumerate(self.model.assertions):
+            mark = self.slot(warned(k))
+            lines += [f"if (!({self.printer.truth(a.condition)})) {{"]
+            if a.level == "warning":
+                report = [f"if ({mark} == 0) {{", *indented(self._report(a)), "}", f"{mark} = 1;"]
+                lines += [*indented(report), "} else {", f"    {mark} = 0;", "}"]
+            else:
+                lines += [*indented(self._report(a)), "}"]
+        return self.function("int", "completed_step", "hy_data *m", lines)
+
+    def _report(self, a: Assertion) -> list[str]:
+        parts = list(_texts(a.message))
+        pattern = "".join("%.9g" if not isinstance(p, Text) else p.value.replace("%", "%%") for p in parts)
+        numbers = "".join(f", {self.printer.value(p)}" for p in parts if not isinstance(p, Text))
+        time = f", {self.slot('time')}"
+        level = "HY_WARNING" if a.level == "warning" else "HY_FAILURE"
+        lines = [
+            "char text[400];",
+            f"snprintf(text, sizeof text, {quoted(pattern + ' (t = %.9g s)')}{numbers}{time}); /* {comment(str(a.place))} */",
+            f"m->log(m->owner, {level}, text);",
+        ]
+        return lines if a.level == "warning" else [*lines, "return HY_ERROR;"]
+
+    def next_time_event(self) -> list[str]:
+        """Earliest instant after now at which a sampler ticks or a relation of time changes."""
+        lines = ["double next = INFINITY;"]
+        for s in self.model.samplers:
+            lines.append(f"next = fmin(next, {self._due(s.start, s.interval, s.flag)});")
+        for r in self.model.relations:
+            if r.deadline is not None:
+                text = self.printer.value(r.deadline, 4)
+                lines.append(f"if ({text} > {self.slot('time')}) next = fmin(next, {text});")
+        lines.append("return next;")
+        return self.function("double", "next_time_event", "const hy_data *m", lines, returns=False)
+
+    def function(self, kind: str, name: str, arguments: str, body: Sequence[str], returns: bool = True) -> list[str]:
+        """A static function of hy_model; v is the block."""
+        text = "\n".join(body)
+        opening = ["double *const v = m->v;"] if kind == "int" else ["const double *const v = m->v;"]
+        if "v[" not in text:
+            opening = [] if "m->" in text else ["(void)m;"]
+        if "z" in arguments and "z[" not in text:
+            opening.append("(void)z;")
+        closing = ["return HY_OK;"] if returns else []
+        return [f"static {kind} hy_{name}({arguments})", "{", *indented([*opening, *body, *closing]), "}", ""]
+
+    def preamble(self) -> list[str]:
+        """Helpers that the printed functions use; call after printing them."""
+        lines: list[str] = []
+        for name in HELPERS:
+            if name in self.printer.used:
+                lines += [HELPERS[name], ""]
+        if self.needs_solve:
+            lines += [SOLVERS, *self._outcome("hy_singular", "HY_ERROR", "singular", "HY_FAILURE")]
+        if self.needs_newton:
+            lines += [NEWTON, *self._outcome("hy_not_converged", "HY_RETRY", "no convergence", "HY_WARNING")]
+        return [*lines, *self._block_text]
+
+    def _outcome(self, name: str, outcome: str, word: str, level: str) -> list[str]:
+        if not any(s.linear != (name == "hy_not_converged") for s in self._all_solves()):
+            return []
+        return [
+            f"static int {name}(hy_data *m, const char *what)",
+            "{",
+            "    char text[400];",
+            f'    snprintf(text, sizeof text, "{word} at t = %.9g s: %s", m->v[0], what);',
+            f"    m->log(m->owner, {level}, text);",
+            f"    return {outcome};",
+            "}",
+            "",
+        ]
+
+    def _all_solves(self) -> Iterator[Solve]:
+        m = self.model
+        groups = (m.dependent, m.derivatives, m.event, m.initialisation)
+        return (s for group in groups for s in group if isinstance(s, Solve))
+
+
+def indented(lines: Iterable[str]) -> list[str]:
+    """Lines moved in by one level."""
+    return ["    " + line if line else line for line in lines]
+
+
+def _texts(message: Expr) -> Iterator[Expr]:
+    """Parts of a message: texts and numbers."""
+    if isinstance(message, Op) and message.name == "+":
+        for a in message.args:
+            yield from _texts(a)
+    elif isinstance(message, Op) and message.name == "String":
+        yield message.args[0]
+    elif isinstance(message, Num):
+        return
+    else:
+        yield message
+

@@ -1,0 +1,359 @@
+"""Scalar expressions: three immutable nodes, constructors that fold constants, substitution and differentiation.
+
+Truth values are the numbers 0 and 1. An operation's name is a Modelica operator ("+", "<=", "and"), a built-in
+function ("sin", "pre"), or "if" with the arguments condition, value, otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class Num:
+    """A number."""
+
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ref:
+    """The value of a scalar variable."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A string; lives in messages only."""
+
+    value: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Op:
+    """An operation on expressions. The hash is kept, so that large trees compare and memoise in constant time."""
+
+    name: str
+    args: tuple[Expr, ...]
+    key: int = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "key", hash((self.name, self.args)))
+
+    def __hash__(self) -> int:
+        return self.key
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (
+            isinstance(other, Op) and self.key == other.key and self.name == other.name and self.args == other.args
+        )
+
+
+Expr = Num | Ref | Op | Text
+
+ZERO, ONE = Num(0.0), Num(1.0)
+RELATIONS = frozenset({"<", "<=", ">", ">=", "==", "<>"})
+LOGICAL = frozenset({"and", "or", "not", "edge", "change", "initial", "terminal", "sample"}) | RELATIONS
+
+
+def op(name: str, *args: Expr) -> Expr:
+    """Operation with constants folded and neutral elements removed; exact, so values keep their last bit."""
+    if all(type(a) is Num for a in args) and args:
+        folded = _fold(name, [a.value for a in args])  # type: ignore[union-attr]
+        if folded is not None:
+            return Num(folded)
+    rule = _RULES.get(name)
+    return rule(*args) if rule else Op(name, args)
+
+
+def _fold(name: str, values: list[float]) -> float | None:
+    function = _NUMERIC.get(name)
+    if function is None:
+        return None
+    try:
+        result = float(function(*values))
+    except (ArithmeticError, ValueError, TypeError):
+        return None
+    return result if math.isfinite(result) else None
+
+
+def add(a: Expr, b: Expr) -> Expr:
+    if a == ZERO:
+        return b
+    if b == ZERO:
+        return a
+    if isinstance(b, Op) and b.name == "neg":
+        return op("-", a, b.args[0])
+    return Op("+", (a, b))
+
+
+def sub(a: Expr, b: Expr) -> Expr:
+    if b == ZERO:
+        return a
+    if a == ZERO:
+        return neg(b)
+    if a == b:
+        return ZERO
+    if isinstance(b, Op) and b.name == "neg":
+        return op("+", a, b.args[0])
+    return Op("-", (a, b))
+
+
+def mul(a: Expr, b: Expr) -> Expr:
+    if a == ZERO or b == ZERO:
+        return ZERO
+    if a == ONE:
+        return b
+    if b == ONE:
+        return a
+    if a == Num(-1.0):
+        return neg(b)
+    if b == Num(-1.0):
+        return neg(a)
+    return Op("*", (a, b))
+
+
+def div(a: Expr, b: Expr) -> Expr:
+    if a == ZERO:
+        return ZERO
+    if b == ONE:
+        return a
+    if b == Num(-1.0):
+        return neg(a)
+    return Op("/", (a, b))
+
+
+def neg(a: Expr) -> Expr:
+    if isinstance(a, Num):
+        return Num(-a.value)
+    if isinstance(a, Op) and a.name == "neg":
+        return a.args[0]
+    return Op("neg", (a,))
+
+
+def power(a: Expr, b: Expr) -> Expr:
+    if b == ONE:
+        return a
+    if b == ZERO:
+        return ONE
+    return Op("^", (a, b))
+
+
+def select(condition: Expr, a: Expr, b: Expr) -> Expr:
+    """if condition then a else b."""
+    if isinstance(condition, Num):
+        return a if condition.value else b
+    if a == b:
+        return a
+    return Op("if", (condition, a, b))
+
+
+def _and(a: Expr, b: Expr) -> Expr:
+    if ZERO in (a, b):
+        return ZERO
+    return b if a == ONE else a if b == ONE else Op("and", (a, b))
+
+
+def _or(a: Expr, b: Expr) -> Expr:
+    if ONE in (a, b):
+        return ONE
+    return b if a == ZERO else a if b == ZERO else Op("or", (a, b))
+
+
+_RULES: dict[str, Callable[..., Expr]] = {
+    "+": add,
+    "-": sub,
+    "*": mul,
+    "/": div,
+    "neg": neg,
+    "^": power,
+    "if": select,
+    "and": _and,
+    "or": _or,
+}
+
+
+def _quotient(x: float, y: float) -> float:
+    return math.trunc(x / y)
+
+
+_NUMERIC: dict[str, Callable[..., float]] = {
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b,
+    "/": lambda a, b: a / b,
+    "^": lambda a, b: a**b,
+    "neg": lambda a: -a,
+    "<": lambda a, b: a < b,
+    "<=": lambda a, b: a <= b,
+    ">": lambda a, b: a > b,
+    ">=": lambda a, b: a >= b,
+    "==": lambda a, b: a == b,
+    "<>": lambda a, b: a != b,
+    "and": lambda a, b: bool(a) and bool(b),
+    "or": lambda a, b: bool(a) or bool(b),
+    "not": lambda a: not a,
+    "if": lambda c, a, b: a if c else b,
+    "noEvent": lambda a: a,
+    "smooth": lambda _, a: a,
+    "abs": abs,
+    "sign": lambda a: (a > 0) - (a < 0),
+    "min": min,
+    "max": max,
+    "floor": math.floor,
+    "ceil": math.ceil,
+    "integer": math.floor,
+    "div": _quotient,
+    "mod": lambda x, y: x - math.floor(x / y) * y,
+    "rem": lambda x, y: x - _quotient(x, y) * y,
+    "sqrt": math.sqrt,
+    "exp": math.exp,
+    "log": math.log,
+    "log10": math.log10,
+    "sin": math.sin,
+    "cos": math.cos,
+    "tan": math.tan,
+    "asin": math.asin,
+    "acos": math.acos,
+    "atan": math.atan,
+    "atan2": math.atan2,
+    "sinh": math.sinh,
+    "cosh": math.cosh,
+    "tanh": math.tanh,
+}
+
+# Operators and functions that the C printer and the differentiation know as numbers.
+FUNCTIONS = frozenset(_NUMERIC)
+
+
+def nodes(expr: Expr) -> Iterator[Expr]:
+    """Every node, each shared subtree once, parents before children."""
+    seen: set[Expr] = set()
+    stack = [expr]
+    while stack:
+        node = stack.pop()
+        if node in seen:
+            continue
+        seen.add(node)
+        yield node
+        if isinstance(node, Op):
+            stack.extend(node.args)
+
+
+def refs(expr: Expr) -> frozenset[str]:
+    """Names of the variables that the expression reads, pre() and der() included."""
+    return frozenset(node.name for node in nodes(expr) if isinstance(node, Ref))
+
+
+def rebuild(expr: Expr, change: Callable[[Expr], Expr | None], memo: dict[Expr, Expr] | None = None) -> Expr:
+    """Copy in which ``change`` may replace a node before its arguments are looked at (None: keep and go on)."""
+    memo = {} if memo is None else memo
+    if expr in memo:
+        return memo[expr]
+    new = change(expr)
+    if new is None:
+        new = op(expr.name, *(rebuild(a, change, memo) for a in expr.args)) if isinstance(expr, Op) else expr
+    memo[expr] = new
+    return new
+
+
+def substitute(expr: Expr, values: Mapping[str, Expr]) -> Expr:
+    """Copy with variables replaced."""
+    return rebuild(expr, lambda node: values.get(node.name) if isinstance(node, Ref) else None)
+
+
+def evaluate(expr: Expr, values: Mapping[str, float]) -> float | None:
+    """Value where every variable is in ``values``; None where one is missing or the operation has no finite value."""
+    folded = substitute(expr, {name: Num(value) for name, value in values.items()})
+    return folded.value if isinstance(folded, Num) else None
+
+
+class Derivative:
+    """d/dx of expressions for one variable x.
+
+    Conditions are held. Functions with a jump or a kink get the derivative of the branch taken (0 for sign, floor,
+    ...); where a derivative is infinite at the origin, as for sqrt, the answer there is 0, so that gradients stay finite.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._memo: dict[Expr, Expr] = {}
+
+    def __call__(self, expr: Expr) -> Expr:
+        if isinstance(expr, Ref):
+            return ONE if expr.name == self.name else ZERO
+        if not isinstance(expr, Op):
+            return ZERO
+        if expr not in self._memo:
+            self._memo[expr] = self._of(expr)
+        return self._memo[expr]
+
+    def _of(self, e: Op) -> Expr:
+        if e.name in LOGICAL or e.name in _FLAT:
+            return ZERO
+        if e.name == "if":
+            return select(e.args[0], self(e.args[1]), self(e.args[2]))
+        if e.name in ("noEvent", "smooth"):
+            return self(e.args[-1])
+        d = [self(a) for a in e.args]
+        if all(x == ZERO for x in d):
+            return ZERO
+        if e.name in _CHAIN:
+            return op("*", _CHAIN[e.name](e.args[0], e), d[0])
+        return _RULES_OF_SEVERAL[e.name](e, *d)
+
+
+_FLAT = frozenset({"sign", "floor", "ceil", "integer", "div", "pre", "der"})
+
+_TWO = Num(2.0)
+
+# f'(x) from x and f(x)
+_CHAIN: dict[str, Callable[[Expr, Expr], Expr]] = {
+    "neg": lambda x, f: Num(-1.0),
+    "abs": lambda x, f: op("sign", x),
+    "sqrt": lambda x, f: op("*", Num(0.5), op("hy_power_x", x, Num(0.5))),
+    "exp": lambda x, f: f,
+    "log": lambda x, f: op("/", ONE, x),
+    "log10": lambda x, f: op("/", Num(1 / math.log(10.0)), x),
+    "sin": lambda x, f: op("cos", x),
+    "cos": lambda x, f: neg(op("sin", x)),
+    "tan": lambda x, f: op("+", ONE, op("^", f, _TWO)),
+    "asin": lambda x, f: op("/", ONE, op("sqrt", op("-", ONE, op("^", x, _TWO)))),
+    "acos": lambda x, f: op("/", Num(-1.0), op("sqrt", op("-", ONE, op("^", x, _TWO)))),
+    "atan": lambda x, f: op("/", ONE, op("+", ONE, op("^", x, _TWO))),
+    "sinh": lambda x, f: op("cosh", x),
+    "cosh": lambda x, f: op("sinh", x),
+    "tanh": lambda x, f: op("-", ONE, op("^", f, _TWO)),
+}
+
+
+def _d_power(e: Op, da: Expr, db: Expr) -> Expr:
+    a, b = e.args
+    by_base = op("*", op("hy_power_x", a, b), da)
+    if isinstance(b, Num):
+        exponent = op("-", b, ONE)
+        plain = b.value >= 1
+        by_base = op("*", op("*", b, op("^", a, exponent)), da) if plain else by_base
+        return by_base if plain else op("*", op("*", b, op("hy_power_x", a, b)), da)
+    return op("+", op("*", b, by_base), op("*", op("hy_power_n", a, b), db))
+
+
+_RULES_OF_SEVERAL: dict[str, Callable[..., Expr]] = {
+    "+": lambda e, da, db: op("+", da, db),
+    "-": lambda e, da, db: op("-", da, db),
+    "*": lambda e, da, db: op("+", op("*", da, e.args[1]), op("*", e.args[0], db)),
+    "/": lambda e, da, db: op("/", op("-", da, op("*", e, db)), e.args[1]),
+    "^": _d_power,
+    "min": lambda e, da, db: select(op("<=", *e.args), da, db),
+    "max": lambda e, da, db: select(op(">=", *e.args), da, db),
+    "mod": lambda e, da, db: op("-", da, op("*", op("floor", op("/", *e.args)), db)),
+    "rem": lambda e, da, db: op("-", da, op("*", op("div", *e.args), db)),
+    "atan2": lambda e, da, db: op(
+        "/",
+        op("-", op("*", e.args[1], da), op("*", e.args[0], db)),
+        op("+", op("^", e.args[0], _TWO), op("^", e.args[1], _TWO)),
+    ),
+}

@@ -1,0 +1,44 @@
+"""The causalised hybrid model: what the printers print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from hystid.modelica.blocks import Step
+from hystid.modelica.events import Reinit, Relation, Sampler
+from hystid.modelica.expr import Expr
+from hystid.modelica.flat import Assertion, FlatModel
+from hystid.modelica.scalar import ScalarVariable
+
+
+@dataclass(frozen=True)
+class HybridModel:
+    """What the printers print. Steps are in order of evaluation.
+
+    dependent: parameters from parameters. derivatives: der(x) and algebraic variables from time, p, u, x, d, relations.
+    event: the same and the discrete variables, at an event. initialisation: everything, at the start.
+    aliases: variable -> the variable whose slot it shares.
+    """
+
+    flat: FlatModel
+    variables: Mapping[str, ScalarVariable]
+    states: tuple[str, ...]
+    discrete: tuple[str, ...]
+    hidden: frozenset[str]
+    algebraic: tuple[str, ...]
+    inputs: tuple[str, ...]
+    settable: tuple[str, ...]
+    computed: tuple[str, ...]
+    aliases: Mapping[str, str]
+    dependent: tuple[Step, ...]
+    derivatives: tuple[Step, ...]
+    event: tuple[Step, ...]
+    initialisation: tuple[Step, ...]
+    starts: Mapping[str, float]
+    solved_at_start: frozenset[str]
+    relations: tuple[Relation, ...]
+    samplers: tuple[Sampler, ...]
+    reinits: tuple[Reinit, ...]
+    assertions: tuple[Assertion, ...]
+    checks: tuple[tuple[Expr, Assertion], ...]

@@ -1,0 +1,311 @@
+"""Pass 1: scalar variables and equations; constants and structural parameters are numbers, functions are inlined."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from hystid.errors import ModelicaError
+from hystid.modelica.expand import Expander, elements
+from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, refs
+from hystid.modelica.flat import Action, Assertion, Branch, Equation, FlatModel, FlatVariable, Place, When
+from hystid.modelica.sources import near
+
+
+@dataclass(frozen=True)
+class ScalarVariable:
+    """A scalar of the model; kind says what decides its value.
+
+    kind: "constant" (a number), "parameter" (settable), "dependent" (parameter with a binding to others),
+    "free" (parameter with fixed=false), "input" (from outside), "unknown" (everything that equations determine).
+    """
+
+    name: str
+    kind: str
+    flat: FlatVariable
+    start: Expr | None
+    binding: Expr | None
+    min: float | None
+    max: float | None
+    nominal: float | None
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the start value is an initial equation."""
+        return bool(self.flat.fixed)
+
+    @property
+    def place(self) -> Place:
+        """Where it is declared."""
+        return self.flat.place
+
+
+@dataclass(frozen=True)
+class ScalarEquation:
+    """left = right."""
+
+    left: Expr
+    right: Expr
+    place: Place
+
+
+@dataclass(frozen=True)
+class ScalarModel:
+    """Postcondition: every Ref names a scalar variable or "time"; no arrays, no function calls, no constants by name."""
+
+    flat: FlatModel
+    variables: dict[str, ScalarVariable]
+    equations: tuple[ScalarEquation, ...]
+    initial: tuple[ScalarEquation, ...]
+    whens: tuple[When, ...]
+    assertions: tuple[Assertion, ...]
+
+
+def scalarise(flat: FlatModel, parameters: Mapping[str, float]) -> ScalarModel:
+    """The scalar model with ``parameters`` in place of the declared values.
+
+    Raises ModelicaError for an unknown, final or constant parameter, or one outside min..max.
+    """
+    flat = replace(flat, variables=tuple(_overridden(flat, parameters)))
+    dims = {v.name: v.dims for v in flat.variables if v.dims}
+    constants = _constants(flat, dims)
+    expander = Expander(dims, constants, {f.name: f for f in flat.functions})
+    variables = {s.name: s for v in flat.variables for s in _scalars(v, expander, constants, flat)}
+    bound = [e for v in flat.variables for e in _binding_equations(v, expander)]
+    return ScalarModel(
+        flat,
+        variables,
+        tuple([*(s for e in flat.equations for s in _equations(e, expander)), *bound]),
+        tuple(s for e in flat.initial for s in _equations(e, expander)),
+        tuple(_when(w, expander) for w in flat.whens),
+        tuple(_assertion(a, expander) for a in flat.assertions),
+    )
+
+
+# -- values that the user gives
+
+
+def _overridden(flat: FlatModel, parameters: Mapping[str, float]) -> Iterator[FlatVariable]:
+    names = {e: v for v in flat.variables if v.variability == "parameter" for e in elements(v.name, v.dims)}
+    for name in parameters:
+        if name not in names:
+            raise ModelicaError(f"{flat.name} has no parameter '{name}'{near(name, names)}")
+        if names[name].final:
+            raise ModelicaError(f"{names[name].place}: parameter '{name}' of {flat.name} is final and cannot be set")
+    for v in flat.variables:
+        given = {e: parameters[e] for e in elements(v.name, v.dims) if e in parameters}
+        yield replace(v, binding=_patched(v, given)) if given else v
+
+
+def _patched(v: FlatVariable, given: Mapping[str, float]) -> Expr:
+    if not v.dims:
+        return Num(float(given[v.name]))
+    if len(v.dims) > 1 or v.binding is None:
+        raise ModelicaError(f"{v.place}: set the array parameter '{v.name}' in Modelica text, it has no simple binding")
+    items = [
+        Num(float(given[e])) if e in given else Op("[]", (v.binding, Num(float(k + 1))))
+        for k, e in enumerate(elements(v.name, v.dims))
+    ]
+    return Op("{}", tuple(items))
+
+
+# -- constants
+
+
+def _constants(flat: FlatModel, dims: Mapping[str, tuple[int, ...]]) -> dict[str, float]:
+    """Values of constants and structural parameters, by name of the scalar."""
+    wanted = [v for v in flat.variables if v.binding is not None and (v.variability == "constant" or v.structural)]
+    functions = {f.name: f for f in flat.functions}
+    parameters = {v.name: v for v in flat.variables if v.variability == "parameter" and v.binding is not None}
+    known: dict[str, float] = {}
+    while wanted:
+        expander = Expander(dims, known, functions)
+        left = [v for v in wanted if not _evaluated(v, expander, known)]
+        if len(left) == len(wanted):
+            wanted = _with_what_they_need(left, parameters, known)
+            if len(wanted) == len(left):
+                v = left[0]
+                raise ModelicaError(f"{v.place}: the value of '{v.name}' must be known when the model is built")
+            continue
+        wanted = left
+    return known
+
+
+def _evaluated(v: FlatVariable, expander: Expander, known: dict[str, float]) -> bool:
+    assert v.binding is not None
+    expander.place = v.place
+    values = expander.flat(v.binding)
+    numbers = [x.value for x in values if isinstance(x, Num)]
+    if len(numbers) != len(values):
+        return False
+    names = elements(v.name, v.dims)
+    known.update(zip(names, numbers * (len(names) if len(numbers) == 1 else 1), strict=False))
+    return True
+
+
+def _with_what_they_need(
+    left: list[FlatVariable], parameters: Mapping[str, FlatVariable], known: Mapping[str, float]
+) -> list[FlatVariable]:
+    """A structural parameter bound to others makes these structural too."""
+    have = {v.name for v in left}
+    needed = [n for v in left if v.binding is not None for n in sorted(refs(v.binding)) if n in parameters]
+    return left + [parameters[n] for n in dict.fromkeys(needed) if n not in have and n not in known]
+
+
+# -- variables
+
+
+def _scalars(
+    v: FlatVariable, expander: Expander, constants: Mapping[str, float], flat: FlatModel
+) -> Iterator[ScalarVariable]:
+    expander.place = v.place
+    names = elements(v.name, v.dims)
+    start, binding = _spread(v.start, v, expander), _spread(v.binding, v, expander)
+    limits = [_spread(a, v, expander) for a in (v.min, v.max, v.nominal)]
+    for k, name in enumerate(names):
+        kind = "constant" if name in constants else _kind(v, binding[k])
+        bound = Num(constants[name]) if name in constants else binding[k]
+        scalar = ScalarVariable(name, kind, v, start[k], bound, *(_number(limit[k]) for limit in limits))
+        if kind == "parameter":
+            scalar = _settled(scalar, flat)
+        yield scalar
+
+
+def _settled(s: ScalarVariable, flat: FlatModel) -> ScalarVariable:
+    """A parameter's value in its binding; without one, the start value; inside min..max."""
+    value = s.binding if s.binding is not None else s.start if s.start is not None else ZERO
+    if not isinstance(value, Num):
+        raise ModelicaError(f"{s.place}: parameter '{s.name}' has no value that is known when the model is built")
+    low = s.min if s.min is not None else float("-inf")
+    high = s.max if s.max is not None else float("inf")
+    if not low <= value.value <= high:
+        raise ModelicaError(
+            f"{s.place}: parameter '{s.name}' of {flat.name} is {value.value:g}, outside its range {low:g}..{high:g}"
+        )
+    return replace(s, binding=value)
+
+
+def _kind(v: FlatVariable, binding: Expr | None) -> str:
+    if v.variability == "constant":
+        raise ModelicaError(f"{v.place}: constant '{v.name}' has no value")
+    if v.variability == "parameter":
+        if v.fixed is False:
+            return "free"
+        return "parameter" if binding is None or isinstance(binding, Num) else "dependent"
+    return "input" if v.causality == "input" and "." not in v.name else "unknown"
+
+
+def _spread(expr: Expr | None, v: FlatVariable, expander: Expander) -> list[Expr] | list[None]:
+    """Value of an attribute for each element of an array."""
+    count = len(elements(v.name, v.dims))
+    if expr is None:
+        return [None] * count
+    values = expander.flat(expr)
+    if len(values) == 1:
+        return values * count
+    if len(values) != count:
+        raise ModelicaError(f"{v.place}: '{v.name}' has {count} elements, the value given has {len(values)}")
+    return values
+
+
+def _number(expr: Expr | None) -> float | None:
+    return expr.value if isinstance(expr, Num) else None
+
+
+def _binding_equations(v: FlatVariable, expander: Expander) -> Iterator[ScalarEquation]:
+    if v.binding is None or v.variability in ("constant", "parameter"):
+        return
+    if v.causality == "input" and "." not in v.name:
+        return
+    yield from _equations(Equation(Op("-", (Ref(v.name), v.binding)), v.place), expander)
+
+
+# -- equations
+
+
+def _equations(e: Equation, expander: Expander) -> Iterator[ScalarEquation]:
+    expander.place = e.place
+    for left, right in _sides(e.residual, expander):
+        yield ScalarEquation(left, right, e.place)
+
+
+def _sides(residual: Expr, expander: Expander) -> Iterator[tuple[Expr, Expr]]:
+    joined = _joined(residual)
+    if not (isinstance(joined, Op) and joined.name == "-"):
+        yield from ((value, ZERO) for value in expander.flat(joined))
+        return
+    left, right = (expander.flat(a) for a in joined.args)
+    if isinstance(joined.args[0], Op) and joined.args[0].name == "tuple":
+        yield from _outputs(joined.args[0].args, joined.args[1], expander)
+        return
+    count = max(len(left), len(right))
+    if len(left) not in (1, count) or len(right) not in (1, count):
+        expander.refuse(f"the sides of an equation have {len(left)} and {len(right)} elements")
+    yield from zip(left * (count // len(left)), right * (count // len(right)), strict=True)
+
+
+def _outputs(targets: tuple[Expr, ...], call: Expr, expander: Expander) -> Iterator[tuple[Expr, Expr]]:
+    """(a, , c) = f(...): pairs of wanted outputs, nothing for those left out."""
+    values = expander.value(call, {})
+    parts = values if isinstance(values, tuple) else (values,)
+    for target, part in zip(targets, parts, strict=False):
+        if target == Op("nothing", ()):
+            continue
+        names = expander.flat(target)
+        items = list(part.flat) if hasattr(part, "flat") else [part]
+        yield from zip(names, items, strict=True)
+
+
+def _joined(residual: Expr) -> Expr:
+    """if c then (v - a) else (v - b) becomes v - (if c then a else b), so that the equation stays explicit in v."""
+    if not (isinstance(residual, Op) and residual.name == "if"):
+        return residual
+    a, b = _joined(residual.args[1]), _joined(residual.args[2])
+    both = isinstance(a, Op) and isinstance(b, Op) and a.name == b.name == "-"
+    if both and a.args[0] == b.args[0]:  # type: ignore[union-attr]
+        return Op("-", (a.args[0], Op("if", (residual.args[0], a.args[1], b.args[1]))))  # type: ignore[union-attr]
+    return Op("if", (residual.args[0], a, b))
+
+
+# -- when-clauses
+
+
+def _when(w: When, expander: Expander) -> When:
+    return When(tuple(_branch(b, expander) for b in w.branches))
+
+
+def _branch(b: Branch, expander: Expander) -> Branch:
+    expander.place = b.place
+    conditions = tuple(c for e in b.conditions for c in expander.flat(e))
+    return Branch(conditions, tuple(s for a in b.actions for s in _actions(a, expander)), b.place)
+
+
+def _actions(a: Action, expander: Expander) -> Iterator[Action]:
+    expander.place = a.place
+    guard = expander.scalar(a.guard) if a.guard is not None else None
+    if guard == ZERO:
+        return
+    guard = None if guard == ONE else guard
+    if a.kind == "assert":
+        yield replace(a, value=expander.scalar(a.value), message=_message(a.message, expander), guard=guard)
+        return
+    targets = elements(a.target, expander.dims.get(a.target, ()))
+    values = expander.flat(a.value)
+    if len(values) not in (1, len(targets)):
+        expander.refuse(f"'{a.target}' has {len(targets)} elements, the value given has {len(values)}")
+    for target, value in zip(targets, values * (len(targets) // len(values)), strict=True):
+        yield replace(a, target=target, value=value, guard=guard)
+
+
+def _assertion(a: Assertion, expander: Expander) -> Assertion:
+    expander.place = a.place
+    return replace(a, condition=expander.scalar(a.condition), message=_message(a.message, expander))
+
+
+def _message(message: Expr | None, expander: Expander) -> Expr:
+    """Texts joined by "+", numbers inside String()."""
+    if isinstance(message, Op) and message.name == "+":
+        return Op("+", tuple(_message(a, expander) for a in message.args))
+    if isinstance(message, Op) and message.name == "String":
+        return Op("String", (expander.scalar(message.args[0]),))
+    return message if message is not None else ZERO
