@@ -2,11 +2,11 @@ within HystId.Effects;
 block CyclicDegradation "The hysteretic force weakens (share > 0) with the path travelled"
   extends HystId.Interfaces.PartialEffect;
   parameter Real share(unit="1") = 0 "Share of the hysteretic force that is lost in the end";
-  parameter Real s_c(unit="m", min = 0) = 1 "Path over which most of the change happens";
+  parameter Real path_c(unit="m", min = 0) = 1 "Path over which most of the change happens";
 protected
   Real s(unit = "m", start = 0, fixed = true) "Path travelled";
 equation
   der(s) = abs(v);
-  f = -share*(1 - exp(-s/s_c))*h;
+  f = -share*(1 - exp(-s/path_c))*h;
   annotation(Documentation(info = "<html><p>Wear and strength degradation: monotone in the path, not in time.</p></html>"));
 end CyclicDegradation;

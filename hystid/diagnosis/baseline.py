@@ -1,0 +1,103 @@
+"""The baseline on a measured motion: its restoring force, its hysteretic force, and how they depend on its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.compiled import CompiledModel
+from hystid.errors import UsageError
+from hystid.modelcode import ModelCode, Variable
+
+Array = NDArray[np.float64]
+_MASS = "m"
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """An oscillator m a + R = F with states x and v clamped to the measured motion.
+
+    nominal: parameter values as given. free: names that the refit may move. linear: those in which R is linear.
+    units: parameter name -> unit. has_h: the model has a variable f_h (hysteretic force).
+    """
+
+    name: str
+    model: CompiledModel = field(repr=False)
+    nominal: Mapping[str, float]
+    free: tuple[str, ...]
+    linear: tuple[str, ...]
+    units: Mapping[str, str]
+    positive: frozenset[str]
+    has_h: bool
+
+    @property
+    def mass(self) -> float:
+        """Nominal mass [kg]; 0 for rigs without inertia."""
+        return float(self.nominal.get(_MASS, 0.0))
+
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        """Free parameters in which R is not linear."""
+        return tuple(name for name in self.free if name not in self.linear and name != _MASS)
+
+    def force(self, x: Array, v: Array, dt: float, values: Mapping[str, float]) -> tuple[Array, Array]:
+        """Restoring force R and hysteretic force h [N] along a motion, shape (n,) each."""
+        settings = {name: value for name, value in values.items() if name != _MASS}
+        if _MASS in values:
+            settings[_MASS] = values[_MASS] or 1.0  # without inertia the model's own acceleration means nothing
+        names = ("R", "f_h") if self.has_h else ("R",)
+        found = self.model.clamp({"x": x, "v": v}, {}, dt, parameters=settings, outputs=names)
+        return found["R"], found["f_h"] if self.has_h else np.zeros_like(x)
+
+
+def baseline_of(
+    name: str, code: ModelCode, given: Mapping[str, float], fixed: frozenset[str] = frozenset()
+) -> Baseline:
+    """Check that a compiled model is an oscillator and sort its parameters. Raises UsageError where it is not one."""
+    variables = {variable.name: variable for variable in code.variables}
+    if not {"x", "v"} <= set(code.states) or "R" not in variables or "F" not in variables:
+        raise UsageError(
+            f"{name}: a baseline has the input F, the states x and v and the output R; "
+            "extend HystId.Interfaces.PartialOscillator"
+        )
+    parameters = {
+        v.name: v for v in code.variables if v.causality == "parameter" and v.type == "Real" and "_start" not in v.name
+    }
+    unknown = sorted(set(given) - set(parameters))
+    if unknown:
+        raise UsageError(f"{name} has no parameter '{unknown[0]}'; it has {', '.join(sorted(parameters))}")
+    nominal = {key: float(given.get(key, variable.start or 0.0)) for key, variable in parameters.items()}
+    held = fixed | ({_MASS} if nominal.get(_MASS, 0.0) == 0.0 else frozenset())
+    free = tuple(key for key in nominal if key not in held)
+    bare = Baseline(
+        name, CompiledModel(code), nominal, free, (), {key: v.unit for key, v in parameters.items()},
+        frozenset(key for key, v in parameters.items() if _is_positive(v, nominal[key])), "f_h" in variables,
+    )  # fmt: skip
+    linear = tuple(key for key in free if key != _MASS and _is_linear(bare, key))
+    return Baseline(bare.name, bare.model, nominal, free, linear, bare.units, bare.positive, bare.has_h)
+
+
+def _is_positive(variable: Variable, value: float) -> bool:
+    return value > 0 and (variable.min is None or variable.min >= 0)
+
+
+def _is_linear(baseline: Baseline, key: str) -> bool:
+    """Whether R changes with the parameter by the same column, wherever the parameters stand."""
+    t = np.linspace(0.0, 1.0, 301)
+    size = 1e-3
+    x = size * np.sin(9 * t) * (0.4 + t) + 0.3 * size * np.cos(31 * t)
+    v = np.gradient(x, t)
+    base = dict(baseline.nominal)
+    moved = {name: value * 1.3 for name, value in base.items()}
+    step = base[key] or 1.0
+
+    def column(at: Mapping[str, float], factor: float) -> Array:
+        high = baseline.force(x, v, t[1], {**at, key: at[key] + factor * step})[0]
+        return (high - baseline.force(x, v, t[1], dict(at))[0]) / factor
+
+    first = column(base, 1.0)
+    scale = float(np.max(np.abs(first))) + 1e-300
+    return all(np.allclose(column(at, factor), first, atol=1e-7 * scale) for at, factor in ((base, -0.5), (moved, 2.0)))

@@ -1,0 +1,207 @@
+"""Candidate effects: Modelica blocks, and what a fit must know of their parameters.
+
+Nothing about an effect is written here. Of its parameters, those in which f is linear are amplitudes (found by a numeric
+test); the others are shapes, whose range follows from the unit and the recordings. A new effect is a new ``.mo`` file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.compiled import CompiledModel
+from hystid.errors import NumericalError, UsageError
+from hystid.modelcode import ModelCode, Variable
+
+Array = NDArray[np.float64]
+_PROBE = 2001  # samples of the signal on which linearity is tested
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What an effect sees in one recording: x, v, a, h, shape (n,) each, SI units; dt [s]; number of the recording."""
+
+    x: Array
+    v: Array
+    a: Array
+    h: Array
+    dt: float
+    index: int = 0
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Sizes that occur in the recordings, from which shape parameters take their ranges.
+
+    x, v: sorted absolute displacements and speeds; h: sorted absolute force; span: longest recording [s]; dt [s];
+    band: lowest and highest frequency of the motion [Hz]; path: longest travelled path [m].
+    """
+
+    x: Array
+    v: Array
+    h: Array
+    span: float
+    dt: float
+    band: tuple[float, float]
+    path: float
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One form of one candidate effect.
+
+    id: snake case, form: "" or what follows the double underscore. amplitudes: names in which f is linear. shapes: the
+    other continuous parameters. choices: integer parameters and their values. remembers: has inner states.
+    """
+
+    id: str
+    form: str
+    class_name: str
+    model: CompiledModel | None = field(repr=False)
+    amplitudes: tuple[str, ...] = ()
+    shapes: tuple[Variable, ...] = ()
+    choices: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    remembers: bool = False
+    uses_h: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of parameters that a fit moves or chooses."""
+        return len(self.amplitudes) + len(self.shapes) + len(self.choices)
+
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """Force f [N] over one recording, shape (n,)."""
+        assert self.model is not None
+        inputs = {"x": signals.x, "v": signals.v, "a": signals.a, "h": signals.h}
+        found = self.model.clamp({}, inputs, signals.dt, parameters=dict(parameters), outputs=("f",))
+        return np.asarray(found["f"])
+
+    def columns(self, signals: Signals, shapes: Mapping[str, float]) -> list[Array]:
+        """Force per unit of each amplitude, at given shapes and choices."""
+        zero = dict.fromkeys(self.amplitudes, 0.0)
+        return [self.force(signals, {**shapes, **zero, name: 1.0}) for name in self.amplitudes]
+
+
+def effect_id(class_name: str) -> tuple[str, str]:
+    """Id and form of a block: ``ContactLoss__Hertz`` -> ("contact_loss", "Hertz")."""
+    name, _, form = class_name.rpartition(".")[2].partition("__")
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower(), form
+
+
+def effect_of(class_name: str, code: ModelCode) -> Effect:
+    """Classify the parameters of a compiled block. Raises UsageError when the block is not an effect."""
+    inputs = {variable.name for variable in code.variables if variable.causality == "input"}
+    if not any(variable.name == "f" and variable.causality == "output" for variable in code.variables):
+        raise UsageError(f"{class_name}: an effect has an output f [N]; extend HystId.Interfaces.PartialEffect")
+    if inputs - {"x", "v", "a", "h"}:
+        raise UsageError(f"{class_name}: an effect has the inputs x, v, a, h; it has {', '.join(sorted(inputs))}")
+    ident, form = effect_id(class_name)
+    parameters = [variable for variable in code.variables if variable.causality == "parameter"]
+    choices = {
+        variable.name: tuple(range(int(variable.min), int(variable.max) + 1))
+        for variable in parameters
+        if variable.type == "Integer" and variable.min is not None and variable.max is not None
+    }
+    reals = [variable for variable in parameters if variable.type == "Real"]
+    bare = Effect(ident, form, class_name, CompiledModel(code))
+    linear = _linear(bare, [variable.name for variable in reals], {v.name: float(v.start or 0.0) for v in parameters})
+    return Effect(
+        ident, form, class_name, bare.model, linear,
+        tuple(variable for variable in reals if variable.name not in linear), choices,
+        {variable.name: variable.unit for variable in parameters}, bool(code.states), _reads_h(bare, linear),
+    )  # fmt: skip
+
+
+def _probe() -> Signals:
+    """A motion with several frequencies, turning points and a hysteretic force."""
+    t = np.linspace(0.0, 1.0, _PROBE)
+    x = 2.5e-3 * np.sin(5 * t) + 1e-4 * np.cos(37 * t) - 1e-4
+    v = np.gradient(x, t)
+    return Signals(x, v, np.gradient(v, t), 3.0 * np.tanh(400 * v) + 5000 * x, float(t[1] - t[0]))
+
+
+def _linear(effect: Effect, names: Sequence[str], start: Mapping[str, float]) -> tuple[str, ...]:
+    """The largest set of parameters, taken greedily, in which f is jointly linear (and zero at zero)."""
+    signals = _probe()
+    chosen: list[str] = []
+    for name in names:
+        trial = [*chosen, name]
+        try:
+            linear = _is_linear(effect, signals, trial, start)
+        except NumericalError:  # a width of zero, for example
+            continue
+        chosen = trial if linear else chosen
+    return tuple(chosen)
+
+
+def _is_linear(effect: Effect, signals: Signals, trial: Sequence[str], start: Mapping[str, float]) -> bool:
+    base = {**start, **dict.fromkeys(trial, 0.0)}
+    alone = [effect.force(signals, {**base, item: 1.0 + 0.5 * i}) for i, item in enumerate(trial)]
+    together = effect.force(signals, {**base, **{item: 2.0 + i for i, item in enumerate(trial)}})
+    size = float(np.max(np.abs(together)))
+    nothing = float(np.max(np.abs(effect.force(signals, base))))
+    return size > 0.0 and nothing <= 1e-9 * size and np.allclose(together, 2 * np.sum(alone, axis=0), atol=1e-9 * size)
+
+
+def _reads_h(effect: Effect, linear: Sequence[str]) -> bool:
+    signals = _probe()
+    other = Signals(signals.x, signals.v, signals.a, 0.5 * signals.h + 1.0, signals.dt)
+    ones = dict.fromkeys(linear, 1.0)
+    return not np.array_equal(effect.force(signals, ones), effect.force(other, ones))
+
+
+def grid(effect: Effect, scales: Scales) -> list[dict[str, float]]:
+    """Starting points for the shapes and choices of an effect: the first shape in fine steps, the others coarsely."""
+    axes = {shape.name: shape_values(shape, scales, fine=i == 0) for i, shape in enumerate(effect.shapes)}
+    names = [*axes, *effect.choices]
+    values = [*axes.values(), *effect.choices.values()]
+    return [dict(zip(names, map(float, point), strict=True)) for point in product(*values)]
+
+
+def shape_bounds(shape: Variable, scales: Scales) -> tuple[float, float]:
+    """Range in which a shape can be told from its limits, given the recordings."""
+    if _is_path(shape):
+        return 0.02 * scales.path, 3.0 * scales.path
+    tops = {"m": scales.x[-1], "m/s": scales.v[-1], "N": scales.h[-1], "J": 3 * scales.h[-1] * scales.path}
+    if shape.unit in tops:
+        return 1e-3 * float(tops[shape.unit]), 1.5 * float(tops[shape.unit])
+    if shape.unit == "s":
+        return 2.0 * scales.dt, 5.0 * scales.span
+    if shape.unit == "Hz":
+        return 0.5 * scales.band[0], 2.0 * scales.band[1]
+    low = shape.min if shape.min is not None else 0.0
+    high = shape.max if shape.max is not None else 10.0 * max(abs(shape.start or 0.0), 1.0)
+    return float(low), float(high)
+
+
+def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
+    """Starting values for one shape, by its unit."""
+    low, high = shape_bounds(shape, scales)
+    if _is_path(shape):
+        return np.geomspace(0.1, 1.0, 3) * scales.path
+    if shape.unit == "m":
+        shares = (0.05, 0.15, 0.35, 0.55, 0.75, 0.88, 0.95, 0.985) if fine else (0.05, 0.3, 0.8)
+        return np.array([scales.x[int(share * (len(scales.x) - 1))] for share in shares])
+    if shape.unit == "m/s":
+        shares = (0.01, 0.03, 0.1, 0.3, 0.8) if fine else (0.01, 0.06, 0.3)
+        return np.array(shares) * scales.v[int(0.8 * (len(scales.v) - 1))]
+    if shape.unit == "N":
+        return np.quantile(scales.h, (0.3, 0.6, 0.85))
+    if shape.unit == "J":
+        return np.geomspace(0.02, 0.5, 3) * high / 3
+    if shape.unit == "s":
+        return np.geomspace(max(4 * scales.dt, 0.02 / scales.band[1]), scales.span / 2, 8)
+    if shape.unit == "Hz":
+        return np.geomspace(max(low, 0.7 * scales.band[0]), high / 1.2, 14)
+    start = shape.start if shape.start is not None else 0.5 * (low + high)
+    return np.unique(np.clip([start, *((0.3 * low + 0.7 * high,) if fine else ())], low, high))
+
+
+def _is_path(shape: Variable) -> bool:
+    return shape.unit == "m" and shape.name.startswith("path")

@@ -1,0 +1,161 @@
+"""Is the measurement chain sound: do x, v and a describe one motion, and does a channel stop at a level?
+
+Sensor faults keep their signature in units of the signal: a shift in time, a level that is never passed. They are looked for
+before any physics is, and taken out where they can be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import csd, welch
+
+from hystid.diagnosis.noise import noise_level
+from hystid.diagnosis.parts import FIRST, advanced, measured_motion, stencil
+from hystid.diagnosis.smoothing import smooth
+from hystid.recording import Recording
+from hystid.recording.checks import flat_tops
+
+Array = NDArray[np.float64]
+_ORDER = {"x": 0, "v": 1, "a": 2}
+_SHIFTED = 0.25  # samples: differences below this come from filters and rounding
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of one channel. size: delay in samples, or the level at which the channel stops (its unit).
+
+    share: share of the samples that it touches; z: size over its standard error.
+    """
+
+    id: str
+    channel: str
+    size: float
+    stderr: float
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class Lag:
+    """How much later channel ``late`` is than ``early`` [samples], with standard error."""
+
+    late: str
+    early: str
+    lag: float
+    stderr: float
+
+
+def shifted(recording: Recording, channel: str, samples: float) -> Recording:
+    """Copy with one channel moved earlier by a number of samples (band-limited interpolation, mirrored ends)."""
+    return replace(recording, **{channel: advanced(np.asarray(getattr(recording, channel)), samples)})
+
+
+def lags(recordings: Sequence[Recording]) -> list[Lag]:
+    """Time differences between the measured channels of the motion, from the phase of their cross spectra."""
+    names = [name for name in "xva" if all(name in measured_motion(r) for r in recordings)]
+    return [_lag(recordings, early, late) for early, late in combinations(names, 2)]
+
+
+def _lag(recordings: Sequence[Recording], low: str, high: str) -> Lag:
+    """Lag of the higher derivative behind the lower one; the lower one is derived numerically first."""
+    weights, slopes = 0.0, 0.0
+    for recording in recordings:
+        motion = measured_motion(recording)
+        derived = motion[low]
+        for _ in range(_ORDER[high] - _ORDER[low]):
+            derived = stencil(derived, FIRST)
+        n = min(1024, len(derived) // 4)
+        omega, cross = csd(derived, motion[high], fs=2 * np.pi, nperseg=n)
+        power = welch(derived, fs=2 * np.pi, nperseg=n)[1] * welch(motion[high], fs=2 * np.pi, nperseg=n)[1]
+        coherence = np.abs(cross) ** 2 / np.maximum(power, 1e-300)
+        blocks = max(1.0, 1.8 * len(derived) / n)
+        good = (omega > 0) & (omega < 1.0) & (coherence > max(0.5, 4 / blocks))
+        if not np.any(good):
+            continue
+        coherence = np.minimum(coherence[good], 1 - 1e-9)
+        weight = 2 * blocks * coherence / (1 - coherence) * omega[good] ** 2
+        weights += float(np.sum(weight))
+        slopes += float(np.sum(weight * -np.angle(cross[good]) / omega[good]))
+    if weights == 0.0:
+        return Lag(high, low, 0.0, np.inf)
+    return Lag(high, low, slopes / weights, float(1 / np.sqrt(weights)))
+
+
+def delayed_channel(found: Sequence[Lag]) -> Fault | None:
+    """The one channel of the motion whose shift explains the lags; None when they agree within a quarter of a sample."""
+    if not found or max(abs(lag.lag) for lag in found if np.isfinite(lag.stderr)) < _SHIFTED:
+        return None
+    best: tuple[float, Fault] | None = None
+    for name in "xva":
+        touched = [(lag, 1.0 if lag.late == name else -1.0) for lag in found if name in (lag.late, lag.early)]
+        rest = [lag for lag in found if name not in (lag.late, lag.early)]
+        if not touched:
+            continue
+        weight = np.array([1 / (lag.stderr**2 + 0.02**2) for lag, _ in touched])
+        size = float(np.sum(weight * [sign * lag.lag for lag, sign in touched]) / np.sum(weight))
+        error = float(1 / np.sqrt(np.sum(weight)))
+        misfit = sum((sign * lag.lag - size) ** 2 / (lag.stderr**2 + 0.05**2) for lag, sign in touched)
+        misfit += sum(lag.lag**2 / (lag.stderr**2 + 0.05**2) for lag in rest)
+        if best is None or misfit < best[0]:
+            best = (misfit, Fault("channel_delay", name, size, error))
+    return best[1] if best and abs(best[1].size) > max(_SHIFTED, 4 * best[1].stderr) else None
+
+
+def saturated_motion(recordings: Sequence[Recording]) -> Fault | None:
+    """A channel of the motion that stops at a level where the other channels show that the motion goes on."""
+    for name in "axv":
+        if all(set(measured_motion(r)) > {name} for r in recordings):
+            fault = _saturated(recordings, name)
+            if fault is not None:
+                return fault
+    return None
+
+
+def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
+    top = max(float(np.max(np.abs(getattr(r, name)))) for r in recordings)
+    beyond, count, total = [], 0, 0
+    for recording in recordings:
+        motion = measured_motion(recording)
+        noise = {key: noise_level(values) for key, values in motion.items()}
+        total += len(recording)
+        high = np.abs(motion[name]) > max(0.9 * top, top - 8 * noise[name])
+        near = np.abs(motion[name]) > top - 6 * noise[name] - 1e-3 * top
+        if np.count_nonzero(near) < 8:
+            continue
+        gap = {**motion, name: np.where(high, np.nan, motion[name])}
+        bridged = getattr(smooth(gap, noise, recording.dt), name)
+        excess = (bridged - motion[name]) * np.sign(motion[name])
+        spread = noise[name] + 0.01 * top
+        beyond.append(excess[near] / spread)
+        count += int(np.count_nonzero(excess[near] > 3 * spread))
+    if not beyond or count < max(10, 2e-4 * total):
+        return None
+    excess = np.concatenate(beyond)
+    flat = float(np.mean(excess > 1.0))
+    return Fault("sensor_saturation", name, top, 0.01 * top, count / total) if flat > 0.6 else None
+
+
+def saturated_force(recordings: Sequence[Recording]) -> Fault | None:
+    """A force channel that rests at its exact extreme again and again: its range is too small."""
+    top = max(float(np.max(np.abs(recording.channel("F")))) for recording in recordings)
+    runs, touched, total = 0, 0, 0
+    for recording in recordings:
+        force = recording.channel("F")
+        total += len(force)
+        for side in (force, -force):
+            if np.max(side) > 0.999 * top:
+                stays = flat_tops(side)
+                runs += len(stays)
+                touched += sum(length for _, length in stays)
+    if runs < 2:
+        return None
+    return Fault("sensor_saturation", "F", top, 1e-3 * top, touched / total)
+
+
+def consistency(found: Sequence[Lag]) -> Mapping[str, float]:
+    """Lags as plain numbers for the report: "v after x" -> samples."""
+    return {f"{lag.late} after {lag.early}": lag.lag for lag in found}

@@ -1,0 +1,353 @@
+"""Joint least squares over baseline, nuisances and effects, in the force domain.
+
+The unknowns of a hypothesis are the free parameters of the baseline, small corrections that every rig needs (a delay below
+a sample, a weighing error), and amplitudes and shapes of the effects. Levenberg-Marquardt in scaled unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.baseline import Baseline
+from hystid.diagnosis.blocks import Effect, Scales, Signals, shape_bounds
+from hystid.diagnosis.parts import DRAWS, Part, Reduction, advanced
+from hystid.errors import NumericalError
+
+Array = NDArray[np.float64]
+DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fault
+LATE_LIMIT = 8.0  # samples
+ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
+WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
+_STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
+Key = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect with its parameters (amplitudes, shapes, choices)."""
+
+    effect: Effect
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Baseline values, delay of the force channel [samples], weighing error (share of m), and effects.
+
+    late: the delay may be larger than every rig has.
+    """
+
+    values: Mapping[str, float]
+    terms: tuple[Term, ...] = ()
+    delay: float = 0.0
+    weighing: float = 0.0
+    late: bool = False
+
+    def mass(self) -> float:
+        """Mass in the balance [kg]."""
+        return float(self.values.get("m", 0.0)) * (1.0 + self.weighing)
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One unknown: key, whether it is fitted on a logarithmic scale, its range, and its scale for steps from zero."""
+
+    key: Key
+    log: bool = False
+    low: float = -np.inf
+    high: float = np.inf
+    linear: bool = False
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted hypothesis: rows of the residual (unit noise), their mean square, and the scaled Jacobian's covariance."""
+
+    hypothesis: Hypothesis
+    residual: Array = field(repr=False)
+    chi2: float
+    unknowns: tuple[Unknown, ...] = ()
+    covariance: Array | None = field(default=None, repr=False)
+
+    @property
+    def rss(self) -> float:
+        """Sum of squares of the weighted residual."""
+        return float(self.residual @ self.residual)
+
+    def stderr(self, key: Key) -> float:
+        """Standard error of an unknown in its own unit; NaN where it was not fitted. Scaled by the residual level."""
+        for i, unknown in enumerate(self.unknowns):
+            if unknown.key == key and self.covariance is not None:
+                spread = float(np.sqrt(max(self.covariance[i, i], 0.0) * max(self.chi2, 1.0)))
+                return spread * abs(get(self.hypothesis, key)) if unknown.log else spread
+        return float("nan")
+
+
+def get(hypothesis: Hypothesis, key: Key) -> float:
+    """Value of an unknown."""
+    kind, name = key
+    if kind == "base":
+        return float(hypothesis.values[name])
+    if kind == "chain":
+        return float(getattr(hypothesis, name))
+    return float(hypothesis.terms[int(kind)].values[name])
+
+
+def put(hypothesis: Hypothesis, changes: Mapping[Key, float]) -> Hypothesis:
+    """Copy with some unknowns changed."""
+    values, chain = dict(hypothesis.values), {"delay": hypothesis.delay, "weighing": hypothesis.weighing}
+    terms = [dict(term.values) for term in hypothesis.terms]
+    for (kind, name), value in changes.items():
+        target = values if kind == "base" else chain if kind == "chain" else terms[int(kind)]
+        target[name] = value
+    made = tuple(replace(term, values=new) for term, new in zip(hypothesis.terms, terms, strict=True))
+    return Hypothesis(values, made, chain["delay"], chain["weighing"], hypothesis.late)
+
+
+class Problem:
+    """The recordings, the baseline and the reduction; evaluates hypotheses and their derivatives."""
+
+    def __init__(self, parts: Sequence[Part], baseline: Baseline, scales: Scales) -> None:
+        self.parts = tuple(parts)
+        self.baseline = baseline
+        self.scales = scales
+        self.reduce = Reduction(parts, baseline.mass)
+        self._shifted: dict[tuple[int, float], Array] = {}
+        self._memory: dict[tuple[float, ...], list[tuple[Array, Array]]] = {}
+        self._units = self._linear_columns()
+
+    def law(self, values: Mapping[str, float]) -> list[tuple[Array, Array]]:
+        """R and h of the baseline per part. Linear parameters cost nothing; the last few shapes are remembered."""
+        shapes = tuple(values[name] for name in self.baseline.shapes)
+        if shapes not in self._memory:
+            if len(self._memory) > 12:
+                self._memory.pop(next(iter(self._memory)))
+            at = {**self.baseline.nominal, **dict(zip(self.baseline.shapes, shapes, strict=True))}
+            self._memory[shapes] = [self.baseline.force(p.x, p.v, p.dt, at) for p in self.parts]
+        change = [(name, values[name] - self.baseline.nominal[name]) for name in self.baseline.linear]
+        return [
+            (R + sum(step * self._units[name][i] for name, step in change), h)
+            for i, (R, h) in enumerate(self._memory[shapes])
+        ]
+
+    def signals(self, values: Mapping[str, float]) -> list[Signals]:
+        """What the effects see."""
+        return [
+            Signals(p.x, p.v, p.a, h, p.dt, i)
+            for i, (p, (_, h)) in enumerate(zip(self.parts, self.law(values), strict=True))
+        ]
+
+    def predicted(self, hypothesis: Hypothesis) -> list[Array]:
+        """R and the effects, without inertia, per part [N]."""
+        forces = [R for R, _ in self.law(hypothesis.values)]
+        if hypothesis.terms:
+            signals = self.signals(hypothesis.values)
+            for term in hypothesis.terms:
+                forces = [f + term.effect.force(s, term.values) for f, s in zip(forces, signals, strict=True)]
+        return forces
+
+    def balance(self, hypothesis: Hypothesis) -> list[Array]:
+        """Measured minus predicted force per sample and part [N], with the delay of the force channel taken out."""
+        mass = hypothesis.mass()
+        return [
+            self._force(i, hypothesis.delay) - mass * part.inertia - force
+            for i, (part, force) in enumerate(zip(self.parts, self.predicted(hypothesis), strict=True))
+        ]
+
+    def _force(self, index: int, delay: float) -> Array:
+        """Measured force, moved earlier by a number of samples."""
+        if delay == 0.0:
+            return self.parts[index].F
+        key = (index, round(delay, 6))
+        if key not in self._shifted:
+            if len(self._shifted) > 6 * len(self.parts):
+                self._shifted.clear()
+            self._shifted[key] = advanced(self.parts[index].F, delay)
+        return self._shifted[key]
+
+    def floor(self, hypothesis: Hypothesis) -> float:
+        """Mean square that noise alone leaves in the rows: one, and what the noise of the regressors makes of the force."""
+        here = self.predicted(hypothesis)
+        draws = [self.reduce([b - a for a, b in zip(here, self._shaken(hypothesis, d), strict=True)]) for d in range(DRAWS)]
+        return 1.0 + float(np.mean([np.mean(rows**2) for rows in draws]))
+
+    def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
+        forces = []
+        for i, part in enumerate(self.parts):
+            dx, dv, da = part.jitter[draw]
+            x, v, a = part.x + dx, part.v + dv, part.a + da
+            force, h = self.baseline.force(x, v, part.dt, hypothesis.values)
+            signals = Signals(x, v, a, h, part.dt, i)
+            forces.append(force + sum(term.effect.force(signals, term.values) for term in hypothesis.terms))
+        return forces
+
+    def rows(self, hypothesis: Hypothesis) -> Array:
+        """Weighted residual rows."""
+        return self.reduce(self.balance(hypothesis))
+
+    def unknowns(self, hypothesis: Hypothesis) -> tuple[Unknown, ...]:
+        """What is fitted for a hypothesis."""
+        base = self.baseline
+        found = [self._base_unknown(name) for name in base.free]
+        if base.mass:
+            limit = LATE_LIMIT if hypothesis.late else DELAY_LIMIT
+            found.append(Unknown(("chain", "delay"), low=-limit, high=limit))
+            if "m" not in base.free and not any(term.effect.id == ADDED_MASS for term in hypothesis.terms):
+                found.append(Unknown(("chain", "weighing"), low=-WEIGHING_LIMIT, high=WEIGHING_LIMIT, linear=True))
+        for i, term in enumerate(hypothesis.terms):
+            found += [Unknown((str(i), name), linear=True) for name in term.effect.amplitudes]
+            for shape in term.effect.shapes:
+                low, high = shape_bounds(shape, self.scales)
+                found.append(Unknown((str(i), shape.name), low > 0, low, high))
+        return tuple(found)
+
+    def jacobian(self, hypothesis: Hypothesis, unknowns: Iterable[Unknown]) -> Array:
+        """Derivative of the predicted rows by each unknown (by its logarithm where it is fitted so); (rows, unknowns)."""
+        here = self.predicted(hypothesis)
+        signals = self.signals(hypothesis.values)
+        return np.stack([self._column(hypothesis, u, here, signals) for u in unknowns], axis=1)
+
+    def _column(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array], signals: list[Signals]) -> Array:
+        kind, name = unknown.key
+        reads_h = any(term.effect.uses_h for term in hypothesis.terms)
+        if unknown.key == ("base", "m"):
+            columns = [part.a * (1 + hypothesis.weighing) for part in self.parts]
+        elif unknown.key == ("chain", "weighing"):
+            columns = [part.a * hypothesis.values["m"] for part in self.parts]
+        elif unknown.key == ("chain", "delay"):
+            mass = hypothesis.mass()
+            columns = [-np.gradient(mass * p.a + f) for p, f in zip(self.parts, here, strict=True)]
+        elif kind == "base" and name in self.baseline.linear and not reads_h:
+            columns = self._units[name]
+        elif kind not in ("base", "chain") and unknown.linear:
+            term = hypothesis.terms[int(kind)]
+            only = {**term.values, **dict.fromkeys(term.effect.amplitudes, 0.0), name: 1.0}
+            columns = [term.effect.force(s, only) for s in signals]
+        else:
+            return self._difference(hypothesis, unknown, here)
+        factor = get(hypothesis, unknown.key) if unknown.log else 1.0
+        return self.reduce(columns) * factor
+
+    def _difference(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array]) -> Array:
+        value = get(hypothesis, unknown.key)
+        step = _STEP * (abs(value) or 1.0)
+        if value + step > unknown.high:
+            step = -step
+        moved = put(hypothesis, {unknown.key: value + step})
+        there = self.predicted(moved)
+        difference = self.reduce([b - a for a, b in zip(here, there, strict=True)])
+        return difference / step * (value if unknown.log else 1.0)
+
+    def _base_unknown(self, name: str) -> Unknown:
+        positive = name in self.baseline.positive
+        linear = name in self.baseline.linear or name == "m"
+        return Unknown(("base", name), positive and not linear, 0.0 if positive else -np.inf, linear=linear)
+
+    def _linear_columns(self) -> dict[str, list[Array]]:
+        units = {}
+        base = self.baseline
+        if base.linear:
+            start = [base.force(p.x, p.v, p.dt, base.nominal)[0] for p in self.parts]
+            for name in base.linear:
+                step = base.nominal[name] or 1.0
+                at = {**base.nominal, name: base.nominal[name] + step}
+                units[name] = [
+                    (base.force(p.x, p.v, p.dt, at)[0] - R) / step for p, R in zip(self.parts, start, strict=True)
+                ]
+        return units
+
+
+def fit(problem: Problem, start: Hypothesis, *, iterations: int = 25, tolerance: float = 1e-4) -> Fit:
+    """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
+
+    Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row.
+    Raises NumericalError when the start itself has no finite residual.
+    """
+    unknowns = problem.unknowns(start)
+    here = _clip(start, unknowns)
+    rows = problem.rows(here)
+    cost = float(rows @ rows)
+    if not np.isfinite(cost):
+        raise NumericalError("the start of a fit has no finite residual; check the nominal parameters")
+    damping, small = 1e-4, 0
+    jacobian = problem.jacobian(here, unknowns)
+    for _ in range(iterations):
+        accepted = False
+        for _ in range(7):
+            there = _step(here, unknowns, jacobian, rows, damping)
+            found = _rows_or_none(problem, there)
+            if found is not None and float(found @ found) < cost:
+                accepted = True
+                break
+            damping *= 8.0
+        if not accepted or found is None:
+            break
+        gain = 1.0 - float(found @ found) / cost
+        here, rows, cost = there, found, float(found @ found)
+        damping = max(damping / 10.0, 1e-9)
+        jacobian = problem.jacobian(here, unknowns)
+        small = small + 1 if gain < tolerance else 0
+        if small == 2 or gain < 1e-8:
+            break
+    freedom = max(1, len(rows) - len(unknowns))
+    return Fit(here, rows, cost / freedom, unknowns, _covariance(jacobian))
+
+
+def _step(here: Hypothesis, unknowns: Sequence[Unknown], jacobian: Array, rows: Array, damping: float) -> Hypothesis:
+    """Damped Gauss-Newton step; unknowns that it would push over their bounds are set there and the rest solved anew."""
+    free = list(range(len(unknowns)))
+    changes: dict[Key, float] = {}
+    left = rows
+    for _ in range(len(unknowns)):
+        if not free:
+            break
+        move = _solve(jacobian[:, free], left, damping)
+        over = []
+        for i, value in zip(free, move, strict=True):
+            target = _moved(here, unknowns[i], value)
+            bounded = float(np.clip(target, unknowns[i].low, unknowns[i].high))
+            changes[unknowns[i].key] = bounded
+            if unknowns[i].linear or unknowns[i].key[0] == "chain":
+                over += [(i, bounded)] if bounded != target else []
+        if not over:
+            break
+        for i, bounded in over:
+            left = left - jacobian[:, i] * (bounded - get(here, unknowns[i].key))
+            free.remove(i)
+    return put(here, changes)
+
+
+def _solve(jacobian: Array, rows: Array, damping: float) -> Array:
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    normal = (jacobian / scale).T @ (jacobian / scale)
+    normal[np.diag_indices_from(normal)] += damping + 1e-12
+    return np.asarray(np.linalg.solve(normal, (jacobian / scale).T @ rows) / scale)
+
+
+def _moved(here: Hypothesis, unknown: Unknown, move: float) -> float:
+    value = get(here, unknown.key)
+    return float(value * np.exp(np.clip(move, -1.2, 1.2))) if unknown.log else value + move
+
+
+def _clip(hypothesis: Hypothesis, unknowns: Sequence[Unknown]) -> Hypothesis:
+    return put(hypothesis, {u.key: float(np.clip(get(hypothesis, u.key), u.low, u.high)) for u in unknowns})
+
+
+def _rows_or_none(problem: Problem, hypothesis: Hypothesis) -> Array | None:
+    try:
+        rows = problem.rows(hypothesis)
+    except NumericalError:
+        return None
+    return rows if np.all(np.isfinite(rows)) else None
+
+
+def _covariance(jacobian: Array) -> Array:
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    normal = (jacobian / scale).T @ (jacobian / scale)
+    return np.asarray(np.linalg.pinv(normal, rcond=1e-12) / np.outer(scale, scale))

@@ -1,0 +1,198 @@
+"""Recordings made ready: smoothed motion as regressors, raw force balance as evidence, one reduction for both.
+
+The force balance F - m a is taken from the raw channels, so that its noise is white and of known level. Only the regressors
+are smoothed. Whatever is done to the balance (whitening, block averages, weights) is done to every column alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.noise import noise_level
+from hystid.diagnosis.smoothing import Smoothed, smooth
+from hystid.recording import Recording
+
+Array = NDArray[np.float64]
+_ROWS = 16_000  # rows of the least squares problems; more are averaged in blocks
+_MODEL_ERROR = 5e-4  # share of a channel below which differences are not worth a name (integration, interpolation)
+DRAWS = 2
+# Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
+FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+
+
+@dataclass(frozen=True)
+class Part:
+    """One recording, ready for fitting. Arrays of shape (n,), SI units.
+
+    x, v, a: smoothed motion. F: force as measured. inertia: unbiased acceleration of which the balance F - m a is formed
+    (the channel itself, or a plain derivative of the best one). noise: standard deviation per channel.
+    jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing.
+    """
+
+    name: str
+    t: Array
+    dt: float
+    F: Array
+    x: Array
+    v: Array
+    a: Array
+    inertia: Array
+    inertia_order: int
+    noise: dict[str, float]
+    measured: dict[str, Array]
+    valid: Array | None = field(repr=False, default=None)
+    jitter: tuple[tuple[Array, Array, Array], ...] = field(repr=False, default=())
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def balance_noise(self, mass: float) -> float:
+        """Standard deviation of F - m a per sample [N], where the acceleration was measured; else of F alone."""
+        if self.inertia_order == 0 and "a" in self.noise:
+            return float(np.hypot(self.noise["F"], mass * self.noise["a"]))
+        return self.noise["F"]
+
+
+def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, float] | None = None) -> Part:
+    """Noise levels, smoothing and the unbiased acceleration of one recording; needs F and one of x, v, a.
+
+    stopped: channels that stop at a level; samples there count as missing.
+    """
+    F, dt = recording.channel("F"), recording.dt
+    measured = measured_motion(recording)
+    noise = {name: noise_level(values) for name, values in measured.items()}
+    noise["F"] = max(noise_level(F), _MODEL_ERROR * float(np.std(F)))
+    known, valid = _without_stops({**measured, "F": F}, noise, stopped or {})
+    motion = smooth({name: known[name] for name in measured}, noise, dt)
+    inertia, order = _inertia(measured, dt)
+    return Part(
+        recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
+        {**measured, "F": F}, valid, _jitter(measured, noise, dt, motion, seed),
+    )  # fmt: skip
+
+
+def measured_motion(recording: Recording) -> dict[str, Array]:
+    """The channels of the motion that were recorded (derived ones hold no information of their own)."""
+    found = {}
+    for name in "xva":
+        values = getattr(recording, name)
+        if values is not None and recording.origin.get(name, "measured").startswith("measured"):
+            found[name] = np.asarray(values, dtype=float)
+    return found
+
+
+def _without_stops(
+    channels: dict[str, Array], noise: Mapping[str, float], stopped: Mapping[str, float]
+) -> tuple[dict[str, Array], Array | None]:
+    """Channels with gaps where they stop, and the samples whose force balance can be trusted."""
+    if not stopped:
+        return channels, None
+    valid = np.ones(len(channels["F"]), dtype=bool)
+    known = dict(channels)
+    for name, level in stopped.items():
+        if name in channels:
+            gap = np.abs(channels[name]) > level - 2 * noise[name] - 1e-9 * level
+            known[name] = np.where(gap, np.nan, channels[name])
+            valid &= ~np.convolve(gap, np.ones(3), mode="same").astype(bool)
+    return known, valid
+
+
+def _inertia(measured: dict[str, Array], dt: float) -> tuple[Array, int]:
+    """Acceleration without smoothing, and how many derivatives it took."""
+    if "a" in measured:
+        return measured["a"], 0
+    if "v" in measured:
+        return stencil(measured["v"], FIRST) / dt, 1
+    return stencil(measured["x"], SECOND) / dt**2, 2
+
+
+def stencil(values: Array, weights: Array) -> Array:
+    """Convolve with a central difference (per sample time); the ends repeat the outermost value."""
+    inner = np.convolve(values, weights[::-1], mode="valid")
+    return np.pad(inner, len(weights) // 2, mode="edge")
+
+
+def _jitter(
+    measured: dict[str, Array], noise: dict[str, float], dt: float, motion: Smoothed, seed: int
+) -> tuple[tuple[Array, Array, Array], ...]:
+    """The smoother is linear, so that smoothed noise is the error that noise leaves."""
+    rng = np.random.default_rng(seed)
+    draws = []
+    for _ in range(DRAWS):
+        only_noise = {name: noise[name] * rng.standard_normal(len(values)) for name, values in measured.items()}
+        error = smooth(only_noise, noise, dt, motion.roughness)
+        draws.append((error.x, error.v, error.a))
+    return tuple(draws)
+
+
+class Reduction:
+    """Turns columns over the samples of all parts into weighted rows with unit noise.
+
+    Each part: whitening where the acceleration had to be derived (its noise then grows with frequency), trimming of the
+    ends that derivation and whitening disturb, block averages, division by the noise level.
+    """
+
+    def __init__(self, parts: Sequence[Part], mass: float) -> None:
+        self.parts = tuple(parts)
+        total = sum(len(part) for part in parts)
+        self.block = max(1, total // _ROWS)
+        self._filters = [_whitening(part, mass) for part in parts]
+        self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
+
+    def __call__(self, columns: Sequence[Array]) -> Array:
+        """Rows of all parts, shape (rows,), from one column per part."""
+        return np.concatenate(
+            [self.one(index, column) for index, column in enumerate(columns)]
+        )
+
+    def one(self, index: int, column: Array) -> Array:
+        """Rows of one part."""
+        part, filt = self.parts[index], self._filters[index]
+        values = column if filt is None else _filtered(column, filt)
+        trim = max(5, len(part) // 200)
+        inner = values[trim : len(values) - trim]
+        rows = len(inner) // self.block
+        means = inner[: rows * self.block].reshape(rows, self.block).mean(axis=1) * self._weights[index]
+        if part.valid is None:
+            return np.asarray(means)
+        kept = part.valid[trim : trim + rows * self.block].reshape(rows, self.block).all(axis=1)
+        return np.asarray(means[kept])
+
+
+def _whitening(part: Part, mass: float) -> Array | None:
+    """Frequency response that makes the noise of F - m a white with the level of F; None where it is white already."""
+    if part.inertia_order == 0 or mass == 0.0:
+        return None
+    n = 2 * len(part)
+    omega = 2 * np.pi * np.arange(n // 2 + 1) / n
+    if part.inertia_order == 2:
+        gain = _response(SECOND, omega) / part.dt**2 * part.noise["x"]
+    else:
+        gain = _response(FIRST, omega) / part.dt * part.noise["v"]
+    return np.asarray(1.0 / np.sqrt(1.0 + (mass * gain / part.noise["F"]) ** 2))
+
+
+def _response(weights: Array, omega: Array) -> Array:
+    shift = np.arange(len(weights)) - len(weights) // 2
+    return np.asarray(np.abs(np.exp(1j * np.outer(omega, shift)) @ weights))
+
+
+def _filtered(column: Array, response: Array) -> Array:
+    """Zero-phase filter; the column is continued by its mirror image, so that it is periodic."""
+    both = np.concatenate([column, column[::-1]])
+    return np.asarray(np.fft.irfft(np.fft.rfft(both) * response, len(both))[: len(column)])
+
+
+def advanced(values: Array, samples: float) -> Array:
+    """The signal moved earlier by a number of samples: band-limited interpolation, mirrored ends, edges kept."""
+    both = np.concatenate([values, values[::-1]])
+    turn = np.exp(2j * np.pi * np.fft.rfftfreq(len(both)) * samples)
+    moved = np.fft.irfft(np.fft.rfft(both) * turn, len(both))[: len(values)]
+    edge = int(np.ceil(abs(samples))) + 1
+    moved[:edge], moved[-edge:] = values[:edge], values[-edge:]
+    return np.asarray(moved)

@@ -1,0 +1,119 @@
+"""Which effect could it be: every form on a grid of its shapes, projected on what the baseline cannot absorb."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.blocks import Effect, Signals, grid
+from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term, fit
+from hystid.errors import NumericalError
+
+Array = NDArray[np.float64]
+ABSORBED = 0.99  # share of a column that the refit takes over, above which the recordings cannot test the effect
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Best grid point of one form: its term, the fall of the sum of squares, and the share that the baseline absorbs.
+
+    others: the next best grid points, for restarts.
+    """
+
+    term: Term
+    gain: float
+    absorbed: float
+    others: tuple[Term, ...] = ()
+
+    @property
+    def effect(self) -> Effect:
+        """The form."""
+        return self.term.effect
+
+
+@dataclass(frozen=True)
+class Complement:
+    """Projection on the complement of the columns that are fitted already."""
+
+    basis: Array = field(repr=False)
+
+    def __call__(self, columns: Array) -> Array:
+        """Part of the columns (rows, k) that the basis cannot give."""
+        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+
+
+def complement(problem: Problem, fitted: Fit) -> Complement:
+    """Complement of the Jacobian at a fit, by QR of its scaled columns (directions without effect are left out)."""
+    jacobian = problem.jacobian(fitted.hypothesis, fitted.unknowns)
+    norms = np.linalg.norm(jacobian, axis=0)
+    left, size, _ = np.linalg.svd(jacobian[:, norms > 0] / norms[norms > 0], full_matrices=False)
+    return Complement(left[:, size > 1e-7 * size[0]])
+
+
+def scan(
+    problem: Problem, fitted: Fit, effects: Sequence[Effect], progress: Callable[[], None] = lambda: None
+) -> list[Candidate]:
+    """The best grid point of every form, the largest gain first. Forms without any finite column are left out."""
+    outside = complement(problem, fitted)
+    signals = problem.signals(fitted.hypothesis.values)
+    found = []
+    for effect in effects:
+        points = _points(problem, fitted, effect, outside, signals)
+        if points:
+            best = points[0]
+            found.append(replace(best, others=tuple(point.term for point in points[1:4])))
+        progress()
+    return sorted(found, key=lambda c: -c.gain)
+
+
+def _points(
+    problem: Problem, fitted: Fit, effect: Effect, outside: Complement, signals: Sequence[Signals]
+) -> list[Candidate]:
+    """Grid points of one form, the largest gain first."""
+    points = []
+    for shapes in grid(effect, problem.scales):
+        try:
+            raw = [effect.columns(s, shapes) for s in signals]
+        except NumericalError:
+            continue
+        columns = [problem.reduce([per_part[k] for per_part in raw]) for k in range(len(effect.amplitudes))]
+        made = _score(np.stack(columns, axis=1), outside, fitted.residual) if columns else None
+        if made is not None:
+            values = {**shapes, **dict(zip(effect.amplitudes, map(float, made[2]), strict=True))}
+            points.append(Candidate(Term(effect, values), made[0], made[1]))
+    return sorted(points, key=lambda point: -point.gain)
+
+
+def _score(columns: Array, outside: Complement, residual: Array) -> tuple[float, float, Array] | None:
+    """Gain, absorbed share and amplitudes of a group of columns; None for columns that vanish or are not finite."""
+    size = np.max(np.abs(columns), axis=0)
+    if not np.all(np.isfinite(size)) or np.any(size > 1e100):
+        return None
+    norms = np.linalg.norm(columns, axis=0)
+    if not np.any(norms > 0):
+        return None
+    scaled = columns / np.where(norms > 0, norms, 1.0)
+    rest = outside(scaled)
+    left = np.sum(rest**2, axis=0)
+    normal = rest.T @ rest
+    normal[np.diag_indices_from(normal)] += 1e-9
+    right = rest.T @ residual
+    amplitude = np.linalg.solve(normal, right)
+    return float(right @ amplitude), float(1.0 - np.max(left)), amplitude / np.where(norms > 0, norms, np.inf)
+
+
+def try_term(problem: Problem, fitted: Fit, term: Term, iterations: int = 12) -> Fit | None:
+    """Joint fit of what is there and one more effect; None where it has no finite answer."""
+    start = fitted.hypothesis
+    return try_fit(problem, replace(start, terms=(*start.terms, term)), iterations)
+
+
+def try_fit(problem: Problem, start: Hypothesis, iterations: int = 12) -> Fit | None:
+    """``fit``, or None where it has no finite answer."""
+    try:
+        return fit(problem, start, iterations=iterations)
+    except (NumericalError, np.linalg.LinAlgError):
+        return None

@@ -1,0 +1,215 @@
+"""From candidates to names: forward, backward and exchange steps, simpler laws first, and when to say nothing.
+
+Everything is judged by the share of the excess that a hypothesis explains: the excess is the mean square of the residual
+above the floor that noise alone leaves. With tens of thousands of samples every p-value is zero, so none is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+from hystid.diagnosis.blocks import Effect
+from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.search import ABSORBED, Candidate, scan, try_fit, try_term
+from hystid.diagnosis.sensors import force_drift
+
+SOUND = 0.09  # excess that smoothing and integration leave in healthy recordings
+WORTH = 0.05  # fall of the mean square below which no effect is named
+EXPLAINED = 0.93  # share of the excess that a right law explains
+PAIR_SHARE = 0.04  # share of the excess that each of several effects must cost when it is taken away
+MOST_TERMS = 3
+_TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
+DELAY = "channel_delay"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One hypothesis that was fitted: what was added last, and how it went."""
+
+    name: str
+    form: str
+    size: int
+    fit: Fit = field(repr=False)
+    absorbed: float = 0.0
+    others: tuple[Term, ...] = field(repr=False, default=())
+
+    @property
+    def chi2(self) -> float:
+        """Mean square of the residual, noise units."""
+        return self.fit.chi2
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Outcome of the selection.
+
+    before: the refitted baseline; after: with the named effects (the same where none is named). named: ids in the order of
+    strength; classes: ids that cannot be told from each name. explained: share of the excess. unknown: something is left
+    that no candidate explains. trials: all that was tried first, best first. untestable: ids that the refit absorbs.
+    """
+
+    before: Fit
+    after: Fit
+    floor_before: float
+    floor_after: float
+    named: tuple[str, ...] = ()
+    classes: tuple[tuple[str, ...], ...] = ()
+    margins: tuple[float, ...] = ()
+    unknown: bool = False
+    trials: tuple[Trial, ...] = field(repr=False, default=())
+    untestable: tuple[str, ...] = ()
+
+    @property
+    def explained(self) -> float:
+        """Share of the excess over the floor that the named effects explain."""
+        excess = self.before.chi2 - self.floor_before
+        return float(min(1.0, (self.before.chi2 - self.after.chi2) / excess)) if excess > 0 else 1.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """One accepted term: where it stands, and what it could not be told from."""
+
+    trial: Trial
+    tied: tuple[str, ...]
+    margin: float
+
+
+def choose(
+    problem: Problem, baseline: Fit, effects: Sequence[Effect], progress: Callable[[], None] = lambda: None
+) -> Choice:
+    """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there."""
+    floor = problem.floor(baseline.hypothesis)
+    excess = baseline.chi2 - floor
+    library = [*effects, force_drift(len(problem.parts), bow=False)]
+    candidates = scan(problem, baseline, library, progress)
+    untestable = _untestable(candidates)
+    if excess < SOUND * max(1.0, floor):
+        return Choice(baseline, baseline, floor, floor, trials=(), untestable=untestable)
+    first = trials(problem, baseline, candidates, excess)
+    if not first:
+        return Choice(baseline, baseline, floor, floor, unknown=True, untestable=untestable)
+    chosen = _single(problem, first, baseline, excess)
+    end_floor = problem.floor(chosen.trial.fit.hypothesis)
+    if _explains(chosen.trial.fit, end_floor, baseline, excess):
+        return _named(problem, baseline, floor, [chosen], first, untestable)
+    several = _several(problem, baseline, first, library, excess)
+    if several is not None:
+        return _named(problem, baseline, floor, several, first, untestable)
+    return Choice(baseline, baseline, floor, floor, unknown=True, trials=tuple(first), untestable=untestable)
+
+
+def trials(
+    problem: Problem, fitted: Fit, candidates: Sequence[Candidate], excess: float, most: int = 12
+) -> list[Trial]:
+    """Joint fits of the promising forms, best first. Absorbed ones count for nothing unless they change much."""
+    found = [*_chain_trials(problem, fitted)]
+    top = max((c.gain for c in candidates), default=0.0)
+    promising = [c for c in candidates if c.gain > 0.3 * top][:most]
+    promising += [c for c in candidates[:most] if c not in promising][: max(0, 5 - len(promising))]
+    for candidate in promising:
+        made = try_term(problem, fitted, candidate.term)
+        if made is not None:
+            found.append(_trial(candidate, made))
+    found.sort(key=lambda t: t.chi2)
+    return [t for t in found if not (t.absorbed > ABSORBED and fitted.chi2 - t.chi2 < 0.5 * excess)]
+
+
+def _trial(candidate: Candidate, made: Fit) -> Trial:
+    effect = candidate.effect
+    return Trial(effect.id, effect.form, effect.size, made, candidate.absorbed, candidate.others)
+
+
+def _chain_trials(problem: Problem, fitted: Fit) -> list[Trial]:
+    """A late force channel, and a mass beyond what weighing explains."""
+    found = []
+    here = fitted.hypothesis
+    if abs(here.delay) > 0.8 * DELAY_LIMIT and not here.late:
+        made = try_fit(problem, replace(here, late=True))
+        if made is not None and abs(made.hypothesis.delay) > DELAY_LIMIT:
+            found.append(Trial(DELAY, "", 1, made))
+    return found
+
+
+def _single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float) -> Step:
+    """The simplest of the trials that are as good as the best; the best is restarted first if something is left."""
+    best = found[0]
+    tie = _TIE[0] + _TIE[1] * excess
+    simple = best
+    for trial in sorted(found, key=lambda t: (t.size, t.chi2)):
+        if trial.chi2 - best.chi2 < tie * max(1, best.size - trial.size):
+            simple = trial
+            break
+    tied = tuple(dict.fromkeys(t.name for t in found if t.chi2 - simple.chi2 < tie and t.name != simple.name))
+    other = next((t.chi2 for t in found if t.name != simple.name and t.name not in tied), before.chi2)
+    margin = (other - simple.chi2) / max(excess, 1e-9)
+    return Step(simple, tied, float(margin))
+
+
+def _explains(fit: Fit, floor: float, before: Fit, excess: float) -> bool:
+    """Whether what is left is within the share that close forms leave, and the change worth a name."""
+    left = fit.chi2 - floor
+    return before.chi2 - fit.chi2 > WORTH and left < max(SOUND * floor, (1 - EXPLAINED) * excess)
+
+
+def _several(
+    problem: Problem, before: Fit, first: Sequence[Trial], library: Sequence[Effect], excess: float
+) -> list[Step] | None:
+    """Two or three effects: forward from the best few, each removal costly, the floor reached; None where that fails."""
+    starts = _distinct(first)[:2]
+    best: tuple[Trial, Trial] | None = None
+    for start in starts:
+        if before.chi2 - start.chi2 < 0.08 * excess:
+            continue
+        candidates = [c for c in scan(problem, start.fit, library) if c.effect.id != start.name]
+        found = trials(problem, start.fit, candidates, excess, most=6)
+        if found and (best is None or found[0].chi2 < best[1].chi2):
+            best = (start, _single(problem, found, start.fit, excess).trial)
+    if best is None:
+        return None
+    end = best[1]
+    floor = problem.floor(end.fit.hypothesis)
+    if not _explains(end.fit, floor, before, excess) or not _each_counts(problem, end.fit, excess):
+        return None
+    return [Step(best[0], (), 0.0), Step(end, (), 0.0)]
+
+
+def _distinct(found: Sequence[Trial]) -> list[Trial]:
+    """The best trial of each id."""
+    seen: dict[str, Trial] = {}
+    for trial in found:
+        seen.setdefault(trial.name, trial)
+    return list(seen.values())
+
+
+def _each_counts(problem: Problem, fit: Fit, excess: float) -> bool:
+    """Whether taking any effect away and fitting again costs a visible share."""
+    hypothesis = fit.hypothesis
+    for i in range(len(hypothesis.terms)):
+        rest = replace(hypothesis, terms=tuple(t for k, t in enumerate(hypothesis.terms) if k != i))
+        made = try_fit(problem, rest, iterations=6)
+        if made is None or made.chi2 - fit.chi2 < max(WORTH, PAIR_SHARE * excess):
+            return False
+    return True
+
+
+def _named(
+    problem: Problem, before: Fit, floor: float, steps: Sequence[Step], first: Sequence[Trial], untestable: tuple[str, ...]
+) -> Choice:
+    after = steps[-1].trial.fit
+    names = tuple(dict.fromkeys(step.trial.name for step in steps))
+    classes = tuple(tuple(dict.fromkeys((step.trial.name, *step.tied))) for step in steps)
+    return Choice(
+        before, after, floor, problem.floor(after.hypothesis), names, classes, tuple(step.margin for step in steps),
+        False, tuple(first), untestable,
+    )  # fmt: skip
+
+
+def _untestable(candidates: Sequence[Candidate]) -> tuple[str, ...]:
+    """Ids of which every form is absorbed by the refit."""
+    least: dict[str, float] = {}
+    for candidate in candidates:
+        ident = candidate.effect.id
+        least[ident] = min(least.get(ident, 1.0), candidate.absorbed)
+    return tuple(sorted(ident for ident, share in least.items() if share > ABSORBED))

@@ -1,0 +1,35 @@
+"""Faults of the force channel that can be written as a force: they compete with the effects on equal terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hystid.diagnosis.blocks import Array, Effect, Signals
+
+
+class ForceDrift(Effect):
+    """The force channel has an offset and a ramp of its own in each recording.
+
+    Amplitudes offset_1, ramp_1, ... [N, N/s]. Not a law of the structure, hence in the units of the signal and not in
+    Modelica. It appears in the balance as a force that is added to R.
+    """
+
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """What the channel shows without any force [N], shape (n,)."""
+        t = np.arange(len(signals.x)) * signals.dt
+        number = signals.index + 1
+        value = parameters.get(f"offset_{number}", 0.0) + parameters.get(f"ramp_{number}", 0.0) * (t - t[-1] / 2)
+        curve = (t / t[-1] - 0.5) ** 2 - 1 / 12
+        return np.asarray(value + parameters.get(f"bow_{number}", 0.0) * curve)
+
+
+def force_drift(recordings: int, *, bow: bool) -> ForceDrift:
+    """Drift of the force channel over a number of recordings; bow: with curvature."""
+    kinds = ("offset", "ramp", "bow") if bow else ("offset", "ramp")
+    names: Sequence[str] = [f"{kind}_{i + 1}" for i in range(recordings) for kind in kinds]
+    units = {name: {"offset": "N", "ramp": "N/s", "bow": "N"}[name.partition("_")[0]] for name in names}
+    return ForceDrift(
+        "force_drift", "Bowed" if bow else "", "", None, amplitudes=tuple(names), units=units
+    )

@@ -1,0 +1,164 @@
+"""One motion from up to three channels: Kalman smoother of x, v and a.
+
+x, v and a are three measurements of one motion. The smoother knows that v = dx/dt and a = dv/dt and takes a derivative of
+the acceleration as white noise: the first one (jerk) for rough motions, a higher one for smooth ones. Which one, and its
+level, are chosen by likelihood. Rauch, Tung and Striebel (1965), AIAA Journal 3(8), 1445-1450.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from hystid.errors import UsageError
+from hystid.toolchain import shared_library
+
+Array = NDArray[np.float64]
+CHANNELS = ("x", "v", "a")
+ORDERS = (3, 4, 5)
+_LIKELIHOOD_SAMPLES = 4000  # enough to choose one number; keeps a record of a million samples cheap
+_BLOCK = 100_000  # samples smoothed at a time, with an overlap far beyond the smoother's memory: bounds the memory
+_OVERLAP = 2_000
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """Derivative of x that is taken as white noise (3: jerk), and its density in units of the sample time."""
+
+    order: int
+    level: float
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """Smoothed motion: x [m], v [m/s], a [m/s2], each of shape (n,); stderr: their standard errors in steady state."""
+
+    x: Array
+    v: Array
+    a: Array
+    stderr: tuple[float, float, float]
+    roughness: Roughness
+
+
+def smooth(
+    channels: Mapping[str, Array], noise: Mapping[str, float], dt: float, roughness: Roughness | None = None
+) -> Smoothed:
+    """Smooth the measured channels of one motion jointly.
+
+    channels: any of x [m], v [m/s], a [m/s2], shape (n,) each, at least one; NaN marks a gap. noise: their standard deviations, > 0.
+    dt: sample time [s]. roughness: None for the most likely one.
+    Without x, the position starts at zero and drifts as an integrated measurement does.
+    Raises UsageError when there is no channel of a motion.
+    """
+    if not channels or set(channels) - set(CHANNELS):
+        raise UsageError(f"smoothing needs channels out of x, v, a, got {sorted(channels) or 'none'}")
+    table, variance = _scaled(channels, noise, dt)
+    chosen = roughness or _likely(table, variance)
+    motion, spread = _in_blocks(table, variance, chosen)
+    unit = np.array([1.0, dt, dt * dt])
+    x, v, a = (np.ascontiguousarray(column) for column in (motion / unit).T)
+    error = np.sqrt(np.maximum(spread, 0.0)) / unit
+    return Smoothed(x, v, a, (float(error[0]), float(error[1]), float(error[2])), chosen)
+
+
+def _scaled(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> tuple[Array, Array]:
+    """Channels (3, n) in units of the sample time, and their variances (infinite where there is no channel)."""
+    n = len(next(iter(channels.values())))
+    table, variance = np.zeros((3, n)), np.full(3, np.inf)
+    for row, name in enumerate(CHANNELS):
+        if name in channels:
+            table[row] = np.asarray(channels[name]) * dt**row
+            variance[row] = max((noise[name] * dt**row) ** 2, 1e-14 * float(np.nanmean(table[row] ** 2)), 1e-300)
+    return table, variance
+
+
+def _likely(table: Array, variance: Array) -> Roughness:
+    """The most likely roughness, from at most ``_LIKELIHOOD_SAMPLES`` samples around the middle."""
+    first = max(0, (table.shape[1] - _LIKELIHOOD_SAMPLES) // 2)
+    part = np.ascontiguousarray(table[:, first : first + _LIKELIHOOD_SAMPLES])
+    found = [_likely_level(part, variance, order) for order in ORDERS]
+    return min(found, key=lambda item: item[0])[1]
+
+
+def _likely_level(part: Array, variance: Array, order: int) -> tuple[float, Roughness]:
+    """Negative log-likelihood and roughness of the best level: a coarse grid (there may be two optima), then refined."""
+
+    def cost(level: float) -> float:
+        value = -_run(part, variance, Roughness(order, float(np.exp(level))), keep=False)[0]
+        return value if np.isfinite(value) else 1e300
+
+    grid = _upper_level(part, variance, order) - np.arange(0.0, 34.0, 2.0)
+    middle = min(grid, key=cost)
+    best = minimize_scalar(cost, bounds=(middle - 2.0, middle + 2.0), method="bounded", options={"xatol": 0.1})
+    return float(best.fun), Roughness(order, float(np.exp(best.x)))
+
+
+def _upper_level(part: Array, variance: Array, order: int) -> float:
+    """Logarithm of a level that the roughest of the channels, noise included, does not exceed."""
+    row = next(i for i in (2, 1, 0) if np.isfinite(variance[i]))
+    difference = np.diff(part[row], order - row)
+    return float(np.log(np.nanmean(difference**2) + variance[row] + 1e-300)) + 3.0
+
+
+def _in_blocks(table: Array, variance: Array, roughness: Roughness) -> tuple[Array, Array]:
+    """Smoothed x, v, a (n, 3) in units of the sample time, and their variances in the middle of the record."""
+    n = table.shape[1]
+    motion = np.empty((n, 3))
+    spread = np.zeros(3)
+    order = roughness.order
+    for first in range(0, n, _BLOCK):
+        low, high = max(0, first - _OVERLAP), min(n, first + _BLOCK + _OVERLAP)
+        _, beliefs = _run(np.ascontiguousarray(table[:, low:high]), variance, roughness, keep=True)
+        last = min(n, first + _BLOCK)
+        motion[first:last] = beliefs[first - low : last - low, :3]
+        spread = beliefs[(high - low) // 2, [order, 2 * order + 1, 3 * order + 2]]
+    return motion, spread
+
+
+def _run(table: Array, variance: Array, roughness: Roughness, *, keep: bool) -> tuple[float, Array]:
+    n, order = table.shape[1], roughness.order
+    start = _start(table, variance, order)
+    beliefs = np.empty((n if keep else 0, order + order * order))
+    ahead = np.empty_like(beliefs)
+    pointer = ctypes.POINTER(ctypes.c_double)
+    value = _kernel(order)(
+        n,
+        table.ctypes.data_as(pointer),
+        variance.ctypes.data_as(pointer),
+        roughness.level,
+        start.ctypes.data_as(pointer),
+        beliefs.ctypes.data_as(pointer) if keep else None,
+        ahead.ctypes.data_as(pointer) if keep else None,
+    )
+    return float(value), beliefs
+
+
+def _start(table: Array, variance: Array, order: int) -> Array:
+    """Belief before the first sample: measured states near their first value, the others wide but finite."""
+    mean, spread = np.zeros(order), np.full(order, np.nan)
+    for row in range(3):
+        if np.isfinite(variance[row]):
+            mean[row] = np.nan_to_num(table[row, 0])
+            spread[row] = 100.0 * (float(np.nanvar(table[row])) + variance[row])
+    spread = np.where(np.isfinite(spread), spread, np.nanmax(spread))
+    if not np.isfinite(variance[0]):
+        spread[0] *= 1e-6  # without x the position is known up to a constant: zero by convention
+    return np.concatenate([mean, np.diag(spread).ravel()])
+
+
+@cache
+def _kernel(order: int) -> ctypes._NamedFuncPointer:
+    source = Path(__file__).with_name("kernel") / "smoother.c"
+    made = shared_library({"smoother.c": source.read_text()}, main=["smoother.c"], flags=("-O2", f"-DORDER={order}"))
+    pointer = ctypes.POINTER(ctypes.c_double)
+    function = ctypes.CDLL(str(made)).hy_smooth
+    function.restype = ctypes.c_double
+    function.argtypes = [ctypes.c_long, pointer, pointer, ctypes.c_double, pointer, pointer, pointer]
+    return function
