@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from hystid.errors import FmuError
-from hystid.modelcode import ModelCode, Variability, Variable
+from hystid.modelcode import Causality, ModelCode, Variability, Variable
 
 _RANK = {"input": 0, "output": 1, "parameter": 2, "calculatedParameter": 3, "local": 4}
 _IDENTIFIER = re.compile(r"[^A-Za-z0-9_]")
@@ -112,7 +112,7 @@ def _rank(variable: Variable) -> tuple[int, bool]:
 
 def _legal(v: Variable) -> Variable:
     if v.causality == "structuralParameter" or v.variability == "constant":
-        causality = "output" if v.causality == "output" else "local"
+        causality: Causality = "output" if v.causality == "output" else "local"
         return replace(v, causality=causality, variability="constant", initial="exact", start=_start(v))
     if v.causality == "parameter":
         return replace(v, variability=_fixed_or_tunable(v), initial="exact", start=_start(v))
