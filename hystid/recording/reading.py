@@ -39,9 +39,13 @@ def read(
     names: Mapping[str, str] | None = None,
     resample: bool = False,
     accept: Collection[str] = (),
+    motion: bool = True,
 ) -> Recording:
-    """Read the one test in a file: see ``read_all`` for arguments and errors; UsageError if it holds several."""
-    found = _read_file(Path(path), sensitivity, names, resample, accept)
+    """Read the one test in a file: see ``read_all`` for arguments and errors; UsageError if it holds several.
+
+    motion: whether x, v or a must be there; False for a file that only prescribes a force.
+    """
+    found = _read_file(Path(path), sensitivity, names, resample, accept, motion)
     if len(found) > 1:
         listed = ", ".join(recording.name for recording in found)
         raise UsageError(f"{path} holds {len(found)} tests ({listed}): give it where several recordings are taken")
@@ -84,12 +88,13 @@ def _read_file(
     names: Mapping[str, str] | None,
     resample: bool,
     accept: Collection[str],
+    motion: bool = True,
 ) -> list[Recording]:
     unknown = sorted(set(accept) - set(RULES))
     if unknown:
         raise UsageError(f"--accept {unknown[0]}: the rules are {', '.join(RULES)}")
     return [
-        _recording(table, interpret(table, sensitivity=sensitivity, names=names), resample, accept)
+        _recording(table, interpret(table, sensitivity=sensitivity, names=names), resample, accept, motion)
         for table in tables(path)
     ]
 
@@ -115,10 +120,10 @@ def tables(path: Path) -> list[Table]:
     return found
 
 
-def _recording(table: Table, channels: Channels, resample: bool, accept: Collection[str]) -> Recording:
+def _recording(table: Table, channels: Channels, resample: bool, accept: Collection[str], motion: bool) -> Recording:
     problems = list(channels.problems)
     values = dict(channels.values)
-    problems += _presence(table, values, channels)
+    problems += _presence(table, values, channels, motion)
     problems += channel_problems(table, values)
     if "t" in values:
         problems += order_problems(table, values["t"])
@@ -144,7 +149,7 @@ def _recording(table: Table, channels: Channels, resample: bool, accept: Collect
     return replace(recording, warnings=tuple(str(item) for item in report(problems, accept)))
 
 
-def _presence(table: Table, values: Mapping[str, Array], channels: Channels) -> list[Problem]:
+def _presence(table: Table, values: Mapping[str, Array], channels: Channels, motion: bool) -> list[Problem]:
     misread = {item.channel for item in channels.problems if item.severity == "error"}
     problems = []
     found = f"it has {', '.join(column.name for column in table.columns)}"
@@ -157,7 +162,7 @@ def _presence(table: Table, values: Mapping[str, Array], channels: Channels) -> 
             problems.append(
                 Problem(table.file, "missing_channel", f"there is no channel {name}; {found}", action, name)
             )
-    if not {"x", "v", "a"} & (set(values) | misread):
+    if motion and not {"x", "v", "a"} & (set(values) | misread):
         action = "name a column 'x [m]', 'v [m/s]' or 'a [m/s2]', or choose one with --channel x=COLUMN"
         problems.append(Problem(table.file, "missing_channel", f"there is no motion x, v or a; {found}", action, "x"))
     size = max((array.size for array in values.values()), default=0)
