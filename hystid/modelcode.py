@@ -57,6 +57,7 @@ class ModelCode:
     sources: file name -> C text; the one named ``model.c`` defines ``hy_the_model``.
     states: names of the continuous states in block order. n_indicators: number of event indicators.
     dependencies: name of an output or derivative -> names of inputs and states that it depends on.
+    has_memory: the model has a ``completed_step``, which must be called once per accepted step.
     resources: path below ``resources/`` -> bytes.
     reinit: names of the states that events may set anew; None where that is not known.
     token: instantiation token (GUID), a hash of everything above.
@@ -72,6 +73,7 @@ class ModelCode:
     dependencies: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     has_forward: bool = False
     has_adjoint: bool = False
+    has_memory: bool = False
     experiment: Experiment = field(default_factory=Experiment)
     resources: Mapping[str, bytes] = field(default_factory=dict)
     token: str = ""

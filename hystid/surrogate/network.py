@@ -93,6 +93,7 @@ def block_code(program: Program, interface: Interface, title: str, description: 
             dependencies={v.name: _inputs(known) for v in known if v.causality == "output"},
             has_forward=True,
             has_adjoint=True,
+            has_memory=bool(layout.states),
             experiment=Experiment(step=step, stop=round(1000 * step, 12)),
         )
     )

@@ -92,6 +92,7 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
             },
             has_forward=True,
             has_adjoint=True,
+            has_memory=True,
             experiment=Experiment(step=step, stop=1.0),
         )
     )

@@ -62,7 +62,8 @@ def _add_kinds(root: ET.Element, model: Interface) -> None:
         "providesDirectionalDerivatives": flag(model.code.has_forward),
         "providesAdjointDerivatives": flag(model.code.has_adjoint),
     }
-    add(root, "ModelExchange", shared)
+    needs_steps = {"needsCompletedIntegratorStep": "true"} if model.code.has_memory else {}
+    add(root, "ModelExchange", {**shared, **needs_steps})
     own: dict[str, str | None] = {
         "canHandleVariableCommunicationStepSize": "true",
         "providesIntermediateUpdate": "true",
