@@ -1,0 +1,3 @@
+within HystId;
+package Examples "Virtual experiments"
+end Examples;
