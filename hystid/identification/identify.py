@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -13,13 +13,13 @@ from hystid import processing
 from hystid.comparison import mse, nrmse
 from hystid.errors import NumericalError, UsageError
 from hystid.identification import data, export
-from hystid.identification.result import Comparison, Identification, Prediction
+from hystid.identification.methods import Plan, Recipe, Trained
+from hystid.identification.result import Comparison, Identification, Prediction, Role
 from hystid.networks import TwoNetworkModel
-from hystid.networks.ensemble import Samples, choose, train_ensemble
+from hystid.networks.ensemble import draw
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, rule_of, split_indices
 from hystid.recording import Recording
-from hystid.turning_points import TurningPoints
 
 Method = Literal["published", "refined"]
 
@@ -34,7 +34,7 @@ def identify(
     decimate: int = 1,
     seed: int = 0,
     mode: Mode = "fast",
-    method: Method = "published",
+    method: Method = "refined",
     precision: Precision = "float64",
     samples: int = 50_000,
     holdout: Sequence[Recording] = (),
@@ -48,40 +48,56 @@ def identify(
     mass [kg]: 0 means that F is the restoring force itself; then there is no free run.
     layers: neurons of each hidden layer of both networks. ensemble: number of starts; the best tenth is averaged.
     seed: of the split and of all starts; the result does not depend on ``workers`` (trainings at a time).
-    mode: "trainlm" (MATLAB's damping) or "fast" (Marquardt's). samples: at most so many, drawn at random from all
-    recordings after the turning points were found at full rate. out: folder to write the models and
-    identification.json to.
+    mode: "trainlm" (MATLAB's damping) or "fast" (Marquardt's).
+    method: "published" trains each network by itself on the channels as they are. "refined" (default) smooths x, v and
+    a jointly, and goes on from the best third of the starts with both networks trained together in simulation; the
+    published model is then trained as well and stands beside it in every comparison.
+    samples: at most so many, drawn at random from all recordings after the turning points were found at full rate.
+    out: folder to write the models and identification.json to.
     Raises UsageError, RecordingError, NumericalError. After Ctrl-C it goes on with the trainings that had finished.
     """
-    _check(mass, layers, ensemble, samples)
-    used = [processing.prepare(recording, band=band, decimate=decimate, mass=mass) for recording in recordings]
-    unseen = [processing.prepare(recording, band=band, decimate=decimate, mass=mass) for recording in holdout]
+    _check(mass, layers, ensemble, samples, method)
+    plan = Plan(tuple(layers), ensemble, seed, rule_of(mode), precision, samples, workers)
+    recipe = Recipe(band, decimate, mass, smoothing=method == "refined")
+    used, unseen = ([recipe.apply(recording) for recording in group] for group in (recordings, holdout))
     data.check(used, unseen)
-    rule = TurningPoints()
-    everything = data.samples(used, rule)
-    drawn = everything.subset(samples, seed)
-    starts = train_ensemble(
-        drawn, layers, ensemble, seed=seed, rule=rule_of(mode), precision=precision, workers=workers
-    )
-    chosen = choose(starts)
-    model = TwoNetworkModel(
-        tuple(start.member for start in chosen),
-        mass,
-        used[0].sample_rate,
-        {name: _range(getattr(everything, name)) for name in ("x", "v", "R")},
-    )
-    fit = data.linear_fit(drawn, mass)
-    line = data.linear_model(fit, model.sample_rate)
-    comparisons = [Comparison(r, "training", predict(model, r), predict(line, r)) for r in used]
-    comparisons += [Comparison(r, "holdout", predict(model, r), predict(line, r)) for r in unseen]
-    notes = () if len(starts) == ensemble else (f"interrupted: {len(starts)} of {ensemble} trainings had finished",)
+    trained = plan.refined(used) if method == "refined" else plan.published(used)
+    model = _model(trained, used, mass)
+    fit = data.linear_fit(trained.samples, mass)
+    models = {"network": model, "linear": data.linear_model(fit, model.sample_rate)}
+    if method == "refined":
+        raw = [replace(recipe, smoothing=False).apply(recording) for recording in recordings]
+        models["published"] = _model(plan.published(raw), raw, mass)
+    comparisons = [_compare(models, recording, "training") for recording in used]
+    comparisons += [_compare(models, recording, "holdout") for recording in unseen]
     settings: dict[str, Any] = {"layers": list(layers), "ensemble": ensemble, "mode": mode, "method": method}
-    settings |= {"seed": seed, "samples": len(drawn.x), "precision": precision, "decimate": decimate}
+    settings |= {"seed": seed, "samples": len(trained.samples.x), "precision": precision, "decimate": decimate}
     settings["band"] = list(band) if band else None
-    numbers = tuple(start.number for start in chosen)
-    test = _test(model, drawn, seed)
-    result = Identification(model, starts, numbers, comparisons, fit, test, settings, notes)
+    numbers = tuple(start.number for start in trained.chosen)
+    test = _test(comparisons, samples, seed)
+    result = Identification(model, trained.starts, numbers, comparisons, fit, test, settings, trained.notes)
     return export.write(result, Path(out)) if out is not None else result
+
+
+def _model(trained: Trained, recordings: Sequence[Recording], mass: float) -> TwoNetworkModel:
+    limits = {
+        name: (
+            min(float(r.channel(name).min()) for r in recordings),
+            max(float(r.channel(name).max()) for r in recordings),
+        )
+        for name in ("x", "v", "R")
+    }
+    return TwoNetworkModel(
+        tuple(start.member for start in trained.chosen),
+        mass,
+        recordings[0].sample_rate,
+        limits,
+        metadata=trained.metadata,
+    )
+
+
+def _compare(models: Mapping[str, TwoNetworkModel], recording: Recording, role: Role) -> Comparison:
+    return Comparison(recording, role, **{name: predict(model, recording) for name, model in models.items()})
 
 
 def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
@@ -100,23 +116,26 @@ def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
     return replace(open_loop, free_run=run, **errors)  # type: ignore[arg-type]
 
 
-def _check(mass: float, layers: Sequence[int], ensemble: int, samples: int) -> None:
+def _check(mass: float, layers: Sequence[int], ensemble: int, samples: int, method: str) -> None:
     if not (np.isfinite(mass) and mass >= 0):
         raise UsageError(f"mass must be a number of at least 0 kg, found {mass}")
     if not layers or any(neurons < 1 for neurons in layers):
         raise UsageError(f"layers must be neurons per hidden layer, each at least 1, as 5,5; found {tuple(layers)}")
+    if method not in ("published", "refined"):
+        raise UsageError(f"method must be 'published' or 'refined', found {method!r}")
     if ensemble < 1 or samples < 1:
         raise UsageError(f"ensemble and samples must be at least 1, found {ensemble} and {samples}")
 
 
-def _range(values: np.ndarray[Any, Any]) -> tuple[float, float]:
-    return float(values.min()), float(values.max())
-
-
-def _test(model: TwoNetworkModel, drawn: Samples, seed: int) -> dict[str, float]:
-    """Errors of the averaged model on the test part of the split, with the measured memory."""
-    part = split_indices(len(drawn.x), seed)["test"]
-    x, v, x0, R0, R = (getattr(drawn, name)[part] for name in ("x", "v", "x0", "R0", "R"))
-    forces = [member.restoring(x, v, member.hysteresis(x, x0, R0)) for member in model.members]
-    force = np.mean(forces, axis=0)
-    return {"nrmse": nrmse(force, R), "mse": mse(force, R), "samples": len(R)}
+def _test(comparisons: Sequence[Comparison], samples: int, seed: int) -> dict[str, float]:
+    """Errors of the model's own simulation on the test part of the split."""
+    training = [comparison for comparison in comparisons if comparison.role == "training"]
+    reference = np.concatenate([comparison.recording.channel("R") for comparison in training])
+    force = np.concatenate([comparison.network.R for comparison in training])
+    drawn = draw(len(reference), samples, seed)
+    part = drawn[split_indices(len(drawn), seed)["test"]]
+    return {
+        "nrmse": nrmse(force[part], reference[part]),
+        "mse": mse(force[part], reference[part]),
+        "samples": len(part),
+    }

@@ -12,6 +12,8 @@ from hystid.networks.ensemble import Start
 from hystid.networks.training import REASONS
 from hystid.recording import Array, Recording
 
+Role = Literal["training", "holdout"]
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
@@ -32,12 +34,16 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """One recording as it was used, with the answers of the network model and of the linear fit."""
+    """One recording as it was used, with the answers of the model, of the linear fit, and of the published method.
+
+    published is None where the model itself is the published one. All are fed with the same motion and force.
+    """
 
     recording: Recording
-    role: Literal["training", "holdout"]
+    role: Role
     network: Prediction
     linear: Prediction
+    published: Prediction | None = None
 
     def summary(self) -> dict[str, Any]:
         """Entry of ``metrics.recordings`` in identification.json."""
@@ -46,6 +52,7 @@ class Comparison:
             "role": self.role,
             **_errors(self.network),
             "linear": _errors(self.linear),
+            **({"published": _errors(self.published)} if self.published else {}),
             "notes": list(self.recording.notes),
         }
 
@@ -74,7 +81,7 @@ class Identification:
     """Result of ``identify``.
 
     starts: every finished training, in order; chosen: numbers of those that the model averages.
-    test: {"nrmse", "mse" [N2], "samples"} of the model on the test part of the split, with measured turning points.
+    test: {"nrmse", "mse" [N2], "samples"} of the model's simulated R on the test part of the split.
     settings: the arguments that matter to repeat it. notes: sentences a reader of the result should see.
     files: paths written, empty without ``out``.
     """
@@ -109,6 +116,8 @@ class Identification:
 
     def _training(self, start: Start) -> dict[str, Any]:
         parts = {"hysteresis": start.hysteresis, "restoring": start.restoring}
+        if start.joint:
+            parts["joint"] = start.joint
         return {
             "start": start.number,
             "chosen": start.number in self.chosen,

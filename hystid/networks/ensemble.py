@@ -9,12 +9,14 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hystid.errors import NumericalError
+from hystid.networks.joint import Sequences, train_jointly
 from hystid.networks.network import Member
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import RULES, Data, Rule, Training, initial_weights, train
@@ -38,25 +40,32 @@ class Samples:
     R: Array
 
     def subset(self, count: int, seed: int) -> Samples:
-        """At most ``count`` of the samples, drawn without replacement."""
-        if len(self.x) <= count:
-            return self
-        pick = np.sort(np.random.default_rng(seed).choice(len(self.x), count, replace=False))
+        """The samples of ``draw``."""
+        pick = draw(len(self.x), count, seed)
         return Samples(*(getattr(self, name)[pick] for name in ("x", "v", "x0", "R0", "R")))
+
+
+def draw(total: int, count: int, seed: int) -> NDArray[np.intp]:
+    """At most ``count`` of ``total`` sample numbers, drawn without replacement, ascending."""
+    if total <= count:
+        return np.arange(total)
+    return np.sort(np.random.default_rng(seed).choice(total, count, replace=False))
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """One trained pair. error: least validation error of the restoring network (scaled mean square)."""
+    """One trained pair; joint: its training in simulation (``train_jointly``), where there was one."""
 
     number: int
     member: Member
     hysteresis: Training
     restoring: Training
+    joint: Training | None = None
 
     @property
     def error(self) -> float:
-        return self.restoring.best
+        """Least validation error, scaled mean square: of the simulated force, or of the restoring network by itself."""
+        return self.joint.best if self.joint else self.restoring.best
 
 
 def train_pair(
@@ -106,7 +115,9 @@ def side_by_side(
                     done[futures[future]] = future.result()
                     step()
         except BaseException as error:
-            stop.set()
+            ready = [future for future in futures if future.done() and not future.cancelled()]
+            stop.set()  # what ends from here on is not a finished training
+            done |= {futures[future]: future.result() for future in ready if not future.exception()}
             pool.shutdown(wait=True, cancel_futures=True)
             if not isinstance(error, KeyboardInterrupt) or not done:
                 raise
@@ -131,9 +142,24 @@ def train_ensemble(
     return side_by_side("training", [job(number) for number in range(count)], workers)[0]
 
 
-def choose(starts: Sequence[Start], fraction: float = 0.1) -> list[Start]:
-    """The best tenth by validation error, at least one."""
+def refine_ensemble(
+    starts: Sequence[Start], data: Sequences, *, seed: int = 0, rule: Rule, workers: int | None = None
+) -> list[Start]:
+    """The starts after training in simulation, in their order; fewer after Ctrl-C, then those finished."""
+
+    def job(start: Start) -> Callable[[threading.Event], Start]:
+        def run(stop: threading.Event) -> Start:
+            member, joint = train_jointly(start.member, data, rule, seed=seed, stop=stop)
+            return replace(start, member=member, joint=joint)
+
+        return run
+
+    return side_by_side("training in simulation", [job(start) for start in starts], workers)[0]
+
+
+def best(starts: Sequence[Start], count: int) -> list[Start]:
+    """The ``count`` starts (at least one) of the least validation error, best first."""
     finite = sorted((start for start in starts if np.isfinite(start.error)), key=lambda start: start.error)
     if not finite:
         raise NumericalError("no training ended with a finite error: is the target constant, or the data corrupted?")
-    return finite[: max(1, round(fraction * len(starts)))]
+    return finite[: max(1, count)]

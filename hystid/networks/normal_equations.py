@@ -72,16 +72,22 @@ def normal_equations(
 
 
 @cache
-def _library(precision: Precision) -> ctypes.CDLL:
+def library_of(precision: Precision) -> ctypes.CDLL:
+    """Compiled kernel; raises ToolchainError where there is no compiler."""
     folder = Path(__file__).parent / "kernel"
-    sources = {name: (folder / name).read_text() for name in ("normal.c", "vector.h")}
+    headers = ("vector.h", "perceptron.h")
+    main = ("normal.c",) if precision == "float32" else ("normal.c", "joint.c")
+    sources = {name: (folder / name).read_text() for name in (*headers, *main)}
     flags = (*_FLAGS, "-DSINGLE") if precision == "float32" else _FLAGS
-    library = ctypes.CDLL(str(toolchain.shared_library(sources, main=["normal.c"], flags=flags)))
+    library = ctypes.CDLL(str(toolchain.shared_library(sources, main=main, flags=flags)))
     library.hystid_normal.restype = ctypes.c_double
+    if precision == "float64":
+        library.hystid_joint.restype = ctypes.c_double
     return library
 
 
-def _aligned(shape: tuple[int, ...], kind: str) -> np.ndarray[tuple[int, ...], np.dtype[np.floating]]:
+def aligned(shape: tuple[int, ...], kind: str) -> np.ndarray[tuple[int, ...], np.dtype[np.floating]]:
+    """Zeros of the given type whose first byte lies on a multiple of 64, as the kernels' vectors need."""
     size = int(np.prod(shape)) * np.dtype(kind).itemsize
     room = np.zeros(size + 64, np.uint8)
     begin = -room.ctypes.data % 64
@@ -92,7 +98,7 @@ class CompiledNormal:
     """C kernel; the Jacobian exists one cache-sized chunk at a time. Beyond the data: about 1 MB and 2 P^2 doubles."""
 
     def __init__(self, sizes: Sequence[int], inputs: Array, target: Array, precision: Precision = "float64") -> None:
-        self._library = _library(precision)
+        self._library = library_of(precision)
         self.samples, self._count = len(target), parameter_count(sizes)
         block = self._library.hystid_block()
         self._stride = -(-(self._count + 1) // block) * block
@@ -100,8 +106,8 @@ class CompiledNormal:
         self._length = int(np.clip(fitting // 64 * 64, 64, 512))
         self._data = self._chunks(inputs, target, precision)
         rows = self._stride + sum(sizes) + 2 * max(sizes)
-        self._work = _aligned((rows * self._length + self._count,), precision)
-        self._sums = _aligned((self._stride, self._stride), "float64")
+        self._work = aligned((rows * self._length + self._count,), precision)
+        self._sums = aligned((self._stride, self._stride), "float64")
         self._factor = np.empty_like(self._sums)
         self._sizes = np.array(sizes, dtype=np.int32)
 
@@ -111,7 +117,7 @@ class CompiledNormal:
         chunks = -(-self.samples // self._length)
         rows = np.zeros((len(inputs) + 1, chunks * self._length))
         rows[:-1, : self.samples], rows[-1, : self.samples] = inputs, target
-        data = _aligned((chunks, len(rows), self._length), precision)
+        data = aligned((chunks, len(rows), self._length), precision)
         data[:] = rows.reshape(len(rows), chunks, self._length).transpose(1, 0, 2)
         return data
 

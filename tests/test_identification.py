@@ -1,0 +1,139 @@
+"""Identification end to end: a stick-slip oscillator of known law, simulated apart from the library."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hystid.errors import RecordingError, UsageError
+from hystid.files import plain
+from hystid.identification import identify
+from hystid.networks import ensemble
+from hystid.recording import Recording
+
+MASS, B, KL, KS, FC, DT = 1.0, 10.0, 1e4, 5e4, 37.5, 5e-4
+
+
+def stick_slip(name, force, noise=0.0, seed=0, substeps=10):
+    """Jenkins oscillator from rest; semi-implicit Euler at a tenth of the sample time, friction force clipped."""
+    x = v = z = 0.0
+    rows, h = [], DT / substeps
+    for F in force:
+        a = (F - B * v - KL * x - z) / MASS
+        rows.append((F, x, v, a))
+        for _ in range(substeps):
+            v += h * (F - B * v - KL * x - z) / MASS
+            x += h * v
+            z = min(FC, max(-FC, z + KS * h * v))
+    columns = np.array(rows).T
+    rng = np.random.default_rng(seed)
+    columns = columns + noise * columns.std(axis=1, keepdims=True) * rng.standard_normal(columns.shape)
+    return Recording(name, np.arange(len(force)) * DT, **dict(zip("Fxva", columns, strict=True)))
+
+
+def chirp(amplitude, seconds=3.0):
+    t = np.arange(round(seconds / DT)) * DT
+    return amplitude * np.sin(2 * np.pi * 30 / seconds * t**2)
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    return [stick_slip(f"chirp {a} N", chirp(a), noise=0.02, seed=a) for a in (30, 60, 90)]
+
+
+@pytest.fixture(scope="module")
+def harmonic():
+    return stick_slip("harmonic", 80 * np.sin(2 * np.pi * 25 * np.arange(2000) * DT))
+
+
+@pytest.fixture(scope="module")
+def identified(recordings, harmonic):
+    return identify(recordings, mass=MASS, layers=(5, 5), ensemble=6, holdout=[harmonic], seed=1)
+
+
+def test_held_out_errors_are_small(identified):
+    held = identified.comparisons[-1]
+    # 2 % noise on 18,000 training samples of pairs of 112 weights leaves a few percent; a linear law cannot do it
+    assert held.network.force_nrmse < 0.05
+    assert held.network.x_nrmse < 0.06
+    assert held.linear.force_nrmse > 0.2
+
+
+def test_refined_is_better_than_published_in_simulation(identified):
+    """It lowers the error of the simulated force, which the published method never sees."""
+    errors = [(c.network.force_nrmse, c.published.force_nrmse) for c in identified.comparisons]
+    refined, published = np.median(errors, axis=0)
+    assert refined < published
+
+
+def test_result_is_the_same_for_any_number_of_workers(recordings):
+    results = [
+        identify(recordings[:1], mass=MASS, layers=(2,), ensemble=3, samples=2000, workers=workers)
+        for workers in (1, 3)
+    ]
+    first, second = (json.dumps(plain(result.summary())) for result in results)
+    assert first == second
+    flat = [[m.restoring.flat for m in result.model.members] for result in results]
+    assert np.array_equal(flat[0], flat[1])
+
+
+def test_summary_holds_what_the_design_states(identified):
+    summary = json.loads(json.dumps(plain(identified.summary())))
+    assert summary["mass"] == MASS and summary["sample_rate"] == pytest.approx(1 / DT)
+    assert summary["layers"] == [5, 5] and summary["ensemble"] == 6
+    assert set(summary["metrics"]["test"]) == {"nrmse", "mse", "samples"}
+    entries = summary["metrics"]["recordings"]
+    assert [entry["name"] for entry in entries] == ["chirp 30 N", "chirp 60 N", "chirp 90 N", "harmonic"]
+    assert [entry["role"] for entry in entries] == ["training"] * 3 + ["holdout"]
+    assert set(entries[0]["free_run"]) == {"x_nrmse", "R_nrmse", "R_mse"}
+    assert sum(training["chosen"] for training in summary["trainings"]) == 1
+    assert all(training["restoring"]["stopped"] for training in summary["trainings"])
+
+
+def test_model_alone_gives_the_reported_prediction(identified, harmonic):
+    model, held = identified.model, identified.comparisons[-1]
+    R, _ = model.response(held.recording.x, held.recording.v, model.initial_state(held.recording.R[0]))
+    assert np.array_equal(R, held.network.R)
+
+
+def test_mass_zero_takes_force_as_restoring_force(harmonic):
+    rig = Recording("rig", harmonic.t, F=harmonic.F - MASS * harmonic.a, x=harmonic.x, v=harmonic.v)
+    result = identify([rig], mass=0.0, layers=(3,), ensemble=2, samples=1500)
+    assert result.comparisons[0].network.free_run is None
+    assert result.comparisons[0].summary()["free_run"] is None
+    assert result.model.mass == 0
+
+
+def test_interruption_keeps_finished_members(recordings, monkeypatch):
+    """Ctrl-C after two of five trainings: the identification goes on with the two and says so."""
+    original, calls = ensemble.train_pair, []
+
+    def interrupted(*args, **kwargs):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return original(*args, **kwargs)
+
+    monkeypatch.setattr(ensemble, "train_pair", interrupted)
+    result = identify(recordings[:1], mass=MASS, layers=(2,), ensemble=5, samples=1000, workers=1, method="published")
+    assert len(result.starts) == 2
+    assert result.notes == ("interrupted: 2 of 5 trainings had finished",)
+
+
+def test_bad_arguments_get_a_sentence(recordings, harmonic):
+    with pytest.raises(UsageError, match="mass must be"):
+        identify(recordings, mass=-1.0)
+    with pytest.raises(UsageError, match="layers must be"):
+        identify(recordings, mass=1.0, layers=())
+    with pytest.raises(UsageError, match="at least one recording"):
+        identify([], mass=1.0)
+    with pytest.raises(UsageError, match="mode must be one of trainlm, fast"):
+        identify(recordings, mass=1.0, mode="adam")
+    with pytest.raises(UsageError, match="method must be"):
+        identify(recordings, mass=1.0, method="best")
+    slow = Recording("slow", harmonic.t * 2, F=harmonic.F, x=harmonic.x, v=harmonic.v, a=harmonic.a)
+    with pytest.raises(RecordingError, match="must share a sample rate"):
+        identify(recordings, mass=1.0, holdout=[slow])
+    still = Recording("still", harmonic.t, F=harmonic.F, x=0 * harmonic.x, v=harmonic.v, a=harmonic.a)
+    with pytest.raises(RecordingError, match="still: x is constant"):
+        identify([still], mass=1.0, method="published")
