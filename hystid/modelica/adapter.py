@@ -162,7 +162,7 @@ class Adapter:
         number = v["type_id"]
         effective = d["effective_types"].get(str(number))
         canonical = effective["canonical_type"] if effective else number
-        if canonical in d["enumeration_types"]:
+        if canonical in d["enumeration_types"] or number in d["enumeration_types"]:
             return "Integer"
         names = {n: k for k, n in d["predefined_types"].items()}
         kind = names.get(canonical)

@@ -244,7 +244,8 @@ class _Start:
         initial = self._initial_equations()
         equations = [self._at_start(e) for e in (*self.events.equations, *initial)] + bindings
         equations += [self._at_start(e) for e in self._discrete_equations()]
-        fixed = [n for n in (*self.events.states, *_of_kind(self.events, "unknown")) if self.variables[n].fixed]
+        timed = set(self.discrete)  # for these, fixed is about pre()
+        fixed = [n for n in _of_kind(self.events, "unknown") if self.variables[n].fixed and n not in timed]
         kept = {n for n in fixed if self._number(n) is not None and n in self.events.states}
         unknowns = self._unknown_names(free) - kept
         equations += [self._start_equation(n) for n in dict.fromkeys(fixed) if n not in kept]

@@ -11,7 +11,7 @@ from hystid.errors import ModelicaError
 from hystid.modelcode import ModelCode
 from hystid.modelica.causalise import causalise
 from hystid.modelica.describe import model_code
-from hystid.modelica.flat import FlatModel
+from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.sources import Source, library_folder, near, qualified_classes, read, read_tree
 
@@ -28,7 +28,8 @@ def compile_model(
     """
     values = dict(parameters or {})
     flat = flat_model(model, libraries=libraries)
-    structure = {n: values.pop(n) for n in [*values] if _is_structural(flat, n)}
+    structural = {v.name: v for v in flat.variables if v.structural and v.name in values}
+    structure = {n: _typed(v, values.pop(n)) for n, v in structural.items()}
     if structure:
         flat = flat_model(model, libraries=libraries, structure=structure)
     return model_code(causalise(flat, values))
@@ -44,8 +45,13 @@ def flat_model(
     return flatten(name, files, library, [r.parent for r in roots], structure or {})
 
 
-def _is_structural(flat: FlatModel, name: str) -> bool:
-    return any(v.structural and v.name == name for v in flat.variables)
+def _typed(v: FlatVariable, value: float) -> float:
+    """The value as the parameter's type; structural ones are whole numbers or truth values, rarely Real."""
+    if v.type == "Boolean":
+        return bool(value)
+    if v.type == "Integer" and value != int(value):
+        raise ModelicaError(f"{v.place}: parameter '{v.name}' is an Integer and cannot be {value:g}")
+    return int(value) if v.type == "Integer" else float(value)
 
 
 def _locate(model: str, libraries: Sequence[Path]) -> tuple[str, list[Source], list[Path]]:

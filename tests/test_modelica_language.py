@@ -1,0 +1,304 @@
+"""Every construct of the language subset, one small model each, against an answer found without the compiler."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from hystid.compiled import CompiledModel
+from hystid.modelcode import ModelCode
+from hystid.modelica import compile_model
+
+MODELS = Path(__file__).parent / "models"
+
+
+@cache
+def code(name: str, **parameters: float) -> ModelCode:
+    file, _, inside = name.partition(".")
+    return compile_model(f"{MODELS / file}.mo:{name}", parameters=parameters)
+
+
+def run(name: str, outputs: str, stop: float = 1.0, dt: float = 1e-3, **inputs: np.ndarray) -> Mapping[str, np.ndarray]:
+    model = CompiledModel(code(name))
+    rows = None if inputs else round(stop / dt) + 1
+    return model.simulate(inputs, dt, outputs=outputs.split(), rows=rows)
+
+
+def grid(stop: float = 1.0, dt: float = 1e-3) -> np.ndarray:
+    return np.arange(round(stop / dt) + 1) * dt
+
+
+def close(a: np.ndarray | float, b: np.ndarray | float, tolerance: float) -> None:
+    np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance)
+
+
+# Runge-Kutta of order four at 1 ms on signals of a few rad/s leaves errors below (3e-3)^4.
+SMOOTH = 1e-9
+
+
+def test_dependent_parameters_and_der_on_either_side():
+    got = run("MassSpringDamper", "x", stop=2.0)
+    w, zeta = 2 * math.pi * 3, 0.1
+    wd, t = w * math.sqrt(1 - zeta**2), grid(2.0)
+    exact = 0.01 * np.exp(-zeta * w * t) * (np.cos(wd * t) + zeta * w / wd * np.sin(wd * t))
+    close(got["x"], exact, 1e-8)  # (w dt)^4 = 1.3e-7 of the amplitude 0.01
+
+
+def test_dependent_parameters_are_calculated_and_independent_ones_can_be_set():
+    made = code("MassSpringDamper")
+    assert made.variable("k").causality == "calculatedParameter"
+    assert made.variable("m").causality == "parameter" and made.variable("m").min == 0.0
+    quick = CompiledModel(made).simulate({"F": np.zeros(11)}, 1e-3, outputs=["k"], parameters={"m": 3.0})
+    close(quick["k"], 3 * (2 * math.pi * 3) ** 2, 1e-12)
+
+
+def test_pendulum_keeps_its_energy():
+    got = run("Pendulum", "phi energy", stop=5.0)
+    close(got["energy"], got["energy"][0], 1e-8)
+    assert got["phi"].min() < -2.4
+
+
+def test_van_der_pol_and_lorenz_against_scipy():
+    def van_der_pol(t, x):
+        return [x[1], 1.5 * (1 - x[0] ** 2) * x[1] - x[0]]
+
+    def lorenz(t, s):
+        return [10 * (s[1] - s[0]), s[0] * (28 - s[2]) - s[1], s[0] * s[1] - 8 / 3 * s[2]]
+
+    for name, f, start, outputs, stop in (
+        ("VanDerPol", van_der_pol, [2, 0], "x1 x2", 10.0),
+        ("Lorenz", lorenz, [1, 1, 1], "x y z", 2.0),
+    ):
+        got = run(name, outputs, stop=stop)
+        exact = solve_ivp(f, (0, stop), start, method="DOP853", rtol=1e-12, atol=1e-12, t_eval=[stop]).y[:, 0]
+        close(np.array([got[n][-1] for n in outputs.split()]), exact, 1e-6)  # chaos multiplies (L dt)^4 by e^(0.9 stop)
+
+
+def test_bouncing_ball():
+    got = run("BouncingBall", "h v bounces", stop=1.2)
+    first = math.sqrt(2 / 9.81)
+    second = first + 2 * 0.8 * first
+    t = grid(1.2)
+    flight = (t > first) & (t < second)
+    v0 = 0.8 * 9.81 * first
+    exact = v0 * (t - first) - 4.905 * (t - first) ** 2
+    close(got["h"][flight], exact[flight], 1e-9)  # parabolas are exact for Runge-Kutta, impacts located to 1e-16 s
+    assert got["bounces"][-1] == 2 and got["bounces"][t < first].max() == 0
+    experiment = code("BouncingBall").experiment
+    assert (experiment.stop, experiment.step, experiment.tolerance) == (1.2, 1e-3, 1e-6)
+
+
+def test_series_circuit_with_connectors():
+    got = run("Circuit.RLC", "u c.i", stop=0.5)
+    R, L, C, V = 2.0, 0.1, 1e-2, 5.0
+    exact = solve_ivp(
+        lambda t, s: [s[1] / C, (V - s[0] - R * s[1]) / L], (0, 0.5), [1, 0], rtol=1e-11, atol=1e-12, t_eval=grid(0.5)
+    )
+    close(got["u"], exact.y[0], 1e-7)
+
+
+def test_resistor_bridge_is_a_linear_block():
+    got = run("Circuit.Bridge", "i source.i", stop=0.01)
+    conductance = np.array([[1 + 1 / 2 + 1 / 7, -1 / 7], [-1 / 7, 1 / 3 + 1 / 5 + 1 / 7]])
+    left, right = np.linalg.solve(conductance, [10.0, 10 / 3])
+    close(got["i"], (left - right) / 7, 1e-13)
+    close(got["source.i"], -(10 - left) - (10 - right) / 3, 1e-13)
+
+
+@pytest.mark.parametrize("name", ["Thermostat", "ThermostatPre"])
+def test_thermostat_switches_at_its_limits(name):
+    got = run(name, "T on", stop=20.0, dt=1e-2)
+    heat = math.log((55 - 15) / (55 - 22)) / 0.2
+    cool = math.log((22 - 5) / (18 - 5)) / 0.2
+    again = math.log((55 - 18) / (55 - 22)) / 0.2
+    t = grid(20.0, 1e-2)
+    phase = np.where(t < heat, -1.0, np.mod(t - heat, cool + again))
+    expected = np.where(t < heat, 55 - 40 * np.exp(-0.2 * t), 0.0)
+    falling = (phase >= 0) & (phase < cool)
+    rising = phase >= cool
+    expected[falling] = 5 + 17 * np.exp(-0.2 * phase[falling])
+    expected[rising] = 55 - 37 * np.exp(-0.2 * (phase[rising] - cool))
+    close(got["T"], expected, 1e-8)  # (0.2 dt)^4 = 1.6e-11 and located switches
+    edges = np.min(np.abs(np.subtract.outer(t, heat + np.arange(40) // 2 * (cool + again) + np.arange(40) % 2 * cool)), 1)
+    clear = edges > 1e-6
+    np.testing.assert_array_equal(got["on"][clear], (rising | (t < heat))[clear])
+
+
+def test_thermostat_counts():
+    assert run("Thermostat", "switches", stop=20.0, dt=1e-2)["switches"][-1] > 5
+
+
+def test_sampled_controller():
+    got = run("SampledPI", "y u integral", r=np.ones(2001))
+    y = integral = 0.0
+    for k in range(40):
+        error = 1 - y
+        integral += 0.05 * error
+        u = 2 * error + 4 * integral
+        close(got["u"][50 * k], u, 1e-12)
+        close(got["integral"][50 * k], integral, 1e-12)
+        y = u + (y - u) * math.exp(-0.05)
+        close(got["y"][50 * k + 50], y, 1e-9)
+    assert code("SampledPI").variable("u").variability == "discrete"
+
+
+def test_coulomb_friction_with_modes():
+    t = grid(2.0)
+    got = run("CoulombModes", "v f a stuck", F=4 * np.sin(2 * np.pi * 0.5 * t))
+    start = np.arcsin(2.5 / 4) / np.pi
+    slides = (t > start + 2e-3) & (t < 0.9)
+    exact = 4 / np.pi * (np.cos(np.pi * start) - np.cos(np.pi * t)) - 2 * (t - start)
+    close(got["v"][slides], exact[slides], 2e-6)  # the input runs linearly between samples: (pi dt)^2/12 of 4 m/s2
+    close(got["f"][t < start - 2e-3], 4 * np.sin(np.pi * t[t < start - 2e-3]), 1e-12)
+    assert np.all(got["v"][t < start - 2e-3] == 0)
+
+
+def test_functions():
+    got = run("Functions.Use", "p q r phi mean s[1] s[2] s[3] n", stop=1.0)
+    t = grid()
+    close(got["p"], 1 - 2 * t + 0.5 * t**2 + 0.25 * t**3, 1e-14)
+    close(got["q"], np.clip(3 * t - 1, -1, 0.5), 1e-14)
+    close(got["r"], np.hypot(1 + t, 2 * t), 1e-14)
+    close(got["phi"], np.arctan2(2 * t, 1 + t), 1e-14)
+    close(got["mean"], (3 * t + 3) / 3, 1e-14)
+    close(got["s[2]"], 4 * t**2, 1e-14)
+    close(got["n"], 120, 0)
+
+
+def test_builtin_functions():
+    names = [v.name for v in code("Builtins").variables if v.name not in ("t", "k")]
+    got = run("Builtins", " ".join(["k", *names]), stop=2.0)
+    t = grid(2.0) - 1.3
+    exact = {
+        "a1": np.abs(t), "a2": np.sign(t), "a3": np.sqrt(t**2 + 1), "a4": np.exp(-t), "a5": np.log(2 + t),
+        "a6": np.log10(2 + t), "b1": np.sin(t), "b2": np.cos(t), "b3": np.tan(0.3 * t), "b4": np.arcsin(0.3 * t),
+        "b5": np.arccos(0.3 * t), "b6": np.arctan(t), "b7": np.arctan2(t, 2), "c1": np.sinh(t), "c2": np.cosh(t),
+        "c3": np.tanh(t), "c4": np.maximum(t, 0.5), "c5": np.minimum(t, -0.2), "d1": np.mod(t, 0.7),
+        "d2": np.fmod(t, 0.7), "d3": np.floor(t / 0.3), "d4": np.ceil(t / 0.3), "d5": np.trunc(t / 0.4),
+        "k": np.floor(3 * t), "e1": np.where(t >= 0, 2 * t, 3 * t), "e2": t * np.abs(t), "e3": np.where(t > 0, 1, -1),
+        "e4": 31.0 + 0 * t, "e5": -(t**2), "e6": -(t**3),
+    }  # fmt: skip
+    jumps = np.concatenate([np.arange(-20, 20) * step for step in (0.7, 0.3, 0.4, 1 / 3)])
+    clear = np.min(np.abs(np.subtract.outer(t, jumps)), axis=1) > 1e-9  # at a jump itself both sides are right
+    assert set(exact) == {"k", *names}
+    for name, values in exact.items():
+        np.testing.assert_allclose(got[name][clear], values[clear], rtol=1e-12, atol=1e-12, err_msg=name)
+
+
+def test_arrays():
+    names = "x[1] x[2] total dot row last matrix[1,3] matrix[2,3] cross3[1] cross3[2] cross3[3] quad y[2]"
+    got = run("Arrays", names)
+    A, b, w = np.array([[-1, 2], [-3, -0.5]]), np.array([1, 0.5]), 1 / np.arange(1, 5)
+    x = solve_ivp(lambda t, x: A @ x + b * np.sin(t), (0, 1), [1, 2], rtol=1e-11, atol=1e-12, t_eval=grid()).y
+    close(np.array([got["x[1]"], got["x[2]"]]), x, SMOOTH)
+    x = np.array([got["x[1]"], got["x[2]"]])
+    y = w[:, None] * x[0] + np.arange(1, 5)[:, None]
+    close(got["total"], y.sum(0) + w.prod(), 1e-13)
+    close(got["dot"], b @ x, 1e-13)
+    close(got["row"], A[0] @ x, 1e-13)
+    close(got["last"], y[3], 1e-13)
+    close(got["matrix[1,3]"], y[2], 1e-13)
+    close(got["matrix[2,3]"], 2 * y[2], 1e-13)
+    one = np.ones_like(x[0])
+    cross = np.cross(np.array([x[0], x[1], one]).T, [1, 2, 3]).T
+    close(np.array([got[f"cross3[{k}]"] for k in (1, 2, 3)]), cross, 1e-13)
+    close(got["quad"], np.einsum("it,ij,jt->t", x, A, x) + x[0] + 2 * x[1] + 1 + 2, 1e-13)
+
+
+def test_array_sizes_can_be_set_and_are_built_in():
+    assert code("Arrays", n=6.0).variable("y[6]").causality == "local"
+    assert code("Arrays").variable("n").variability == "constant"
+
+
+def test_initial_equations_and_free_parameters():
+    got = run("Initial", "x y z k half", stop=0.5)
+    x = (-4 + math.sqrt(16 + 40)) / 2  # k = 2 x at rest and x^2 + 2 k - 7 = 3
+    close(got["x"], x, 1e-12)
+    close(got["k"], 2 * x, 1e-12)
+    close(got["z"], x * grid(0.5) + x, 1e-12)
+    assert code("Initial").variable("k").causality == "calculatedParameter"
+
+
+def test_nonlinear_blocks_converge_and_follow():
+    t = grid()
+    force = 300 * np.sin(2 * np.pi * t)
+    got = run("Nonlinear", "d p q", F=force)
+    d = got["d"]
+    close(100 * d + 2e4 * d**3 + 5 * np.tanh(10 * d), force, 1e-10)
+    close(got["p"] ** 2 + got["q"] ** 2, 4 + force**2 / 100, 1e-10)
+    close(got["p"] - got["q"], 0.5 * np.sin(t), 1e-12)
+    assert got["p"].min() > 0  # the branch that the start value chose
+
+
+def test_replaceable_components_and_models():
+    got = run("Replaceable.Two", "a.x b.x s")
+    exact = solve_ivp(lambda t, s: [s[1], -2 * s[0] - 3 * s[0] ** 3], (0, 1), [1, 0], rtol=1e-11, atol=1e-12, t_eval=grid())
+    close(got["a.x"], np.cos(grid()), SMOOTH)
+    close(got["b.x"], exact.y[0], SMOOTH)
+    close(got["s"], 6 * got["a.x"], 1e-14)
+    t = grid()
+    close(run("Replaceable.ByCubic", "f.f")["f.f"], t + 10 * t**3, 1e-13)
+
+
+def test_events_of_time_are_exact():
+    got = run("TimeEvents", "x y n held", stop=1.0, dt=1e-2)
+    t, T = grid(1.0, 1e-2), 0.333
+    exact = np.where(t < T, t, np.where(t < 2 * T, T - 2 * (t - T), -T + 0.5 * (t - 2 * T)))
+    close(got["x"], exact, 1e-13)  # piecewise linear: exact when the instants are
+    assert got["n"][-1] == 4
+    close(got["held"][-1], -T + 0.5 * (0.85 - 2 * T), 1e-12)
+
+
+def test_enumerations():
+    got = run("Enumerations.Machine", "x mode", dt=1e-2)
+    t = grid(1.0, 1e-2)
+    close(got["x"], np.clip(2 * (t - 0.2), 0, 1), 1e-12)
+    assert [got["mode"][k] for k in (10, 50, 90)] == [1, 2, 3]
+
+
+def test_initial_change_and_edge():
+    got = run("WhenInitial", "count edges last", dt=1e-2)
+    t = grid(1.0, 1e-2)
+    changes = sum((t > k * math.pi / 10).astype(int) for k in range(1, 4))
+    clear = np.min(np.abs(np.subtract.outer(t, np.arange(0, 4) * math.pi / 10)), axis=1) > 1e-6
+    np.testing.assert_array_equal(got["count"][clear], 6 + 1 + changes[clear])  # initial(), then up at t = 0+
+    rises = 1 + (t > 2 * math.pi / 10).astype(int) + (t > 0.5)
+    np.testing.assert_array_equal(got["edges"][clear & (t != 0.5)], rises[clear & (t != 0.5)])
+    assert got["last"][-1] == 2 and got["last"][40] == 1
+
+
+def test_if_equations_of_parameters_and_conditional_components():
+    got = run("Tables", "u y z offset", stop=2.0)
+    u = 3 * np.sin(grid(2.0))
+    close(got["z"], u + 10, 1e-13)
+    close(got["y"], np.where(u < 1, u, 1), 1e-13)
+    close(got["offset"], 1, 0)
+    other = CompiledModel(code("Tables", mode=1.0)).simulate({}, 1e-2, outputs=["z", "u"], rows=10)
+    close(other["z"], other["u"], 0)
+    assert not [v for v in code("Tables", withOffset=0.0).variables if v.name == "offset"]
+
+
+def test_inner_and_outer():
+    close(run("InnerOuter", "body.v")["body.v"], -3 * grid(), 1e-12)
+
+
+def test_type_aliases_and_constants_of_packages():
+    made = code("AliasUnits.M")
+    x = made.variable("x")
+    assert (x.unit, x.min, x.max, x.nominal) == ("m", -1.0, 1.0, 1e-3)
+    got = CompiledModel(made).simulate({"x": np.array([0.5, 1.0])}, 1.0, outputs=["y"])
+    close(got["y"], [3.0, 6.0], 1e-15)
+
+
+def test_assertions(caplog):
+    model = CompiledModel(code("Assertions"))
+    model.simulate({"u": np.array([0.1, 0.7, 0.2])}, 1.0, outputs=["y"])
+    assert "u = 0.7 is not below its limit" in caplog.text
+    with pytest.raises(Exception, match="u is far above its limit"):
+        model.simulate({"u": np.array([0.1, 1.7, 0.2])}, 1.0, outputs=["y"])
