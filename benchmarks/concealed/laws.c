@@ -17,11 +17,25 @@ enum {
     STOP = 17, TWO_STOPS = 18, GAP = 19, COULOMB = 20, STRIBECK = 21, ASYMMETRIC = 22, PLACE_FRICTION = 23, DRAG = 24,
     PLACE_DAMPING = 25, MAXWELL = 26, DRIFT = 27, CONSTANT = 28, MASS = 29, HIDDEN = 30, DEGRADE = 31, PINCH = 32,
     LOOP = 33, DUHEM = 34, SLIDER_GROUP = 35,
-    COGGING = 40, PARAMETRIC = 41, DELAYED = 42, TONE = 43, INERTIAL = 44, KNOCKS = 45, CENTRIFUGAL = 46, MAGNET = 47
+    COGGING = 40, PARAMETRIC = 41, DELAYED = 42, TONE = 43, INERTIAL = 44, KNOCKS = 45, CENTRIFUGAL = 46, MAGNET = 47,
+    TABLE = 50
 };
 #define GATED 10
 #define MAX_STATES 64
 #define PI 3.14159265358979323846
+
+/* x0 dx nx v0 dv nv, then nx rows of nv values: bilinear inside, continued by its edge outside */
+static double table(const double *p, double x, double v) {
+    int nx = (int)p[2], nv = (int)p[5];
+    double i = (x - p[0]) / p[1], j = (v - p[3]) / p[4];
+    i = i < 0 ? 0 : i > nx - 1 ? nx - 1 : i;
+    j = j < 0 ? 0 : j > nv - 1 ? nv - 1 : j;
+    int a = i < nx - 2 ? (int)i : nx - 2, b = j < nv - 2 ? (int)j : nv - 2;
+    const double *row = p + 6 + a * nv + b;
+    i -= a;
+    j -= b;
+    return (1 - i) * ((1 - j) * row[0] + j * row[1]) + i * ((1 - j) * row[nv] + j * row[nv + 1]);
+}
 
 typedef struct {
     double t, x, v;   /* instant [s], motion [m, m/s] */
@@ -183,6 +197,7 @@ static double element(int kind, const double *p, const place *q, const double *f
     }
     case CENTRIFUGAL: u = v / p[5]; return A * x / p[4] * u * u;
     case MAGNET: u = 1 - x / p[4]; u = u < 0.05 ? 0.05 : u; return -A * (1 / (u * u) - 1 - 2 * (1 - u)); /* spring retuned */
+    case TABLE: return A * table(p + 4, x, v);
     default: return 0;
     }
 }

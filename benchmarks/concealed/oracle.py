@@ -7,7 +7,7 @@ F - m a (root mean square over all samples, each recording weighted by its noise
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,9 +41,9 @@ def mismatch(baseline: Baseline, rig: Rig, taken: Sequence[Taken], mass: float) 
     """Refit the baseline to the noise-free channels with the mass fixed, and compare with the true structure."""
     dt = float(taken[0].t[1])
     weights = [1 / np.hypot(r.noise["F"], mass * r.noise["a"]) for r in taken]
-    refit, left = _refit(baseline, taken, weights, mass, dt)
+    fitted, left = refit(baseline, [r.clean for r in taken], weights, mass, dt)
     truth = np.concatenate([w * _truth_residual(rig, r, dt) for r, w in zip(taken, weights, strict=True)])
-    return Mismatch(refit, _rms(left), _rms(truth))
+    return Mismatch(fitted, _rms(left), _rms(truth))
 
 
 def _truth_residual(rig: Rig, r: Taken, dt: float) -> Array:
@@ -52,11 +52,15 @@ def _truth_residual(rig: Rig, r: Taken, dt: float) -> Array:
     return np.asarray(r.true["F"] - rig.m * r.true["a"] - rig.B * r.true["v"] - rig.Kl * r.true["x"] - law - concealed)
 
 
-def _refit(
-    baseline: Baseline, taken: Sequence[Taken], weights: Sequence[float], mass: float, dt: float
+def refit(
+    baseline: Baseline, data: Sequence[Mapping[str, Array]], weights: Sequence[float], mass: float, dt: float
 ) -> tuple[dict[str, float], Array]:
+    """Least squares of F - m a over the free parameters, started at the baseline's: (parameters, weighted residual).
+
+    data: channels x, v, a, F of each recording. B and Kl are linear and projected out; the others are searched by
+    logarithm.
+    """
     names = [name for name in baseline.parameters if name not in MASS_AND_LINEAR]
-    data = [r.clean for r in taken]
     target = np.concatenate([w * (c["F"] - mass * c["a"]) for c, w in zip(data, weights, strict=True)])
     columns = np.concatenate([w * np.column_stack([c["v"], c["x"]]) for c, w in zip(data, weights, strict=True)])
 
