@@ -1,7 +1,7 @@
 """Other ways to look for what was left out, on the same deck: refit only, stepwise BIC, PySINDy, a residual network.
 
 ``python -m benchmarks.concealed.rivals DECK`` reads the cases of a scored deck (``DECK/case_*``, ``DECK/sealed``) and
-writes ``rivals.json`` beside it. All of them start from the refitted baseline and see smoothed channels; what they add is
+writes ``rivals.json``. All of them start from the refitted baseline and see smoothed channels; what they add is
 a force of (x, v) tabulated for the free run, a carried mass, or a stiffness that drifts. PySINDy comes with the extra
 ``bench``.
 """
