@@ -1,0 +1,230 @@
+"""Levenberg-Marquardt: kernel against NumPy, MATLAB's rule against an oracle and recorded counts, simulation Jacobian."""
+
+import importlib.util
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hystid.errors import NumericalError, UsageError
+from hystid.networks import ensemble, joint, training
+from hystid.networks.normal_equations import CompiledNormal, NumpyNormal, parameter_count, unflatten
+from hystid.turning_points import TurningPoints
+
+BENCH = Path(__file__).parents[1].parent / "shared" / "bench" / "lm"
+
+
+def problem(n=1500, seed=0):
+    """A smooth target of three inputs with a little noise, scaled to about [-1, 1]."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-1, 1, (3, n))
+    return x, np.tanh(3 * x[0] - x[1]) * 0.6 + 0.3 * x[2] + 0.01 * rng.normal(size=n)
+
+
+def plain_trainlm(x, y, w, sizes, iterations):
+    """MATLAB's rule in the plainest NumPy: whole Jacobian, mu damps J'J / N, x10 / x0.1."""
+
+    def forward(w):
+        acts = [x]
+        *hidden, last = unflatten(w, sizes)
+        for weights, bias in hidden:
+            acts.append(np.tanh(weights @ acts[-1] + bias[:, None]))
+        return acts, (last[0] @ acts[-1] + last[1][:, None])[0]
+
+    def jacobian(w):
+        acts, out = forward(w)
+        delta, blocks = np.ones((1, len(y))), []
+        for (weights, _), below in zip(reversed(unflatten(w, sizes)), reversed(acts), strict=True):
+            blocks[:0] = [np.einsum("on,in->oin", delta, below).reshape(-1, len(y)), delta]
+            delta = (weights.T @ delta) * (1 - below**2)
+        return np.concatenate(blocks).T, out - y
+
+    mu, history = 1e-3, []
+    for _ in range(iterations):
+        J, e = jacobian(w)
+        history.append(np.mean(e**2))
+        while True:
+            trial = w - np.linalg.solve(J.T @ J / len(y) + mu * np.eye(len(w)), J.T @ e / len(y))
+            if np.mean((forward(trial)[1] - y) ** 2) < history[-1]:
+                w, mu = trial, mu * 0.1
+                break
+            mu *= 10
+    return np.array(history)
+
+
+@pytest.mark.parametrize("kind", [CompiledNormal, NumpyNormal])
+def test_trainlm_takes_the_path_of_the_plain_rule(kind):
+    x, y = problem()
+    sizes = (3, 5, 5, 1)
+    w = training.initial_weights(sizes, np.random.default_rng(1))
+    rule = replace(training.RULES["trainlm"], max_iterations=30, max_fails=100)
+    result = training.minimise(kind(sizes, x, y), kind(sizes, x, y), w, rule)
+    # same arithmetic in another order: paths agree until rounding is amplified, far beyond 30 iterations
+    np.testing.assert_allclose(result.train[:30], plain_trainlm(x, y, w, sizes, 30), rtol=1e-6)
+
+
+@pytest.mark.parametrize("hidden", [(1,), (5, 5), (13, 13, 13), (2, 7)])
+@pytest.mark.parametrize("samples", [7, 512, 1300])
+def test_kernel_builds_the_normal_equations(hidden, samples):
+    x, y = problem(samples)
+    sizes = (3, *hidden, 1)
+    w = np.random.default_rng(2).normal(0, 0.7, parameter_count(sizes))
+    compiled, plain = CompiledNormal(sizes, x, y), NumpyNormal(sizes, x, y)
+    assert compiled.build(w) == pytest.approx(plain.build(w), rel=1e-12)
+    assert compiled.squares(w) == pytest.approx(plain.squares(w), rel=1e-12)
+    for part in ("diagonal", "gradient"):
+        a, b = getattr(compiled, part)(), getattr(plain, part)()
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * np.abs(b).max())  # sums of 1300 terms in double
+    damping = 1e-3 * plain.diagonal() + 1e-6 * samples
+    step, expected = compiled.solve(damping), plain.solve(damping)
+    np.testing.assert_allclose(step, expected, rtol=0, atol=1e-7 * np.abs(expected).max())  # condition of about 1e8
+
+
+def test_single_precision_kernel_is_close():
+    x, y = problem(5000)
+    sizes = (3, 5, 5, 1)
+    w = np.random.default_rng(2).normal(0, 0.7, parameter_count(sizes))
+    single, double = CompiledNormal(sizes, x, y, "float32"), CompiledNormal(sizes, x, y)
+    assert single.build(w) == pytest.approx(double.build(w), rel=1e-5)  # float32 has 6e-8 per operation
+    double.build(w)
+    np.testing.assert_allclose(
+        single.gradient(), double.gradient(), rtol=0, atol=1e-5 * np.abs(double.gradient()).max()
+    )
+
+
+def test_an_indefinite_matrix_is_refused_not_factored():
+    x, y = problem(50)
+    normal = CompiledNormal((3, 2, 1), x, y)
+    normal.build(np.zeros(11))
+    assert normal.solve(np.full(11, -1e6)) is None
+
+
+@pytest.mark.skipif(
+    not (BENCH / "make_task.py").exists(), reason="the shared training benchmark is not beside the project"
+)
+def test_recorded_iteration_counts_of_trainlm(tmp_path, monkeypatch):
+    """Seed 1 of the shared task: validation error 3e-4, 2e-4, 1.4e-4 at iterations 29, 35, 53, as three other
+    implementations of the rule take; one iteration of slack for rounding."""
+    monkeypatch.syspath_prepend(str(BENCH))
+    spec = importlib.util.spec_from_file_location("lm_task", BENCH / "make_task.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.main(str(tmp_path / "task.npz"))
+    common = importlib.import_module("common")
+    task = np.load(tmp_path / "task.npz")
+    fit, check = (CompiledNormal((3, 5, 5, 1), task["x" + part].T, task["y" + part]) for part in ("tr", "va"))
+    rule = replace(training.RULES["trainlm"], max_iterations=55, max_fails=100)
+    result = training.minimise(fit, check, common.init_nw(1), rule)
+    reached = [int(np.argmax(result.validation <= level)) for level in (3e-4, 2e-4, 1.4e-4)]
+    assert np.abs(np.array(reached) - (29, 35, 53)).max() <= 1
+    assert result.validation[53] == pytest.approx(1.398e-4, rel=5e-4)  # three digits
+    fast = training.minimise(fit, check, common.init_nw(1), replace(training.RULES["fast"], max_fails=100))
+    assert int(np.argmax(fast.validation <= 1.4e-4)) <= 53 // 3
+
+
+def test_a_training_says_why_it_stopped():
+    x, y = problem(400)
+    data = training.Data.split(x, y, 0)
+    w = training.initial_weights((3, 4, 1), np.random.default_rng(0))
+    rule = training.RULES["trainlm"]
+
+    def reason(rule, stop=None):
+        return training.train(data, (4,), w, rule=rule, stop=stop).reason
+
+    assert reason(replace(rule, max_iterations=3)) == "iterations"
+    assert reason(replace(rule, max_fails=1)) == "validation"
+    assert reason(replace(rule, min_gradient=1e3)) == "gradient"
+    assert reason(replace(rule, mu=1e9, mu_max=1e-3)) == "damping"
+    assert reason(replace(rule, progress=0.9, window=2)) == "stalled"
+    event = threading.Event()
+    event.set()
+    assert reason(rule, event) == "interrupted"
+    assert set(training.REASONS) == {"iterations", "validation", "gradient", "damping", "stalled", "interrupted"}
+
+
+def test_answer_is_the_iterate_of_least_validation_error():
+    x, y = problem(120)
+    data = training.Data.split(x, y, 0)
+    w = training.initial_weights((3, 8, 1), np.random.default_rng(3))
+    result = training.train(data, (8,), w)
+    inputs, target = data.parts["validation"]
+    network = data.network(result.w, (8,))
+    physical = (inputs / data.inputs.gain[:, None]) + data.inputs.offset[:, None]
+    scaled = (network(*physical) - network.output_offset) / network.output_gain
+    assert np.mean((scaled - target) ** 2) == pytest.approx(result.validation.min(), rel=1e-9)
+    assert result.validation[result.iteration] == result.best
+
+
+def test_split_is_a_partition_of_70_15_15():
+    parts = training.split_indices(1001, 5)
+    assert [len(part) for part in parts.values()] == [701, 150, 150]
+    assert np.array_equal(np.sort(np.concatenate(list(parts.values()))), np.arange(1001))
+
+
+def test_bad_data_and_modes_are_named():
+    with pytest.raises(UsageError, match="mode must be one of trainlm, fast, found 'sgd'"):
+        training.rule_of("sgd")
+    x, y = problem(100)
+    with pytest.raises(NumericalError, match="not finite at its starting weights"):
+        training.train(training.Data.split(x, np.where(y == y[3], np.nan, y), 0), (2,), np.zeros(11))
+
+
+@pytest.fixture(scope="module")
+def sequences():
+    t = np.arange(600) * 0.01
+    rng = np.random.default_rng(0)
+    motions = []
+    for scale in (1.0, 0.5):
+        x = scale * (np.sin(9 * t) + 0.4 * np.sin(23 * t))
+        v = np.gradient(x, t)
+        motions.append((x, v, 3 * x + 0.1 * v + np.tanh(2 * v) + 0.01 * rng.normal(size=len(t))))
+    return joint.Sequences.of(motions, TurningPoints())
+
+
+@pytest.fixture(scope="module")
+def pair(sequences):
+    s = sequences
+    held = s.x0[s.segment]
+    force = s.R[np.searchsorted(s.segment, s.segment)]
+    return ensemble.train_pair(ensemble.Samples(s.x, s.v, held, force, s.R), (3,), 0).member
+
+
+def test_simulated_error_is_that_of_the_model(sequences, pair):
+    """The joint problem's sum of squares is that of the model's own response, recording by recording."""
+    from hystid.networks import TwoNetworkModel
+
+    model = TwoNetworkModel((pair,), 0.0, 100.0, {})
+    total = 0.0
+    for part in (slice(0, 600), slice(600, 1200)):
+        x, v, R = sequences.x[part], sequences.v[part], sequences.R[part]
+        response, _ = model.response(x, v, model.initial_state(R[0]))
+        total += np.sum(((response - R) / pair.restoring.output_gain) ** 2)
+    normal = joint.JointNormal(pair, sequences)
+    assert normal.squares(joint.parameters_of(pair)) == pytest.approx(total, rel=1e-10)
+
+
+def test_simulation_jacobian_is_exact(sequences, pair):
+    """J'e is half the derivative of the sum of squares; central differences with a step of 1e-6 are good to 1e-6."""
+    normal, w = joint.JointNormal(pair, sequences), joint.parameters_of(pair)
+    normal.build(w)
+    gradient = normal.gradient()
+    for k in range(0, len(w), 3):
+        step = 1e-6 * (np.arange(len(w)) == k)
+        slope = (normal.squares(w + step) - normal.squares(w - step)) / 4e-6
+        assert gradient[k] == pytest.approx(slope, rel=1e-4, abs=1e-6 * np.abs(gradient).max())
+
+
+def test_joint_training_lowers_the_simulated_error(sequences, pair):
+    better, result = joint.train_jointly(pair, sequences, training.RULES["fast"])
+    assert result.best < result.validation[0]
+    whole = joint.JointNormal(pair, sequences)
+    assert whole.squares(joint.parameters_of(better)) < whole.squares(joint.parameters_of(pair))
+
+
+def test_picked_samples_keep_the_memory_of_all(sequences, pair):
+    """Fitting a few samples simulates the same turning points: the squares of two halves add up."""
+    w, order = joint.parameters_of(pair), np.random.default_rng(0).permutation(len(sequences.x))
+    halves = [joint.JointNormal(pair, sequences.pick(part)).squares(w) for part in (order[:500], order[500:])]
+    assert sum(halves) == pytest.approx(joint.JointNormal(pair, sequences).squares(w), rel=1e-12)
