@@ -4,5 +4,7 @@ from __future__ import annotations
 
 from hystid.fmu.build import BuildResult, build
 from hystid.fmu.driver import Driver
+from hystid.fmu.modelica import build_model
+from hystid.fmu.regress import RegressionResult, regress
 
-__all__ = ["BuildResult", "Driver", "build"]
+__all__ = ["BuildResult", "Driver", "RegressionResult", "build", "build_model", "regress"]

@@ -72,7 +72,7 @@ def _index(model: Interface, variable: Variable) -> int:
 
 
 def _add_variable(parent: ET.Element, model: Interface, v: Variable) -> None:
-    inherited = v.causality in ("input", "independent") or v.variability == "constant"
+    inherited = v.causality in ("input", "independent")
     element = add(
         parent,
         "ScalarVariable",

@@ -99,8 +99,15 @@ def _add_variable(parent: ET.Element, model: Interface, group: tuple[Variable, .
     if v.start is not None and v.causality != "independent":
         attributes["start"] = start_text(v)
     element = add(parent, _TAG[v.type], attributes)
-    for alias in group[1:]:
+    for alias in _listed_aliases(group):
         add(element, "Alias", {"name": alias.name, "description": one_line(alias.description) or None})
+
+
+def _listed_aliases(group: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    """Further names of a value. Those of a computed output stay out: importers in wide use (FMPy 0.3) take each of them
+    for an output that InitialUnknowns forgot."""
+    computed_output = group[0].causality in ("output", "calculatedParameter") and group[0].initial != "exact"
+    return () if computed_output else group[1:]
 
 
 def _add_indicator(parent: ET.Element, model: Interface, i: int) -> None:

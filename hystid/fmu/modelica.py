@@ -1,0 +1,83 @@
+"""From a Modelica model to an FMU in one call, remembered by content."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from hystid.errors import UsageError
+from hystid.files import atomic
+from hystid.fmu.build import BuildResult, Version, build
+from hystid.fmu.platforms import chosen
+from hystid.toolchain import cache_folder
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+_MODELICA = (_PACKAGE / "_modelica", _PACKAGE.parent / "modelica")  # in a wheel, in a checkout
+
+
+def build_model(
+    model: str,
+    out: Path,
+    *,
+    fmi: Version = 2,
+    parameters: Mapping[str, float] | None = None,
+    platforms: str | Iterable[str] = "host",
+    libraries: Sequence[Path] = (),
+) -> BuildResult:
+    """Compile a Modelica model and write its FMU, reference results included.
+
+    model: "HystId.Oscillators.Jenkins", or "file.mo:Class". parameters: name -> start value. libraries: further
+    .mo files or package folders. The FMU of the same text, parameters and tool is copied from the cache instead of
+    built again.
+    Raises ModelicaError, UsageError, ToolchainError; then nothing is written.
+    """
+    if fmi not in (2, 3):
+        raise UsageError(f"fmi must be 2 or 3, not {fmi}")
+    names = tuple(target.tuple for target in chosen(platforms))
+    key = _key(model, fmi, dict(parameters or {}), names, libraries)
+    stored, notes = cache_folder() / f"{key}.fmu", cache_folder() / f"{key}.json"
+    if not (stored.exists() and notes.exists()):
+        from hystid.fmu.reference import reference_entries  # these two need the front end and the solver: seconds saved
+        from hystid.modelica import compile_model
+
+        code = compile_model(model, parameters=dict(parameters or {}), libraries=libraries)
+        made = build(code, stored, fmi=fmi, platforms=names, extra=reference_entries(code))
+        with atomic(notes) as beside:
+            beside.write_text(json.dumps({"identifier": made.identifier}))
+    out = Path(out)
+    with atomic(out) as beside:
+        shutil.copyfile(stored, beside)
+    return BuildResult(out, fmi, json.loads(notes.read_text())["identifier"], names, out.stat().st_size)
+
+
+def _key(
+    model: str, fmi: int, parameters: Mapping[str, float], platforms: Sequence[str], libraries: Sequence[Path]
+) -> str:
+    """Hash of everything that decides the FMU but its date: request, Modelica text, compiler and shell."""
+    request = [model, fmi, sorted(parameters.items()), list(platforms), version("hystid")]
+    digest = hashlib.sha256(json.dumps(request).encode())
+    for path in (*_modelica_files(model, libraries), *_own_files()):
+        digest.update(str(path).encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:32]
+
+
+def _modelica_files(model: str, libraries: Sequence[Path]) -> list[Path]:
+    named = [Path(model.rpartition(":")[0])] if ".mo:" in model else []
+    found: list[Path] = []
+    for entry in (*_MODELICA, *named, *map(Path, libraries)):
+        root = entry.parent if entry.is_file() else entry  # a package's other files lie beside it
+        found += sorted(root.rglob("*.mo")) if root.is_dir() else []
+    return found
+
+
+def _own_files() -> list[Path]:
+    """What turns Modelica into an FMU; a change there makes another FMU."""
+    folders = (_PACKAGE / "modelica", _PACKAGE / "fmu")
+    return sorted(
+        path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".c", ".h", ".json")
+    )
