@@ -32,7 +32,8 @@ def force_of(source: str | Path, dt: float = 1e-4, seed: int = 0) -> Recording:
         raise UsageError(f"--dt {dt:g}: a time step in s of more than 0 is needed")
     force = parse(text).force(dt, seed)
     seeded = f" (seed {seed})" if text.startswith("multisine") else ""
-    return Recording(text, dt * np.arange(force.size), F=force, origin={"F": text}, notes=(f"force {text}{seeded}",))
+    t = dt * np.arange(force.size, dtype=np.float64)
+    return Recording(text, t, F=force, origin={"F": text}, notes=(f"force {text}{seeded}",))
 
 
 def simulate(
@@ -45,8 +46,8 @@ def simulate(
 ) -> Recording:
     """The answer of an FMU with input F to a force: t, F, x, v, a, R on the force's time grid.
 
-    parameters: name -> value in SI units. noise_snr [dB]: white noise on F, x, v and a (``processing.add_noise``), after
-    which R has to be computed from them. Channels that the FMU does not put out stay None.
+    parameters: name -> value in SI units. noise_snr [dB]: white noise on F, x, v and a (``processing.add_noise``);
+    R has to be computed from them then. Channels that the FMU does not put out stay None.
     Raises FmuError (no input F, unknown parameter), NumericalError (no finite answer).
     """
     driver = fmu if isinstance(fmu, Driver) else Driver(fmu)

@@ -10,6 +10,9 @@ from typing import Any, NoReturn
 from hystid.errors import HystidError
 
 
+_INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+
+
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run ``hystid`` with the given arguments (those of the process by default) and exit."""
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))
@@ -28,10 +31,9 @@ def run(arguments: Sequence[str]) -> int:
     try:
         outcome = app(spread(arguments) or ["--help"], prog_name="hystid", standalone_mode=False)
     except typer.Exit as stop:
-        return stop.exit_code
+        return _interrupted() if stop.exit_code == _INTERRUPTED else stop.exit_code
     except (typer.Abort, KeyboardInterrupt):
-        _say("interrupted: what had been finished is kept, and no file was left half written")
-        return 130
+        return _interrupted()
     except HystidError as error:
         _say(str(error))
         return error.exit_code
@@ -48,7 +50,14 @@ def run(arguments: Sequence[str]) -> int:
             raise
         _say(f"internal error ({type(error).__name__}: {error}); set HYSTID_DEBUG=1 to see where, and please report it")
         return 1
+    if outcome == _INTERRUPTED:  # some versions of typer return what they make of Ctrl-C
+        return _interrupted()
     return outcome if isinstance(outcome, int) else 0
+
+
+def _interrupted() -> int:
+    _say("interrupted: what had been finished is kept, and no file was left half written")
+    return _INTERRUPTED
 
 
 def _misused(error: Any) -> int:

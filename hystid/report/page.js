@@ -16,7 +16,8 @@
     var all = Object.assign(base, layout);
     all.xaxis = Object.assign({}, axis, layout.xaxis);
     all.yaxis = Object.assign({}, axis, layout.yaxis);
-    if (narrow.matches) { all.xaxis.nticks = 5; all.height = Math.min(layout.height, 320); }
+    [all.xaxis, all.yaxis].forEach(function (one) { if (one.type === "category") { delete one.nticks; } });
+    if (narrow.matches) { if (all.xaxis.nticks) { all.xaxis.nticks = 5; } all.height = Math.min(layout.height, 320); }
     return all;
   }
   document.querySelectorAll("script.figure").forEach(function (holder) {

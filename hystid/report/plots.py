@@ -78,7 +78,7 @@ class Points:
 
 @dataclass(frozen=True)
 class Bars:
-    """One bar per label. error: half length of the error bars, None for none."""
+    """One bar per label. error: half length of the error bars, None for none. base: where the bars start."""
 
     labels: Sequence[str]
     values: Array
@@ -86,6 +86,7 @@ class Bars:
     role: Role | None = None
     error: Array | None = None
     horizontal: bool = False
+    base: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -272,12 +273,14 @@ def _points(series: Points, colour: str, sx: float, sy: float) -> list[dict[str,
 
 def _bars(series: Bars, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
     scale = sx if series.horizontal else sy
-    values = [_number(value / scale) for value in series.values]
+    values = [_number((value - series.base) / scale) for value in series.values]
     along, across = ("x", "y") if series.horizontal else ("y", "x")
     trace: dict[str, Any] = {"type": "bar", "name": series.name, "marker": {"color": colour}}
     trace |= {along: values, across: list(series.labels)}
     if series.horizontal:
         trace["orientation"] = "h"
+    if series.base:
+        trace["base"] = series.base / scale
     if series.error is not None:
         half = [_number(value / scale) for value in series.error]
         trace[f"error_{along}"] = {"type": "data", "array": half, "color": "#5c677a", "thickness": 1.2}

@@ -1,0 +1,135 @@
+"""Figures that several reports share: loops, time responses, spectra, harmonics, error bars per recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hystid.comparison import harmonics, spectrum
+from hystid.errors import UsageError
+from hystid.recording import Array
+from hystid.report.plots import Axis, Bars, Line, Plot, Role, Series, thin
+
+X_AXIS = Axis("Displacement x", "m")
+R_AXIS = Axis("Restoring force R", "N")
+T_AXIS = Axis("Time t", "s", prefix=False)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One signal over another, shape (n,) each, SI units, with its name and role in the figure."""
+
+    name: str
+    x: Array
+    y: Array
+    role: Role
+    dash: bool = False
+
+    def line(self) -> Line:
+        """As a series of a plot."""
+        return Line(self.x, self.y, self.name, self.role, "dash" if self.dash else "solid")
+
+
+def loops(title: str, curves: Sequence[Curve], caption: str = "") -> Plot:
+    """Restoring force over displacement."""
+    return Plot(title, X_AXIS, R_AXIS, [curve.line() for curve in curves], caption)
+
+
+def over_time(
+    title: str, axis: Axis, curves: Sequence[Curve], caption: str = "", window: slice | None = None, height: int = 340
+) -> Plot:
+    """Signals over time; window: the samples to show at first, the rest comes into view by zooming out."""
+    time = T_AXIS
+    if window is not None:
+        t = curves[0].x[window]
+        time = Axis(T_AXIS.label, "s", prefix=False, bounds=(float(t[0]), float(t[-1])))
+        caption = f"{caption} Double-click shows the whole test.".strip()
+    return Plot(title, time, axis, [_windowed(curve, window).line() for curve in curves], caption, height=height)
+
+
+def _windowed(curve: Curve, window: slice | None) -> Curve:
+    """Every sample within the window, the rest thinned: what is seen first is exact."""
+    if window is None or curve.x.size <= 4000:
+        return curve
+    start, stop = window.start, min(window.stop, window.start + 2500)
+    before, after = thin(curve.x[:start], curve.y[:start], 700), thin(curve.x[stop:], curve.y[stop:], 700)
+    x = np.concatenate([before[0], curve.x[start:stop], after[0]])
+    y = np.concatenate([before[1], curve.y[start:stop], after[1]])
+    return replace(curve, x=x, y=y)
+
+
+def window_of(F: Array, x: Array, dt: float) -> slice:
+    """Samples worth looking at closely: the last periods of a harmonic test, else the largest motion."""
+    n = x.size
+    f = fundamental_of(steady(F), dt)
+    if f is not None:
+        return slice(max(n - max(round(4 / (f * dt)), 40), 0), n)
+    size = min(n, 2000)
+    peak = int(np.argmax(np.abs(x - x.mean())))
+    start = min(max(peak - size // 2, 0), n - size)
+    return slice(start, start + size)
+
+
+def highest_frequency(values: Array, dt: float) -> float:
+    """Ten times the frequency below which 95 % of the power lies, at most half the sample rate."""
+    found = spectrum(values, dt)
+    share = np.cumsum(found.density) / np.sum(found.density)
+    return float(min(10 * found.frequency[int(np.searchsorted(share, 0.95))] + 10 * found.frequency[1], 0.5 / dt))
+
+
+def spectra(title: str, unit: str, curves: Sequence[Curve], highest: float, caption: str = "") -> Plot:
+    """Power spectral densities in dB up to ``highest`` [Hz]; the x of each curve is its time [s]."""
+    series: list[Series] = []
+    top = -np.inf
+    for curve in curves:
+        found = spectrum(curve.y, float(curve.x[1] - curve.x[0]))
+        part = slice(1, int(np.searchsorted(found.frequency, highest, side="right")))
+        level = 10 * np.log10(np.maximum(found.density[part], 1e-300))
+        top = max(top, float(level.max(initial=-300.0)))
+        series.append(Line(found.frequency[part], level, curve.name, curve.role, "dash" if curve.dash else "solid"))
+    density = Axis("Power density", f"dB re 1 {unit}²/Hz", bounds=(top - 100, top + 8), prefix=False)
+    return Plot(title, Axis("Frequency", "Hz", prefix=False), density, series, caption)
+
+
+def harmonic_bars(
+    title: str, fundamental: float, curves: Sequence[Curve], caption: str = "", floor: float = -80
+) -> Plot:
+    """Levels of the harmonics up to the tenth, re the fundamental; the x of each curve is its time [s].
+
+    Bars start at ``floor`` [dB], so that a longer bar is a stronger harmonic.
+    """
+    series: list[Series] = []
+    for curve in curves:
+        found = harmonics(curve.y, float(curve.x[1] - curve.x[0]), fundamental)
+        labels = [str(int(order)) for order in found.order[1:]]
+        series.append(Bars(labels, np.maximum(found.level_db[1:], floor), curve.name, curve.role, base=floor))
+    level = Axis("Level re fundamental", "dB", bounds=(floor, 0), prefix=False)
+    return Plot(title, Axis("Harmonic order"), level, series, caption)
+
+
+def fundamental_of(force: Array, dt: float) -> float | None:
+    """Frequency [Hz] of a harmonic test, refined by least squares; None where the force is not one sine."""
+    n = force.size
+    power = np.abs(np.fft.rfft((force - force.mean()) * np.hanning(n))) ** 2
+    peak = int(np.argmax(power))
+    if peak < 2 or power[peak - 2 : peak + 3].sum() < 0.9 * power.sum():
+        return None
+    low, high = (peak - 1) / (n * dt), (peak + 1) / (n * dt)
+    for _ in range(40):  # golden-section search of the least residual
+        a, b = low + 0.382 * (high - low), low + 0.618 * (high - low)
+        low, high = (low, b) if _misfit(force, dt, a) < _misfit(force, dt, b) else (a, high)
+    return 0.5 * (low + high)
+
+
+def _misfit(force: Array, dt: float, frequency: float) -> float:
+    try:
+        return harmonics(force, dt, frequency, count=1).residual
+    except UsageError:
+        return np.inf
+
+
+def steady(values: Array, share: float = 0.5) -> Array:
+    """The last ``share`` of a signal, where the start has died out."""
+    return values[int((1 - share) * values.size) :]

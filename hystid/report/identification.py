@@ -1,0 +1,293 @@
+"""Report of an identification: how well the surrogate does, where, and how its training went."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hystid.identification import Comparison, Identification, Prediction
+from hystid.networks.training import REASONS, Training
+from hystid.recording import Array, Recording
+from hystid.report.curves import (
+    R_AXIS,
+    X_AXIS,
+    Curve,
+    fundamental_of,
+    harmonic_bars,
+    highest_frequency,
+    loops,
+    over_time,
+    spectra,
+    steady,
+    window_of,
+)
+from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent
+from hystid.report.plots import Axis, Bars, Line, Plot, Points, Role
+
+_GOOD, _FAIR = 0.05, 0.15  # force NRMSE: a few percent is what the published method reaches on measured data
+_SHOWN = 4  # recordings with figures of their own: more make the page long without saying more
+
+
+def write_identification(result: Identification, path: Path, command: str) -> Path:
+    """Write the page of a result; command is what the reader can run to get it again."""
+    page = Page(
+        "Identification of the restoring force",
+        subtitle=f"{_count(len(result.comparisons), 'recording')}, {_structure(result)}",
+        command=command,
+        verdict=verdict(result),
+        facts=_facts(result),
+    )
+    _errors(page, result)
+    for comparison in _shown(result):
+        _recording(page, comparison)
+    _training(page, result)
+    _data(page, result)
+    settings = {name: str(value) for name, value in result.settings.items()}
+    files = ", ".join(file.name for file in result.files.values())
+    page.reproduce(command, {**settings, **({"Files": files} if files else {})})
+    return page.write(path)
+
+
+def verdict(result: Identification) -> Verdict:
+    """The sentence on top: judged on held-out recordings where there are any."""
+    judged = _judged(result)
+    force = [comparison.network.force_nrmse for comparison in judged]
+    linear = float(np.median([comparison.linear.force_nrmse for comparison in judged]))
+    median, worst = float(np.median(force)), max(force)
+    unseen = judged[0].role == "holdout"
+    where = "recordings it has not seen" if unseen else "the recordings it was trained on"
+    tone: Tone = "good" if median <= _GOOD else "warn" if median <= _FAIR else "bad"
+    detail = f"A linear fit (m, B, Kl) leaves {percent(linear)}. "
+    diverged = [comparison.recording.name for comparison in judged if comparison.network.diverged]
+    if diverged:
+        tone, detail = "bad", f"{detail}In closed loop it diverged on {', '.join(diverged)}. "
+    if not unseen:
+        tone = "warn" if tone == "good" else tone
+        detail += "No recording was held out (--holdout), so this says how well it fits, not how well it predicts."
+    worst_text = f", {percent(worst)} at worst" if len(judged) > 1 else ""
+    return Verdict(
+        tone, f"The surrogate leaves {percent(median)} of the force unexplained{worst_text}, on {where}", detail
+    )
+
+
+def _facts(result: Identification) -> list[Fact]:
+    judged = _judged(result)
+    role = "held-out" if judged[0].role == "holdout" else "training"
+    free = [c.network.x_nrmse for c in judged if c.network.x_nrmse is not None]
+    facts = [
+        Fact(
+            "Force NRMSE, median",
+            percent(float(np.median([c.network.force_nrmse for c in judged]))),
+            f"{role} recordings, on the measured motion",
+        ),
+        Fact(
+            "Linear fit, same recordings",
+            percent(float(np.median([c.linear.force_nrmse for c in judged]))),
+            "what no memory and no friction gives",
+        ),
+    ]
+    if free:
+        facts.append(
+            Fact(
+                "Free run, x NRMSE, median",
+                percent(float(np.median(free))),
+                f"closed loop with the mass, worst {percent(max(free))}",
+            )
+        )
+    facts.append(
+        Fact(
+            "Mass",
+            number(result.model.mass, "kg", 4) if result.model.mass else "0",
+            "" if result.model.mass else "F is the restoring force itself",
+        )
+    )
+    facts.append(
+        Fact("Averaged networks", f"{len(result.chosen)} of {len(result.starts)}", "the best by validation error")
+    )
+    return facts
+
+
+def _errors(page: Page, result: Identification) -> None:
+    page.section(
+        "Errors of every recording",
+        "Force NRMSE: the model is given the measured motion and its force is compared with the measured one."
+        " Free run: the model, with the mass, is given only the measured excitation and has to find the motion itself.",
+    )
+    published = any(comparison.published for comparison in result.comparisons)
+    columns = ["recording", "used for", "force NRMSE", *(["published method"] if published else []), "linear fit"]
+    columns += ["free run, x NRMSE", "free run, R NRMSE", "linear, x NRMSE"] if result.model.mass else []
+    rows = [_row(comparison, published, bool(result.model.mass)) for comparison in result.comparisons]
+    page.table(
+        Table(
+            "NRMSE per recording",
+            columns,
+            rows,
+            "NRMSE: rms of the error over the standard deviation of the reference.",
+        )
+    )
+    names = [comparison.recording.name for comparison in result.comparisons]
+    bars = [
+        Bars(names, np.array([100 * c.network.force_nrmse for c in result.comparisons]), "surrogate", "model"),
+        Bars(names, np.array([100 * c.linear.force_nrmse for c in result.comparisons]), "linear fit", "muted"),
+    ]
+    page.plots(
+        Plot(
+            "Force error on the measured motion",
+            Axis("Recording"),
+            Axis("Force NRMSE", "%"),
+            bars,
+            "Shorter is better.",
+        )
+    )
+
+
+def _row(comparison: Comparison, published: bool, mass: bool) -> list[str | Cell]:
+    network, linear = comparison.network, comparison.linear
+    tone: Tone = "good" if network.force_nrmse <= _GOOD else "warn" if network.force_nrmse <= _FAIR else "bad"
+    row: list[str | Cell] = [comparison.recording.name, "holdout" if comparison.role == "holdout" else "training"]
+    row.append(Cell(percent(network.force_nrmse), tone))
+    if published:
+        row.append(percent(comparison.published.force_nrmse if comparison.published else None))
+    row.append(percent(linear.force_nrmse))
+    if mass:
+        x = Cell("diverged", "bad") if network.diverged else percent(network.x_nrmse)
+        row += [x, percent(network.R_nrmse), "diverged" if linear.diverged else percent(linear.x_nrmse)]
+    return row
+
+
+def _recording(page: Page, comparison: Comparison) -> None:
+    record, network = comparison.recording, comparison.network
+    t, x, R = record.t, record.channel("x"), record.channel("R")
+    near = window_of(record.channel("F"), x, record.dt)
+    page.section(f"{record.name} ({'held out' if comparison.role == 'holdout' else 'training'})")
+    cycles = [
+        Curve("measured", x[near], R[near], "measured"),
+        Curve("surrogate", x[near], network.R[near], "model"),
+        Curve("linear fit", x[near], comparison.linear.R[near], "muted", True),
+    ]
+    forces = [
+        Curve("measured", t, R, "measured"),
+        Curve("surrogate", t, network.R, "model"),
+        Curve("difference", t, network.R - R, "bad"),
+    ]
+    stretch = f"t = {t[near][0]:.4g} to {t[near][-1]:.4g} s"
+    page.plots(
+        loops("Hysteresis loops", cycles, f"On the measured motion, {stretch}. Its area is the energy of a cycle."),
+        over_time(
+            "Restoring force over time",
+            R_AXIS,
+            forces,
+            f"The difference has {percent(network.force_nrmse)} of the measured standard deviation.",
+            near,
+        ),
+    )
+    page.plots(*_closed_loop(record, network, near), _content(record, R, network))
+
+
+def _closed_loop(record: Recording, network: Prediction, near: slice) -> list[Plot]:
+    if network.free_run is None:
+        return []
+    motions = [
+        Curve("measured", record.t, record.channel("x"), "measured"),
+        Curve("surrogate with mass", record.t, network.free_run["x"], "model"),
+    ]
+    caption = f"Driven by the measured force alone: NRMSE {percent(network.x_nrmse)}."
+    return [over_time("Free run: displacement", X_AXIS, motions, caption, near)]
+
+
+def _content(record: Recording, measured: Array, network: Prediction) -> Plot:
+    """Harmonics for a harmonic test, else power spectra."""
+    model = network.R if network.free_run is None else network.free_run["R"]
+    t, f = record.t, fundamental_of(steady(record.channel("F")), record.dt)
+    if f is None:
+        curves = [Curve("measured", t, measured, "measured"), Curve("surrogate", t, model, "model")]
+        highest = highest_frequency(measured, record.dt)
+        return spectra("Power spectrum of R", "N", curves, highest, "Welch, Hann windows, half overlapped.")
+    caption = "Even harmonics need a difference between push and pull; friction and hysteresis alone give odd ones."
+    ends = [
+        Curve("measured", steady(t), steady(measured), "measured"),
+        Curve("surrogate", steady(t), steady(model), "model"),
+    ]
+    return harmonic_bars(f"Harmonics of R at {f:.4g} Hz", f, ends, caption)
+
+
+def _training(page: Page, result: Identification) -> None:
+    page.section(
+        "Training",
+        f"{_count(len(result.starts), 'pair')} of networks were trained from random starts; each stops when the error"
+        " on data kept aside (validation) no longer falls. The best are averaged. Errors are in units of the scaled"
+        " target.",
+    )
+    page.plots(_learning(result), _starts(result))
+    reasons = Counter(REASONS[part.reason] for start in result.starts for part in (start.hysteresis, start.restoring))
+    rows = [[reason, str(count)] for reason, count in reasons.most_common()]
+    page.table(Table("Why trainings stopped", ["reason", "trainings"], rows))
+
+
+def _learning(result: Identification) -> Plot:
+    curves: list[Line] = []
+    for start in result.starts:
+        if start.number in result.chosen:
+            parts: list[tuple[str, Training, Role]] = [
+                ("hysteresis network", start.hysteresis, "before"),
+                ("restoring network", start.restoring, "model"),
+            ]
+            for name, part, role in parts:
+                steps = np.arange(part.validation.size, dtype=float)
+                curves.append(Line(steps, part.validation, name if len(curves) < 2 else "", role, opacity=0.75))
+    error = Axis("Mean square error", log=True)
+    caption = "Each curve ends where its training stopped."
+    return Plot("Validation error of the averaged networks", Axis("Iteration"), error, curves, caption)
+
+
+def _starts(result: Identification) -> Plot:
+    finals = np.array([start.error for start in result.starts])
+    numbers = np.array([start.number for start in result.starts], dtype=float)
+    chosen = np.isin(numbers, result.chosen)
+    points = [
+        Points(numbers[chosen], finals[chosen], "averaged", "good"),
+        Points(numbers[~chosen], finals[~chosen], "left out", "muted"),
+    ]
+    caption = "Many starts guard against the poor local solutions that some end in."
+    return Plot("Validation error of all starts", Axis("Start"), Axis("Mean square error", log=True), points, caption)
+
+
+def _data(page: Page, result: Identification) -> None:
+    page.section(
+        "Data and validity",
+        "The surrogate knows what the training data showed it. Outside of these ranges its answers are extrapolation.",
+    )
+    units = {"x": "m", "v": "m/s", "R": "N"}
+    rows = [
+        [name, number(low, units.get(name, ""), 4), number(high, units.get(name, ""), 4)]
+        for name, (low, high) in result.model.training_range.items()
+    ]
+    page.table(Table("Training range", ["signal", "lowest", "highest"], rows))
+    done = dict.fromkeys(note for comparison in result.comparisons for note in comparison.recording.notes)
+    if done:
+        page.text("What was done to the recordings before:")
+        page.bullets(done)
+    page.bullets(result.notes)
+
+
+def _judged(result: Identification) -> Sequence[Comparison]:
+    held = [comparison for comparison in result.comparisons if comparison.role == "holdout"]
+    return held or list(result.comparisons)
+
+
+def _shown(result: Identification) -> list[Comparison]:
+    """Held-out recordings first, the worst of them on top: what a reader must see is where it is poor."""
+    order = sorted(result.comparisons, key=lambda c: (c.role != "holdout", -c.network.force_nrmse))
+    return order[:_SHOWN]
+
+
+def _structure(result: Identification) -> str:
+    sizes = "-".join(str(n) for n in result.settings.get("layers", ()))
+    return f"two networks with {sizes} hidden neurons, {result.model.sample_rate:.6g} Hz"
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"

@@ -1,0 +1,203 @@
+"""MAT, HDF5, UFF and TDMS: what each format's own writer stores is what is read."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hystid.errors import RecordingError, UsageError
+from hystid.recording import Recording, read, read_all
+
+N, DT = 500, 1e-3
+T = np.arange(N) * DT
+X = 1e-3 * np.sin(2 * np.pi * 9 * T)
+V = 1e-3 * 18 * np.pi * np.cos(2 * np.pi * 9 * T)
+F = 40 * V + 5e4 * X
+
+
+def assert_same(found: Recording) -> None:
+    np.testing.assert_allclose(found.t, T, atol=1e-9)
+    for name, expected in {"F": F, "x": X}.items():
+        np.testing.assert_allclose(found.channel(name), expected, rtol=1e-6, atol=1e-6 * np.max(np.abs(expected)))
+
+
+# --- MATLAB version 5 -------------------------------------------------------------------------------------------
+
+UNITS = {"t": "s", "F": "kN", "x": "mm"}
+TEST = {"t": T, "F": F / 1e3, "x": 1e3 * X}
+
+
+@pytest.mark.parametrize(
+    "variables",
+    [
+        {**TEST, "units": UNITS},
+        {"test": {**TEST, "units": UNITS}},
+        {"fs": 1 / DT, "F_kN": F / 1e3, "x_mm": 1e3 * X},
+        {"dt": DT, "F": F, "x": X, "note": "rig 4", "matrix": np.eye(3)},
+        {"data": {**TEST, "F_unit": "kN", "x_unit": "mm"}},
+    ],
+    ids=["plain", "struct", "unit in the name", "dt only", "unit beside"],
+)
+def test_matlab_layouts(tmp_path: Path, variables: dict[str, Any]) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "test.mat", variables)
+    assert_same(read(tmp_path / "test.mat"))
+
+
+def test_a_struct_array_is_several_tests(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    runs = np.array([{**TEST, "units": UNITS}, {**TEST, "x": 2e3 * X, "units": UNITS}], dtype=object)
+    savemat(tmp_path / "runs.mat", {"runs": runs})
+    found = read_all([tmp_path / "runs.mat"])
+    assert len(found) == 2
+    assert_same(found[0])
+    np.testing.assert_allclose(found[1].channel("x"), 2 * X, atol=1e-12)
+    with pytest.raises(UsageError, match="holds 2 tests"):
+        read(tmp_path / "runs.mat")
+
+
+def test_missing_units_are_taken_as_si_and_said(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "bare.mat", {"t": T, "F": F, "x": X})
+    assert len(read(tmp_path / "bare.mat").warnings) == 3
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"", "not a readable MATLAB file"), (b"MATLAB 5.0 MAT-file" + b"\0" * 300, "MATLAB"), (b"text", "MATLAB")],
+)
+def test_broken_matlab_files(tmp_path: Path, content: bytes, says: str) -> None:
+    (tmp_path / "broken.mat").write_bytes(content)
+    with pytest.raises(RecordingError, match=says):
+        read(tmp_path / "broken.mat")
+
+
+def test_matlab_without_channels_lists_what_is_there(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "other.mat", {"alpha": T, "beta": X})
+    with pytest.raises(RecordingError, match="alpha, beta"):
+        read(tmp_path / "other.mat")
+
+
+# --- HDF5 and MATLAB version 7.3 --------------------------------------------------------------------------------
+
+
+def test_hdf5_with_unit_attributes(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "test.h5", "w") as file:
+        group = file.create_group("run 1")
+        for name, (values, unit) in {"time": (T, "s"), "Force": (F / 1e3, "kN"), "x": (1e3 * X, "mm")}.items():
+            group[name] = values
+            group[name].attrs["unit"] = unit
+    assert_same(read(tmp_path / "test.h5"))
+
+
+def test_hdf5_with_a_sample_rate(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "test.hdf5", "w") as file:
+        file.attrs["fs"] = 1 / DT
+        file["F [N]"], file["x [mm]"] = F, 1e3 * X
+    found = read(tmp_path / "test.hdf5")
+    assert_same(found)
+    assert "sample rate" in found.origin["t"]
+
+
+def test_matlab_7_3(tmp_path: Path) -> None:
+    """MATLAB's own conventions, as its documentation states them: row vectors stored transposed, texts as uint16."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "test.mat", "w", userblock_size=512) as file:
+        test = file.create_group("test")
+        for name, values in TEST.items():
+            test.create_dataset(name, data=values[:, None]).attrs["MATLAB_class"] = np.bytes_("double")
+        units = test.create_group("units")
+        for name, text in UNITS.items():
+            codes = np.array([[ord(letter)] for letter in text], dtype=np.uint16)
+            units.create_dataset(name, data=codes).attrs["MATLAB_class"] = np.bytes_("char")
+    assert_same(read(tmp_path / "test.mat"))
+
+
+def test_matlab_7_3_struct_array(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "runs.mat", "w", userblock_size=512) as file:
+        hidden, runs = file.create_group("#refs#"), file.create_group("runs")
+        for name, values in {"t": T, "F": F, "x": X}.items():
+            refs = [hidden.create_dataset(f"{name}{k}", data=(values[:, None])).ref for k in range(2)]
+            runs.create_dataset(name, data=np.array([refs], dtype=h5py.ref_dtype))
+    found = read_all([tmp_path / "runs.mat"])
+    assert len(found) == 2
+    assert_same(found[1])
+
+
+def test_broken_hdf5(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    (tmp_path / "broken.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + b"x" * 100)
+    with pytest.raises(RecordingError, match="not a readable HDF5 file"):
+        read(tmp_path / "broken.h5")
+
+
+# --- UFF and TDMS ------------------------------------------------------------------------------------------------
+
+
+def test_universal_file(tmp_path: Path) -> None:
+    pyuff = pytest.importorskip("pyuff")
+    file = pyuff.UFF(str(tmp_path / "test.uff"))
+    for number, (values, kind, label) in enumerate([(F, 13, "N"), (1e3 * X, 8, "mm")], start=1):
+        # every exponent and label has to be given, or the writer fails on its own None
+        axes = ("abscissa", "ordinate", "orddenom", "z_axis")
+        exponents = {f"{axis}_{kind}_unit_exp": 0 for axis in axes for kind in ("len", "force", "temp")}
+        names = {f"{axis}_axis_units_lab": "NONE" for axis in axes} | {f"id{k}": "test" for k in range(1, 6)}
+        numbers = dict.fromkeys(("ver_num", "load_case_id", "orddenom_spec_data_type", "z_axis_spec_data_type"), 0)
+        given = {**exponents, **names, **numbers, "ordinate_spec_data_type": kind, "ordinate_axis_units_lab": label}
+        data = pyuff.prepare_58(
+            binary=0, func_type=1, rsp_ent_name="NONE", rsp_node=number, rsp_dir=1, ref_ent_name="NONE", ref_node=0,
+            ref_dir=0, ord_data_type=4, num_pts=N, abscissa_spacing=1, abscissa_min=0.0, abscissa_inc=DT,
+            z_axis_value=0.0, abscissa_spec_data_type=17, data=values, x=T, return_full_dict=True, **given,
+        )  # fmt: skip
+        file.write_sets(data, "add" if number > 1 else "overwrite")
+    assert_same(read(tmp_path / "test.uff"))
+
+
+def test_universal_file_without_time_responses(tmp_path: Path) -> None:
+    pytest.importorskip("pyuff")
+    (tmp_path / "broken.unv").write_text("nothing of the kind\n")
+    with pytest.raises(RecordingError, match=r"broken\.unv"):
+        read(tmp_path / "broken.unv")
+
+
+def test_tdms(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    properties = {"wf_increment": DT, "wf_samples": N}
+    channels = [
+        nptdms.ChannelObject("run", "Force", F / 1e3, {**properties, "unit_string": "kN"}),
+        nptdms.ChannelObject("run", "x [mm]", 1e3 * X, properties),
+    ]
+    with nptdms.TdmsWriter(tmp_path / "test.tdms") as writer:
+        writer.write_segment(channels)
+    assert_same(read(tmp_path / "test.tdms"))
+
+
+def test_broken_tdms(tmp_path: Path) -> None:
+    pytest.importorskip("nptdms")
+    (tmp_path / "broken.tdms").write_bytes(b"TDSx" + b"\0" * 50)
+    with pytest.raises(RecordingError, match=r"broken\.tdms"):
+        read(tmp_path / "broken.tdms")
+
+
+@pytest.mark.parametrize(
+    ("suffix", "package", "extra"), [("h5", "h5py", "hdf5"), ("uff", "pyuff", "uff"), ("tdms", "nptdms", "tdms")]
+)
+def test_a_missing_package_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, package: str, extra: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    (tmp_path / f"test.{suffix}").write_bytes(b"\x89HDF\r\n\x1a\n")
+    with pytest.raises(RecordingError, match=rf"hystid\[{extra}\]"):
+        read(tmp_path / f"test.{suffix}")
