@@ -23,6 +23,7 @@ from hystid.recording import Array
 from hystid.turning_points import TurningPoints
 
 _LENGTH = 256  # samples per chunk
+_FEWEST_BRANCHES = 20  # fewer cannot be divided into three parts that resemble each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +67,18 @@ class Sequences:
         return Sequences(
             self.x0, self.before, self.fresh, self.start, self.x[rows], self.v[rows], self.R[rows], self.segment[rows]
         )
+
+    def split(self, seed: int) -> dict[str, NDArray[np.intp]]:
+        """Sample numbers of the parts "train", "validation", "test": 70, 15, 15 % of the branches, drawn at random.
+
+        Whole branches between turning points go to one part. Neighbours in time resemble each other, so that single
+        samples left out would not show whether a model carries over to another cycle; branches left out do.
+        """
+        present = np.unique(self.segment)
+        if len(present) < _FEWEST_BRANCHES:
+            return split_indices(len(self.x), seed)
+        parts = split_indices(len(present), seed)
+        return {name: np.flatnonzero(np.isin(self.segment, present[chosen])) for name, chosen in parts.items()}
 
 
 def _scaled(network: Network, column: int, values: Array) -> Array:
@@ -174,8 +187,8 @@ def with_parameters(pair: Member, w: Array) -> Member:
 def train_jointly(
     pair: Member, data: Sequences, rule: Rule, *, seed: int = 0, stop: threading.Event | None = None
 ) -> tuple[Member, Training]:
-    """Lower the error of the simulated R from a trained pair; split and early stopping as for single networks."""
-    parts = split_indices(len(data.x), seed)
+    """Lower the error of the simulated R from a trained pair; early stopping on branches left out (``Sequences.split``)."""
+    parts = data.split(seed)
     fit, check, test = (JointNormal(pair, data.pick(parts[name])) for name in ("train", "validation", "test"))
     result = minimise(fit, check, parameters_of(pair), rule, stop)
     return with_parameters(pair, result.w), replace(result, test=test.squares(result.w) / test.samples)
