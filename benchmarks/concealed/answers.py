@@ -24,7 +24,7 @@ FAMILIES = (
     ),
     frozenset({"quadratic_damping", "displacement_dependent_damping"}),
     frozenset({"viscoelastic_relaxation", "hidden_mode"}),
-    frozenset({"cyclic_degradation", "stiffness_drift", "pinching"}),
+    frozenset({"cyclic_degradation", "stiffness_drift"}),
     frozenset({"added_mass", "force_gain"}),
 )
 
