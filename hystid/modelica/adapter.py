@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any, NoReturn
 
 from hystid.errors import ModelicaError
@@ -101,8 +102,13 @@ class Adapter:
         span = node.get("span") or node.get("source_span")
         source = self._source(span["source"]) if span else None
         if source is None:
-            return Place(declared_at(self.name, self.sources))
+            return self._declaration
         return Place(str(source.path), source.line(span["start"]))
+
+    @cached_property
+    def _declaration(self) -> Place:
+        """Where the model itself is declared: for what the front end made without a place of its own."""
+        return Place(declared_at(self.name, self.sources))
 
     def _refuse(self, node: Mapping[str, Any], what: str, way: str) -> NoReturn:
         place = self._place(node) if "span" in node else self._here or self._place(node)
@@ -121,7 +127,7 @@ class Adapter:
                 items = d[key]
                 first = next(iter(items.values() if isinstance(items, dict) else items))
                 node = next(_spans(first), {})
-                self._here = Place(declared_at(self.name, self.sources))
+                self._here = self._declaration
                 self._refuse(node, what, way)
 
     # -- declarations
@@ -183,8 +189,9 @@ class Adapter:
 
     def _equation_place(self, item: Mapping[str, Any]) -> Place:
         """The first line of an equation; connections report the line of a connected variable."""
-        spans = [self._place(n) for n in _spans(item)] if not item.get("span") else [self._place(item)]
-        return spans[0] if spans else Place(declared_at(self.name, self.sources))
+        known = (n for n in _spans(item) if self._source(n["span"]["source"]) is not None)
+        first = next(known, None)
+        return self._declaration if first is None else self._place(first)
 
     def _assertion(self, a: Mapping[str, Any]) -> Assertion:
         place = self._equation_place(a)

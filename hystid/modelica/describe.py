@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import lru_cache
 
 from hystid.modelcode import Experiment, ModelCode, Variable
 from hystid.modelica.blocks import Step, sources, targets
@@ -17,6 +18,7 @@ from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.layout import Layout
 from hystid.modelica.scalar import ScalarVariable
 
+_TOKEN = "{token}"  # stands in the text until its hash is known
 _SECTIONS = ("p", "u", "x", "dx", "d", "y", "pre", "rel", "w")
 
 
@@ -37,10 +39,10 @@ def model_code(model: HybridModel) -> ModelCode:
         has_adjoint=True,
         experiment=model.flat.experiment,
     )
-    text = _c_text(model, layout, "")
+    text = _c_text(model, layout, _TOKEN)
     token = hashlib.sha256(f"{text}{draft}".encode()).hexdigest()
     guid = "{" + "-".join((token[:8], token[8:12], token[12:16], token[16:20], token[20:32])) + "}"
-    return replace(draft, sources={"model.c": _c_text(model, layout, guid)}, token=guid)
+    return replace(draft, sources={"model.c": text.replace(_TOKEN, guid)}, token=guid)
 
 
 # -- C
@@ -191,6 +193,7 @@ def _parameter_variability(name: str, v: ScalarVariable, model: HybridModel) -> 
     return "tunable" if v.flat.type == "Real" and name in running else "fixed"
 
 
+@lru_cache(maxsize=4)
 def _running_names(model: HybridModel) -> frozenset[str]:
     """Names read after the start, directly or through dependent parameters."""
     found = {n for s in (*model.derivatives, *model.event) for n in sources(s)}

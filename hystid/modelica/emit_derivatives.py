@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from hystid.modelica.blocks import Assign, Solve, Step, sources, targets
 from hystid.modelica.c_expr import comment
 from hystid.modelica.emit_c import Emitter, indented
-from hystid.modelica.expr import ZERO, Derivative, Expr, Num
+from hystid.modelica.expr import Expr, Num, gradient
 
 
 class DerivativeEmitter:
@@ -19,6 +19,7 @@ class DerivativeEmitter:
 
     def __init__(self, emitter: Emitter) -> None:
         self.emitter = emitter
+        self._known: dict[Expr, dict[str, Expr]] = {}
         m = emitter.model
         self.steps: tuple[Step, ...] = (*m.dependent, *m.derivatives)
         self.computed = {t for s in self.steps for t in targets(s)}
@@ -59,8 +60,10 @@ class DerivativeEmitter:
         return sorted((n for n in sources(step) if n in self.computed or n in self.seeded), key=slots.__getitem__)
 
     def _gradient(self, value: Expr, names: Sequence[str]) -> list[tuple[str, Expr]]:
-        pairs = [(n, Derivative(n)(value)) for n in names]
-        return [(n, d) for n, d in pairs if d != ZERO]
+        if value not in self._known:
+            self._known[value] = gradient(value)
+        found = self._known[value]
+        return [(n, found[n]) for n in names if n in found]
 
     def _cell(self, name: str, array: str | None = None) -> str:
         slot = self.emitter.layout.slots[name]

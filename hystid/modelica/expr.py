@@ -306,6 +306,31 @@ class Derivative:
         return _RULES_OF_SEVERAL[e.name](e, *d)
 
 
+def gradient(expr: Expr) -> dict[str, Expr]:
+    """Derivatives by every variable of the expression that has one; a sum is taken term by term."""
+    found: dict[str, Expr] = {}
+    for positive, term in _terms(expr):
+        for name in sorted(refs(term)):
+            d = Derivative(name)(term)
+            if d != ZERO:
+                d = d if positive else neg(d)
+                found[name] = op("+", found[name], d) if name in found else d
+    return found
+
+
+def _terms(expr: Expr) -> Iterator[tuple[bool, Expr]]:
+    stack = [(True, expr)]
+    while stack:
+        positive, e = stack.pop()
+        if isinstance(e, Op) and e.name in ("+", "-", "neg"):
+            last = positive if e.name == "+" else not positive
+            stack.append((last, e.args[-1]))
+            if e.name != "neg":
+                stack.append((positive, e.args[0]))
+        else:
+            yield positive, e
+
+
 _FLAT = frozenset({"sign", "floor", "ceil", "integer", "div", "pre", "der"})
 
 _TWO = Num(2.0)

@@ -12,7 +12,7 @@ from hystid.modelica.flat import Assertion, FlatModel
 from hystid.modelica.scalar import ScalarVariable
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HybridModel:
     """What the printers print. Steps are in order of evaluation.
 
