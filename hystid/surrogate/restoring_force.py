@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hystid.errors import NetworkError, UsageError
@@ -17,6 +17,7 @@ from hystid.surrogate.network import OUTSIDE, Interface, block_code, outside_var
 from hystid.surrogate.program import Program
 
 _RECORD = 5  # mark of the warning; x, v, R and the outside flag of the accepted sample
+NETWORK = "surrogate.onnx"  # the file itself travels in the resources of the FMU
 _UNITS = {"x": "m", "v": "m/s", "R": "N"}
 
 
@@ -34,14 +35,21 @@ def surrogate_code(path: Path) -> ModelCode:
         training_range={name: about.training_range[name] for name in ("x", "v")},
         sample_rate=about.sample_rate,
     )
-    return block_code(program, interface, "surrogate", "Restoring force R of an identified structure with memory")
+    code = block_code(program, interface, "surrogate", "Restoring force R of an identified structure with memory")
+    return replace(code, resources={NETWORK: Path(path).read_bytes()})
+
+
+def force_slots(about: onnx.StepDescription) -> tuple[int, ...]:
+    """Elements of the state that hold the restoring force of the sample before, one per member of the ensemble."""
+    return tuple(i for i, name in enumerate(about.state_layout) if name.startswith("Rh["))
 
 
 def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
     """The structure that a surrogate's ONNX file describes: m a = F - R, free to move.
 
     Input F [N]; outputs x [m], v [m/s], a [m/s2], R [N], ``outside_training_range``; parameters m [kg], x_start [m],
-    v_start [m/s]. mass [kg] replaces that of the file. In co-simulation the internal step is that of the training data.
+    v_start [m/s] and, where the memory is that of turning points, R_start [N], the restoring force before the start (0:
+    relaxed). mass [kg] replaces that of the file. In co-simulation the internal step is that of the training data.
 
     The memory stays as it is between accepted samples: the turning-point rule is applied at the start and at the end of
     each step, never at the stages of an integrator in between. R and a of an accepted sample are those after the rule.
@@ -55,7 +63,8 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
         )
     text = functions(program, "network")
     n_d = len(about.initial_state)
-    sizes = Block(n_p=3, n_u=1, n_x=2, n_d=n_d, n_y=2, n_w=_RECORD + text.work)
+    turning = about.memory == onnx.TURNING_POINTS
+    sizes = Block(n_p=3 + turning, n_u=1, n_x=2, n_d=n_d, n_y=2, n_w=_RECORD + text.work)
     step = 1.0 / about.sample_rate
     start = {sizes.p: kilograms} | {sizes.d + i: value for i, value in enumerate(about.initial_state) if value}
     c_text = "\n".join(
@@ -64,7 +73,7 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
             block.INCLUDES,
             sizes.defines(),
             block.text_of(text),
-            _Oscillator(program, about.memory == onnx.TURNING_POINTS, about.training_range).text(),
+            _Oscillator(program, turning, force_slots(about), about.training_range).text(),
             sizes.model(
                 "oscillator",
                 step,
@@ -78,7 +87,7 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
         ModelCode(
             name="oscillator",
             description="Mass on the restoring force of an identified structure with memory: m a = F - R",
-            variables=_variables(sizes, kilograms, about.state_layout),
+            variables=_variables(sizes, kilograms, turning),
             sources={"model.c": c_text},
             states=states,
             n_values=sizes.size,
@@ -94,6 +103,7 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
             has_adjoint=True,
             has_memory=True,
             experiment=Experiment(step=step, stop=1.0),
+            resources={NETWORK: Path(path).read_bytes()},
         )
     )
 
@@ -106,60 +116,42 @@ def _read(path: Path) -> tuple[Program, onnx.StepDescription]:
         raise NetworkError(f"{path}: {error}") from error
 
 
-def _variables(sizes: Block, mass: float, layout: tuple[str, ...]) -> tuple[Variable, ...]:
-    memory = tuple(
-        Variable(name, sizes.d + i, "local", "discrete", initial="calculated", description="memory of the network")
-        for i, name in enumerate(f"state[{i + 1}]" for i in range(len(layout)))
+def _variables(sizes: Block, mass: float, turning: bool) -> tuple[Variable, ...]:
+    p, x, dx, y = sizes.p, sizes.x, sizes.dx, sizes.y
+    memory = (
+        Variable(f"state[{i + 1}]", sizes.d + i, "local", "discrete", initial="calculated", description="memory")
+        for i in range(sizes.n_d)
     )
+    start = (_parameter("R_start", p + 3, 0.0, "N", "restoring force before the start"),) if turning else ()
     return (
-        Variable(
-            "m", sizes.p, "parameter", "fixed", initial="exact", start=mass, min=0.0, unit="kg", description="mass"
-        ),
-        Variable(
-            "x_start", sizes.p + 1, "parameter", "fixed", initial="exact", start=0.0, unit="m", description="start of x"
-        ),
-        Variable(
-            "v_start",
-            sizes.p + 2,
-            "parameter",
-            "fixed",
-            initial="exact",
-            start=0.0,
-            unit="m/s",
-            description="start of v",
-        ),
+        replace(_parameter("m", p, mass, "kg", "mass"), min=0.0),
+        _parameter("x_start", p + 1, 0.0, "m", "displacement at the start"),
+        _parameter("v_start", p + 2, 0.0, "m/s", "velocity at the start"),
+        *start,
         Variable("F", sizes.u, "input", "continuous", start=0.0, unit="N", description="force on the mass"),
-        Variable("x", sizes.x, "output", "continuous", initial="calculated", unit="m", description="displacement"),
-        Variable("v", sizes.x + 1, "output", "continuous", initial="calculated", unit="m/s", description="velocity"),
-        Variable("der(x)", sizes.dx, "local", "continuous", initial="calculated", unit="m/s", derivative_of="x"),
-        Variable(
-            "a",
-            sizes.dx + 1,
-            "output",
-            "continuous",
-            initial="calculated",
-            unit="m/s2",
-            description="acceleration",
-            derivative_of="v",
-        ),
-        Variable(
-            "R",
-            sizes.y,
-            "output",
-            "continuous",
-            initial="calculated",
-            unit="N",
-            description="restoring force, against the motion as a spring",
-        ),
-        outside_variable(sizes.y + 1),
+        _output("x", x, "m", "displacement"),
+        _output("v", x + 1, "m/s", "velocity"),
+        replace(_output("der(x)", dx, "m/s", "rate of x"), causality="local", derivative_of="x"),
+        replace(_output("a", dx + 1, "m/s2", "acceleration"), derivative_of="v"),
+        _output("R", y, "N", "restoring force, opposing the motion as a spring does"),
+        outside_variable(y + 1),
         *memory,
     )
+
+
+def _parameter(name: str, slot: int, start: float, unit: str, text: str) -> Variable:
+    return Variable(name, slot, "parameter", "fixed", initial="exact", start=start, unit=unit, description=text)
+
+
+def _output(name: str, slot: int, unit: str, text: str) -> Variable:
+    return Variable(name, slot, "output", "continuous", initial="calculated", unit=unit, description=text)
 
 
 @dataclass(frozen=True)
 class _Oscillator:
     program: Program
-    freeze: bool
+    turning: bool
+    force_slots: tuple[int, ...]
     training_range: Mapping[str, tuple[float, float]]
 
     def _run(self, mode: str, state: str, ends: Mapping[str, str] | None = None) -> str:
@@ -176,13 +168,14 @@ class _Oscillator:
     frozen[0] = copysign(1.0, speed);          /* as if the motion had gone this way all along: no turning point */
     if (speed == 0.0) speed = copysign(1e-300, speed);
 """
-        frozen = frozen if self.freeze else ""
+        frozen = frozen if self.turning else ""
         forward = {"x": "seed + X", "v": "seed + X + 1", "state": "seed + D"}
         adjoint = {"x": "sens + X", "v": "sens + X + 1", "state": "sens + D"}
         held = f"""\
     double *v = m->v, x = v[X], speed = v[X + 1], R = 0.0, next[N_D], frozen[N_D];
     memcpy(frozen, v + D, sizeof frozen);
 {frozen}"""
+        started = "".join(f"    m->v[D + {slot}] = m->v[P + 3];\n" for slot in self.force_slots if self.turning)
         return f"""\
 /* v[W]: 1 after the warning. v[W + 1 ...]: x, v, R of the accepted sample, and whether it is one. */
 enum {{ AT_X = W + 1, AT_V = W + 2, AT_R = W + 3, AT_SAMPLE = W + 4 }};
@@ -252,7 +245,7 @@ static int initialise(hy_data *m)
     m->v[X] = m->v[P + 1];
     m->v[X + 1] = m->v[P + 2];
     m->v[AT_SAMPLE] = 0.0;
-    return HY_OK;
+{started}    return HY_OK;
 }}
 
 static int forward(hy_data *m, const double *seed, double *sens)
