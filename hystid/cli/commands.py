@@ -76,13 +76,13 @@ def build(
     """
     from hystid.fmu import build_model
 
-    if fmi not in (2, 3):
+    if fmi != 2 and fmi != 3:
         raise UsageError(f"--fmi {fmi}: FMI versions 2 and 3 are written")
     if platforms not in ("host", "all"):
         raise UsageError(f"--platforms {platforms}: choose host or all")
     _output(out, ".fmu")
-    build_model(model, out, fmi=fmi, parameters=opt.numbers("--set", set_), platforms=platforms)
-    print(f"{out} ({out.stat().st_size / 1000:.0f} kB, FMI {fmi}.0, from {model})")
+    made = build_model(model, out, fmi=fmi, parameters=opt.numbers("--set", set_), platforms=platforms)
+    print(f"{made.path} ({made.size / 1000:.0f} kB, FMI {fmi}.0, {', '.join(made.platforms)}, from {model})")
 
 
 @app.command()
@@ -282,11 +282,17 @@ def regress(
       hystid regress jenkins.fmu
       hystid regress jenkins.fmu --update
     """
+    from hystid.files import write_text
     from hystid.fmu import regress
 
     outcome = regress(fmu, update=update)
-    print(outcome.sentence())
-    return 0 if outcome.holds else 1
+    print(outcome.text())
+    if outcome.passed:
+        return 0
+    picture = fmu.with_name(f"{fmu.stem}_difference.svg")
+    write_text(picture, outcome.picture())
+    print(f"the difference is drawn in {picture}")
+    return 1
 
 
 @app.command()

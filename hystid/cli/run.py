@@ -9,7 +9,6 @@ from typing import Any, NoReturn
 
 from hystid.errors import HystidError
 
-
 _INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 
 
