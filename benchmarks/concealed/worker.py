@@ -20,17 +20,18 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--exclude", default="")
     chosen = parser.parse_args()
-    from hystid import diagnosis
-    from hystid.recording import read_all
+    from hystid.diagnosis import diagnose
 
     handed = json.loads((chosen.case / "case.json").read_text(encoding="utf-8"))
     options = {"exclude": tuple(chosen.exclude.split(","))} if chosen.exclude else {}
     start = time.process_time()
-    files = ([chosen.case / name for name in handed[kind]] for kind in ("recordings", "holdout"))
-    recordings, holdout = (read_all(names, accept=set(diagnosis.TOLERATED)) for names in files)
-    parameters = json.loads((chosen.case / handed["parameters"]).read_text(encoding="utf-8"))
-    diagnosis.diagnose(
-        recordings, model=handed["model"], parameters=parameters, holdout=holdout, out=chosen.out, **options
+    diagnose(
+        [chosen.case / name for name in handed["recordings"]],
+        model=handed["model"],
+        parameters=chosen.case / handed["parameters"],
+        holdout=[chosen.case / name for name in handed["holdout"]],
+        out=chosen.out,
+        **options,
     )
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(json.dumps({"cpu_s": time.process_time() - start, "memory_MB": memory}))
