@@ -1,0 +1,7 @@
+"""Diagnosis: where a model and recordings disagree, which physics was left out, and the model with it."""
+
+from hystid.diagnosis.diagnose import TOLERATED, diagnose
+from hystid.diagnosis.library import load_effects
+from hystid.diagnosis.result import Diagnosis, Errors, Finding, Traces, Value, Where
+
+__all__ = ["TOLERATED", "Diagnosis", "Errors", "Finding", "Traces", "Value", "Where", "diagnose", "load_effects"]

@@ -23,6 +23,7 @@ LATE_LIMIT = 8.0  # samples
 ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
 WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
+_REUSE = 0.04  # relative distance over which derivatives of the law are used again
 Key = tuple[str, str]
 
 
@@ -118,7 +119,9 @@ class Problem:
         self.reduce = Reduction(parts, baseline.mass)
         self._shifted: dict[tuple[int, float], Array] = {}
         self._memory: dict[tuple[float, ...], list[tuple[Array, Array]]] = {}
+        self._slopes: list[tuple[tuple[float, ...], dict[str, list[tuple[Array, Array]]]]] = []
         self._units = self._linear_columns()
+        self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
 
     def law(self, values: Mapping[str, float]) -> list[tuple[Array, Array]]:
         """R and h of the baseline per part. Linear parameters cost nothing; the last few shapes are remembered."""
@@ -154,11 +157,11 @@ class Problem:
         """Measured minus predicted force per sample and part [N], with the delay of the force channel taken out."""
         mass = hypothesis.mass()
         return [
-            self._force(i, hypothesis.delay) - mass * part.inertia - force
+            self.force_at(i, hypothesis.delay) - mass * part.inertia - force
             for i, (part, force) in enumerate(zip(self.parts, self.predicted(hypothesis), strict=True))
         ]
 
-    def _force(self, index: int, delay: float) -> Array:
+    def force_at(self, index: int, delay: float) -> Array:
         """Measured force, moved earlier by a number of samples."""
         if delay == 0.0:
             return self.parts[index].F
@@ -184,6 +187,10 @@ class Problem:
             signals = Signals(x, v, a, h, part.dt, i)
             forces.append(force + sum(term.effect.force(signals, term.values) for term in hypothesis.terms))
         return forces
+
+    def of(self, parts: Sequence[Part]) -> Problem:
+        """The same problem on other recordings."""
+        return Problem(parts, self.baseline, self.scales)
 
     def rows(self, hypothesis: Hypothesis) -> Array:
         """Weighted residual rows."""
@@ -213,7 +220,6 @@ class Problem:
 
     def _column(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array], signals: list[Signals]) -> Array:
         kind, name = unknown.key
-        reads_h = any(term.effect.uses_h for term in hypothesis.terms)
         if unknown.key == ("base", "m"):
             columns = [part.a * (1 + hypothesis.weighing) for part in self.parts]
         elif unknown.key == ("chain", "weighing"):
@@ -221,26 +227,55 @@ class Problem:
         elif unknown.key == ("chain", "delay"):
             mass = hypothesis.mass()
             columns = [-np.gradient(mass * p.a + f) for p, f in zip(self.parts, here, strict=True)]
-        elif kind == "base" and name in self.baseline.linear and not reads_h:
-            columns = self._units[name]
-        elif kind not in ("base", "chain") and unknown.linear:
+        elif kind == "base" and name in self.baseline.linear:
+            return self._unit_rows[name]
+        elif kind == "base":
+            columns = self._law_column(hypothesis, name, signals)
+        elif unknown.linear:
             term = hypothesis.terms[int(kind)]
             only = {**term.values, **dict.fromkeys(term.effect.amplitudes, 0.0), name: 1.0}
             columns = [term.effect.force(s, only) for s in signals]
         else:
-            return self._difference(hypothesis, unknown, here)
+            columns = self._shape_column(hypothesis, unknown, signals)
         factor = get(hypothesis, unknown.key) if unknown.log else 1.0
         return self.reduce(columns) * factor
 
-    def _difference(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array]) -> Array:
+    def _shape_column(self, hypothesis: Hypothesis, unknown: Unknown, signals: list[Signals]) -> list[Array]:
         value = get(hypothesis, unknown.key)
-        step = _STEP * (abs(value) or 1.0)
-        if value + step > unknown.high:
-            step = -step
-        moved = put(hypothesis, {unknown.key: value + step})
-        there = self.predicted(moved)
-        difference = self.reduce([b - a for a, b in zip(here, there, strict=True)])
-        return difference / step * (value if unknown.log else 1.0)
+        step = _STEP * (abs(value) or 1.0) * (-1.0 if value * (1 + _STEP) > unknown.high else 1.0)
+        term = hypothesis.terms[int(unknown.key[0])]
+        moved = {**term.values, unknown.key[1]: value + step}
+        return [(term.effect.force(s, moved) - term.effect.force(s, term.values)) / step for s in signals]
+
+    def _law_column(self, hypothesis: Hypothesis, name: str, signals: list[Signals]) -> list[Array]:
+        """Derivative by a parameter of the law: directly, and through the effects that read its force."""
+        slopes = self._law_slopes(hypothesis.values)[name]
+        columns = [dR for dR, _ in slopes]
+        step = _STEP * (abs(hypothesis.values[name]) or 1.0)
+        for term in hypothesis.terms:
+            if term.effect.uses_h:
+                moved = [replace(s, h=s.h + step * dh) for s, (_, dh) in zip(signals, slopes, strict=True)]
+                change = [
+                    (term.effect.force(new, term.values) - term.effect.force(old, term.values)) / step
+                    for new, old in zip(moved, signals, strict=True)
+                ]
+                columns = [c + d for c, d in zip(columns, change, strict=True)]
+        return columns
+
+    def _law_slopes(self, values: Mapping[str, float]) -> dict[str, list[tuple[Array, Array]]]:
+        """dR and dh by each shape of the law, from a point at most a few per cent away: steps are checked by their cost."""
+        shapes = tuple(values[name] for name in self.baseline.shapes)
+        for known, slopes in self._slopes:
+            if np.allclose(known, shapes, rtol=_REUSE, atol=0.0):
+                return slopes
+        here = self.law(values)
+        made = {}
+        for name in self.baseline.shapes:
+            step = _STEP * (abs(values[name]) or 1.0)
+            there = self.law({**values, name: values[name] + step})
+            made[name] = [((R1 - R0) / step, (h1 - h0) / step) for (R0, h0), (R1, h1) in zip(here, there, strict=True)]
+        self._slopes = [(shapes, made), *self._slopes[:2]]
+        return made
 
     def _base_unknown(self, name: str) -> Unknown:
         positive = name in self.baseline.positive
@@ -340,7 +375,8 @@ def _clip(hypothesis: Hypothesis, unknowns: Sequence[Unknown]) -> Hypothesis:
 
 def _rows_or_none(problem: Problem, hypothesis: Hypothesis) -> Array | None:
     try:
-        rows = problem.rows(hypothesis)
+        with np.errstate(over="ignore", invalid="ignore"):  # a refused step may be as wild as it likes
+            rows = problem.rows(hypothesis)
     except NumericalError:
         return None
     return rows if np.all(np.isfinite(rows)) else None

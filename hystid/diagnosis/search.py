@@ -79,6 +79,8 @@ def _points(
             raw = [effect.columns(s, shapes) for s in signals]
         except NumericalError:
             continue
+        if not all(np.all(np.abs(column) < 1e100) for per_part in raw for column in per_part):
+            continue
         columns = [problem.reduce([per_part[k] for per_part in raw]) for k in range(len(effect.amplitudes))]
         made = _score(np.stack(columns, axis=1), outside, fitted.residual) if columns else None
         if made is not None:
@@ -89,9 +91,6 @@ def _points(
 
 def _score(columns: Array, outside: Complement, residual: Array) -> tuple[float, float, Array] | None:
     """Gain, absorbed share and amplitudes of a group of columns; None for columns that vanish or are not finite."""
-    size = np.max(np.abs(columns), axis=0)
-    if not np.all(np.isfinite(size)) or np.any(size > 1e100):
-        return None
     norms = np.linalg.norm(columns, axis=0)
     if not np.any(norms > 0):
         return None

@@ -19,6 +19,7 @@ WORTH = 0.05  # fall of the mean square below which no effect is named
 EXPLAINED = 0.93  # share of the excess that a right law explains
 PAIR_SHARE = 0.04  # share of the excess that each of several effects must cost when it is taken away
 MOST_TERMS = 3
+_LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 DELAY = "channel_delay"
 
@@ -85,9 +86,10 @@ def choose(
     library = [*effects, force_drift(len(problem.parts), bow=False)]
     candidates = scan(problem, baseline, library, progress)
     untestable = _untestable(candidates)
+    chain = chain_trials(problem, baseline, effects)
     if excess < SOUND * max(1.0, floor):
-        return Choice(baseline, baseline, floor, floor, trials=(), untestable=untestable)
-    first = trials(problem, baseline, candidates, excess)
+        return _quiet(problem, baseline, floor, chain, untestable)
+    first = trials(problem, baseline, candidates, excess, chain)
     if not first:
         return Choice(baseline, baseline, floor, floor, unknown=True, untestable=untestable)
     chosen = _single(problem, first, baseline, excess)
@@ -100,11 +102,26 @@ def choose(
     return Choice(baseline, baseline, floor, floor, unknown=True, trials=tuple(first), untestable=untestable)
 
 
+def _quiet(
+    problem: Problem, baseline: Fit, floor: float, chain: Sequence[Trial], untestable: tuple[str, ...]
+) -> Choice:
+    """Nothing to explain, but for a correction of the chain that ran into its limit."""
+    for trial in chain:
+        if baseline.chi2 - trial.chi2 > _LIMIT_GAIN:
+            return _named(problem, baseline, floor, [Step(trial, (), 1.0)], chain, untestable)
+    return Choice(baseline, baseline, floor, floor, untestable=untestable)
+
+
 def trials(
-    problem: Problem, fitted: Fit, candidates: Sequence[Candidate], excess: float, most: int = 12
+    problem: Problem,
+    fitted: Fit,
+    candidates: Sequence[Candidate],
+    excess: float,
+    extra: Sequence[Trial] = (),
+    most: int = 12,
 ) -> list[Trial]:
     """Joint fits of the promising forms, best first. Absorbed ones count for nothing unless they change much."""
-    found = [*_chain_trials(problem, fitted)]
+    found = [*extra]
     top = max((c.gain for c in candidates), default=0.0)
     promising = [c for c in candidates if c.gain > 0.3 * top][:most]
     promising += [c for c in candidates[:most] if c not in promising][: max(0, 5 - len(promising))]
@@ -121,14 +138,20 @@ def _trial(candidate: Candidate, made: Fit) -> Trial:
     return Trial(effect.id, effect.form, effect.size, made, candidate.absorbed, candidate.others)
 
 
-def _chain_trials(problem: Problem, fitted: Fit) -> list[Trial]:
-    """A late force channel, and a mass beyond what weighing explains."""
+def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> list[Trial]:
+    """A late force channel, and a mass beyond what weighing explains: tried where the refit runs into their limits."""
     found = []
     here = fitted.hypothesis
     if abs(here.delay) > 0.8 * DELAY_LIMIT and not here.late:
         made = try_fit(problem, replace(here, late=True))
         if made is not None and abs(made.hypothesis.delay) > DELAY_LIMIT:
             found.append(Trial(DELAY, "", 1, made))
+    mass = next((effect for effect in effects if effect.id == ADDED_MASS), None)
+    if mass is not None and abs(here.weighing) > 0.95 * WEIGHING_LIMIT:
+        term = Term(mass, {mass.amplitudes[0]: here.weighing * here.values["m"]})
+        made = try_fit(problem, replace(here, weighing=0.0, terms=(*here.terms, term)))
+        if made is not None:
+            found.append(Trial(mass.id, mass.form, 1, made))
     return found
 
 
@@ -163,7 +186,7 @@ def _several(
         if before.chi2 - start.chi2 < 0.08 * excess:
             continue
         candidates = [c for c in scan(problem, start.fit, library) if c.effect.id != start.name]
-        found = trials(problem, start.fit, candidates, excess, most=6)
+        found = trials(problem, start.fit, candidates, excess, chain_trials(problem, start.fit, library), most=6)
         if found and (best is None or found[0].chi2 < best[1].chi2):
             best = (start, _single(problem, found, start.fit, excess).trial)
     if best is None:

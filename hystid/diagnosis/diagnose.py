@@ -1,0 +1,357 @@
+"""``hystid diagnose``: from recordings and a baseline to a verdict, a model, and the files that show both."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.compiled import CompiledModel
+from hystid.diagnosis import chain, locate
+from hystid.diagnosis.answer import Answer, findings, headline, next_experiment, refit_values
+from hystid.diagnosis.baseline import Baseline, baseline_of
+from hystid.diagnosis.blocks import Scales
+from hystid.diagnosis.extended import CLASS, extended_model
+from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, fit
+from hystid.diagnosis.freerun import errors
+from hystid.diagnosis.library import load_effects
+from hystid.diagnosis.parts import Part, prepare_part
+from hystid.diagnosis.result import Diagnosis, Errors, Traces
+from hystid.diagnosis.selection import Choice, choose
+from hystid.errors import NumericalError, UsageError
+from hystid.files import write_json, write_text
+from hystid.modelica import compile_model
+from hystid.progress import track
+from hystid.recording import Recording, read_all
+
+Array = NDArray[np.float64]
+SHORTEST = 200  # samples: below this nothing can be told from noise
+TOLERATED = ("clipped", "not_one_motion", "swapped_sign")  # faults that the diagnosis names instead of refusing them
+_STARTS = (1.0, 0.5, 2.0)  # factors on the nominal shapes of the law, for the multi-start refit
+
+
+@dataclass(frozen=True)
+class Given:
+    """Parameters as given: values, and names that must not move."""
+
+    values: Mapping[str, float]
+    fixed: frozenset[str]
+    free: frozenset[str] = frozenset()
+
+
+def diagnose(
+    recordings: Sequence[str | Path | Recording],
+    *,
+    model: str | Path,
+    parameters: str | Path | Mapping[str, Any] | None = None,
+    holdout: Sequence[str | Path | Recording] = (),
+    effects: str | Path | Sequence[str | Path] | None = None,
+    exclude: Sequence[str] = (),
+    out: str | Path | None = None,
+) -> Diagnosis:
+    """Find the physics that a model leaves out.
+
+    recordings: at least one with force and motion (t, F and any of x, v, a; SI units). model: a class of the library
+    ("HystId.Oscillators.Jenkins") or of a file ("rig.mo:Rig") with input F, states x and v, and output R.
+    parameters: name -> value, or name -> {"value": ..., "fixed": true}; a mapping or a JSON file. A mass that is given
+    counts as weighed (known to 3.5 %) unless it says "fixed": false; the other values are starts. holdout: recordings
+    that are used for nothing but the free run in the end. effects: .mo file or files with further blocks.
+    exclude: ids of the library that are not tried.
+    out: folder for diagnosis.json, extended.mo, extended.fmu and mismatch_<recording>.csv.
+    Raises UsageError, RecordingError, ModelicaError, ToolchainError; a structure that cannot be diagnosed is a verdict.
+    """
+    tests, unseen = _load(recordings), _load(holdout)
+    given = _given(parameters)
+    refusal = _not_applicable(tests)
+    if refusal:
+        answer = Diagnosis("not_applicable", refusal, str(model), dict(given.values), {}, next_experiment=refusal)
+        return _written(answer, None, out)
+    with track("diagnosis", 100) as step:
+        case = _prepare(tests, unseen, str(model), given)
+        step(15, "baseline fitted")
+        library = [effect for effect in load_effects(_paths(effects)) if effect.id not in exclude]
+        share = max(1, len(library) // 70)
+        choice = choose(case.problem, case.refit, library, _every(step, share))
+        answer, extended = _conclude(case, choice, out is not None)
+    return _written(answer, extended, out)
+
+
+@dataclass(frozen=True)
+class Case:
+    """Everything that the search works on."""
+
+    problem: Problem
+    baseline: Baseline
+    refit: Fit
+    nominal_chi2: float
+    faults: tuple[chain.Fault, ...]
+    consistency: Mapping[str, float]
+    unseen: tuple[Part, ...]
+    notes: tuple[str, ...]
+
+
+def _every(step: Callable[..., None], share: int) -> Callable[[], None]:
+    count = 0
+
+    def progress() -> None:
+        nonlocal count
+        count += 1
+        if count % share == 0:
+            step(1, "effects compared")
+
+    return progress
+
+
+def _load(recordings: Sequence[str | Path | Recording]) -> list[Recording]:
+    files = [item for item in recordings if not isinstance(item, Recording)]
+    given = [item for item in recordings if isinstance(item, Recording)]
+    return [*(read_all(files, accept=TOLERATED) if files else []), *given]
+
+
+def _paths(effects: str | Path | Sequence[str | Path] | None) -> list[Path]:
+    if effects is None:
+        return []
+    return [Path(effects)] if isinstance(effects, str | Path) else [Path(item) for item in effects]
+
+
+def _given(parameters: str | Path | Mapping[str, Any] | None) -> Given:
+    if parameters is None:
+        return Given({}, frozenset())
+    where = "parameters"
+    if not isinstance(parameters, Mapping):
+        where = str(parameters)
+        try:
+            parameters = json.loads(Path(parameters).read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise UsageError(f"{where}: there is no such file") from None
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise UsageError(f"{where}: not a JSON file ({error})") from None
+    if not isinstance(parameters, Mapping):
+        raise UsageError(f"{where}: parameters are an object of name: value, not a {type(parameters).__name__}")
+    values, fixed, free = {}, set(), set()
+    for name, entry in parameters.items():
+        value = entry.get("value") if isinstance(entry, Mapping) else entry
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise UsageError(f'{where}: {name} must be a number or {{"value": number, "fixed": true}}, not {entry!r}')
+        values[name] = float(value)
+        if isinstance(entry, Mapping) and "fixed" in entry:
+            (fixed if entry["fixed"] else free).add(name)
+    return Given(values, frozenset(fixed), frozenset(free))
+
+
+def _not_applicable(tests: Sequence[Recording]) -> str:
+    """Why these recordings cannot be diagnosed, "" where they can."""
+    if not tests:
+        raise UsageError("no recording was given: name at least one file")
+    for test in tests:
+        if test.F is None:
+            return f"{test.name} has no force channel: without the force nothing can be balanced; record F"
+        if test.x is None and test.v is None and test.a is None:
+            return f"{test.name} has no channel of the motion: record x, v or a beside F"
+        if len(test) < SHORTEST:
+            return f"{test.name} has {len(test)} samples: at least {SHORTEST} are needed, better thousands"
+    return ""
+
+
+def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str, given: Given) -> Case:
+    lags = chain.lags(tests)
+    faults: list[chain.Fault] = []
+    late = chain.delayed_channel(lags)
+    if late is not None:
+        faults.append(late)
+        tests = [chain.shifted(test, late.channel, late.size) for test in tests]
+        unseen = [chain.shifted(test, late.channel, late.size) for test in unseen]
+    faults += [f for f in (chain.saturated_motion(tests), chain.saturated_force(tests)) if f is not None]
+    stopped = {fault.channel: fault.size for fault in faults if fault.id == "sensor_saturation"}
+    parts = [prepare_part(test, seed, stopped) for seed, test in enumerate(tests)]
+    code = compile_model(model, parameters=given.values)
+    weighed = {"m"} if "m" in given.values and "m" not in given.free else set()
+    integers = {v.name for v in code.variables if v.type != "Real"}
+    values = {name: value for name, value in given.values.items() if name not in integers}
+    baseline = baseline_of(model, code, values, given.fixed | weighed)
+    problem = Problem(parts, baseline, _scales(parts, baseline))
+    refit, nominal = _refit(problem)
+    held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
+    notes = tuple(note for test in tests for note in test.notes)
+    return Case(problem, baseline, refit, nominal, tuple(faults), chain.consistency(lags), held, notes)
+
+
+def _refit(problem: Problem) -> tuple[Fit, float]:
+    """The baseline from several starts, and the mean square at the nominal values."""
+    nominal = Hypothesis(dict(problem.baseline.nominal))
+    rows = problem.rows(nominal)
+    fits = []
+    for factor in _STARTS:
+        values = dict(problem.baseline.nominal)
+        for name in problem.baseline.shapes:
+            values[name] *= factor if name in problem.baseline.positive else 1.0
+        try:
+            fits.append(fit(problem, Hypothesis(values)))
+        except (NumericalError, np.linalg.LinAlgError):
+            continue
+        if not problem.baseline.shapes or fits[-1].chi2 < 1.3:
+            break
+    if not fits:
+        raise NumericalError("the baseline has no finite force on these recordings; check its nominal parameters")
+    return min(fits, key=lambda f: f.chi2), float(np.mean(rows**2))
+
+
+def _scales(parts: Sequence[Part], baseline: Baseline) -> Scales:
+    x, v = (np.sort(np.concatenate([np.abs(getattr(p, name)) for p in parts])) for name in ("x", "v"))
+    h = [baseline.force(p.x, p.v, p.dt, baseline.nominal)[1] for p in parts]
+    force = np.sort(np.abs(np.concatenate(h)))
+    path = max(float(np.sum(np.abs(p.v)) * p.dt) for p in parts)
+    return Scales(x, v, force, max(float(p.t[-1]) for p in parts), parts[0].dt, _band(parts), path)
+
+
+def _band(parts: Sequence[Part]) -> tuple[float, float]:
+    """Frequencies that hold all but 1 % of the power of the velocity at either end [Hz]."""
+    low, high = [], []
+    for part in parts:
+        power = np.cumsum(np.abs(np.fft.rfft(part.v * np.hanning(len(part)))) ** 2)
+        frequency = np.fft.rfftfreq(len(part), part.dt)
+        low.append(frequency[np.searchsorted(power, 0.01 * power[-1])])
+        high.append(frequency[np.searchsorted(power, 0.99 * power[-1])])
+    return max(float(min(low)), 1.0 / float(parts[0].t[-1])), float(max(high))
+
+
+def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis, str | None]:
+    """Findings, extended model and free runs."""
+    answer = Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults)
+    found = findings(answer)
+    refit = refit_values(answer, choice.after)
+    text = extended_model(case.baseline.name, refit, answer.terms(), answer.remarks(), answer.own_blocks())
+    before, after = _runs(case, choice, text)
+    names = [part.name for part in case.problem.parts]
+    force = _force_errors(case, choice)
+    listed = tuple(Errors(n, f, (b[1], a[1])) for n, f, b, a in zip(names, force[0], before[0], after[0], strict=True))
+    unseen = tuple(
+        Errors(p.name, f, (b[1], a[1]))
+        for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
+    )
+    verdict = answer.verdict()
+    unknown = None
+    if verdict == "unknown_physics":
+        rest = case.problem.balance(choice.after.hypothesis)
+        unknown = locate.where_unknown(case.problem, rest, _noise(case))
+    diagnosis = Diagnosis(
+        verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
+        listed, unseen, choice.untestable, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown, case.notes,
+        {"lags": case.consistency, "delay": choice.after.hypothesis.delay, "weighing": choice.after.hypothesis.weighing},
+        _traces(case, choice, answer, before, after), choice, case.problem, choice.after,
+    )  # fmt: skip
+    told = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
+    return told, text
+
+
+def _noise(case: Case) -> float:
+    return float(np.mean([part.balance_noise(case.baseline.mass) for part in case.problem.parts]))
+
+
+def _floor(case: Case) -> float:
+    """Share of the force that is noise: NRMSE that a perfect model would reach."""
+    mass = case.baseline.mass
+    shares = [p.balance_noise(mass) / float(np.std(p.F - mass * p.a)) for p in case.problem.parts]
+    return float(np.mean(shares))
+
+
+def _mean(force: Sequence[tuple[float, float]], which: int) -> float:
+    return float(np.mean([pair[which] for pair in force]))
+
+
+Run = list[tuple[Array | None, float | None]]
+
+
+def _runs(case: Case, choice: Choice, text: str) -> tuple[tuple[Run, Run], tuple[Run, Run]]:
+    """Free runs of the refitted baseline and of the extended model: training and held-out recordings each."""
+    groups = (case.problem.parts, case.unseen)
+    first, last = choice.before.hypothesis, choice.after.hypothesis
+    base = {**first.values, "m": first.mass()} if "m" in first.values else dict(first.values)
+    before = [errors(case.baseline.model, parts, base, first.delay) for parts in groups]
+    if choice.after is choice.before:
+        return (before[0], before[1]), (before[0], before[1])
+    model = CompiledModel(compile_text(text))
+    end = {"m": last.mass()} if "m" in last.values else {}
+    after = [errors(model, parts, end, last.delay) for parts in groups]
+    return (before[0], before[1]), (after[0], after[1])
+
+
+def compile_text(text: str) -> Any:
+    """ModelCode of the class ``Extended`` in a text."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "extended.mo")
+        path.write_text(text, encoding="utf-8")
+        return compile_model(f"{path}:{CLASS}")
+
+
+def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """NRMSE of the force balance before and after, per training and held-out recording."""
+    problem, found = case.problem, []
+    groups = [problem, *([problem.of(case.unseen)] if case.unseen else [])]
+    for group in groups:
+        rests = [group.balance(f.hypothesis) for f in (choice.before, choice.after)]
+        mass = choice.after.hypothesis.mass()
+        spread = [float(np.std(p.F - mass * p.a)) or 1.0 for p in group.parts]
+        found.append(
+            [(float(np.std(b)) / s, float(np.std(a)) / s) for b, a, s in zip(*rests, spread, strict=True)]
+        )
+    return found[0], found[1] if case.unseen else []
+
+
+def _traces(
+    case: Case, choice: Choice, answer: Answer, before: tuple[Run, Run], after: tuple[Run, Run]
+) -> tuple[Traces, ...]:
+    problem = case.problem
+    mass = choice.after.hypothesis.mass()
+    residual, left = (problem.balance(f.hypothesis) for f in (choice.before, choice.after))
+    acting = answer.acting()
+    made = []
+    for i, part in enumerate(problem.parts):
+        noise = part.balance_noise(case.baseline.mass)
+        named = acting is not None
+        force = acting[i] if acting is not None else np.zeros(len(part))
+        score = locate.score(force, noise) if named else locate.unknown_score(residual[i], noise)
+        made.append(
+            Traces(
+                part.name, part.t, part.x, part.v, part.F - mass * part.inertia, residual[i], left[i], force, score,
+                noise, before[0][i][0], after[0][i][0],
+            )
+        )  # fmt: skip
+    return tuple(made)
+
+
+def _written(answer: Diagnosis, extended: str | None, out: str | Path | None) -> Diagnosis:
+    if out is None:
+        return answer
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    for trace in answer.traces:
+        write_text(folder / f"mismatch_{trace.name}.csv", _table(trace))
+    if extended is not None:
+        from hystid.fmu import build
+
+        write_text(folder / "extended.mo", extended)
+        build(compile_text(extended), folder / "extended.fmu")
+    write_json(folder / "diagnosis.json", answer.as_dict())
+    return replace(answer, folder=folder)
+
+
+def _table(trace: Traces) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["t [s]", "residual [N]", "score [-]"])
+    writer.writerows(
+        [f"{t:.9g}", f"{r:.7g}", f"{s:.6g}"] for t, r, s in zip(trace.t, trace.residual, trace.score, strict=True)
+    )
+    return text.getvalue()
+
+
