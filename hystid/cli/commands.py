@@ -81,7 +81,7 @@ def build(
     if platforms not in ("host", "all"):
         raise UsageError(f"--platforms {platforms}: choose host or all")
     _output(out, ".fmu")
-    made = build_model(model, out, fmi=fmi, parameters=opt.numbers("--set", set_), platforms=platforms)
+    made = build_model(model, out, fmi=2 if fmi == 2 else 3, parameters=opt.numbers("--set", set_), platforms=platforms)
     print(f"{made.path} ({made.size / 1000:.0f} kB, FMI {fmi}.0, {', '.join(made.platforms)}, from {model})")
 
 
@@ -146,6 +146,7 @@ def identify(
     from hystid.report.identification import write_identification
 
     settings = (sensitivity, channel, resample, accept or ())
+    unseen = opt.apart(recordings, holdout)
     result = identification.identify(
         opt.load(recordings, *settings),
         mass=mass,
@@ -156,7 +157,7 @@ def identify(
         seed=seed,
         mode=_choice("--mode", mode, ("fast", "trainlm")),
         method=_choice("--method", method, ("published", "refined")),
-        holdout=opt.load(holdout or [], *settings) if holdout else (),
+        holdout=opt.load(unseen, *settings),
         workers=workers,
         out=out,
     )
@@ -243,7 +244,7 @@ def diagnose(
     channel: opt.Channel = None,
     resample: opt.Resample = False,
     accept: opt.Accept = None,
-) -> None:
+) -> int:
     """Find where a model and recordings disagree, name the physics that was left out, and fit it.
 
     Exit code 0: the model explains the data (perhaps after its own refit); 1: something was found.
@@ -252,22 +253,25 @@ def diagnose(
     Examples:
       hystid diagnose sweep*.csv --model HystId.Oscillators.Jenkins --set m=4.2 --holdout sine30.csv -o why
     """
-    from hystid import diagnosis
+    from hystid.diagnosis import TOLERATED, diagnose
     from hystid.report.diagnosis import write_diagnosis
+    from hystid.report.text import diagnosis_summary
 
-    settings = (sensitivity, channel, resample, {*(accept or ()), *diagnosis.TOLERATED})
+    unseen = opt.apart(recordings, holdout)
     known = {**opt.parameter_file(parameters), **opt.numbers("--set", set_)}
-    result = diagnosis.diagnose(
+    settings = (sensitivity, channel, resample, {*(accept or ()), *TOLERATED})
+    result = diagnose(
         opt.load(recordings, *settings),
         model=model,
         parameters=known,
-        holdout=opt.load(holdout, *settings) if holdout else (),
+        holdout=opt.load(unseen, *settings),
         effects=tuple(effects or ()),
         out=out,
     )
     write_diagnosis(result, out / "report.html", _command("diagnose"))
-    print(result.sentence())
+    print(diagnosis_summary(result))
     print(f"results and report.html in {out}")
+    return 0 if result.verdict in ("consistent", "recalibrated") else 1
 
 
 @app.command()
@@ -351,10 +355,11 @@ def study_grid(
     from hystid.report.study import write_grid
 
     settings = (sensitivity, channel, resample, accept or ())
+    unseen = opt.apart(recordings, holdout)
     result = study.grid(
         opt.load(recordings, *settings),
         mass=mass,
-        holdout=opt.load(holdout, *settings) if holdout else (),
+        holdout=opt.load(unseen, *settings),
         starts=starts,
         band=parse_band(band) if band else None,
         decimate=decimate,
@@ -395,10 +400,11 @@ def study_mass(
     from hystid.report.study import write_mass
 
     settings = (sensitivity, channel, resample, accept or ())
+    unseen = opt.apart(recordings, holdout)
     result = study.mass(
         opt.load(recordings, *settings),
         mass=mass,
-        holdout=opt.load(holdout, *settings) if holdout else (),
+        holdout=opt.load(unseen, *settings),
         starts=starts,
         band=parse_band(band) if band else None,
         decimate=decimate,

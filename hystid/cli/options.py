@@ -7,7 +7,7 @@ import math
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -79,8 +79,8 @@ def _number(place: str, text: str) -> float:
     return value
 
 
-def parameter_file(path: Path | None) -> dict[str, float]:
-    """Parameters from a JSON file: {"Ks": 2e5} or {"Ks": {"value": 2e5, ...}}. Raises UsageError."""
+def parameter_file(path: Path | None) -> dict[str, Any]:
+    """Parameters from a JSON file: {"Ks": 2e5} or {"Ks": {"value": 2e5, "fixed": true}}. Raises UsageError."""
     if path is None:
         return {}
     try:
@@ -91,11 +91,9 @@ def parameter_file(path: Path | None) -> dict[str, float]:
         raise UsageError(f"--parameters {path}: this is not JSON ({error})") from None
     if not isinstance(content, dict):
         raise UsageError(f'--parameters {path}: an object is needed, as {{"Ks": 2e5, "fc": 20}}')
-    values = {
-        name: entry["value"] if isinstance(entry, dict) and "value" in entry else entry
-        for name, entry in content.items()
-    }
-    return {name: _number(f"--parameters {path}: {name}={value}", str(value)) for name, value in values.items()}
+    for name, entry in content.items():
+        _number(f"--parameters {path}: {name}", str(entry.get("value") if isinstance(entry, dict) else entry))
+    return content
 
 
 def layer_sizes(text: str) -> tuple[int, ...]:
@@ -109,6 +107,15 @@ def layer_sizes(text: str) -> tuple[int, ...]:
     return sizes
 
 
+def apart(recordings: Sequence[Path], holdout: Sequence[Path] | None) -> Sequence[Path]:
+    """The held-out files, after checking that none of them is also used. Raises UsageError."""
+    used = {path.resolve() for path in recordings}
+    for path in holdout or ():
+        if path.resolve() in used:
+            raise UsageError(f"{path} is both used and held out: leave it out of one of the two lists")
+    return holdout or ()
+
+
 def load(
     paths: Sequence[Path],
     sensitivity: Iterable[str] | None = None,
@@ -117,6 +124,8 @@ def load(
     accept: Iterable[str] = (),
 ) -> list[Recording]:
     """Read recordings as the command line asks, and print what is doubtful about them."""
+    if not paths:
+        return []
     from hystid.recording import read_all
 
     found = read_all(

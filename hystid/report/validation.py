@@ -1,0 +1,209 @@
+"""Report of a validation: does the surrogate follow its reference, on the given motion and in closed loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hystid.recording import Array
+from hystid.report.curves import R_AXIS, X_AXIS, Curve, highest_frequency, loops, over_time, spectra, window_of
+from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent
+from hystid.report.plots import Axis, Bars, Plot
+from hystid.validation import Case, Levels, Validation
+
+_GOOD, _FAIR = 0.06, 0.15  # force NRMSE at worst: the demo's target, and what is still of use
+_SHOWN = 8
+_FLOOR_DB = -80.0
+
+
+def write_validation(result: Validation, path: Path, command: str) -> Path:
+    """Write the page of a result; command is what the reader can run to get it again."""
+    cases = _count(len(result.cases), "case")
+    page = Page(
+        f"Validation of {result.surrogate.name}",
+        subtitle=f"against {result.against.name if result.against else 'recordings'}, {cases}",
+        command=command,
+        verdict=verdict(result),
+        facts=_facts(result),
+    )
+    add_errors(page, result)
+    for case in _worst_first(result)[:_SHOWN]:
+        _case(page, case)
+    _validity(page, result)
+    page.reproduce(command)
+    return page.write(path)
+
+
+def verdict(result: Validation) -> Verdict:
+    """The sentence on top, judged by the worst case."""
+    force, motion = result.figures("force_nrmse"), result.figures("x_nrmse")
+    median, worst = float(np.median(force)), float(np.max(force))
+    tone: Tone = "good" if worst <= _GOOD else "warn" if worst <= _FAIR else "bad"
+    closed = "There is no mass, so no closed loop. "
+    if not np.all(np.isnan(motion)):
+        closed = f"In closed loop the displacement is off by {percent(float(np.nanmedian(motion)))} in the median. "
+    diverged = [case.name for case in result.cases if case.diverged]
+    if diverged:
+        tone, closed = "bad", f"In closed loop it diverges in {_count(len(diverged), 'case')}: {', '.join(diverged)}. "
+    outside = max(case.outside for case in result.cases)
+    if outside > 0.01:
+        closed += f"Up to {percent(outside)} of a case lies outside the range that it was trained on."
+    at_worst = f", {percent(worst)} at worst" if len(result.cases) > 1 else ""
+    return Verdict(tone, f"The surrogate's force is off by {percent(median)} in the median{at_worst}", closed)
+
+
+def _facts(result: Validation) -> list[Fact]:
+    force, motion = result.figures("force_nrmse"), result.figures("x_nrmse")
+    facts = [
+        Fact("Force NRMSE, median", percent(float(np.median(force))), "on the reference motion"),
+        Fact("Force NRMSE, worst", percent(float(np.max(force))), result.cases[int(np.argmax(force))].name),
+    ]
+    if not np.all(np.isnan(motion)):
+        facts.append(
+            Fact("Free run, x NRMSE, median", percent(float(np.nanmedian(motion))), "closed loop with the mass")
+        )
+        worst = int(np.nanargmax(motion))
+        facts.append(Fact("Free run, x NRMSE, worst", percent(float(motion[worst])), result.cases[worst].name))
+    odd = worst_odd(result)
+    if odd is not None:
+        hint = "3rd to 9th harmonic of R, where above -60 dB"
+        facts.append(Fact("Odd harmonics, largest difference", number(odd, "dB", 2), hint))
+    facts.append(Fact("Mass", number(result.mass, "kg", 4) if result.mass else "0"))
+    return facts
+
+
+def worst_odd(result: Validation) -> float | None:
+    """Largest difference of an odd harmonic over all harmonic cases [dB], on the reference motion."""
+    found = [case.levels.worst_odd_db("force") for case in result.cases if case.levels]
+    known = [value for value in found if value is not None]
+    return max(known) if known else None
+
+
+def add_errors(page: Page, result: Validation) -> None:
+    """Section with the errors of every case as a table and as bars."""
+    page.section(
+        "Errors of every case",
+        "Force: the surrogate is shown the reference motion and gives R. Free run: with the mass it is driven by the"
+        " reference force alone, so that its errors feed back.",
+    )
+    columns = [
+        "case",
+        "force NRMSE",
+        "force MSE [N²]",
+        "x NRMSE",
+        "R NRMSE",
+        "R MSE [N²]",
+        "odd harmonics [dB]",
+        "energy",
+    ]
+    note = "NRMSE: rms of the error over the standard deviation of the reference. MSE: mean square error. "
+    note += "Odd harmonics: largest difference of the 3rd to 9th. Energy: work against R re the reference's."
+    page.table(Table("Errors", columns, [_row(case) for case in result.cases], note))
+    names = [case.name for case in result.cases]
+    bars = [Bars(names, 100 * result.figures("force_nrmse"), "force on the reference motion", "model")]
+    motion = result.figures("x_nrmse")
+    if not np.all(np.isnan(motion)):
+        bars.append(Bars(names, 100 * np.where(np.isfinite(motion), motion, np.nan), "displacement, free run", "third"))
+    page.plots(Plot("Error of every case", Axis("Case"), Axis("NRMSE", "%"), bars, "Shorter is better."))
+
+
+def _row(case: Case) -> list[str | Cell]:
+    run, energy = case.free_run, case.energy
+    tone: Tone = "good" if case.force_nrmse <= _GOOD else "warn" if case.force_nrmse <= _FAIR else "bad"
+    odd = case.levels.worst_odd_db("force") if case.levels else None
+    share = energy["force"] / energy["reference"] if energy["reference"] else float("nan")
+    free: list[str | Cell] = [Cell("diverged", "bad")] * 3 if case.diverged else ["-"] * 3
+    if run:
+        free = [percent(run.x_nrmse), percent(run.R_nrmse), number(run.R_mse)]
+    ends = ["-" if odd is None else number(odd, "", 2), percent(share, 3)]
+    return [case.name, Cell(percent(case.force_nrmse), tone), number(case.force_mse), *free, *ends]
+
+
+def _case(page: Page, case: Case) -> None:
+    record = case.reference
+    t, x, R = record.t, record.channel("x"), record.channel("R")
+    near = window_of(record.F if record.F is not None else x, x, record.dt)
+    page.section(case.name)
+    page.text(" ".join(case.notes))
+    cycles = [Curve("reference", x[near], R[near], "reference")]
+    if case.free_run:
+        cycles.append(Curve("surrogate, free run", case.free_run.x[near], case.free_run.R[near], "third", True))
+    cycles.append(Curve("surrogate", x[near], case.force[near], "model"))
+    forces = [
+        Curve("reference", t, R, "reference"),
+        Curve("surrogate", t, case.force, "model"),
+        Curve("difference", t, case.force - R, "bad"),
+    ]
+    stretch = f"t = {t[near][0]:.4g} to {t[near][-1]:.4g} s."
+    plots = [
+        loops("Hysteresis loops", cycles, stretch),
+        over_time(
+            "Restoring force on the reference motion", R_AXIS, forces, f"NRMSE {percent(case.force_nrmse)}.", near
+        ),
+    ]
+    page.plots(*plots)
+    page.plots(*_motion(case, near), content(case))
+
+
+def _motion(case: Case, near: slice) -> list[Plot]:
+    if case.diverged or case.free_run is None:
+        return []
+    record = case.reference
+    curves = [
+        Curve("reference", record.t, record.channel("x"), "reference"),
+        Curve("surrogate", record.t, case.free_run.x, "model"),
+        Curve("difference", record.t, case.free_run.x - record.channel("x"), "bad"),
+    ]
+    caption = f"Driven by the force alone. NRMSE {percent(case.free_run.x_nrmse)}."
+    return [over_time("Free run: displacement", X_AXIS, curves, caption, near)]
+
+
+def content(case: Case) -> Plot:
+    """Harmonics of R where the force is one tone, else its power spectrum."""
+    if case.levels:
+        return _harmonics(case.levels)
+    record, t = case.reference, case.reference.t
+    curves = [Curve("reference", t, record.channel("R"), "reference"), Curve("surrogate", t, case.force, "model")]
+    if case.free_run:
+        curves.append(Curve("surrogate, free run", t, case.free_run.R, "third", True))
+    highest = highest_frequency(record.channel("R"), record.dt)
+    return spectra("Power spectrum of R", "N", curves, highest, "Welch, Hann windows, half overlapped.")
+
+
+def _harmonics(levels: Levels) -> Plot:
+    labels = [str(int(order)) for order in levels.reference.order[1:]]
+
+    def bars(name: str, level: Array, role: str) -> Bars:
+        shown = np.maximum(level[1:], _FLOOR_DB)
+        return Bars(labels, shown, name, "reference" if role == "reference" else "model", base=_FLOOR_DB)
+
+    series = [
+        bars("reference", levels.reference.level_db, "reference"),
+        bars("surrogate", levels.force.level_db, "model"),
+    ]
+    title = f"Harmonics of R at {levels.reference.fundamental:.4g} Hz, up to the tenth"
+    axis = Axis("Level re fundamental", "dB", bounds=(_FLOOR_DB, 0), prefix=False)
+    caption = "By least squares over the second half. Friction and hysteresis give odd harmonics only."
+    return Plot(title, Axis("Harmonic order"), axis, series, caption)
+
+
+def _validity(page: Page, result: Validation) -> None:
+    units = {"x": "m", "v": "m/s", "R": "N"}
+    rows = [
+        [name, number(low, units.get(name, ""), 4), number(high, units.get(name, ""), 4)]
+        for name, (low, high) in result.training_range.items()
+    ]
+    if rows or result.notes:
+        page.section("Validity", "Outside of its training range a surrogate extrapolates.")
+        if rows:
+            page.table(Table("Training range", ["signal", "lowest", "highest"], rows))
+        page.bullets(result.notes)
+
+
+def _worst_first(result: Validation) -> list[Case]:
+    return sorted(result.cases, key=lambda case: -case.force_nrmse)
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
