@@ -299,7 +299,8 @@ class CompiledModel:
         settings = {}
         for name, value in values.items():
             variable = self._find(name)
-            if variable.causality not in ("parameter", "structuralParameter", "input") and name not in self.code.states:
+            settable = variable.causality in ("parameter", "structuralParameter", "input")
+            if not (settable or variable.initial in ("exact", "approx") or name in self.code.states):
                 raise UsageError(f"{self.code.name}: '{name}' is computed by the model and cannot be set")
             if not np.isfinite(value):
                 raise UsageError(f"{self.code.name}: '{name}' must be a finite number, not {value}")

@@ -1,0 +1,6 @@
+"""Validation: a surrogate against recordings or a reference FMU, on the given motion and in closed loop."""
+
+from hystid.validation.cases import validate
+from hystid.validation.result import Case, FreeRun, Levels, Validation
+
+__all__ = ["Case", "FreeRun", "Levels", "Validation", "validate"]

@@ -1,0 +1,193 @@
+"""Running a surrogate through its cases and measuring it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hystid.comparison import harmonics, mse, nrmse
+from hystid.errors import HystidError, NumericalError, RecordingError, UsageError
+from hystid.excitation import is_specification, parse
+from hystid.files import write_json
+from hystid.fmu import Driver
+from hystid.processing import Band, prepare
+from hystid.recording import Array, Recording
+from hystid.simulation import force_of, simulate
+from hystid.validation.result import Case, FreeRun, Levels, Validation
+from hystid.validation.surrogate import Surrogate, open_surrogate
+
+SHORTEST = 50
+"""Fewest samples of a recording that is worth comparing."""
+HARMONICS = 10
+RUNAWAY = 100.0
+"""A free run further out than this many times the reference's greatest displacement has diverged."""
+
+
+def validate(
+    surrogate: Path,
+    recordings: Sequence[Recording] = (),
+    *,
+    reference: Path | None = None,
+    forces: Sequence[str] = (),
+    mass: float | None = None,
+    dt: float = 1e-4,
+    band: Band | None = None,
+    decimate: int = 1,
+    out: Path | None = None,
+) -> Validation:
+    """Compare a surrogate with recordings, or with a reference FMU under given forces.
+
+    surrogate: surrogate.onnx, surrogate.fmu (x, v -> R) or oscillator.fmu (F -> x, v, a, R). recordings: measured
+    tests; band [Hz] and decimate: their processing (``processing.prepare``). reference: FMU with input F; forces: what
+    drives it, specifications at step dt [s] or files. mass [kg]: instead of the surrogate's own. out: folder for
+    validation.json. Both sides start with the same x, v and restoring force.
+
+    A free run that diverges is a result (``Case.diverged``). Raises UsageError (nothing to compare with, sample rates
+    that do not fit), RecordingError (no x, too short), NetworkError and FmuError (a file that cannot be used).
+    """
+    if bool(recordings) == bool(reference):
+        raise UsageError("a surrogate is validated against either recordings or a reference FMU")
+    if reference and not forces:
+        raise UsageError(f"{reference}: a reference FMU needs a force to be driven by, as harmonic:20Hz@80N,2s")
+    model = open_surrogate(Path(surrogate), mass)
+    if reference:
+        driver = Driver(reference)
+        prepared = [prepare(simulate(driver, force_of(force, dt)), mass=model.mass) for force in forces]
+    else:
+        prepared = [prepare(recording, band=band, decimate=decimate, mass=model.mass) for recording in recordings]
+    cases = tuple(compare(model, record) for record in prepared)
+    result = Validation(
+        Path(surrogate), model.kind, reference, model.mass, model.sample_rate, model.training_range, cases, model.notes
+    )
+    if out is None:
+        return result
+    result = replace(result, files={"json": Path(out) / "validation.json"})
+    write_json(result.files["json"], result.summary())
+    return result
+
+
+def compare(model: Surrogate, record: Recording) -> Case:
+    notes = _check(model, record)
+    R = record.channel("R")
+    force = model.force(record)
+    case = Case(
+        record.name,
+        record,
+        force,
+        _nrmse(record, force, "R"),
+        mse(force, R),
+        outside=_outside(model, record),
+        notes=notes,
+    )
+    if model.oscillator is None or not model.mass:
+        return _with_levels(case)
+    if record.F is None:
+        return _with_levels(replace(case, notes=(*notes, "no free run: the recording has no channel F")))
+    try:
+        found = model.free_run(record)
+        _watch(found["x"], record)
+    except NumericalError as error:
+        return _with_levels(replace(case, diverged=str(error)))
+    x = record.channel("x")
+    errors = (_nrmse(record, found["x"], "x"), _nrmse(record, found["R"], "R"), mse(found["x"], x), mse(found["R"], R))
+    return _with_levels(replace(case, free_run=FreeRun(found["x"], found["v"], found["a"], found["R"], *errors)))
+
+
+def _nrmse(record: Recording, values: Array, channel: str) -> float:
+    try:
+        return nrmse(values, record.channel(channel))
+    except NumericalError as error:
+        raise RecordingError(f"{record.name}: channel {channel}: {error}") from error
+
+
+def _check(model: Surrogate, record: Recording) -> tuple[str, ...]:
+    if len(record) < SHORTEST:
+        raise RecordingError(
+            f"{record.name}: {len(record)} samples are too few to compare, at least {SHORTEST} are needed"
+        )
+    notes = _balance(model, record)
+    if model.sample_rate is None:
+        return tuple(notes)
+    ratio = record.sample_rate / model.sample_rate
+    trained = f"the surrogate was trained at {model.sample_rate:.6g} Hz"
+    rates = f"{record.name} is sampled at {record.sample_rate:.6g} Hz, {trained}"
+    if not 0.2 < ratio < 5.5:
+        raise UsageError(f"{rates}: bring them closer together (--decimate, --dt)")
+    if abs(ratio - 1) >= 0.01:
+        notes.append(f"{rates}; its memory finds turning points on a finer or coarser grid than it learnt them")
+    return tuple(notes)
+
+
+def _balance(model: Surrogate, record: Recording) -> list[str]:
+    """m a + R = F, where all of them are known independently of each other."""
+    if record.F is None or record.a is None or record.R is None or not model.mass:
+        return []
+    spread, error = float(np.std(record.R)), float(np.std(record.F - model.mass * record.a - record.R))
+    if error <= 0.02 * spread:
+        return []
+    return [
+        f"m a + R differs from F by {error:.3g} N rms (R: {spread:.3g} N) with m = {model.mass:g} kg: "
+        "is this the reference's mass?"
+    ]
+
+
+def _outside(model: Surrogate, record: Recording) -> float:
+    beyond = np.zeros(len(record), dtype=bool)
+    for name in ("x", "v"):
+        if name in model.training_range:
+            low, high = model.training_range[name]
+            values = record.channel(name)
+            beyond |= (values < low) | (values > high)
+    return float(np.mean(beyond))
+
+
+def _watch(x: Array, record: Recording) -> None:
+    limit = RUNAWAY * float(np.max(np.abs(record.channel("x"))))
+    away = np.flatnonzero(np.abs(x) > limit)
+    if away.size:
+        k = int(away[0])
+        raise NumericalError(
+            f"the free run diverged: x = {x[k]:.3g} m at t = {record.t[k]:.6g} s is more than {RUNAWAY:g} times as far "
+            "out as the reference ever was"
+        )
+
+
+def _with_levels(case: Case) -> Case:
+    tone = _fundamental(case.reference)
+    if tone is None:
+        return case
+    half, dt = slice(len(case.reference) // 2, None), case.reference.dt
+    signals = (case.reference.channel("R"), case.force, case.free_run.R if case.free_run else None)
+    try:
+        found = [None if s is None else harmonics(s[half], dt, tone, count=HARMONICS) for s in signals]
+    except HystidError:  # fewer than two periods in the second half: there is no steady state to speak of
+        return case
+    assert found[0] is not None and found[1] is not None
+    return replace(case, levels=Levels(found[0], found[1], found[2]))
+
+
+def _fundamental(record: Recording) -> float | None:
+    """Frequency [Hz] of the one tone that the force, or the motion where F is missing, consists of; None if of more.
+
+    From the excitation's specification where the record is called after one, else the tallest line of the spectrum,
+    refined by least squares, if that line and its harmonics leave less than a fifth (rms) unexplained.
+    """
+    if is_specification(record.name):
+        asked = parse(record.name)
+        return asked.low if asked.kind == "harmonic" else None
+    signal = record.F if record.F is not None else record.channel("x")
+    half = signal[len(signal) // 2 :] - np.mean(signal[len(signal) // 2 :])
+    lines = np.abs(np.fft.rfft(half * np.hanning(half.size)))
+    line, width = int(np.argmax(lines)), 1 / (half.size * record.dt)
+    if line < 3:
+        return None
+    from scipy.optimize import minimize_scalar
+
+    def unexplained(frequency: float) -> float:
+        return harmonics(half, record.dt, frequency, count=5).residual
+
+    best = minimize_scalar(unexplained, bounds=((line - 0.7) * width, (line + 0.7) * width), method="bounded")
+    return float(best.x) if best.fun < 0.2 * float(np.std(half)) else None
