@@ -125,7 +125,9 @@ def test_thermostat_switches_at_its_limits(name):
     expected[falling] = 5 + 17 * np.exp(-0.2 * phase[falling])
     expected[rising] = 55 - 37 * np.exp(-0.2 * (phase[rising] - cool))
     close(got["T"], expected, 1e-8)  # (0.2 dt)^4 = 1.6e-11 and located switches
-    edges = np.min(np.abs(np.subtract.outer(t, heat + np.arange(40) // 2 * (cool + again) + np.arange(40) % 2 * cool)), 1)
+    edges = np.min(
+        np.abs(np.subtract.outer(t, heat + np.arange(40) // 2 * (cool + again) + np.arange(40) % 2 * cool)), 1
+    )
     clear = edges > 1e-6
     np.testing.assert_array_equal(got["on"][clear], (rising | (t < heat))[clear])
 
@@ -238,7 +240,9 @@ def test_nonlinear_blocks_converge_and_follow():
 
 def test_replaceable_components_and_models():
     got = run("Replaceable.Two", "a.x b.x s")
-    exact = solve_ivp(lambda t, s: [s[1], -2 * s[0] - 3 * s[0] ** 3], (0, 1), [1, 0], rtol=1e-11, atol=1e-12, t_eval=grid())
+    exact = solve_ivp(
+        lambda t, s: [s[1], -2 * s[0] - 3 * s[0] ** 3], (0, 1), [1, 0], rtol=1e-11, atol=1e-12, t_eval=grid()
+    )
     close(got["a.x"], np.cos(grid()), SMOOTH)
     close(got["b.x"], exact.y[0], SMOOTH)
     close(got["s"], 6 * got["a.x"], 1e-14)

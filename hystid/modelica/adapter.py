@@ -1,4 +1,4 @@
-"""The front end's flat dictionary read into ``FlatModel``; what the subset leaves out is refused here by name and line."""
+"""The front end's flat dictionary read into ``FlatModel``; what the subset leaves out is refused by name and line."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Adapter:
         structural = _structural(d)
         return FlatModel(
             name=self.name,
-            description=d.get("model_description") or "",
+            description="",
             variables=tuple(self._variable(v, d, structural) for v in d["variables"].values()),
             equations=self._equations(d["equations"]),
             initial=self._equations(d["initial_equations"]),
@@ -80,10 +80,11 @@ class Adapter:
         """Collects identifiers with their offsets by source number, to find out which file a number means."""
         if isinstance(node, dict):
             span = node.get("span")
-            if "ident" in node and isinstance(span, dict):
+            if isinstance(span, dict) and ("ident" in node or "subscripts" in node):
+                word = node.get("ident") or _last_name(node)
                 pieces = self._pieces.setdefault(span["source"], {})
-                if len(pieces) < 200:
-                    pieces[(span["start"], span["end"])] = node["ident"]
+                if word and len(pieces) < 200:
+                    pieces[(span["start"], span["end"])] = word
             for value in node.values():
                 self._note_pieces(value)
         elif isinstance(node, list):
@@ -93,7 +94,7 @@ class Adapter:
     def _source(self, number: int) -> Source | None:
         if number not in self._origin:
             pieces = self._pieces.get(number, {})
-            scored = [(sum(s.piece(*span) == word for span, word in pieces.items()), s) for s in self.sources]
+            scored = [(sum(s.piece(*span).endswith(word) for span, word in pieces.items()), s) for s in self.sources]
             best = max(scored, key=lambda item: item[0], default=(0, None))
             self._origin[number] = best[1] if best[0] else None
         return self._origin[number]
@@ -101,7 +102,7 @@ class Adapter:
     def _place(self, node: Mapping[str, Any]) -> Place:
         span = node.get("span") or node.get("source_span")
         source = self._source(span["source"]) if span else None
-        if source is None:
+        if span is None or source is None:
             return self._declaration
         return Place(str(source.path), source.line(span["start"]))
 
@@ -245,9 +246,14 @@ class Adapter:
         self._here = place
         if f.get("external"):
             self._refuse(f, f"external function '{f['name']}'", "write the function in Modelica")
+        inputs, outputs, inner = (
+            tuple(self._function_variable(v) for v in f[key]) for key in ("inputs", "outputs", "locals")
+        )
         return Function(
             f["name"],
-            *(tuple(self._function_variable(v) for v in f[key]) for key in ("inputs", "outputs", "locals")),
+            inputs,
+            outputs,
+            inner,
             body=tuple(s for item in f["body"] for s in self._statement(item)),
             place=place,
         )
@@ -386,6 +392,13 @@ class Adapter:
         return Op("String", (self.expr(b["value"]),))
 
 
+def _last_name(node: Mapping[str, Any]) -> str:
+    """Last identifier of a variable reference, "" where it carries subscripts."""
+    name = node["name"]["name"] if isinstance(node.get("name"), dict) else ""
+    last = str(name).rsplit(".", 1)[-1]
+    return last if last.isidentifier() and not node["subscripts"] else ""
+
+
 def _tag(value: Any) -> str:
     return (next(iter(value)) if isinstance(value, dict) else str(value)).lower()
 
@@ -413,7 +426,7 @@ def _spans(node: Any) -> Iterator[Mapping[str, Any]]:
 def _structural(d: Mapping[str, Any]) -> frozenset[str]:
     """Parameters whose values decided sizes, loops or which equations exist."""
     return frozenset(
-        ".".join(r) if isinstance(r, list) else r for s in d.get("parameter_branch_selections", ()) for r in s["references"]
+        ".".join(r) if isinstance(r, list) else r
+        for s in d.get("parameter_branch_selections", ())
+        for r in s["references"]
     )
-
-

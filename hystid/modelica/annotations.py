@@ -1,42 +1,21 @@
-"""Annotations that the front end does not report: the default experiment of a class."""
+"""What the front end does not report about a class: its description and its default experiment."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 from hystid.modelcode import Experiment
-from hystid.modelica.sources import Source, blanked
+from hystid.modelica.sources import Declaration
 
 _NUMBER = r"\s*=\s*([-+]?[0-9.]+(?:[eE][-+]?\d+)?)"
 
 
-def experiment_of(name: str, sources: Sequence[Source]) -> Experiment:
-    """The experiment annotation of class ``name`` (its last part is looked for), defaults where it states none."""
-    short = name.rsplit(".", 1)[-1]
-    for source in sources:
-        body = class_text(source.text, short)
-        if body is None:
-            continue
-        found = list(re.finditer(r"\bexperiment\s*\(([^()]*)\)", body))
-        if found:
-            return _parse(found[-1].group(1))
+def experiment_of(declared: Declaration | None) -> Experiment:
+    """The experiment annotation of a class, defaults where it states none."""
+    found = list(re.finditer(r"\bexperiment\s*\(([^()]*)\)", declared.plain)) if declared else []
+    if not found:
         return Experiment()
-    return Experiment()
-
-
-def class_text(text: str, short: str) -> str | None:
-    """Text of a class from its name to its ``end``, comments and strings blanked; None where it is not declared."""
-    plain = blanked(text)
-    start = re.search(rf"\b(?:model|block|class|package|function|connector|record|type)\s+{short}\b", plain)
-    if not start:
-        return None
-    end = re.search(rf"\bend\s+{short}\s*;", plain[start.end() :])
-    return plain[start.start() : start.end() + end.end()] if end else None
-
-
-def _parse(text: str) -> Experiment:
-    values = {key: float(value) for key, value in re.findall(rf"(\w+){_NUMBER}", text)}
+    values = {key: float(value) for key, value in re.findall(rf"(\w+){_NUMBER}", found[-1].group(1))}
     default = Experiment()
     return Experiment(
         start=values.get("StartTime", default.start),
@@ -44,3 +23,11 @@ def _parse(text: str) -> Experiment:
         step=values.get("Interval", default.step),
         tolerance=values.get("Tolerance"),
     )
+
+
+def description_of(declared: Declaration | None) -> str:
+    """The string behind a class's name, "" without one."""
+    if declared is None:
+        return ""
+    found = re.match(r'(?:partial\s+)?\w+\s+\w+\s*"((?:\\.|[^"\\])*)"', declared.text)
+    return re.sub(r"\\(.)", r"\1", found.group(1)) if found else ""

@@ -6,10 +6,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import TypeVar
 
+import numpy as np
+
+from hystid.errors import ModelicaError
 from hystid.modelica.expr import ZERO, Derivative, Expr, Num, Op, Ref, nodes, op, refs, substitute
 from hystid.modelica.flat import Place
 from hystid.modelica.scalar import ScalarEquation
@@ -85,7 +88,7 @@ def matching(
 
 
 def augment(
-    equation: int, candidates: Sequence[Sequence[Hashable]], known: set[Hashable], owner: dict[Hashable, int]
+    equation: int, candidates: Sequence[Sequence[Hashable]], known: Set[Hashable], owner: dict[Hashable, int]
 ) -> bool:
     """Give ``equation`` an unknown by moving others along an augmenting path; False where there is none."""
     parent: dict[Hashable, int] = {}
@@ -251,7 +254,7 @@ def solve_block(equations: Sequence[ScalarEquation], unknowns: Sequence[str]) ->
 def _reduced(
     equations: list[ScalarEquation], unknowns: list[str]
 ) -> tuple[list[ScalarEquation], list[str], list[Assign]]:
-    """Substitutes variables that an equation states explicitly, as long as one equation and small expressions remain."""
+    """Substitutes what an equation states explicitly, as long as one equation and small expressions remain."""
     later: list[Assign] = []
     while len(equations) > 1:
         choice = next(_substitutable(equations, unknowns), None)
@@ -268,7 +271,7 @@ def _reduced(
     return equations, unknowns, later
 
 
-def _substitutable(equations: list[ScalarEquation], unknowns: list[str]) -> Iterable[tuple[int, str, Expr]]:
+def _substitutable(equations: list[ScalarEquation], unknowns: list[str]) -> Iterator[tuple[int, str, Expr]]:
     for k, e in enumerate(equations):
         for name in unknowns:
             if _rank(e, name) > 1:
@@ -289,13 +292,26 @@ def _simultaneous(equations: Sequence[ScalarEquation], unknowns: Sequence[str]) 
     residuals = [op("-", e.left, e.right) for e in equations]
     by = [Derivative(name) for name in unknowns]
     jacobian = [[d(r) for d in by] for r in residuals]
+    if any(all(entry == ZERO for entry in row) for row in jacobian) or _is_singular(jacobian):
+        raise ModelicaError(
+            f"{equations[0].place}: the equations for {', '.join(unknowns[:4])} depend on each other, so that "
+            "they have no solution or many (singular)"
+        )
     linear = not any(set(unknowns) & refs(entry) for row in jacobian for entry in row)
     if linear and len(unknowns) == 1:
         constant = substitute(residuals[0], {unknowns[0]: ZERO})
         return [Assign(unknowns[0], op("/", op("neg", constant), jacobian[0][0]), equations[0].place)]
-    return [
-        Solve(tuple(unknowns), tuple(residuals), tuple(tuple(row) for row in jacobian), linear, equations[0].place)
-    ]
+    return [Solve(tuple(unknowns), tuple(residuals), tuple(tuple(row) for row in jacobian), linear, equations[0].place)]
+
+
+def _is_singular(jacobian: Sequence[Sequence[Expr]]) -> bool:
+    """Whether a jacobian of numbers has no inverse."""
+    numbers = [[e.value for e in row if isinstance(e, Num)] for row in jacobian]
+    if any(len(row) < len(jacobian) for row in numbers):
+        return False
+    values = np.array(numbers)
+    scaled = values / np.abs(values).max(axis=1, keepdims=True)
+    return bool(np.linalg.matrix_rank(scaled) < len(numbers))
 
 
 def solve_order(equations: Sequence[ScalarEquation], owner: Mapping[str, int]) -> list[Step]:
@@ -308,8 +324,3 @@ def solve_order(equations: Sequence[ScalarEquation], owner: Mapping[str, int]) -
         block = sorted(members)
         steps += solve_block([equations[k] for k in block], [unknown_of[k] for k in block])
     return steps
-
-
-def is_zero(expr: Expr) -> bool:
-    """Whether an expression is the number 0."""
-    return isinstance(expr, Num) and expr.value == 0

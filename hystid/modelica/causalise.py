@@ -280,9 +280,7 @@ class _Start:
     def _bindings(self, later: Sequence[str]) -> tuple[list[Step], list[ScalarEquation]]:
         """Steps for the dependent parameters known from the start, equations for those that initialisation finds."""
         names = _of_kind(self.events, "dependent")
-        made = {
-            n: ScalarEquation(Ref(n), _without_events(self._binding(n)), self.variables[n].place) for n in names
-        }
+        made = {n: ScalarEquation(Ref(n), _without_events(self._binding(n)), self.variables[n].place) for n in names}
         early = [made[n] for n in names if n not in later]
         owner = {e.left.name: k for k, e in enumerate(early) if isinstance(e.left, Ref)}
         return solve_order(early, owner), [made[n] for n in names if n in later]
@@ -307,7 +305,9 @@ class _Start:
             if name in self.events.hidden:
                 values[before] = Ref(name)  # c and not pre(c) is false
             elif name in self.events.from_when:
-                values[before] = self._start_value(name) if INITIAL in refs(self.events.from_when[name].right) else Ref(name)
+                values[before] = (
+                    self._start_value(name) if INITIAL in refs(self.events.from_when[name].right) else Ref(name)
+                )
             else:
                 values[before] = self._start_value(name)
         for s in self.events.samplers:
@@ -438,4 +438,3 @@ def _assemble(
         assertions=events.assertions,
         checks=events.checks,
     )
-

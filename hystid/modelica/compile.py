@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-
 from pathlib import Path
 
 from hystid.errors import ModelicaError
 from hystid.modelcode import ModelCode
 from hystid.modelica.causalise import causalise
+from hystid.modelica.check import check_units
 from hystid.modelica.describe import model_code
 from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
-from hystid.modelica.sources import Source, library_folder, near, qualified_classes, read, read_tree
+from hystid.modelica.library import library_sources, shipped
+from hystid.modelica.modifiers import refuse_dropped_modifiers
+from hystid.modelica.sources import Source, declaration, library_folder, near, qualified_classes, read, read_tree
 
 
 def compile_model(
@@ -21,7 +23,7 @@ def compile_model(
 ) -> ModelCode:
     """C for a Modelica model.
 
-    model: a class of the library ("HystId.Oscillators.Jenkins") or of a file ("rig.mo:Rig", "folder/package.mo:Rig.Arm").
+    model: a class of the library ("HystId.Oscillators.Jenkins") or of a file ("rig.mo:Rig", "f/package.mo:Rig.Arm").
     parameters: name -> value; those that decide sizes or equations are built in, the others become start values.
     libraries: further .mo files or package folders that the model uses.
     Raises ModelicaError with file, line, construct and the way around it.
@@ -38,11 +40,34 @@ def compile_model(
 def flat_model(
     model: str, *, libraries: Sequence[Path] = (), structure: Mapping[str, float] | None = None
 ) -> FlatModel:
-    """The flat model of ``model``, with values of structural parameters built in. Raises ModelicaError."""
+    """The flat model of ``model``, with values of structural parameters built in. Raises ModelicaError.
+
+    The shipped one is taken for a class of the library, the front end is asked for everything else.
+    """
+    stored = None if libraries or structure else shipped(model)
+    return stored or flat_from_text(model, libraries=libraries, structure=structure)
+
+
+def flat_from_text(
+    model: str, *, libraries: Sequence[Path] = (), structure: Mapping[str, float] | None = None
+) -> FlatModel:
+    """The flat model from Modelica text by the front end, checked. Raises ModelicaError."""
     name, files, roots = _locate(model, libraries)
-    library = [s for root in roots for s in read_tree(root)]
-    _must_exist(name, files, library, roots)
-    return flatten(name, files, library, [r.parent for r in roots], structure or {})
+    own = [*files, *(s for root in roots[1:] for s in read_tree(root))]
+    everything = [*own, *library_sources()]
+    _must_exist(name, files, everything, roots)
+    refuse_dropped_modifiers(everything)
+    _must_be_complete(name, everything)
+    flat = flatten(name, files, everything[len(files) :], [r.parent for r in roots], structure or {})
+    check_units(flat)
+    return flat
+
+
+def _must_be_complete(name: str, sources: Sequence[Source]) -> None:
+    """A partial class is no model."""
+    declared = declaration(name, sources)
+    if declared is not None and declared.plain.startswith("partial"):
+        raise ModelicaError(f"{declared}: '{name}' is partial: compile a class that extends it")
 
 
 def _typed(v: FlatVariable, value: float) -> float:
@@ -74,9 +99,7 @@ def _split(model: str) -> tuple[Path | None, str]:
         return Path(found.group(1)), found.group(2)
     if re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", model) and not model.endswith(".mo"):
         return None, model
-    raise ModelicaError(
-        f"'{model}' names no model: write a class such as HystId.Oscillators.Jenkins, or file.mo:Class"
-    )
+    raise ModelicaError(f"'{model}' names no model: write a class such as HystId.Oscillators.Jenkins, or file.mo:Class")
 
 
 def _package_of(entry: Path) -> Path | None:

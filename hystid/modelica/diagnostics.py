@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from hystid.errors import ModelicaError
-from hystid.modelica.sources import Source, blanked, near
+from hystid.modelica.sources import Source, declaration, near
 
 _PLACE = re.compile(r"\[([^\[\]\n]+):(\d+):\d+\]")
 _QUOTED = re.compile(
@@ -21,10 +21,15 @@ def located_syntax_error(validate: Callable[..., list[Any]], *groups: Sequence[S
     for source in (s for group in groups for s in group):
         for diagnostic in validate(source.text, filename=str(source.path)):
             text = str(diagnostic)
+            if ": error:" not in text:
+                continue
             place = re.search(r"\[[^\[\]\n]*:(\d+):(\d+)\]", text)
-            what = re.search(r"×\s*(.+)", text)
-            line = place.group(1) if place else "1"
-            raise ModelicaError(f"{source.path}:{line}: syntax error: {what.group(1) if what else text.splitlines()[0]}")
+            what = re.search(r"×\s*(.+)", text) or re.search(
+                r": error:\s*(?:parse error:\s*)?(.+?)(?:\s*\(line \d+\))?(?:\s*\[[\w-]+\])?$", text
+            )
+            named = re.search(r"\(line (\d+)\)", text)
+            line = named.group(1) if named else place.group(1) if place else "1"
+            raise ModelicaError(f"{source.path}:{line}: syntax error: {_plain(what.group(1) if what else text)}")
 
 
 def explain(message: str, name: str, files: Sequence[Source], library: Sequence[Source]) -> ModelicaError:
@@ -50,6 +55,9 @@ def _search(message: str, core: str, name: str, sources: Sequence[Source]) -> st
     file = re.search(r"^- (.+?) \[", message, re.MULTILINE)
     if line and file and not file.group(1).startswith("<"):
         return f"{file.group(1)}:{line.group(1)}"
+    construct = _construct(core, sources)
+    if construct:
+        return construct
     quoted = _QUOTED.search(core) or re.search(r"[`']([A-Za-z_][\w.\[\]]*)[`']", core)
     if quoted:
         word = re.sub(r"\[.*", "", quoted.group(1))
@@ -60,14 +68,35 @@ def _search(message: str, core: str, name: str, sources: Sequence[Source]) -> st
     return declared_at(name, sources)
 
 
+# Where the front end names a construct without its line: pattern in its words, pattern of the construct in a text.
+_CONSTRUCTS = (
+    (r"derivative expression", r"\bder\s*\(\s*(?![\w.\[\], ]+\))"),
+    (r"history operator|change\(|edge\(", r"\b(?:change|edge|pre)\s*\(\s*(?![\w.\[\], ]+\))"),
+    (r"function statement", r"\b(?:while|return|break)\b"),
+    (r"external function", r"\bexternal\b"),
+    (r"initial algorithm", r"\binitial\s+algorithm\b"),
+    (r"branches have mismatched", r"(?m)^\s*if\b"),
+    (r"unbalanced", r"\bstream\b"),
+    (r"[Cc]lock|previous", r"\b(?:Clock|previous|hold|subSample)\s*\("),
+)
+
+
+def _construct(core: str, sources: Sequence[Source]) -> str:
+    for words, pattern in _CONSTRUCTS:
+        if not re.search(words, core):
+            continue
+        for source in sources:
+            text = source.plain
+            found = re.search(pattern, text)
+            if found:
+                offset = found.end() - len(found.group().lstrip())
+                return f"{source.path}:{text.count(chr(10), 0, offset) + 1}"
+    return ""
+
+
 def declared_at(name: str, sources: Sequence[Source]) -> str:
     """File and line of a class's declaration, the class name itself where it is nowhere."""
-    short = name.rsplit(".", 1)[-1]
-    for source in sources:
-        found = re.search(rf"\b(?:model|block|class|function|connector|type)\s+{short}\b", blanked(source.text))
-        if found:
-            return f"{source.path}:{source.text.count(chr(10), 0, found.start()) + 1}"
-    return name
+    return str(declaration(name, sources) or name)
 
 
 # What to say after the front end's own words, by a pattern in them.
@@ -77,22 +106,30 @@ _ADVICE = (
     (r"function statement", "; functions may hold assignments, if and for: unroll while-loops and leave out return"),
     (r"external function", "; external functions are not supported: write the function in Modelica"),
     (r"only be applied to state variables", "; reinit() takes a scalar state: name array elements as scalars"),
-    (r"edge|change\(", "; give the operand a name: Boolean b = <condition>, then change(b)"),
+    (r"history operator|edge\(|change\(", "; give the operand a name: Boolean b = <condition>, then change(b)"),
     (r"unsupported initial algorithm|algorithm", "; algorithm sections are for functions only: write equations"),
-    (r"branches have mismatched equation counts", "; every branch of an if-equation needs as many equations, 'else' too"),
+    (
+        r"branches have mismatched equation counts",
+        "; every branch of an if-equation needs as many equations, 'else' too",
+    ),
     (r"when-equations cannot be nested", "; join the conditions with 'and', or use elsewhen"),
     (r"previous|[Cc]lock", "; clocks are not supported: use sample(start, interval) and pre()"),
+    (r"expected Real, found Integer", "; write whole numbers with a decimal point here (1.0)"),
+    (r"duplicate discrete", "; a variable is assigned in two when-clauses: join them by elsewhen"),
+    (r"expression shape mismatch", "; an Integer or Boolean is given a value of another type or size"),
     (r"dependency cycle", "; break the loop with pre()"),
 )
 
 
 def _advice(core: str, sources: Sequence[Source]) -> str:
+    if "unbalanced" in core and any(re.search(r"\bstream\b", s.plain) for s in sources):
+        return "; stream connectors are not supported: use plain connectors"
     unresolved = re.search(r"(?:unresolved [\w ]+|base class not found)[:\s]+[`']([\w.]+)[`']", core)
     if unresolved:
         word = unresolved.group(1)
         if word.startswith("Modelica."):
             return "; the Modelica Standard Library is not part of hystid: use HystId.Units or plain Real(unit=...)"
-        return near(word, _identifiers(sources))
+        return near(word, _identifiers(sources) - {word})
     for pattern, advice in _ADVICE:
         if re.search(pattern, core):
             return advice
@@ -100,7 +137,7 @@ def _advice(core: str, sources: Sequence[Source]) -> str:
 
 
 def _identifiers(sources: Sequence[Source]) -> set[str]:
-    return {word for s in sources for word in re.findall(r"[A-Za-z_]\w{2,}", blanked(s.text))} - {"time"}
+    return {word for s in sources for word in re.findall(r"[A-Za-z_]\w{2,}", s.plain)} - {"time"}
 
 
 def _plain(core: str) -> str:

@@ -73,7 +73,8 @@ static int hy_newton(double *v, int n, const int *slots, const double *nominal, 
         jacobian(v, A);
         for (int i = 0; k == 0 && i < n; i++) {
             scale[i] = 1e-300;
-            for (int j = 0; j < n; j++) scale[i] = fmax(scale[i], fabs(A[i * n + j]) * fmax(fabs(v[slots[j]]), nominal[j]));
+            for (int j = 0; j < n; j++)
+                scale[i] = fmax(scale[i], fabs(A[i * n + j]) * fmax(fabs(v[slots[j]]), nominal[j]));
         }
         before = hy_norm(n, r, scale);
         for (int i = 0; i < n; i++) step[i] = r[i], x0[i] = v[slots[i]];
@@ -218,7 +219,13 @@ class Emitter:
         for r in self.model.relations:
             name = self.slot(r.name)
             text = self.printer.value(r.value)
-            lines += ["{", f"    const double now = {text};", f"    {changed} |= now != {name};", f"    {name} = now;", "}"]
+            lines += [
+                "{",
+                f"    const double now = {text};",
+                f"    {changed} |= now != {name};",
+                f"    {name} = now;",
+                "}",
+            ]
         return lines
 
     def indicators(self) -> list[str]:
@@ -292,7 +299,8 @@ class Emitter:
         level = "HY_WARNING" if a.level == "warning" else "HY_FAILURE"
         lines = [
             "char text[400];",
-            f"snprintf(text, sizeof text, {quoted(pattern + ' (t = %.9g s)')}{numbers}{time}); /* {comment(str(a.place))} */",
+            f"/* {comment(str(a.place))} */",
+            f"snprintf(text, sizeof text, {quoted(pattern + ' (t = %.9g s)')}{numbers}{time});",
             f"m->log(m->owner, {level}, text);",
         ]
         return lines if a.level == "warning" else [*lines, "return HY_ERROR;"]
@@ -368,4 +376,3 @@ def _texts(message: Expr) -> Iterator[Expr]:
         return
     else:
         yield message
-

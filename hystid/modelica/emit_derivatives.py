@@ -1,6 +1,6 @@
 """Forward and adjoint directional derivatives of (dx, y), printed from the steps of evaluation.
 
-Each step y = f(a, b, ...) becomes sens[y] = df/da seed[a] + ..., in order for the forward and in reverse for the adjoint;
+Each step y = f(a, b, ...) becomes sens[y] = df/da seed[a] + ..., in order forward and in reverse for the adjoint;
 a block of simultaneous equations r(y, a) = 0 becomes a linear solution with its own jacobian.
 """
 

@@ -210,7 +210,9 @@ class _Namer:
                     places[action.target] = action.place
             for name, cases in mine.items():
                 if name in values:
-                    raise ModelicaError(f"{places[name]}: '{name}' is assigned in two when-clauses: join them by elsewhen")
+                    raise ModelicaError(
+                        f"{places[name]}: '{name}' is assigned in two when-clauses: join them by elsewhen"
+                    )
                 values[name] = _cases(cases, Ref(pre(name)))
         return {n: ScalarEquation(Ref(n), v, places[n]) for n, v in values.items()}, reinits, checks
 
@@ -240,7 +242,9 @@ class _Namer:
         value = self._named(action.value, events=False)
         if action.kind == "assign":
             if self.variables[action.target].kind != "unknown":
-                raise ModelicaError(f"{action.place}: '{action.target}' is not a variable that a when-clause may assign")
+                raise ModelicaError(
+                    f"{action.place}: '{action.target}' is not a variable that a when-clause may assign"
+                )
             mine.setdefault(action.target, []).append((active, value))
         elif action.kind == "reinit":
             if action.target not in self.states:
@@ -403,4 +407,3 @@ def _without_pre(expr: Expr) -> Expr:
 
 def _ops(expr: Expr, name: str) -> Iterator[Op]:
     return (n for n in nodes(expr) if isinstance(n, Op) and n.name == name)
-

@@ -60,7 +60,7 @@ class Expander:
         """Value that must be scalar."""
         value = self.value(expr, local or {})
         if isinstance(value, np.ndarray) and value.size == 1:
-            value = value.flat[0]
+            value = _flatten(value)[0]
         if isinstance(value, np.ndarray | tuple):
             self.refuse("an array stands where a scalar is wanted")
         return value
@@ -176,7 +176,7 @@ class Expander:
             return _array(parts)
         if len({p.shape if isinstance(p, np.ndarray) else () for p in parts}) > 1:
             self.refuse("the rows of an array have different sizes")
-        return np.stack(parts)
+        return _stacked(parts)
 
     def _horizontal(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         return np.concatenate([_matrix(self.value(a, local)) for a in args], axis=1)
@@ -198,7 +198,7 @@ class Expander:
         for v in _flatten(self.value(values, local)):
             inner = Op("for", (body, *args[3:])) if len(args) > 3 else body
             parts.append(self.value(inner, {**local, name.name: v}))
-        return np.stack(parts) if parts and isinstance(parts[0], np.ndarray) else _array(parts)
+        return _stacked(parts) if parts and isinstance(parts[0], np.ndarray) else _array(parts)
 
     def _extreme(self, name: str) -> Callable[..., Value]:
         def run(args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
@@ -448,6 +448,10 @@ def merge(condition: Expr, a: Value, b: Value) -> Value:
     return a if a is b else op("if", condition, a, b)  # type: ignore[arg-type]
 
 
+def _stacked(parts: list[Value]) -> Array:
+    return np.stack([_boxed(p) for p in parts])
+
+
 def _boxed(value: Value) -> Array:
     return value if isinstance(value, np.ndarray) else _array([value]).reshape(())
 
@@ -460,7 +464,8 @@ def _array(items: list[Any]) -> Array:
 
 def _flatten(value: Value) -> list[Expr]:
     if isinstance(value, np.ndarray):
-        return list(value.flat)
+        items: list[Expr] = value.reshape(-1).tolist()
+        return items
     if isinstance(value, tuple):
         return [e for part in value for e in _flatten(part)]
     return [value]
@@ -468,7 +473,7 @@ def _flatten(value: Value) -> list[Expr]:
 
 def _map(function: Callable[[Expr], Expr], value: Value) -> Value:
     if isinstance(value, np.ndarray):
-        return _array([function(e) for e in value.flat]).reshape(value.shape)
+        return _array([function(e) for e in _flatten(value)]).reshape(value.shape)
     assert not isinstance(value, tuple)
     return function(value)
 
@@ -488,5 +493,3 @@ def _matrix(value: Value) -> Array:
 def _rows(value: Value) -> Array:
     array = _boxed(value)
     return array.reshape(1, -1) if array.ndim < 2 else array
-
-

@@ -61,8 +61,9 @@ LOGICAL = frozenset({"and", "or", "not", "edge", "change", "initial", "terminal"
 
 def op(name: str, *args: Expr) -> Expr:
     """Operation with constants folded and neutral elements removed; exact, so values keep their last bit."""
-    if all(type(a) is Num for a in args) and args:
-        folded = _fold(name, [a.value for a in args])  # type: ignore[union-attr]
+    numbers = [a.value for a in args if isinstance(a, Num)]
+    if args and len(numbers) == len(args):
+        folded = _fold(name, numbers)
         if folded is not None:
             return Num(folded)
     rule = _RULES.get(name)
@@ -275,7 +276,7 @@ class Derivative:
     """d/dx of expressions for one variable x.
 
     Conditions are held. Functions with a jump or a kink get the derivative of the branch taken (0 for sign, floor,
-    ...); where a derivative is infinite at the origin, as for sqrt, the answer there is 0, so that gradients stay finite.
+    ...); where a derivative is infinite at the origin, as for sqrt, the answer there is 0: gradients stay finite.
     """
 
     def __init__(self, name: str) -> None:

@@ -1,6 +1,6 @@
 """The flat model: one Modelica class with its inheritance, components and connections resolved, still with arrays.
 
-The JSON form carries ``SCHEMA``; the flat models of the library are shipped in it, so that building one needs no front end.
+The JSON form carries ``SCHEMA``; the flat models of the library are shipped in it: building one needs no front end.
 An expression in JSON is a number, a string (a variable), {"text": ...}, or a list: operation, then arguments.
 Beside the operations of ``expr``: "[]" subscripts an array, ":" is a whole dimension, "{}" builds an array, "range"
 is start, step, end, "for" is a comprehension (body, then name and range in turn), "call NAME" calls a function.
@@ -9,13 +9,13 @@ is start, step, end, "for" is a comprehension (body, then name and range in turn
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
 from hystid.errors import ModelicaError
-from hystid.modelica.expr import Expr, Num, Op, Ref, Text
 from hystid.modelcode import Experiment
+from hystid.modelica.expr import Expr, Num, Op, Ref, Text
 
 SCHEMA = 1
 
@@ -154,14 +154,14 @@ class FlatModel:
     whens: tuple[When, ...] = ()
     assertions: tuple[Assertion, ...] = ()
     functions: tuple[Function, ...] = ()
-    experiment: Experiment = Experiment()
+    experiment: Experiment = field(default_factory=Experiment)
 
 
 _CLASSES: dict[str, type] = {
     c.__name__: c
     for c in (
-        Place, FlatVariable, Equation, Action, Branch, When, Assertion, FunctionVariable, Statement, Function, FlatModel,
-        Experiment,
+        Place, FlatVariable, Equation, Action, Branch, When, Assertion, FunctionVariable, Statement, Function,
+        FlatModel, Experiment,
     )
 }  # fmt: skip
 
@@ -207,9 +207,13 @@ def _encode(value: Any) -> Any:
         return {"items": [_encode(v) for v in value]} if not _plain_tuple(value) else [_encode(v) for v in value]
     if type(value).__name__ in _CLASSES:
         return {"class": type(value).__name__} | {
-            f.name: _encode(getattr(value, f.name)) for f in fields(value) if getattr(value, f.name) != f.default
+            f.name: _encode(getattr(value, f.name)) for f in fields(value) if getattr(value, f.name) != _default(f)
         }
     return value
+
+
+def _default(f: Field[Any]) -> Any:
+    return f.default if f.default_factory is MISSING else f.default_factory()
 
 
 def _plain_tuple(value: tuple[Any, ...]) -> bool:

@@ -14,10 +14,10 @@ from typing import Any
 
 from hystid.errors import ModelicaError
 from hystid.modelica.adapter import Adapter
-from hystid.modelica.annotations import experiment_of
+from hystid.modelica.annotations import description_of, experiment_of
 from hystid.modelica.diagnostics import explain, located_syntax_error
 from hystid.modelica.flat import FlatModel
-from hystid.modelica.sources import Source
+from hystid.modelica.sources import Source, declaration
 
 _WRAPPER = "HystidStructure"
 
@@ -37,7 +37,8 @@ def flatten(
     """
     dictionary = _load(name, files, library, roots, structure)
     flat = Adapter(name, (*files, *library)).model(dictionary)
-    return replace(flat, experiment=experiment_of(name, (*files, *library)))
+    declared = declaration(name, (*files, *library))
+    return replace(flat, description=description_of(declared), experiment=experiment_of(declared))
 
 
 def _load(

@@ -12,7 +12,7 @@ from hystid.modelica.hybrid import HybridModel
 
 @dataclass(frozen=True)
 class Layout:
-    """Slots of a model. w holds the flag of initialisation, the next tick of each sampler, and which warnings were given."""
+    """Slots of a model. w: the flag of initialisation, the next tick of each sampler, which warnings were given."""
 
     model: HybridModel
 

@@ -51,7 +51,7 @@ class ScalarEquation:
 
 @dataclass(frozen=True)
 class ScalarModel:
-    """Postcondition: every Ref names a scalar variable or "time"; no arrays, no function calls, no constants by name."""
+    """Postcondition: every Ref names a scalar variable or "time"; no arrays, no calls, no constants by name."""
 
     flat: FlatModel
     variables: dict[str, ScalarVariable]

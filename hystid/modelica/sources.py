@@ -12,12 +12,8 @@ from pathlib import Path
 
 from hystid.errors import ModelicaError
 
-_WORDS = "model|block|class|package|function|connector|record|type|operator"
-_CLASS = re.compile(
-    rf"^\s*(?:(?:encapsulated|partial|final|replaceable|redeclare|pure|impure|expandable|inner|outer)\s+)*(?:{_WORDS})\s+"
-    r"([A-Za-z_]\w*)",
-    re.MULTILINE,
-)
+_KEYWORD = r"(?:model|block|class|package|function|connector|record|type|operator)"
+_CLASS = re.compile(rf"(?<![\w.]){_KEYWORD}\s+([A-Za-z_]\w*)")
 
 
 def library_folder() -> Path:
@@ -44,6 +40,11 @@ class Source:
     def _starts(self) -> list[int]:
         return [0, *(i + 1 for i, byte in enumerate(self._data) if byte == 10)]
 
+    @cached_property
+    def plain(self) -> str:
+        """The text with comments and strings blanked."""
+        return blanked(self.text)
+
     def line(self, offset: int) -> int:
         """Line number, from 1, of a byte offset."""
         return bisect_right(self._starts, offset)
@@ -54,12 +55,58 @@ class Source:
 
     def find(self, word: str) -> int | None:
         """Line of the first appearance of an identifier or dotted name outside comments and strings, None without."""
-        found = re.search(rf"(?<![\w.]){re.escape(word)}(?!\w)", blanked(self.text))
+        found = re.search(rf"(?<![\w.]){re.escape(word)}(?!\w)", self.plain)
         return self.text.count("\n", 0, found.start()) + 1 if found else None
 
     def classes(self) -> list[str]:
         """Short names of the classes declared in the file, in order."""
-        return _CLASS.findall(blanked(self.text))
+        return _CLASS.findall(self.plain)
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """A class in a file: offsets (in characters) from its keyword to behind its ``end Name;``."""
+
+    source: Source
+    start: int
+    end: int
+
+    @property
+    def plain(self) -> str:
+        """Text of the class, comments and strings blanked."""
+        return self.source.plain[self.start : self.end]
+
+    @property
+    def text(self) -> str:
+        """Text of the class."""
+        return self.source.text[self.start : self.end]
+
+    def __str__(self) -> str:
+        return f"{self.source.path}:{self.source.text.count(chr(10), 0, self.start) + 1}"
+
+
+def declaration(name: str, sources: Sequence[Source]) -> Declaration | None:
+    """Where class ``name`` is declared, None where it is not; a file's ``within`` counts as the front of its names."""
+    for source in sources:
+        within = re.match(r"\s*within\s+([\w.]+)\s*;", source.plain)
+        prefix = within.group(1) + "." if within else ""
+        if name.startswith(prefix):
+            found = _nested(source, name.removeprefix(prefix).split("."))
+            if found:
+                return found
+    return None
+
+
+def _nested(source: Source, names: list[str]) -> Declaration | None:
+    start, end = 0, len(source.plain)
+    for name in names:
+        found = re.compile(rf"(?<![\w.])(?:partial\s+)?{_KEYWORD}\s+{name}\b").search(source.plain, start, end)
+        if not found:
+            return None
+        close = re.compile(rf"\bend\s+{name}\s*;").search(source.plain, found.end(), end)
+        short = re.compile(r"\s*=[^;]*;").match(source.plain, found.end())
+        start, end = found.start(), (short or close or found).end()
+    return Declaration(source, start, end)
 
 
 def blanked(text: str) -> str:
@@ -107,8 +154,3 @@ def qualified_classes(package: Path) -> list[str]:
         short = prefix.rsplit(".", 1)[-1]
         names += [f"{prefix}.{c}" for c in source.classes() if c != short]
     return names
-
-
-def describe(sources: Sequence[Source]) -> str:
-    """File names for a message."""
-    return ", ".join(str(s.path) for s in sources[:3])

@@ -1,0 +1,207 @@
+"""Unit check over the flat equations; the front end has none.
+
+Two sides of +, -, =, a relation, min, max or if must have one unit where both are known. Numbers and variables without
+a unit fit everything, time as well, so that a model without units is never refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+
+from hystid.errors import ModelicaError, UsageError
+from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text
+from hystid.modelica.flat import FlatModel, Place
+from hystid.units import BASES, exponents
+
+_ANGLE = BASES.index("rad")
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A known unit: factor to SI and powers of the SI base units, angles counted as numbers."""
+
+    factor: float
+    powers: tuple[Fraction, ...]
+
+    def times(self, other: Dimension, sign: int = 1) -> Dimension:
+        """Product, or quotient for sign -1."""
+        powers = tuple(a + sign * b for a, b in zip(self.powers, other.powers, strict=True))
+        return Dimension(self.factor * other.factor**sign, powers)
+
+    def to(self, exponent: Fraction) -> Dimension:
+        """Power."""
+        return Dimension(self.factor ** float(exponent), tuple(a * exponent for a in self.powers))
+
+    def fits(self, other: Dimension) -> bool:
+        """Whether values of both may be added."""
+        return self.powers == other.powers and abs(self.factor / other.factor - 1) < 1e-9
+
+
+def check_units(model: FlatModel) -> None:
+    """Raises ModelicaError, with both units and the line, where units do not fit."""
+    checker = _Checker({v.name: (v.unit, v.place) for v in model.variables if v.type == "Real" and v.unit})
+    for v in model.variables:
+        if v.binding is not None and v.type == "Real":
+            checker.same(Op("=", (Ref(v.name), v.binding)), v.place)
+    for e in (*model.equations, *model.initial):
+        checker.equation(e.residual, e.place)
+    for w in model.whens:
+        for b in w.branches:
+            for condition in b.conditions:
+                checker.unit(condition, b.place)
+            for a in b.actions:
+                if a.kind != "assert":
+                    checker.same(Op("=", (Ref(a.target), a.value)), a.place)
+    for assertion in model.assertions:
+        checker.unit(assertion.condition, assertion.place)
+
+
+class _Checker:
+    def __init__(self, units: dict[str, tuple[str, Place]]) -> None:
+        self.units = units
+
+    def equation(self, residual: Expr, place: Place) -> None:
+        """A residual left - right, maybe under if."""
+        if isinstance(residual, Op) and residual.name == "if":
+            self.unit(residual.args[0], place)
+            for branch in residual.args[1:]:
+                self.equation(branch, place)
+        elif isinstance(residual, Op) and residual.name == "-":
+            self.same(Op("=", residual.args), place)
+        else:
+            self.unit(residual, place)
+
+    def same(self, e: Op, place: Place) -> Dimension | None:
+        """The common unit of the two last arguments."""
+        a, b = e.args[-2], e.args[-1]
+        first, second = self.unit(a, place), self.unit(b, place)
+        if first and second and not first.fits(second):
+            verb = {"=": "equates", "+": "adds", "-": "subtracts"}.get(e.name, "compares")
+            raise ModelicaError(
+                f"{place}: units do not fit: '{shown(e)}' {verb} {self.name(a, first)} and {self.name(b, second)}"
+            )
+        return first or second
+
+    def name(self, expr: Expr, unit: Dimension) -> str:
+        """The unit as written where the expression is a variable, else in SI base units."""
+        if isinstance(expr, Ref) and expr.name in self.units:
+            return self.units[expr.name][0]
+        parts = [f"{n}{'' if p == 1 else p}" for n, p in zip(BASES, unit.powers, strict=True) if p]
+        text = ".".join(parts) or "1"
+        return text if abs(unit.factor - 1) < 1e-9 else f"{unit.factor:g} {text}"
+
+    def unit(self, e: Expr, place: Place) -> Dimension | None:
+        """Unit of an expression, None where it is not known."""
+        if isinstance(e, Ref):
+            return self._of_variable(e.name)
+        if not isinstance(e, Op) or e.name.startswith("call "):
+            return None
+        if e.name in ("+", "-") or (e.name in ("min", "max") and len(e.args) == 2):
+            return self.same(e, place)
+        if e.name in RELATIONS:
+            self.same(e, place)
+            return None
+        if e.name == "if":
+            self.unit(e.args[0], place)
+            return self.same(e, place)
+        rule = _RULES.get(e.name)
+        known = [self.unit(a, place) for a in e.args]
+        return rule(e, known) if rule else None
+
+    def _of_variable(self, name: str) -> Dimension | None:
+        if name not in self.units:
+            return None
+        unit, place = self.units[name]
+        try:
+            return _dimension(unit)
+        except UsageError as error:
+            raise ModelicaError(f"{place}: the unit of '{name}' is not understood: {error}") from None
+
+
+@lru_cache(maxsize=1024)
+def _dimension(unit: str) -> Dimension:
+    factor, _, powers = exponents(unit)
+    found = [Fraction(powers.get(name, 0)) for name in BASES]
+    found[_ANGLE] = Fraction(0)
+    return Dimension(factor, tuple(found))
+
+
+_Known = list[Dimension | None]
+
+
+def _product(e: Op, known: _Known) -> Dimension | None:
+    a, b = known
+    return a.times(b) if a and b else None
+
+
+def _quotient(e: Op, known: _Known) -> Dimension | None:
+    a, b = known
+    return a.times(b, -1) if a and b else None
+
+
+def _power(e: Op, known: _Known) -> Dimension | None:
+    exponent = e.args[1]
+    if known[0] and isinstance(exponent, Num):
+        return known[0].to(Fraction(exponent.value).limit_denominator(1000))
+    return None
+
+
+def _root(e: Op, known: _Known) -> Dimension | None:
+    return known[0].to(Fraction(1, 2)) if known[0] else None
+
+
+def _rate(e: Op, known: _Known) -> Dimension | None:
+    return known[0].times(_dimension("s"), -1) if known[0] else None
+
+
+def _like_first(e: Op, known: _Known) -> Dimension | None:
+    return known[0]
+
+
+def _like_last(e: Op, known: _Known) -> Dimension | None:
+    return known[-1]
+
+
+_RULES: dict[str, Callable[[Op, _Known], Dimension | None]] = {
+    "*": _product,
+    ".*": _product,
+    "/": _quotient,
+    "./": _quotient,
+    "^": _power,
+    ".^": _power,
+    "sqrt": _root,
+    "der": _rate,
+    "noEvent": _like_last,
+    "smooth": _like_last,
+    **dict.fromkeys(("neg", "abs", "pre", "sum", "min", "max", "[]", "{}", "transpose", "vector", "for"), _like_first),
+}
+
+
+def shown(e: Expr) -> str:
+    """A short Modelica text of an expression, for messages."""
+    text = _text(e)
+    return text if len(text) <= 70 else text[:67] + "..."
+
+
+def _text(e: Expr) -> str:
+    if isinstance(e, Num):
+        return f"{e.value:g}"
+    if isinstance(e, Ref):
+        return e.name
+    if isinstance(e, Text):
+        return f'"{e.value}"'
+    args = [_text(a) for a in e.args]
+    if e.name == "if":
+        return f"if {args[0]} then {args[1]} else {args[2]}"
+    if e.name == "neg":
+        return f"-{args[0]}"
+    if e.name == "[]":
+        return f"{args[0]}[{', '.join(args[1:])}]"
+    if len(args) == 2 and not e.name[0].isalpha():
+        wrapped = [f"({t})" if isinstance(a, Op) and a.name in ("+", "-", "if") and e.name in "*/^" else t
+                   for a, t in zip(e.args, args, strict=True)]  # fmt: skip
+        return f" {e.name} ".join(wrapped)
+    return f"{e.name.removeprefix('call ')}({', '.join(args)})"

@@ -1,0 +1,84 @@
+"""Flat models of the Modelica library, shipped so that building one of its models needs no front end.
+
+``python -m hystid.modelica.library`` writes them again from ``modelica/HystId``. ``index.json`` holds a digest of the
+Modelica text that they were made from: after an edit of the library they are passed over until written again, so that
+an edit always takes effect.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+
+from hystid.files import write_text
+from hystid.modelica.flat import SCHEMA, FlatModel, from_json, to_json
+from hystid.modelica.sources import Source, library_folder, read_tree
+
+FOLDER = Path(__file__).parent
+_INDEX = FOLDER / "index.json"
+PACKAGES = ("Oscillators", "Forces", "Effects", "Examples")
+
+
+@lru_cache(maxsize=1)
+def library_sources() -> tuple[Source, ...]:
+    """Every file of the library; paths are relative to the folder that holds HystId."""
+    folder = library_folder()
+    return tuple(Source(s.path.relative_to(folder), s.text) for s in read_tree(folder / "HystId"))
+
+
+def shipped(name: str) -> FlatModel | None:
+    """The stored flat model of a library class; None where there is none, or the library was edited since."""
+    path = FOLDER / f"{name}.json"
+    if not path.is_file() or not _up_to_date():
+        return None
+    return from_json(path.read_text(encoding="utf-8"), path.name)
+
+
+@lru_cache(maxsize=1)
+def _up_to_date() -> bool:
+    if not _INDEX.is_file():
+        return False
+    index = json.loads(_INDEX.read_text(encoding="utf-8"))
+    return bool(index.get("schema") == SCHEMA and index.get("digest") == digest())
+
+
+def digest() -> str:
+    """SHA-256 over the names and texts of the library's files."""
+    found = hashlib.sha256()
+    for source in library_sources():
+        found.update(f"{source.path.as_posix()}\0{source.text}\0".encode())
+    return found.hexdigest()
+
+
+def library_models() -> list[str]:
+    """Full names of the models and blocks of the library that can be compiled, in order of their files."""
+    return list(_models())
+
+
+def _models() -> Iterator[str]:
+    for source in library_sources():
+        parts = source.path.with_suffix("").parts
+        if len(parts) == 3 and parts[1] in PACKAGES and _is_model(source, parts[2]):
+            yield ".".join(parts)
+
+
+def _is_model(source: Source, short: str) -> bool:
+    return re.search(rf"(?<!partial )\b(?:model|block)\s+{short}\b", source.plain) is not None
+
+
+def regenerate(folder: Path = FOLDER) -> list[str]:
+    """Write the flat model of every library model, remove those of models that are gone; returns the names."""
+    from hystid.modelica.compile import flat_from_text
+
+    names = library_models()
+    for name in names:
+        write_text(folder / f"{name}.json", to_json(flat_from_text(name)))
+    for path in folder.glob("HystId.*.json"):
+        if path.stem not in names:
+            path.unlink()
+    write_text(folder / "index.json", json.dumps({"schema": SCHEMA, "digest": digest()}, indent=1) + "\n")
+    return names
