@@ -82,7 +82,7 @@ def _check_entries(path: Path, archive: zipfile.ZipFile) -> None:
     names = archive.namelist()
     for name in names:
         parts = PurePosixPath(name.replace("\\", "/"))
-        if parts.is_absolute() or ".." in parts.parts or ":" in parts.parts[0:1]:
+        if parts.is_absolute() or ".." in parts.parts or ":" in name[:2]:
             raise FmuError(f"{path.name}: refused, for the entry '{name}' would be written outside its folder")
     if "modelDescription.xml" not in names:
         raise FmuError(f"{path.name}: not an FMU, for it holds no modelDescription.xml")
@@ -138,7 +138,7 @@ def _kinds(path: Path, folder: Path, description: Any, version: int) -> dict[str
         raise FmuError(f"{path.name}: it offers neither co-simulation nor model exchange")
     if not kinds:
         found = sorted(p.name for p in (folder / "binaries").glob("*") if p.is_dir())
-        there = f"for {', '.join(found)}" if found else "none at all"
+        there = f"binaries for {', '.join(found)}" if found else "none at all"
         raise FmuError(f"{path.name}: no binary for this platform ({directory.name}); it has {there}")
     return kinds
 

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import Literal
 
+from hystid.fmu.build import build
+from hystid.fmu.door import OpenedFmu, open_fmu
+from hystid.fmu.reference import reference_entries
 from hystid.modelcode import Experiment, ModelCode, Variable
 
 FOLDER = Path(__file__).parent
+_FOLDER = tempfile.TemporaryDirectory(prefix="hystid-test-fmus-")
 
 
 def _parameter(name: str, slot: int, start: float, unit: str = "") -> Variable:
@@ -45,7 +53,8 @@ def _code(name: str, variables: list[Variable], n_values: int, **more: object) -
 def jenkins() -> ModelCode:
     variables = [
         _parameter("m", 1, 1.0, "kg"), _parameter("B", 2, 5.0, "N.s/m"), _parameter("Kl", 3, 4e4, "N/m"),
-        _parameter("Ks", 4, 2e4, "N/m"), _parameter("fc", 5, 20.0, "N"), _input("F", 6, "N"),
+        _parameter("Ks", 4, 2e4, "N/m"), _parameter("fc", 5, 20.0, "N"),
+        _input("F", 6, "N"),
         _state("x", 7, "m"), _state("v", 8, "m/s"), _state("z", 9, "N"),
         _der("x", 10, "m/s"), _der("v", 11, "m/s2"), _der("z", 12, "N/s"), _output("a", 13, "m/s2"), _output("R", 14, "N"),
     ]  # fmt: skip
@@ -120,3 +129,18 @@ def memory() -> ModelCode:
 
 
 EVERY = (jenkins, bouncing, sampled, linear, effect, contact, memory)
+
+
+@cache
+def built(make: Callable[[], ModelCode], version: Literal[2, 3]) -> Path:
+    """An FMU of a model, built once per process."""
+    path = Path(_FOLDER.name) / f"{make.__name__}{version}.fmu"
+    code = make()
+    build(code, path, fmi=version, extra=reference_entries(code))
+    return path
+
+
+@cache
+def unpacked(make: Callable[[], ModelCode], version: Literal[2, 3]) -> OpenedFmu:
+    """The same, unpacked."""
+    return open_fmu(built(make, version))

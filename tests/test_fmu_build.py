@@ -1,0 +1,261 @@
+"""What is inside an FMU: description, sources that build again, symbols, platforms, and a build by name."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import struct
+import subprocess
+import zipfile
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import fmpy.validation
+import fmu_checker
+import numpy as np
+import pytest
+from fmu_models import EVERY, built, contact, jenkins, linear, memory
+
+from hystid.errors import FmuError, UsageError
+from hystid.fmu import Driver, build, build_model
+from hystid.fmu.interface import interface
+from hystid.fmu.model_description import model_description
+from hystid.fmu.platforms import host, universal
+from hystid.modelcode import Variable
+
+BOTH = pytest.mark.parametrize("version", [2, 3])
+NOW = datetime(2026, 1, 2, 3, 4, 5, 678, tzinfo=UTC)
+
+
+@BOTH
+@pytest.mark.parametrize("make", EVERY)
+def test_strict_checkers_find_nothing(make, version):
+    path = built(make, version)
+    assert fmu_checker.problems(path) == []
+    assert fmpy.validation.validate_fmu(str(path)) == []
+
+
+@BOTH
+def test_the_checker_can_find(tmp_path, version):
+    """Each of these defects, put into a sound FMU, is found: the checker is not blind."""
+    sound = built(linear, version)
+    unknown = "index" if version == 2 else "valueReference"
+    defects = [
+        (r'generationDateAndTime="[^"]*"', 'generationDateAndTime="2026-01-01T00:00:00+00:00"', "generationDateAndTime"),
+        (r'initial="exact" (.*?)start="2.0"', r'initial="exact" \1', "schema|start value"),
+        (rf'<Unknown {unknown}="\d+" dependencies="[^"]*" />', "", "Outputs|Output"),
+        (r'unit="N/m"', 'unit="slug"', "slug is used and not defined"),
+        (r'causality="input"', 'causality="parameter"', "not legal"),
+    ]
+    if version == 3:
+        defects[2] = (r'<Output valueReference="\d+" dependencies="[^"]*" />', "", "the outputs are")
+        defects[1] = (r' start="2.0"', "", "start value is missing")
+    else:
+        defects[1] = (r' start="2.0"', "", "start value is missing")
+    for pattern, text, finding in defects:
+        path = tmp_path / "defect.fmu"
+        with zipfile.ZipFile(sound) as old, zipfile.ZipFile(path, "w") as new:
+            for name in old.namelist():
+                data = old.read(name)
+                if name == "modelDescription.xml":
+                    changed = re.sub(pattern, text, data.decode(), count=1)
+                    assert changed != data.decode(), pattern
+                    data = changed.encode()
+                new.writestr(name, data)
+        assert any(re.search(finding, problem) for problem in fmu_checker.problems(path)), finding
+
+
+@BOTH
+def test_description_in_detail(version):
+    root = ET.fromstring(model_description(interface(contact()), version, generated=NOW, sources=["model.c"]).encode())
+    assert root.get("generationDateAndTime") == "2026-01-02T03:04:05Z"
+    damping = root.find("UnitDefinitions/Unit[@name='N/m']/BaseUnit").attrib
+    assert damping == {"kg": "1", "s": "-2"}
+    experiment = root.find("DefaultExperiment").attrib
+    assert experiment == {"startTime": "0.0", "stopTime": "1.0", "stepSize": "0.001"}
+    assert (root.get("numberOfEventIndicators") == "1") == (version == 2)
+    kinds = {child.tag: child.attrib for child in root if child.tag in ("ModelExchange", "CoSimulation")}
+    assert set(kinds) == {"ModelExchange", "CoSimulation"}
+    assert not any("Directional" in name for name in kinds["ModelExchange"])  # contact has no derivatives: no flag
+    if version == 3:
+        assert len(root.findall("ModelStructure/EventIndicator")) == 1
+        assert kinds["CoSimulation"]["hasEventMode"] == "true"
+    else:
+        assert kinds["CoSimulation"]["canInterpolateInputs"] == "true"
+
+
+@BOTH
+def test_dependencies_name_inputs_and_states_only(version):
+    model = interface(linear())
+    root = ET.fromstring(model_description(model, version, generated=NOW, sources=[]).encode())
+    if version == 2:
+        names = [v.name for v in model.variables]
+        found = {
+            names[int(u.get("index")) - 1]: {names[int(i) - 1] for i in u.get("dependencies").split()}
+            for u in root.iterfind("ModelStructure/Derivatives/Unknown")
+        }
+    else:
+        names = {str(v.slot): v.name for v in model.variables}
+        found = {
+            names[u.get("valueReference")]: {names[i] for i in u.get("dependencies").split()}
+            for u in root.iterfind("ModelStructure/ContinuousStateDerivative")
+        }
+    assert found == {"der(x)": {"v"}, "der(v)": {"F", "x", "v"}}
+
+
+@BOTH
+def test_awkward_variables_become_legal(tmp_path, version):
+    """Aliases, constants, whole numbers, truth values, names and texts that XML and C must quote."""
+    code = linear()
+    more = (
+        Variable("R_again", 9, "local", "continuous", start=0.0, unit="N", description='a "quoted" <alias> & more'),
+        Variable("k_copy", 3, "calculatedParameter", "fixed", unit="N/m"),
+    )
+    description = "two\nlines & <signs>"
+    code = replace(code, variables=(*code.variables, *more), description=description)
+    path = build(code, tmp_path / "awkward.fmu", fmi=version).path
+    assert fmpy.validation.validate_fmu(str(path)) == []
+    assert [p for p in fmu_checker.problems(path) if "k_copy" not in p] == []
+
+
+@BOTH
+def test_sources_inside_build_again(tmp_path, version):
+    """The library made from the FMU's own sources and build description gives the same results as the shipped one."""
+    with zipfile.ZipFile(built(jenkins, version)) as archive:
+        archive.extractall(tmp_path)
+    description = ET.parse(tmp_path / "modelDescription.xml").getroot()
+    if version == 3:
+        files = ET.parse(tmp_path / "sources" / "buildDescription.xml").getroot().find("BuildConfiguration/SourceFileSet")
+        names, options = [f.get("name") for f in files.iterfind("SourceFile")], files.get("compilerOptions").split()
+    else:
+        names = [f.get("name") for f in description.iterfind("CoSimulation/SourceFiles/File")]
+        options = ["-O2", "-ffp-contract=off"]
+    library = next((tmp_path / "binaries").rglob("*.so"))
+    library.unlink()
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    subprocess.run([compiler, *options, "-fPIC", "-shared", *names, "-o", library, "-lm"], cwd=tmp_path / "sources", check=True)
+    again = tmp_path / "again.fmu"
+    with zipfile.ZipFile(again, "w") as archive:
+        for path in tmp_path.rglob("*"):
+            if path.is_file() and path != again:
+                archive.write(path, path.relative_to(tmp_path))
+    t = np.arange(200) * 1e-4
+    inputs = {"F": 60 * np.sin(100 * t)}
+    one, two = (Driver(p).simulate(t, inputs) for p in (built(jenkins, version), again))
+    for name in one:
+        np.testing.assert_array_equal(one[name], two[name])
+
+
+@pytest.mark.skipif(not shutil.which("nm"), reason="needs nm")
+@BOTH
+def test_only_fmi_and_the_batch_entry_are_visible(tmp_path, version):
+    with zipfile.ZipFile(built(jenkins, version)) as archive:
+        archive.extractall(tmp_path)
+    library = next((tmp_path / "binaries").rglob("*.so"))
+    lines = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True, text=True, check=True).stdout
+    symbols = {line.split()[-1] for line in lines.splitlines()}
+    assert {s for s in symbols if not s.startswith(f"fmi{version}")} == {"hy_run_table"}
+    table = subprocess.run(["nm", "--format=sysv", library], capture_output=True, text=True, check=True).stdout
+    rows = [[cell.strip() for cell in line.split("|")] for line in table.splitlines() if line.count("|") == 6]
+    writable = {name for name, *_, section in rows if section in (".data", ".bss")}
+    start_up = {"completed.0", "__dso_handle", "__TMC_END__", "_edata", "__bss_start", "_end", "_DYNAMIC", "__data_start"}
+    assert writable <= start_up  # of the compiler's run-time; nothing of ours can be written
+
+
+def test_the_same_content_gives_the_same_bytes(tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    one, two = (build(linear(), tmp_path / name, fmi=3).path.read_bytes() for name in ("a.fmu", "b.fmu"))
+    assert one == two
+
+
+def test_an_fmu_is_small(tmp_path):
+    with zipfile.ZipFile(built(jenkins, 2)) as archive:
+        size = sum(entry.file_size for entry in archive.infolist() if entry.filename.startswith("binaries/"))
+    assert size < 100_000
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "error", "sentence"),
+    [
+        ({}, {"fmi": 1}, UsageError, "fmi must be 2 or 3"),
+        ({}, {"platforms": "amiga"}, UsageError, "'amiga' is not a platform"),
+        ({"token": ""}, {}, FmuError, "no instantiation token"),
+        ({"states": ("x", "v", "y")}, {}, FmuError, "variable 'y'|derivative of state 'y'"),
+        ({"sources": {"hy_engine.c": ""}}, {}, FmuError, "name of a file of the shell"),
+    ],
+)
+def test_wrong_builds_write_nothing(tmp_path, change, options, error, sentence):
+    with pytest.raises(error, match=sentence):
+        build(replace(linear(), **change), tmp_path / "no.fmu", **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_build_by_name_is_remembered(tmp_path, monkeypatch):
+    monkeypatch.setenv("HYSTID_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    made = build_model("HystId.Oscillators.Linear", tmp_path / "one.fmu", parameters={"Kl": 1e4})
+    again = build_model("HystId.Oscillators.Linear", tmp_path / "two.fmu", parameters={"Kl": 1e4})
+    other = build_model("HystId.Oscillators.Linear", tmp_path / "three.fmu", parameters={"Kl": 2e4})
+    assert made.path.read_bytes() == again.path.read_bytes() != other.path.read_bytes()
+    assert len(list((tmp_path / "cache").glob("*.fmu"))) == 2
+    assert Driver(other.path).model.variable("Kl").start == 2e4
+    assert fmu_checker.problems(made.path) == []
+
+
+def test_a_changed_file_is_built_anew(tmp_path, monkeypatch):
+    monkeypatch.setenv("HYSTID_CACHE", str(tmp_path / "cache"))
+    text = "model Pull\n  parameter Real k = {k};\n  input Real x;\n  output Real f;\nequation\n  f = k*x;\nend Pull;\n"
+    (tmp_path / "own").mkdir()
+    source = tmp_path / "own" / "pull.mo"
+    for k in (2.0, 3.0):
+        source.write_text(text.format(k=k))
+        build_model(f"{source}:Pull", tmp_path / "pull.fmu")
+        force = Driver(tmp_path / "pull.fmu").simulate([0.0, 1.0], {"x": [1.0, 1.0]}, outputs=["f"])["f"]
+        np.testing.assert_array_equal(force, [k, k])
+
+
+def test_platform_names():
+    assert re.fullmatch(r"(x86_64|aarch64)-(linux|darwin|windows)", host())
+
+
+def test_universal_files_hold_both_processors():
+    """Two libraries that differ in their processor field, in one file: offsets and sizes in the header find them."""
+    libraries = [struct.pack("<Iii", 0xFEEDFACF, cpu, 3) + bytes([fill]) * size for cpu, fill, size in ((7, 1, 100), (12, 2, 50))]
+    data = universal(libraries)
+    magic, count = struct.unpack_from(">II", data)
+    assert (magic, count) == (0xCAFEBABE, 2)
+    for i, library in enumerate(libraries):
+        cpu, _, offset, size, align = struct.unpack_from(">iiIII", data, 8 + 20 * i)
+        assert data[offset : offset + size] == library and offset % (1 << align) == 0
+        assert cpu == struct.unpack_from("<i", library, 4)[0]
+
+
+def cross(tmp_path, names, version):
+    pytest.importorskip("ziglang", reason="needs the extra 'cross'")
+    path = build(memory(), tmp_path / "cross.fmu", fmi=version, platforms=names).path
+    with zipfile.ZipFile(path) as archive:
+        return {n: archive.read(n) for n in archive.namelist() if n.startswith("binaries/")}
+
+
+def test_linux_on_arm_by_cross_compiler(tmp_path):
+    binaries = cross(tmp_path, ["host", "aarch64-linux"], 3)
+    data = binaries["binaries/aarch64-linux/Memory.so"]
+    assert data[:4] == b"\x7fELF" and struct.unpack_from("<H", data, 18)[0] == 183  # EM_AARCH64
+    assert len(data) < 100_000 and f"binaries/{host()}/Memory.so" in binaries
+
+
+@pytest.mark.skipif(not os.environ.get("HYSTID_CROSS"), reason="minutes at the first time: set HYSTID_CROSS=1")
+@BOTH
+def test_all_platforms_in_one_fmu(tmp_path, version):
+    binaries = cross(tmp_path, "all", version)
+    names = {Path(name).parent.name for name in binaries}
+    if version == 3:
+        assert names == {"x86_64-linux", "aarch64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin"}
+    else:
+        assert names == {"linux64", "aarch64-linux", "win64", "darwin64"}
+    windows = next(data for name, data in binaries.items() if name.endswith(".dll"))
+    assert windows[:2] == b"MZ"
+    assert all(len(data) < 250_000 for data in binaries.values())

@@ -1,0 +1,58 @@
+"""The C of an FMU is clean: no warnings under strict flags, no finding of the sanitizers or of valgrind, no leak."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+import pytest
+from fmu_models import EVERY, FOLDER, bouncing, jenkins
+
+from hystid.fmu.build import fmu_sources
+from hystid.fmu.interface import interface
+
+STRICT = ("-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror", "-fvisibility=hidden")
+
+pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
+
+
+def program(folder, make, *flags):
+    """Executable that exercises the FMI 2.0 functions of a model."""
+    sources = {**fmu_sources(interface(make()), 2), "exercise.c": (FOLDER / "exercise.c").read_text()}
+    for name, text in sources.items():
+        (folder / name).write_text(text)
+    main = [name for name in sources if name.endswith(".c")]
+    subprocess.run(["gcc", *flags, *main, "-o", "exercise", "-lm"], cwd=folder, check=True)
+    return folder / "exercise"
+
+
+@pytest.mark.parametrize("make", EVERY)
+@pytest.mark.parametrize("version", [2, 3])
+def test_no_warnings(tmp_path, make, version):
+    sources = fmu_sources(interface(make()), version)
+    for name, text in sources.items():
+        (tmp_path / name).write_text(text)
+    changing = ["hy_variables.c", "model.c"] if make is not jenkins else [n for n in sources if n.endswith(".c")]
+    run = subprocess.run(["gcc", *STRICT, "-fsyntax-only", *changing], cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("make", [jenkins, bouncing])
+def test_sanitizers_find_nothing(tmp_path, make):
+    flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
+    executable = program(tmp_path, make, *STRICT, *flags)
+    token = make().token
+    run = subprocess.run([executable, "500", token], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+@pytest.mark.skipif(not shutil.which("valgrind"), reason="needs valgrind")
+def test_valgrind_finds_nothing_and_steps_allocate_nothing(tmp_path):
+    executable = program(tmp_path, bouncing, "-g", "-O1")
+    allocations = []
+    for n in ("10", "1000"):
+        command = ["valgrind", "--leak-check=full", "--error-exitcode=9", executable, n, bouncing().token]
+        run = subprocess.run(command, capture_output=True, text=True)
+        assert run.returncode == 0, run.stderr
+        allocations.append(next(line for line in run.stderr.splitlines() if "total heap usage" in line).split()[4])
+    assert allocations[0] == allocations[1]

@@ -1,0 +1,137 @@
+"""Reference results inside an FMU, their replay, and the pytest fixture that users get."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from importlib.metadata import entry_points
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from fmu_models import EVERY, built, effect, jenkins, linear
+
+from hystid.errors import FmuError
+from hystid.fmu import build, regress
+from hystid.fmu.reference import FOLDER, NAMESPACE, read_table, reference_entries, table_text
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("make", EVERY)
+def test_every_fmu_answers_as_it_says(make, version):
+    result = regress(built(make, version))
+    assert result.passed, result.text()
+    assert {s.name for s in result.signals} == {
+        v.name for v in make().variables if v.causality == "output" and v.variability == "continuous"
+    }
+
+
+def test_the_manifest_is_of_the_layered_standard():
+    with zipfile.ZipFile(built(jenkins, 3)) as archive:
+        root = ET.fromstring(archive.read(f"{FOLDER}/fmi-ls-manifest.xml"))
+        assert root.tag == "fmiReferences"
+        assert root.get(f"{{{NAMESPACE}}}fmi-ls-name") == "org.fmi-standard.fmi-ls-ref"
+        assert root.get(f"{{{NAMESPACE}}}fmi-ls-version") == "1.0.0-alpha.1"
+        related = {e.get("role"): e.get("source") for e in root.iter("Related")}
+        assert related == {"result": "Jenkins_out.csv", "testcase": "Jenkins_in.csv"}
+        for source in related.values():
+            t, columns = read_table(archive.read(f"{FOLDER}/{source}").decode())
+            assert len(t) <= 501 and np.all(np.diff(t) > 0) and columns
+
+
+def test_tables_keep_every_bit():
+    rng = np.random.default_rng(2)
+    t, x = np.cumsum(rng.uniform(size=50)), rng.normal(size=50) * 1e-7
+    again_t, columns = read_table(table_text(t, {"x, odd name": x}))
+    np.testing.assert_array_equal(again_t, t)
+    np.testing.assert_array_equal(columns["x, odd name"], x)
+
+
+def other_stiffness(tmp_path):
+    """The linear oscillator with 2 % more stiffness and the reference of the right one."""
+    from dataclasses import replace
+
+    code = linear()
+    wrong = replace(code, sources={"model.c": code.sources["model.c"].replace("[K] = 800", "[K] = 816")})
+    return build(wrong, tmp_path / "linear.fmu", extra=reference_entries(code)).path
+
+
+def test_a_changed_model_is_found_shown_and_accepted(tmp_path):
+    path = other_stiffness(tmp_path)
+    result = regress(path)
+    assert not result.passed
+    assert "leaves the tube at t = " in result.text() and result.text().startswith("linear.fmu: differs")
+    picture = ET.fromstring(result.picture())
+    assert picture.tag.endswith("svg") and len(list(picture.iter("{http://www.w3.org/2000/svg}circle"))) > 10
+    assert regress(path, update=True).updated
+    assert regress(path).passed
+
+
+def test_the_tube_has_the_stated_height(tmp_path):
+    path = other_stiffness(tmp_path)
+    worst = {s.name: s for s in regress(path).signals}["x"]
+    shift = np.max(np.abs(worst.values - worst.reference)) / np.ptp(worst.reference)
+    assert not regress(path, relative=shift / 4).passed
+    assert regress(path, relative=20 * shift).passed
+
+
+def test_a_reference_beside_the_file_is_used_and_updated(tmp_path):
+    path = build(linear(), tmp_path / "plain.fmu").path
+    with pytest.raises(FmuError, match="carries no reference results, and plain_out.csv is not beside it"):
+        regress(path)
+    t = np.linspace(0, 1, 101)
+    (tmp_path / "plain_in.csv").write_text(table_text(t, {"F": np.sin(9 * t)}))
+    (tmp_path / "plain_out.csv").write_text(table_text(t, {"x": np.zeros(101), "v": np.zeros(101)}))
+    assert not regress(path).passed
+    regress(path, update=True)
+    assert regress(path).passed
+    assert np.ptp(read_table((tmp_path / "plain_out.csv").read_text())[1]["x"]) > 0
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("time,x\n", "cannot be read"),
+        ("t,x\n0,1\n", "not named time"),
+        ("time,y\n0,1\n1,1\n", "names 'y', which is no variable"),
+        ("time,x\n0,a\n", "cannot be read"),
+    ],
+)
+def test_a_bad_reference_gets_one_sentence(tmp_path, text, sentence):
+    path = build(linear(), tmp_path / "bad.fmu").path
+    (tmp_path / "bad_out.csv").write_text(text)
+    with pytest.raises(FmuError, match=sentence):
+        regress(path)
+
+
+def test_a_model_without_answer_gets_no_reference():
+    from dataclasses import replace
+
+    code = effect()
+    broken = replace(code, sources={"model.c": code.sources["model.c"].replace("[K3] = 1e6", "[K3] = -1")})
+    assert reference_entries(broken) == {}
+
+
+SUITE = """
+def test_oscillator(fmu_regression):
+    result = fmu_regression("linear.fmu")
+    assert result.signals
+"""
+
+
+def run_pytest(folder, *options):
+    plugin = [] if any(e.name == "hystid" for e in entry_points(group="pytest11")) else ["-p", "hystid.pytest_plugin"]
+    command = [sys.executable, "-m", "pytest", "-q", *plugin, "-p", "no:cacheprovider", f"--basetemp={folder}/tmp", *options]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True)
+
+
+def test_the_fixture_in_a_suite_of_ones_own(tmp_path):
+    other_stiffness(tmp_path)
+    (tmp_path / "test_own.py").write_text(SUITE)
+    failed = run_pytest(tmp_path)
+    assert failed.returncode == 1 and "leaves the tube" in failed.stdout, failed.stdout + failed.stderr
+    picture = next((tmp_path / "tmp").rglob("linear_difference.svg"))
+    ET.parse(picture)
+    assert run_pytest(tmp_path, "--fmu-update").returncode == 0
+    assert run_pytest(tmp_path).returncode == 0
