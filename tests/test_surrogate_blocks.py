@@ -1,4 +1,4 @@
-"""Surrogate and oscillator blocks in process: the model's own answer, memory that moves once per sample, derivatives."""
+"""Surrogate and oscillator blocks in process: the model's own answer, memory that moves once per sample."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_units_and_interface(identified: tuple[TwoNetworkModel, Path]) -> None:
 
 
 def gated(folder: Path) -> Path:
-    """A network whose memory moves at every sample, so that one step too many shows: s' = tanh(0.5 s + u), y = s' + u."""
+    """A memory that moves at every sample, so that one step too many shows: s' = tanh(0.5 s + u), y = s' + u."""
     nodes = [
         helper.make_node("Mul", ["s", "half"], ["scaled"]),
         helper.make_node("Add", ["scaled", "u"], ["sum"]),

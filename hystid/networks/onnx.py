@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -211,6 +211,8 @@ def load(path: Path) -> ModelProto:
         proto = onnx.load(str(path))
     except Exception as error:  # protobuf and onnx raise various types for damaged files
         raise NetworkError(f"{path}: not an ONNX file, or a damaged or truncated one ({_first_line(error)})") from error
+    if any(isinstance(text, bytes) for text in _texts(proto)):  # protobuf's way to say: this is no UTF-8
+        raise NetworkError(f"{path}: a damaged ONNX file: a name in it is no text")
     if not proto.ir_version or not proto.opset_import or not (proto.graph.node or proto.graph.output):
         raise NetworkError(f"{path}: not an ONNX file, or a damaged or truncated one (it holds no network)")
     try:
@@ -246,6 +248,18 @@ def read(path: Path) -> tuple[ModelProto, StepDescription]:
         metadata=given,
     )
     return proto, description
+
+
+def _texts(proto: ModelProto) -> Iterator[object]:
+    """Every name in the file that is used later."""
+    graph = proto.graph
+    for node in graph.node:
+        yield from (node.name, node.op_type, node.domain, *node.input, *node.output)
+        yield from (attribute.name for attribute in node.attribute)
+    yield from (info.name for info in (*graph.input, *graph.output, *graph.initializer))
+    yield from (axis.dim_param for info in graph.input for axis in info.type.tensor_type.shape.dim)
+    yield from (part for entry in proto.metadata_props for part in (entry.key, entry.value))
+    yield from (entry.domain for entry in proto.opset_import)
 
 
 def _first_line(error: Exception) -> str:
