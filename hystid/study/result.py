@@ -1,0 +1,150 @@
+"""Results of studies: figures per structure, the choice with its reason, and their JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hystid.networks.normal_equations import parameter_count
+from hystid.study.work import Outcome
+
+_NEAR = 1.1  # medians within this factor of the least count as equally good
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Box-plot figures of values (NRMSE, fractions): best, quartiles by nearest rank, worst. Infinity: diverged."""
+
+    best: float
+    lower: float
+    median: float
+    upper: float
+    worst: float
+    values: tuple[float, ...]
+
+    @staticmethod
+    def of(values: Sequence[float]) -> Spread:
+        """Figures of at least one value; NaN (no free run) stays NaN."""
+        array = np.array(values, dtype=float)
+        levels = [float("nan")] * 5
+        if not np.isnan(array).any():  # nearest rank: infinity, a free run that diverged, takes part in the order
+            levels = [float(level) for level in np.quantile(array, [0, 0.25, 0.5, 0.75, 1], method="inverted_cdf")]
+        best, lower, median, upper, worst = levels
+        return Spread(best, lower, median, upper, worst, tuple(values))
+
+    def summary(self) -> dict[str, Any]:
+        """JSON-like; infinity becomes null."""
+        names = ("best", "lower", "median", "upper", "worst", "values")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """All starts of one structure at one mass.
+
+    force, free_run: spread over the starts of each one's median error over the held-out recordings. ensemble: errors of
+    the mean of the best tenth (by validation error, which knows nothing of the held-out recordings); single: errors of
+    the start of the least validation error. Each is {"force_nrmse", "x_nrmse"}, medians over the held-out recordings.
+    """
+
+    layers: tuple[int, ...]
+    mass: float
+    outcomes: Sequence[Outcome]
+    force: Spread
+    free_run: Spread
+    ensemble: Mapping[str, float]
+    single: Mapping[str, float]
+
+    @property
+    def parameters(self) -> int:
+        """Weights of both networks together."""
+        return 2 * parameter_count((3, *self.layers, 1))
+
+    @property
+    def name(self) -> str:
+        """Such as 5-5."""
+        return "-".join(map(str, self.layers))
+
+    def summary(self) -> dict[str, Any]:
+        """Entry of ``cells`` in the JSON file."""
+        return {
+            "layers": list(self.layers),
+            "mass": self.mass,
+            "parameters": self.parameters,
+            "force_nrmse": self.force.summary(),
+            "free_run_x_nrmse": self.free_run.summary(),
+            "ensemble": dict(self.ensemble),
+            "single": dict(self.single),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class GridResult:
+    """Result of ``grid``. cells: one per structure, in the order asked for; chosen: place of the best; reason: why."""
+
+    cells: Sequence[Cell]
+    chosen: int
+    reason: str
+    settings: Mapping[str, Any]
+    files: Mapping[str, Path] = field(default_factory=dict)
+
+    @property
+    def best(self) -> Cell:
+        """The chosen structure."""
+        return self.cells[self.chosen]
+
+    def summary(self) -> dict[str, Any]:
+        """Content of study.json."""
+        return {
+            "study": "grid",
+            "settings": dict(self.settings),
+            "cells": [cell.summary() for cell in self.cells],
+            "best": {"layers": list(self.best.layers), "reason": self.reason},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class MassResult:
+    """Result of ``mass``: cells for each size and assumed mass. offsets: fractions of the nominal mass."""
+
+    cells: Sequence[Cell]
+    nominal: float
+    offsets: tuple[float, ...]
+    settings: Mapping[str, Any]
+    files: Mapping[str, Path] = field(default_factory=dict)
+
+    def row(self, layers: tuple[int, ...]) -> list[Cell]:
+        """Cells of one structure, in the order of the offsets."""
+        return [cell for cell in self.cells if cell.layers == layers]
+
+    def summary(self) -> dict[str, Any]:
+        """Content of study.json."""
+        return {
+            "study": "mass",
+            "settings": dict(self.settings),
+            "nominal": self.nominal,
+            "offsets": list(self.offsets),
+            "cells": [cell.summary() for cell in self.cells],
+        }
+
+
+def choose(cells: Sequence[Cell]) -> tuple[int, str]:
+    """The smallest structure whose median held-out error is within a tenth of the least, and a sentence saying so.
+
+    The error is the free-run displacement's where there is a mass, else the force's.
+    """
+    free = not any(np.isnan(cell.free_run.median) for cell in cells)
+    kind = "free-run displacement" if free else "force"
+    medians = [(cell.free_run if free else cell.force).median for cell in cells]
+    least = int(np.argmin(medians))
+    near = [k for k, median in enumerate(medians) if median <= _NEAR * medians[least]]
+    chosen = min(near, key=lambda k: (cells[k].parameters, k)) if near else least
+    text = (
+        f"{cells[chosen].name}: the smallest of {len(near)} structures whose median {kind} NRMSE over the starts lies "
+        f"within 10 % of the least ({medians[least]:.4g} with {cells[least].name}); its own is {medians[chosen]:.4g}"
+    )
+    return chosen, text
