@@ -58,7 +58,7 @@ def flat_from_text(
     _must_exist(name, files, everything, roots)
     refuse_dropped_modifiers(everything)
     _must_be_complete(name, everything)
-    flat = flatten(name, files, everything[len(files) :], [r.parent for r in roots], structure or {})
+    flat = flatten(name, files, everything[len(files) :], roots, structure or {})
     check_units(flat)
     return flat
 

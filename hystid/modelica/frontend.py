@@ -6,7 +6,10 @@ our own types here. Versions other than the pinned ones are refused, because the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -31,7 +34,7 @@ def flatten(
 ) -> FlatModel:
     """The flat model of class ``name``.
 
-    files: texts given by the user. library: every file below ``roots``, the folders above directory packages.
+    files: texts given by the user. roots: folders of directory packages. library: every file below them.
     structure: values of parameters that decide sizes or which equations exist.
     Raises ModelicaError with file and line.
     """
@@ -45,7 +48,34 @@ def _load(
     name: str, files: Sequence[Source], library: Sequence[Source], roots: Sequence[Path], structure: Mapping[str, float]
 ) -> dict[str, Any]:
     rumoca = _front_end()
-    session = rumoca.Session(roots=[str(r) for r in roots])
+    with _staged(roots) as folders:
+        return _flat_dictionary(rumoca, name, files, library, folders, structure)
+
+
+@contextmanager
+def _staged(packages: Sequence[Path]) -> Iterator[list[str]]:
+    """Folders that hold one package each: the front end reads everything beside a package, wanted or not."""
+    with tempfile.TemporaryDirectory(prefix="hystid-") as stage:
+        folders = []
+        for number, package in enumerate(packages):
+            folder = Path(stage, str(number))
+            for path in package.rglob("*.mo"):
+                copy = folder / package.name / path.relative_to(package)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, copy)
+            folders.append(str(folder))
+        yield folders
+
+
+def _flat_dictionary(
+    rumoca: Any,
+    name: str,
+    files: Sequence[Source],
+    library: Sequence[Source],
+    folders: Sequence[str],
+    structure: Mapping[str, float],
+) -> dict[str, Any]:
+    session = rumoca.Session(roots=list(folders))
     wrapper = _wrapper(name, structure)
     texts = [(s.text, str(s.path)) for s in files] + [(wrapper, f"{_WRAPPER}.mo")]
     try:

@@ -8,6 +8,8 @@ protected
   Units.Dimensionless s "Direction of motion";
   Units.Stiffness K "Stiffness at this point of the loop";
 equation
+  assert(abs(x) <= x0, "|x| = " + String(abs(x)) + " m exceeds x0: here the law of Pecorari and Solodov feeds energy in; "
+    + "choose a larger x0, or the law Jenkins with fc = 0.5 Ks (x0 - x1)", AssertionLevel.warning);
   s = noEvent(sign(v));
   K = 0.5*Ks*(1 - s*noEvent(sign(x + x1*s)));
   f = K*x + K*x1*s + 0.5*Ks*(x0 - x1)*s;
