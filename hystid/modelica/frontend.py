@@ -48,23 +48,27 @@ def _load(
     name: str, files: Sequence[Source], library: Sequence[Source], roots: Sequence[Path], structure: Mapping[str, float]
 ) -> dict[str, Any]:
     rumoca = _front_end()
-    with _staged(roots) as folders:
-        return _flat_dictionary(rumoca, name, files, library, folders, structure)
+    with _one_root(roots) as root:
+        return _flat_dictionary(rumoca, name, files, library, root, structure)
 
 
 @contextmanager
-def _staged(packages: Sequence[Path]) -> Iterator[list[str]]:
-    """Folders that hold one package each: the front end reads everything beside a package, wanted or not."""
+def _one_root(packages: Sequence[Path]) -> Iterator[Path]:
+    """A folder that holds the packages: the front end takes one, and reads everything in it.
+
+    The library alone lies in such a folder; together with others it is copied, so that what happens to lie beside a
+    user's package is not read.
+    """
+    if len(packages) == 1:
+        yield packages[0].parent
+        return
     with tempfile.TemporaryDirectory(prefix="hystid-") as stage:
-        folders = []
-        for number, package in enumerate(packages):
-            folder = Path(stage, str(number))
+        for package in packages:
             for path in package.rglob("*.mo"):
-                copy = folder / package.name / path.relative_to(package)
+                copy = Path(stage, package.name) / path.relative_to(package)
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(path, copy)
-            folders.append(str(folder))
-        yield folders
+        yield Path(stage)
 
 
 def _flat_dictionary(
@@ -72,10 +76,10 @@ def _flat_dictionary(
     name: str,
     files: Sequence[Source],
     library: Sequence[Source],
-    folders: Sequence[str],
+    root: Path,
     structure: Mapping[str, float],
 ) -> dict[str, Any]:
-    session = rumoca.Session(roots=list(folders))
+    session = rumoca.Session(roots=[str(root)])
     wrapper = _wrapper(name, structure)
     texts = [(s.text, str(s.path)) for s in files] + [(wrapper, f"{_WRAPPER}.mo")]
     try:
