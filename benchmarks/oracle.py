@@ -95,11 +95,11 @@ def chirps(snr_db: float | None = 34.0, amplitudes=(15, 30, 45, 60, 75, 105), dt
         yield clean if snr_db is None else noisy(clean, snr_db, rng)
 
 
-def harmonics(dt: float = 1e-4, duration: float = 2.0):
-    """Validation recordings: 20, 30, 40, 50 Hz at 80 and 90 N, without noise."""
+def harmonics(dt: float = 1e-4, duration: float = 2.0, amplitudes=(80, 90)):
+    """Validation recordings: 20, 30, 40, 50 Hz, by default at 80 and 90 N, without noise."""
     t = np.arange(round(duration / dt)) * dt
     for frequency in (20, 30, 40, 50):
-        for amplitude in (80, 90):
+        for amplitude in amplitudes:
             yield simulate(
                 f"harmonic_{frequency}Hz_{amplitude}N", amplitude * np.sin(2 * np.pi * frequency * t), dt, JENKINS
             )

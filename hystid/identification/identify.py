@@ -39,6 +39,7 @@ def identify(
     samples: int = 50_000,
     holdout: Sequence[Recording] = (),
     workers: int | None = None,
+    device: str | None = None,
     out: Path | None = None,
 ) -> Identification:
     """Identify the restoring force with memory from recordings, by the two-network method.
@@ -53,11 +54,12 @@ def identify(
     a jointly, and goes on from the best third of the starts with both networks trained together in simulation; the
     published model is then trained as well and stands beside it in every comparison.
     samples: at most so many, drawn at random from all recordings after the turning points were found at full rate.
+    device: a torch device such as "cuda" for the first trainings, all starts at once; None uses the compiled kernel.
     out: folder to write the models and identification.json to.
     Raises UsageError, RecordingError, NumericalError. After Ctrl-C it goes on with the trainings that had finished.
     """
     _check(mass, layers, ensemble, samples, method)
-    plan = Plan(tuple(layers), ensemble, seed, rule_of(mode), precision, samples, workers)
+    plan = Plan(tuple(layers), ensemble, seed, rule_of(mode), precision, samples, workers, device)
     recipe = Recipe(band, decimate, mass, smoothing=method == "refined")
     used, unseen = ([recipe.apply(recording) for recording in group] for group in (recordings, holdout))
     data.check(used, unseen)

@@ -56,6 +56,7 @@ class Plan:
     precision: Precision
     samples: int
     workers: int | None
+    device: str | None = None
 
     def published(self, recordings: Sequence[Recording]) -> Trained:
         """Each network by itself, measured force at the turning points; the best tenth of the starts is averaged."""
@@ -84,7 +85,14 @@ class Plan:
 
     def _starts(self, drawn: Samples, rule: Rule) -> list[Start]:
         return train_ensemble(
-            drawn, self.layers, self.ensemble, seed=self.seed, rule=rule, precision=self.precision, workers=self.workers
+            drawn,
+            self.layers,
+            self.ensemble,
+            seed=self.seed,
+            rule=rule,
+            precision=self.precision,
+            workers=self.workers,
+            device=self.device,
         )
 
     def _shortfall(self, starts: Sequence[Start]) -> tuple[str, ...]:

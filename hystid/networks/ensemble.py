@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.errors import NumericalError
+from hystid.networks.batched import train_batch
 from hystid.networks.joint import Sequences, train_jointly
-from hystid.networks.network import Member
+from hystid.networks.network import Member, Network
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import RULES, Data, Rule, Training, initial_weights, train
 from hystid.progress import track
@@ -79,15 +80,28 @@ def train_pair(
     stop: threading.Event | None = None,
 ) -> Start:
     """Hysteresis network on (x, x0, R0) -> R, then restoring network on (x, v, its output) -> R, on one split."""
-    rng = np.random.default_rng([seed, number])
-    sizes = (3, *hidden, 1)
-    first = Data.split(np.stack([samples.x, samples.x0, samples.R0]), samples.R, seed)
-    hysteresis = train(first, hidden, initial_weights(sizes, rng), rule=rule, precision=precision, stop=stop)
-    outer = first.network(hysteresis.w, hidden)
-    Rh = outer(samples.x, samples.x0, samples.R0)
-    second = Data.split(np.stack([samples.x, samples.v, Rh]), samples.R, seed)
-    restoring = train(second, hidden, initial_weights(sizes, rng), rule=rule, precision=precision, stop=stop)
-    return Start(number, Member(outer, second.network(restoring.w, hidden)), hysteresis, restoring)
+    first, second = _weights(hidden, seed, number)
+    outer = _outer_data(samples, seed)
+    hysteresis = train(outer, hidden, first, rule=rule, precision=precision, stop=stop)
+    network = outer.network(hysteresis.w, hidden)
+    inner = _inner_data(samples, network, seed)
+    restoring = train(inner, hidden, second, rule=rule, precision=precision, stop=stop)
+    return Start(number, Member(network, inner.network(restoring.w, hidden)), hysteresis, restoring)
+
+
+def _weights(hidden: Sequence[int], seed: int, number: int) -> tuple[Array, Array]:
+    """Starting weights of both networks of one start."""
+    rng, sizes = np.random.default_rng([seed, number]), (3, *hidden, 1)
+    return initial_weights(sizes, rng), initial_weights(sizes, rng)
+
+
+def _outer_data(samples: Samples, seed: int) -> Data:
+    return Data.split(np.stack([samples.x, samples.x0, samples.R0]), samples.R, seed)
+
+
+def _inner_data(samples: Samples, hysteresis: Network, seed: int) -> Data:
+    Rh = hysteresis(samples.x, samples.x0, samples.R0)
+    return Data.split(np.stack([samples.x, samples.v, Rh]), samples.R, seed)
 
 
 def workers_of(workers: int | None) -> int:
@@ -133,13 +147,33 @@ def train_ensemble(
     rule: Rule = RULES["fast"],
     precision: Precision = "float64",
     workers: int | None = None,
+    device: str | None = None,
 ) -> list[Start]:
-    """``count`` starts, in order of their number; fewer after Ctrl-C, then those finished."""
+    """``count`` starts, in order of their number; fewer after Ctrl-C, then those finished.
+
+    device: a torch device, as "cuda", on which all are trained at once; None trains ``workers`` at a time here.
+    """
+    if device is not None:
+        return _train_on(device, samples, hidden, count, seed, rule)
 
     def job(number: int) -> Callable[[threading.Event], Start]:
         return lambda stop: train_pair(samples, hidden, number, seed=seed, rule=rule, precision=precision, stop=stop)
 
     return side_by_side("training", [job(number) for number in range(count)], workers)[0]
+
+
+def _train_on(device: str, samples: Samples, hidden: Sequence[int], count: int, seed: int, rule: Rule) -> list[Start]:
+    weights = [_weights(hidden, seed, number) for number in range(count)]
+    outer = _outer_data(samples, seed)
+    firsts = train_batch([outer] * count, hidden, np.stack([w for w, _ in weights]), rule=rule, device=device)
+    networks = [outer.network(first.w, hidden) for first in firsts]
+    inner = [_inner_data(samples, network, seed) for network in networks]
+    seconds = train_batch(inner, hidden, np.stack([w for _, w in weights]), rule=rule, device=device)
+    members = [
+        Member(network, part.network(second.w, hidden))
+        for network, part, second in zip(networks, inner, seconds, strict=True)
+    ]
+    return [Start(k, *parts) for k, parts in enumerate(zip(members, firsts, seconds, strict=True))]
 
 
 def refine_ensemble(
