@@ -25,7 +25,8 @@ LAYERS = [
     {"study"},
     {"report"},
     {"demo"},
-    {"cli", "pytest_plugin", "__main__"},
+    {"cli", "pytest_plugin"},
+    {"__main__"},
 ]
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 
