@@ -6,8 +6,10 @@ our own types here. Versions other than the pinned ones are refused, because the
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -48,7 +50,7 @@ def _load(
     name: str, files: Sequence[Source], library: Sequence[Source], roots: Sequence[Path], structure: Mapping[str, float]
 ) -> dict[str, Any]:
     rumoca = _front_end()
-    with _one_root(roots) as root:
+    with _one_root(roots) as root, _private_cache():
         return _flat_dictionary(rumoca, name, files, library, root, structure)
 
 
@@ -69,6 +71,27 @@ def _one_root(packages: Sequence[Path]) -> Iterator[Path]:
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(path, copy)
         yield Path(stage)
+
+
+_environment = threading.Lock()
+
+
+@contextmanager
+def _private_cache() -> Iterator[None]:
+    """The front end keeps every file that it ever parsed in the user's cache folder, without end; here it may not.
+
+    Parsing the library anew costs some 30 ms.
+    """
+    with _environment, tempfile.TemporaryDirectory(prefix="hystid-") as folder:
+        before = os.environ.get("XDG_CACHE_HOME")
+        os.environ["XDG_CACHE_HOME"] = folder
+        try:
+            yield
+        finally:
+            if before is None:
+                del os.environ["XDG_CACHE_HOME"]
+            else:
+                os.environ["XDG_CACHE_HOME"] = before
 
 
 def _flat_dictionary(
