@@ -13,9 +13,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import oracle
 from scipy.signal import resample, resample_poly
 
-import oracle
 from hystid.identification import Comparison, Identification, Prediction, identify
 from hystid.recording import Recording, read
 
@@ -26,7 +26,8 @@ def show(title: str, result: Identification, seconds: float, note: str) -> None:
     """Held-out errors of the refined, the published and the linear model."""
     print(f"\n## {title}  ({seconds:.0f} s)\n\n{note}\n")
     print(
-        "| recording | role | force NRMSE refined / published / linear | free-run x NRMSE refined / published / linear |"
+        "| recording | role | force NRMSE refined / published / linear "
+        "| free-run x NRMSE refined / published / linear |"
     )
     print("|---|---|---|---|")
     for c in result.comparisons:
@@ -64,7 +65,8 @@ def emps() -> None:
         "Low-pass 100 Hz and every 10th sample, as its authors.",
     )
     print(
-        "\nInverse-model force error [%] (authors: 4.08 symmetric, 3.11 asymmetric on the estimation record; 5.98 on pulses):"
+        "\nInverse-model force error [%] (authors: 4.08 symmetric, 3.11 asymmetric on the estimation record; "
+        "5.98 on pulses):"
     )
     for c in result.comparisons:
         models = (("refined", c.network), ("published", c.published), ("linear", c.linear))

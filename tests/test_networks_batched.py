@@ -20,7 +20,7 @@ def data(seed, n=600):
 def test_each_network_of_a_batch_is_trained_as_by_itself(mode):
     sets = [data(seed) for seed in range(3)]
     starts = np.stack([training.initial_weights((3, 4, 3, 1), np.random.default_rng(seed)) for seed in range(3)])
-    rule = replace(training.RULES[mode], max_iterations=15)
+    rule = replace(training.RULES[mode], max_iterations=10)
     together = batched.train_batch(sets, (4, 3), starts, rule=rule)
     for one, w, result in zip(sets, starts, together, strict=True):
         alone = training.train(one, (4, 3), w, rule=rule)

@@ -187,7 +187,7 @@ def with_parameters(pair: Member, w: Array) -> Member:
 def train_jointly(
     pair: Member, data: Sequences, rule: Rule, *, seed: int = 0, stop: threading.Event | None = None
 ) -> tuple[Member, Training]:
-    """Lower the error of the simulated R from a trained pair; stops early on branches left out (``Sequences.split``)."""
+    """Lower the error of the simulated R from a trained pair; stops early on branches left out."""
     parts = data.split(seed)
     fit, check, test = (JointNormal(pair, data.pick(parts[name])) for name in ("train", "validation", "test"))
     result = minimise(fit, check, parameters_of(pair), rule, stop)
