@@ -79,7 +79,7 @@ def _elements(family: str, p: dict[str, float], speed: float) -> tuple[Element, 
     if family == "boucwen":
         return (Element("boucwen", (p["alpha"], p["beta"], p["gamma"], p["delta"], p["nu"])),)
     if family == "pecorari":
-        return (Element("pecorari", (p["Ks"], p["x0"], p["x1"], 0.02 * speed)),)
+        return (Element("pecorari", (p["Ks"], p["x0"], p["x1"], 0.01 * speed)),)
     count = np.arange(1, IWAN_SLIDERS + 1)
     limits = 2 * p["fc"] * count / (IWAN_SLIDERS * (IWAN_SLIDERS + 1))
     return (Element("sliders", (IWAN_SLIDERS, *np.full(IWAN_SLIDERS, p["Ks"] / IWAN_SLIDERS), *limits)),)

@@ -111,10 +111,13 @@ static double element(int kind, const double *p, const place *q, const double *f
         w = pow(fabs(flow[0]) + 1e-300, p[4] - 1);
         rate[0] = p[0] * v - p[1] * w * (p[2] * fabs(v) * flow[0] + p[3] * v * fabs(flow[0]));
         return flow[0];
-    case PECORARI: {                                                                /* Ks x0 x1, speed of the smooth sign */
-        double s = smooth_sign(v / p[3], 0), side = sign(v) >= 0 ? 1 : -1;
-        double K = 0.5 * p[0] * (1 - side * sign(x + p[2] * side));
-        return K * x + K * p[2] * s + 0.5 * p[0] * (p[1] - p[2]) * s;
+    case PECORARI: {                                    /* Ks x0 x1, speed over which one branch takes over from the other */
+        double s = smooth_sign(v / p[3], 0), force = 0;
+        for (int side = -1; side <= 1; side += 2) {
+            double K = 0.5 * p[0] * (1 - side * sign(x + p[2] * side));
+            force += 0.5 * (1 + side * s) * (K * (x + p[2] * side) + 0.5 * p[0] * (p[1] - p[2]) * side);
+        }
+        return force;
     }
     case ODD_POWER: return A * sign(x) * pow(fabs(x) / p[4], p[5]);                 /* length, power */
     case TRANSVERSE: u = x / p[4]; return A * u * (1 - 1 / sqrt(1 + u * u));        /* length of a spring across the motion */
