@@ -20,11 +20,12 @@ def data(seed, n=600):
 def test_each_network_of_a_batch_is_trained_as_by_itself(mode):
     sets = [data(seed) for seed in range(3)]
     starts = np.stack([training.initial_weights((3, 4, 3, 1), np.random.default_rng(seed)) for seed in range(3)])
-    rule = replace(training.RULES[mode], max_iterations=10)
+    rule = replace(training.RULES[mode], max_iterations=6)
     together = batched.train_batch(sets, (4, 3), starts, rule=rule)
     for one, w, result in zip(sets, starts, together, strict=True):
         alone = training.train(one, (4, 3), w, rule=rule)
-        # the same steps with sums in another order: rounding of 1e-16, amplified by damped systems of condition 1e10
+        # the same steps with sums in another order: rounding of 1e-16 times the condition of the damped systems, which
+        # grows as mu falls by 10 a step; after six steps it is about 1e8
         np.testing.assert_allclose(result.train, alone.train, rtol=1e-5)
         np.testing.assert_allclose(result.validation, alone.validation, rtol=1e-5)
         assert (result.reason, result.iteration) == (alone.reason, alone.iteration)
