@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
-from hystid.toolchain import shared_library
+from hystid.toolchain import object_files, shared_library
 
 Array = NDArray[np.float64]
 Interpolation = Literal["hold", "linear", "cubic"]
@@ -181,10 +181,10 @@ def shell_text(name: str) -> str:
 
 def compile_model_code(code: ModelCode) -> Path:
     """Library of the model and the table runner, without FMI; cached by content. Raises ToolchainError."""
-    shell = {name: shell_text(name) for name in (*_ENGINE, *_HEADERS)}
-    sources = {**shell, **code.sources}
-    main = [*_ENGINE, *(name for name in code.sources if name.endswith(".c"))]
-    return shared_library(sources, main=main, flags=FLAGS)
+    headers = {name: shell_text(name) for name in _HEADERS}
+    engine = object_files({**headers, **{name: shell_text(name) for name in _ENGINE}}, main=_ENGINE, flags=FLAGS)
+    main = [name for name in code.sources if name.endswith(".c")]
+    return shared_library({**headers, **code.sources}, main=main, flags=FLAGS, objects=engine)
 
 
 class CompiledModel:

@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,6 +22,7 @@ import platformdirs
 
 from hystid.errors import ToolchainError
 
+_COMMON = ("-std=c11", "-fPIC", "-fvisibility=hidden")
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
@@ -68,42 +69,81 @@ def shared_library(
     libraries: Sequence[str] = ("-lm",),
     command: Sequence[str] | None = None,
     suffix: str = _SUFFIX,
+    objects: Sequence[Path] = (),
 ) -> Path:
     """Compile C text to a shared library and return its path in the cache.
 
     sources: file name -> text, headers included. main: names of the ``.c`` files to compile.
     flags are added to ``-std=c11 -fPIC -shared -fvisibility=hidden``. command: another compiler than this machine's,
-    whose libraries end in suffix.
+    whose libraries end in suffix. objects: further parts, from ``object_files`` with the same flags and command.
     Raises ToolchainError with the compiler's first error line.
     """
-    command = [*(command or compiler()), "-std=c11", "-fPIC", "-shared", "-fvisibility=hidden", *flags]
-    digest = hashlib.sha256()
-    for part in (*command, *libraries, *main, *(text for item in sorted(sources.items()) for text in item)):
-        digest.update(part.encode())
-        digest.update(b"\0")
+    command = [*(command or compiler()), *_COMMON, "-shared", *flags]
+    parts = (*libraries, *main, *(path.name for path in objects), *_texts(sources))
+    digest = _digest((*command, *parts))
     if "-march=native" in flags:  # a cache folder on a network drive may serve machines of several kinds
         digest.update(_processor().encode())
     library = cache_folder() / f"{digest.hexdigest()[:32]}{suffix}"
     if library.exists():
         return library
     with tempfile.TemporaryDirectory(dir=cache_folder()) as folder:
-        for name, text in sources.items():
-            path = Path(folder, name)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
+        _write(Path(folder), sources)
         made = Path(folder, "library" + suffix)
-        run = subprocess.run(
-            [*command, *main, "-o", made.name, *libraries],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if run.returncode:
-            first = next((line for line in run.stderr.splitlines() if "error" in line), run.stderr.strip()[:200])
-            raise ToolchainError(f"the C compiler '{command[0]}' refused generated code: {first}")
+        _compile([*command, *main, *map(str, objects), "-o", made.name, *libraries], Path(folder))
         made.replace(library)  # atomic: another process sees the whole library or none
     return library
+
+
+def object_files(
+    sources: Mapping[str, str],
+    *,
+    main: Sequence[str],
+    flags: Sequence[str] = ("-O2",),
+    command: Sequence[str] | None = None,
+) -> tuple[Path, ...]:
+    """Compile C files that many libraries share, once; return their object files in the cache, in the order of main.
+
+    Arguments as for ``shared_library``. Raises ToolchainError with the compiler's first error line.
+    """
+    full = [*(command or compiler()), *_COMMON, "-c", *flags]
+    headers = {name: text for name, text in sources.items() if name not in main}
+    common = (*full, *_texts(headers))
+    objects = {name: cache_folder() / f"{_digest((*common, name, sources[name])).hexdigest()[:32]}.o" for name in main}
+    missing = [name for name, path in objects.items() if not path.exists()]
+    if missing:
+        with tempfile.TemporaryDirectory(dir=cache_folder()) as folder:
+            _write(Path(folder), sources)
+            for name in missing:
+                _compile([*full, name, "-o", "made.o"], Path(folder))
+                Path(folder, "made.o").replace(objects[name])
+    return tuple(objects.values())
+
+
+def _texts(sources: Mapping[str, str]) -> Iterator[str]:
+    for name, text in sorted(sources.items()):
+        yield from (name, text)
+
+
+def _digest(parts: Iterable[str]) -> hashlib._Hash:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part.encode())
+        digest.update(b"\0")
+    return digest
+
+
+def _write(folder: Path, sources: Mapping[str, str]) -> None:
+    for name, text in sources.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+
+def _compile(command: Sequence[str], folder: Path) -> None:
+    run = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if run.returncode:
+        first = next((line for line in run.stderr.splitlines() if "error" in line), run.stderr.strip()[:200])
+        raise ToolchainError(f"the C compiler '{command[0]}' refused generated code: {first}")
 
 
 @cache

@@ -118,7 +118,7 @@ def _combination(v: dict[str, Any]) -> Iterator[str]:
         yield "a start value is missing" if needs else "a start value is not allowed"
     if causality == "independent" and start is not None:
         yield "the independent variable must have no start value"
-    if start is not None and v["type"] != "Boolean":
+    if start is not None and v["type"] != "Boolean":  # noqa: SIM102
         if not float(v.get("min", "-inf")) <= float(start) <= float(v.get("max", "inf")):
             yield "start lies outside min and max"
     if "nominal" in v and float(v["nominal"]) <= 0:
@@ -143,11 +143,20 @@ def _aliases(variables: list[dict[str, Any]], version: int) -> Iterator[str]:
 
 
 def _empty(root: Any) -> Iterator[str]:
-    required = {"ModelStructure", "ModelVariables", "ModelExchange", "CoSimulation", "BaseUnit"}
+    required = {
+        "ModelStructure",
+        "ModelVariables",
+        "ModelExchange",
+        "CoSimulation",
+        "BaseUnit",
+        "Real",
+        "Integer",
+        "Boolean",
+    }
     for element in root.iter():
-        if isinstance(element.tag, str) and not len(element) and not element.attrib and element.tag not in required:
-            if element.tag not in ("Real", "Integer", "Boolean"):
-                yield f"the element {element.tag} is empty"
+        bare = isinstance(element.tag, str) and not len(element) and not element.attrib
+        if bare and element.tag not in required:
+            yield f"the element {element.tag} is empty"
     if any(value == "" and key != "dependencies" for e in root.iter() for key, value in e.attrib.items()):
         yield "an attribute is empty"
 

@@ -1,4 +1,4 @@
-"""The in-process runner against closed forms: order of convergence, events at their analytic instants, sensitivities."""
+"""The in-process runner against closed forms: order of convergence, instants of events, sensitivities."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ def test_linear_input_is_followed_within_a_step_and_held_input_is_not():
     smooth = model.simulate({"F": t}, dt, outputs=["x"])["x"]
     held = model.simulate({"F": t}, dt, outputs=["x"], interpolation="hold")["x"]
     delayed = np.interp(t - dt / 2, t, exact)
-    assert np.max(np.abs(smooth - exact)) < 2e-5 * np.max(exact)  # Runge-Kutta's own: (w dt)^4 / 120 a radian, w dt = 0.2
+    assert np.max(np.abs(smooth - exact)) < 2e-5 * np.max(
+        exact
+    )  # Runge-Kutta's own: (w dt)^4 / 120 a radian, w dt = 0.2
     assert np.max(np.abs(held - exact)) > 1e-3 * np.max(exact)
     np.testing.assert_allclose(held[10:], delayed[10:], atol=2e-3 * np.max(exact))  # second order of the delay
 
@@ -157,7 +159,7 @@ def test_clamped_motion_gives_back_the_inner_state(motion):
 
 
 def test_sensitivities_of_a_smooth_inner_state_match_differences():
-    """Linear oscillator with only x given: v is an inner state that follows from F, so that forward propagation counts."""
+    """Linear oscillator with only x given: v is an inner state that follows from F, and forward propagation counts."""
     t = np.arange(2001) * 1e-3
     F = np.sin(20 * t)
     model = CompiledModel(linear())
@@ -169,7 +171,9 @@ def test_sensitivities_of_a_smooth_inner_state_match_differences():
         for output in ("R", "v"):
             difference = (runs[output][0] - runs[output][1]) / (2 * h)
             scale = np.max(np.abs(difference))
-            np.testing.assert_allclose(result[f"d {output}/d {name}"], difference, atol=1e-6 * scale)  # h^2 of the difference
+            np.testing.assert_allclose(
+                result[f"d {output}/d {name}"], difference, atol=1e-6 * scale
+            )  # h^2 of the difference
 
 
 def test_sensitivities_where_the_state_switches_fall_back_to_whole_runs(motion):
@@ -185,7 +189,9 @@ def test_sensitivities_where_the_state_switches_fall_back_to_whole_runs(motion):
 def test_clamping_many_parameter_vectors_is_clamping_each():
     x = np.linspace(-1, 1, 50)
     model = CompiledModel(effect())
-    many = model.clamp_many({}, {"x": x, "v": x}, 1e-3, parameters={"k3": [1.0, 2.0, 3.0], "b2": 0.0}, outputs=["f"])["f"]
+    many = model.clamp_many({}, {"x": x, "v": x}, 1e-3, parameters={"k3": [1.0, 2.0, 3.0], "b2": 0.0}, outputs=["f"])[
+        "f"
+    ]
     np.testing.assert_allclose(many, np.outer([1.0, 2.0, 3.0], x**3), rtol=1e-14)
 
 

@@ -44,7 +44,11 @@ def test_the_checker_can_find(tmp_path, version):
     sound = built(linear, version)
     unknown = "index" if version == 2 else "valueReference"
     defects = [
-        (r'generationDateAndTime="[^"]*"', 'generationDateAndTime="2026-01-01T00:00:00+00:00"', "generationDateAndTime"),
+        (
+            r'generationDateAndTime="[^"]*"',
+            'generationDateAndTime="2026-01-01T00:00:00+00:00"',
+            "generationDateAndTime",
+        ),
         (r'initial="exact" (.*?)start="2.0"', r'initial="exact" \1', "schema|start value"),
         (rf'<Unknown {unknown}="\d+" dependencies="[^"]*" />', "", "Outputs|Output"),
         (r'unit="N/m"', 'unit="slug"', "slug is used and not defined"),
@@ -128,7 +132,9 @@ def test_sources_inside_build_again(tmp_path, version):
         archive.extractall(tmp_path)
     description = ET.parse(tmp_path / "modelDescription.xml").getroot()
     if version == 3:
-        files = ET.parse(tmp_path / "sources" / "buildDescription.xml").getroot().find("BuildConfiguration/SourceFileSet")
+        files = (
+            ET.parse(tmp_path / "sources" / "buildDescription.xml").getroot().find("BuildConfiguration/SourceFileSet")
+        )
         names, options = [f.get("name") for f in files.iterfind("SourceFile")], files.get("compilerOptions").split()
     else:
         names = [f.get("name") for f in description.iterfind("CoSimulation/SourceFiles/File")]
@@ -136,7 +142,9 @@ def test_sources_inside_build_again(tmp_path, version):
     library = next((tmp_path / "binaries").rglob("*.so"))
     library.unlink()
     compiler = shutil.which("cc") or shutil.which("gcc")
-    subprocess.run([compiler, *options, "-fPIC", "-shared", *names, "-o", library, "-lm"], cwd=tmp_path / "sources", check=True)
+    subprocess.run(
+        [compiler, *options, "-fPIC", "-shared", *names, "-o", library, "-lm"], cwd=tmp_path / "sources", check=True
+    )
     again = tmp_path / "again.fmu"
     with zipfile.ZipFile(again, "w") as archive:
         for path in tmp_path.rglob("*"):
@@ -161,7 +169,16 @@ def test_only_fmi_and_the_batch_entry_are_visible(tmp_path, version):
     table = subprocess.run(["nm", "--format=sysv", library], capture_output=True, text=True, check=True).stdout
     rows = [[cell.strip() for cell in line.split("|")] for line in table.splitlines() if line.count("|") == 6]
     writable = {name for name, *_, section in rows if section in (".data", ".bss")}
-    start_up = {"completed.0", "__dso_handle", "__TMC_END__", "_edata", "__bss_start", "_end", "_DYNAMIC", "__data_start"}
+    start_up = {
+        "completed.0",
+        "__dso_handle",
+        "__TMC_END__",
+        "_edata",
+        "__bss_start",
+        "_end",
+        "_DYNAMIC",
+        "__data_start",
+    }
     assert writable <= start_up  # of the compiler's run-time; nothing of ours can be written
 
 
@@ -223,7 +240,9 @@ def test_platform_names():
 
 def test_universal_files_hold_both_processors():
     """Two libraries that differ in their processor field, in one file: offsets and sizes in the header find them."""
-    libraries = [struct.pack("<Iii", 0xFEEDFACF, cpu, 3) + bytes([fill]) * size for cpu, fill, size in ((7, 1, 100), (12, 2, 50))]
+    libraries = [
+        struct.pack("<Iii", 0xFEEDFACF, cpu, 3) + bytes([fill]) * size for cpu, fill, size in ((7, 1, 100), (12, 2, 50))
+    ]
     data = universal(libraries)
     magic, count = struct.unpack_from(">II", data)
     assert (magic, count) == (0xCAFEBABE, 2)

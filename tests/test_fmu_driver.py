@@ -43,23 +43,37 @@ REFUSED = {
     "not a zip file": (lambda p: p.write_bytes(b"no zip at all"), "not an FMU, for it is not a zip file"),
     "empty": (lambda p: p.write_bytes(b""), "not a zip file"),
     "cut off": (lambda p: p.write_bytes(built(linear, 2).read_bytes()[:4000]), "not a zip file or it is damaged"),
-    "path outside": (lambda p: zip_of(p, {"../evil.txt": b"", "modelDescription.xml": b""}), "'../evil.txt' would be written"),
-    "absolute path": (lambda p: zip_of(p, {"/etc/evil": b"", "modelDescription.xml": b""}), "'/etc/evil' would be written"),
+    "path outside": (
+        lambda p: zip_of(p, {"../evil.txt": b"", "modelDescription.xml": b""}),
+        "'../evil.txt' would be written",
+    ),
+    "absolute path": (
+        lambda p: zip_of(p, {"/etc/evil": b"", "modelDescription.xml": b""}),
+        "'/etc/evil' would be written",
+    ),
     "drive letter": (lambda p: zip_of(p, {"C:\\evil": b"", "modelDescription.xml": b""}), "would be written outside"),
     "no description": (lambda p: zip_of(p, {"readme.txt": b"hi"}), "holds no modelDescription.xml"),
     "broken XML": (lambda p: zip_of(p, {"modelDescription.xml": b"<fmi"}), "not well-formed"),
-    "FMI 1": (lambda p: rezipped(built(linear, 2), p, in_description(b'"2.0"', b'"1.0"')), "FMI version 1.0 is not supported"),
+    "FMI 1": (
+        lambda p: rezipped(built(linear, 2), p, in_description(b'"2.0"', b'"1.0"')),
+        "FMI version 1.0 is not supported",
+    ),
     "no version": (lambda p: zip_of(p, {"modelDescription.xml": b"<a/>"}), "FMI version none"),
-    "no binary": (lambda p: rezipped(built(linear, 2), p, without("binaries")), "no binary for this platform .* none at all"),
+    "no binary": (
+        lambda p: rezipped(built(linear, 2), p, without("binaries")),
+        "no binary for this platform .* none at all",
+    ),
     "other platform": (
-        lambda p: rezipped(built(linear, 3), p, lambda n, d: d if n.endswith(".xml") else None) and add(p, "binaries/x/a.so"),
+        lambda p: (
+            rezipped(built(linear, 3), p, lambda n, d: d if n.endswith(".xml") else None) and add(p, "binaries/x/a.so")
+        ),
         "no binary for this platform .* it has binaries for x",
     ),
     "not a library": (
         lambda p: rezipped(built(linear, 2), p, lambda n, d: b"junk" if n.startswith("binaries") else d),
         "library cannot be loaded",
     ),
-}  # fmt: skip
+}
 
 
 def zip_of(path, content):
@@ -225,7 +239,12 @@ def test_fmpy_takes_the_same_trajectory(version):
     signal = np.zeros(501, dtype=[("time", "f8"), ("F", "f8")])
     signal["time"], signal["F"] = t, F
     rows = fmpy.simulate_fmu(
-        str(built(linear, version)), fmi_type="CoSimulation", stop_time=0.5, output_interval=1e-3, input=signal, output=["x", "v"]
+        str(built(linear, version)),
+        fmi_type="CoSimulation",
+        stop_time=0.5,
+        output_interval=1e-3,
+        input=signal,
+        output=["x", "v"],
     )
     held = Driver(built(linear, version)).simulate(t, {"F": F}, outputs=["x", "v"], interpolation="hold")
     for name in ("x", "v"):
@@ -236,15 +255,22 @@ def test_fmpy_takes_the_same_trajectory(version):
 @BOTH
 def test_fmpy_solves_model_exchange_with_events(version):
     rows = fmpy.simulate_fmu(
-        str(built(bouncing, version)), fmi_type="ModelExchange", stop_time=1.0, output_interval=1e-2, relative_tolerance=1e-10,
-        output=["x", "count"], record_events=False,
-    )  # fmt: skip
+        str(built(bouncing, version)),
+        fmi_type="ModelExchange",
+        stop_time=1.0,
+        output_interval=1e-2,
+        relative_tolerance=1e-10,
+        output=["x", "count"],
+        record_events=False,
+    )
     t = rows["time"]
     first = np.sqrt(2 / 9.81)
     tau = t - first
     exact = np.where(t < first, 1 - 9.81 * t**2 / 2, 0.7 * 9.81 * first * tau - 9.81 * tau**2 / 2)
     inside = np.abs(tau) > 1e-6
-    np.testing.assert_allclose(rows["x"][inside], exact[inside], atol=1e-5)  # CVode's absolute tolerance and event location
+    np.testing.assert_allclose(
+        rows["x"][inside], exact[inside], atol=1e-5
+    )  # CVode's absolute tolerance and event location
     assert rows["count"][-1] == 1
 
 

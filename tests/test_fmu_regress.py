@@ -37,15 +37,16 @@ def test_the_manifest_is_of_the_layered_standard():
         assert related == {"result": "Jenkins_out.csv", "testcase": "Jenkins_in.csv"}
         for source in related.values():
             t, columns = read_table(archive.read(f"{FOLDER}/{source}").decode())
-            assert len(t) <= 501 and np.all(np.diff(t) > 0) and columns
+            assert len(t) <= 251 and np.all(np.diff(t) > 0) and columns
 
 
-def test_tables_keep_every_bit():
+def test_tables_keep_times_exactly_and_values_to_seven_digits():
     rng = np.random.default_rng(2)
     t, x = np.cumsum(rng.uniform(size=50)), rng.normal(size=50) * 1e-7
     again_t, columns = read_table(table_text(t, {"x, odd name": x}))
     np.testing.assert_array_equal(again_t, t)
-    np.testing.assert_array_equal(columns["x, odd name"], x)
+    np.testing.assert_allclose(columns["x, odd name"], x, rtol=5.1e-7)
+    np.testing.assert_array_equal(read_table(table_text(t, columns))[1]["x, odd name"], columns["x, odd name"])
 
 
 def other_stiffness(tmp_path):
@@ -54,7 +55,7 @@ def other_stiffness(tmp_path):
 
     code = linear()
     wrong = replace(code, sources={"model.c": code.sources["model.c"].replace("[K] = 800", "[K] = 816")})
-    return build(wrong, tmp_path / "linear.fmu", extra=reference_entries(code)).path
+    return build(wrong, tmp_path / "linear.fmu", extra=reference_entries(code), reference=False).path
 
 
 def test_a_changed_model_is_found_shown_and_accepted(tmp_path):
@@ -77,8 +78,8 @@ def test_the_tube_has_the_stated_height(tmp_path):
 
 
 def test_a_reference_beside_the_file_is_used_and_updated(tmp_path):
-    path = build(linear(), tmp_path / "plain.fmu").path
-    with pytest.raises(FmuError, match="carries no reference results, and plain_out.csv is not beside it"):
+    path = build(linear(), tmp_path / "plain.fmu", reference=False).path
+    with pytest.raises(FmuError, match=r"carries no reference results, and plain_out\.csv is not beside it"):
         regress(path)
     t = np.linspace(0, 1, 101)
     (tmp_path / "plain_in.csv").write_text(table_text(t, {"F": np.sin(9 * t)}))
@@ -99,7 +100,7 @@ def test_a_reference_beside_the_file_is_used_and_updated(tmp_path):
     ],
 )
 def test_a_bad_reference_gets_one_sentence(tmp_path, text, sentence):
-    path = build(linear(), tmp_path / "bad.fmu").path
+    path = build(linear(), tmp_path / "bad.fmu", reference=False).path
     (tmp_path / "bad_out.csv").write_text(text)
     with pytest.raises(FmuError, match=sentence):
         regress(path)
@@ -122,7 +123,17 @@ def test_oscillator(fmu_regression):
 
 def run_pytest(folder, *options):
     plugin = [] if any(e.name == "hystid" for e in entry_points(group="pytest11")) else ["-p", "hystid.pytest_plugin"]
-    command = [sys.executable, "-m", "pytest", "-q", *plugin, "-p", "no:cacheprovider", f"--basetemp={folder}/tmp", *options]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        *plugin,
+        "-p",
+        "no:cacheprovider",
+        f"--basetemp={folder}/tmp",
+        *options,
+    ]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True)
 
 

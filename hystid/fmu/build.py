@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import zipfile
 from collections.abc import Iterable, Mapping
@@ -11,13 +12,14 @@ from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree as ET
 
-from hystid.compiled import FLAGS, shell_text
+from hystid.compiled import FLAGS, TableRunner, shell_text
 from hystid.errors import FmuError, UsageError
 from hystid.files import atomic
 from hystid.fmu.interface import Interface, interface
 from hystid.fmu.model_description import model_description
 from hystid.fmu.model_description.common import add, text_of
-from hystid.fmu.platforms import Platform, binaries, chosen, compile_for
+from hystid.fmu.platforms import Platform, binaries, chosen, compile_for, host
+from hystid.fmu.reference import reference_entries
 from hystid.fmu.tables import variables_source
 from hystid.modelcode import ModelCode
 
@@ -49,10 +51,13 @@ def build(
     fmi: Version = 2,
     platforms: str | Iterable[str] = "host",
     extra: Mapping[str, bytes] | None = None,
+    reference: bool | None = None,
 ) -> BuildResult:
     """Write an FMU for Model Exchange and Co-Simulation.
 
     fmi: 2 or 3. platforms: "host", "all" or names such as "aarch64-linux". extra: path inside the FMU -> content.
+    reference: whether to run the default experiment and put its results into the FMU; by default, where this machine
+    is among the platforms.
     Raises UsageError, FmuError (a variable's attributes are contradictory), ToolchainError; then nothing is written.
     """
     if fmi not in (2, 3):
@@ -60,16 +65,20 @@ def build(
     if not code.token:
         raise FmuError(f"{code.name}: the model code carries no instantiation token")
     model, targets = interface(code), chosen(platforms)
-    sources = fmu_sources(model, fmi)
+    shell, own = shell_sources(fmi), _own_sources(model, fmi)
+    sources = {**shell, **own}
     main = [name for name in sources if name.endswith(".c")]
-    built = {target.tuple: compile_for(target, sources, main, FLAGS) for target in targets}
+    built = {target.tuple: compile_for(target, shell, own, FLAGS) for target in targets}
+    if reference is None:
+        reference = host() in built
+    extra = {**(extra or {}), **(_reference(code, built) if reference else {})}
     description = model_description(model, fmi, generated=_now(), sources=main)
     content: dict[str, bytes] = {
         "modelDescription.xml": description.encode(),
         **binaries(built, model.identifier, fmi),
         **{f"sources/{name}": text.encode() for name, text in sources.items()},
         **{f"resources/{name}": data for name, data in code.resources.items()},
-        **(extra or {}),
+        **extra,
     }
     if fmi == 3:
         content["sources/buildDescription.xml"] = _build_description(model, main, targets).encode()
@@ -79,13 +88,26 @@ def build(
 
 def fmu_sources(model: Interface, version: Version) -> dict[str, str]:
     """File name -> text of everything that the library is compiled from, headers included."""
-    names = (*_SHELL_C, *_SHELL_H, f"fmi{version}.c")
+    return {**shell_sources(version), **_own_sources(model, version)}
+
+
+def shell_sources(version: Version) -> dict[str, str]:
+    """File name -> text of what all FMUs of a version share."""
     headers = {name: shell_text(f"fmi/{name}") for name in _FMI_H[version]}
-    shell = {name: shell_text(name) for name in names}
-    clash = set(model.code.sources) & (set(shell) | set(headers))
+    return {**{name: shell_text(name) for name in (*_SHELL_C, f"fmi{version}.c", *_SHELL_H)}, **headers}
+
+
+def _own_sources(model: Interface, version: Version) -> dict[str, str]:
+    clash = set(model.code.sources) & set(shell_sources(version))
     if clash:
         raise FmuError(f"{model.code.name}: the source file {min(clash)} has the name of a file of the shell")
-    return {**shell, **headers, **model.code.sources, "hy_variables.c": variables_source(model)}
+    return {**model.code.sources, "hy_variables.c": variables_source(model)}
+
+
+def _reference(code: ModelCode, built: Mapping[str, Path]) -> dict[str, bytes]:
+    if host() not in built:
+        raise UsageError(f"reference results need a binary for this machine ({host()}) in the FMU")
+    return reference_entries(code, TableRunner(ctypes.CDLL(str(built[host()])), code.name))
 
 
 def write_zip(path: Path, content: Mapping[str, bytes]) -> None:

@@ -41,11 +41,10 @@ def build_model(
     key = _key(model, fmi, dict(parameters or {}), names, libraries)
     stored, notes = cache_folder() / f"{key}.fmu", cache_folder() / f"{key}.json"
     if not (stored.exists() and notes.exists()):
-        from hystid.fmu.reference import reference_entries  # these two need the front end and the solver: seconds saved
-        from hystid.modelica import compile_model
+        from hystid.modelica import compile_model  # not needed, and slow to import, where the FMU is in the cache
 
         code = compile_model(model, parameters=dict(parameters or {}), libraries=libraries)
-        made = build(code, stored, fmi=fmi, platforms=names, extra=reference_entries(code))
+        made = build(code, stored, fmi=fmi, platforms=names)
         with atomic(notes) as beside:
             beside.write_text(json.dumps({"identifier": made.identifier}))
     out = Path(out)

@@ -39,7 +39,8 @@ class _Callbacks(ctypes.Structure):
 
 
 class _EventInfo(ctypes.Structure):
-    _fields_ = tuple((name, c_int) for name in ("needed", "terminate", "nominals", "values", "defined")) + (
+    _fields_ = (
+        *((name, c_int) for name in ("needed", "terminate", "nominals", "values", "defined")),
         ("time", c_double),
     )
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from hystid.errors import ToolchainError, UsageError
-from hystid.toolchain import shared_library
+from hystid.toolchain import object_files, shared_library
 
 
 @dataclass(frozen=True)
@@ -57,17 +57,30 @@ def chosen(platforms: str | Iterable[str]) -> tuple[Platform, ...]:
     return tuple(PLATFORMS[name] for name in dict.fromkeys(names))
 
 
-def compile_for(target: Platform, sources: Mapping[str, str], main: Sequence[str], flags: Sequence[str]) -> Path:
-    """Library for one platform, from the cache where it was built before. Raises ToolchainError."""
-    if target.tuple == host():
-        return shared_library(sources, main=main, flags=flags)
-    if not find_spec("ziglang"):
-        raise ToolchainError(f"building for {target.tuple} needs a cross compiler: pip install hystid[cross]")
-    command = (sys.executable, "-m", "ziglang", "cc", "-target", target.zig)
-    strip = () if target.suffix == ".dylib" else ("-s",)
-    libraries = ("-lm",) if target.suffix == ".so" else ()
+def compile_for(target: Platform, shell: Mapping[str, str], model: Mapping[str, str], flags: Sequence[str]) -> Path:
+    """Library for one platform, from the cache where it was built before. Raises ToolchainError.
+
+    shell: file name -> text of what all FMUs share, headers included; compiled once. model: the model's own files.
+    """
+    command: tuple[str, ...] | None = None
+    strip: tuple[str, ...] = ()
+    libraries: tuple[str, ...] = ("-lm",)
+    if target.tuple != host():
+        if not find_spec("ziglang"):
+            raise ToolchainError(f"building for {target.tuple} needs a cross compiler: pip install hystid[cross]")
+        command = (sys.executable, "-m", "ziglang", "cc", "-target", target.zig)
+        strip = () if target.suffix == ".dylib" else ("-s",)
+        libraries = ("-lm",) if target.suffix == ".so" else ()
+    headers = {name: text for name, text in shell.items() if name.endswith(".h")}
+    objects = object_files(shell, main=[name for name in shell if name.endswith(".c")], flags=flags, command=command)
     return shared_library(
-        sources, main=main, flags=(*flags, *strip), libraries=libraries, command=command, suffix=target.suffix
+        {**headers, **model},
+        main=[name for name in model if name.endswith(".c")],
+        flags=(*flags, *strip),
+        libraries=libraries,
+        command=command,
+        suffix=target.suffix,
+        objects=objects,
     )
 
 

@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.compiled import CompiledModel
+from hystid.compiled import CompiledModel, TableRunner
 from hystid.errors import NumericalError
 from hystid.fmu.interface import Interface, interface
 from hystid.modelcode import ModelCode, Variable
@@ -25,20 +25,24 @@ FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _PURPOSE = "Layered Standard providing information on related files included in an FMU."  # wording fixed by its schema
 RESULT_ROLE, INPUT_ROLE = "result", "testcase"
-_MOST_ROWS = 501
+_MOST_ROWS = 251
+_DIGITS = 7  # of each number: far finer than any tube, and a third of the size
 _CYCLES = 5.0  # of the reference input within the experiment
 
 
-def reference_entries(code: ModelCode) -> dict[str, bytes]:
-    """Path inside the FMU -> content; {} where the model has no finite answer to the reference input."""
+def reference_entries(code: ModelCode, runner: TableRunner | None = None) -> dict[str, bytes]:
+    """Path inside the FMU -> content; {} where the model has no outputs or no finite answer to the reference input.
+
+    runner: the batch entry of a library that holds the model; else it is compiled.
+    """
     model = interface(code)
     t = reference_times(code)
-    inputs = {v.name: reference_input(v, t, code) for v in model.inputs}
+    inputs = {v.name: _as_written(reference_input(v, t)) for v in model.inputs}
     names = [v.name for v in model.outputs]
     if not names:
         return {}
     try:
-        results = CompiledModel(code).simulate(
+        results = CompiledModel(code, runner).simulate(
             inputs, _spacing(t), outputs=names, substeps=0, rows=len(t), start_time=float(t[0])
         )
     except NumericalError:
@@ -57,7 +61,7 @@ def entries(model: Interface, t: Array, inputs: Mapping[str, Array], results: Ma
 
 
 def reference_times(code: ModelCode) -> Array:
-    """The default experiment in at most 501 rows, a whole number of the model's steps apart."""
+    """The default experiment in at most 251 rows, a whole number of the model's steps apart."""
     experiment = code.experiment
     steps = max(round((experiment.stop - experiment.start) / experiment.step), 1)
     stride = -(-steps // (_MOST_ROWS - 1))
@@ -65,14 +69,23 @@ def reference_times(code: ModelCode) -> Array:
     return np.asarray(experiment.start + np.arange(rows) * (stride * experiment.step), np.float64)
 
 
-def reference_input(variable: Variable, t: Array, code: ModelCode) -> Array:
+def _as_written(values: Array) -> Array:
+    return np.array([float(_text(x)) for x in values])
+
+
+def _text(value: float) -> str:
+    return f"{value:.{_DIGITS}g}"
+
+
+def reference_input(variable: Variable, t: Array) -> Array:
     """A smooth input without a jump at the start: a sine that grows to the input's nominal value (1 without one).
 
     Force inputs need amplitude to move a structure: without a nominal value newtons get 50.
     """
     if variable.type != "Real" or variable.variability != "continuous":
         return np.full_like(t, variable.start or 0.0)
-    size = variable.nominal or {"N": 50.0, "m": 1e-3, "m/s": 0.1}.get(variable.unit, 1.0)
+    size = abs(variable.nominal or 0.0) or {"N": 50.0, "m": 1e-3, "m/s": 0.1}.get(variable.unit, 1.0)
+    size = min(size, *(0.8 * abs(bound) for bound in (variable.min, variable.max) if bound), size)
     phase = (t - t[0]) / max(t[-1] - t[0], 1e-300)
     shift = 0.5 * np.pi if variable.unit == "m/s" else 0.0
     return np.asarray((variable.start or 0.0) + size * phase * np.sin(2 * np.pi * _CYCLES * phase + shift), np.float64)
@@ -83,11 +96,11 @@ def _spacing(t: Array) -> float:
 
 
 def table_text(t: Array, columns: Mapping[str, Array]) -> str:
-    """CSV with a column ``time`` first; numbers read back as the same doubles."""
+    """CSV with a column ``time`` first, whose numbers read back as the same doubles; the others have seven digits."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["time", *columns])
-    writer.writerows([repr(float(x)) for x in row] for row in zip(t, *columns.values(), strict=True))
+    writer.writerows([repr(float(row[0])), *map(_text, row[1:])] for row in zip(t, *columns.values(), strict=True))
     return out.getvalue()
 
 

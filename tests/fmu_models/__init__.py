@@ -10,7 +10,6 @@ from typing import Literal
 
 from hystid.fmu.build import build
 from hystid.fmu.door import OpenedFmu, open_fmu
-from hystid.fmu.reference import reference_entries
 from hystid.modelcode import Experiment, ModelCode, Variable
 
 FOLDER = Path(__file__).parent
@@ -52,79 +51,151 @@ def _code(name: str, variables: list[Variable], n_values: int, **more: object) -
 
 def jenkins() -> ModelCode:
     variables = [
-        _parameter("m", 1, 1.0, "kg"), _parameter("B", 2, 5.0, "N.s/m"), _parameter("Kl", 3, 4e4, "N/m"),
-        _parameter("Ks", 4, 2e4, "N/m"), _parameter("fc", 5, 20.0, "N"),
+        _parameter("m", 1, 1.0, "kg"),
+        _parameter("B", 2, 5.0, "N.s/m"),
+        _parameter("Kl", 3, 4e4, "N/m"),
+        _parameter("Ks", 4, 2e4, "N/m"),
+        _parameter("fc", 5, 20.0, "N"),
         _input("F", 6, "N"),
-        _state("x", 7, "m"), _state("v", 8, "m/s"), _state("z", 9, "N"),
-        _der("x", 10, "m/s"), _der("v", 11, "m/s2"), _der("z", 12, "N/s"), _output("a", 13, "m/s2"), _output("R", 14, "N"),
-    ]  # fmt: skip
+        _state("x", 7, "m"),
+        _state("v", 8, "m/s"),
+        _state("z", 9, "N"),
+        _der("x", 10, "m/s"),
+        _der("v", 11, "m/s2"),
+        _der("z", 12, "N/s"),
+        _output("a", 13, "m/s2"),
+        _output("R", 14, "N"),
+    ]
     return _code(
-        "Jenkins", variables, 15, states=("x", "v", "z"), has_forward=True, experiment=Experiment(0, 0.5, 1e-4),
+        "Jenkins",
+        variables,
+        15,
+        states=("x", "v", "z"),
+        has_forward=True,
+        experiment=Experiment(0, 0.5, 1e-4),
         dependencies={
-            "x": ("x",), "v": ("v",), "z": ("z",), "der(x)": ("v",), "der(v)": ("F", "x", "v", "z"), "der(z)": ("v", "z"),
-            "a": ("F", "x", "v", "z"), "R": ("x", "v", "z"),
+            "x": ("x",),
+            "v": ("v",),
+            "z": ("z",),
+            "der(x)": ("v",),
+            "der(v)": ("F", "x", "v", "z"),
+            "der(z)": ("v", "z"),
+            "a": ("F", "x", "v", "z"),
+            "R": ("x", "v", "z"),
         },
-    )  # fmt: skip
+    )
 
 
 def bouncing() -> ModelCode:
     variables = [
-        _parameter("g", 1, 9.81, "m/s2"), _parameter("e", 2, 0.7), _state("x", 3, "m", 1.0), _state("v", 4, "m/s"),
-        _der("x", 5, "m/s"), _der("v", 6, "m/s2"), _discrete("count", 7),
-    ]  # fmt: skip
+        _parameter("g", 1, 9.81, "m/s2"),
+        _parameter("e", 2, 0.7),
+        _state("x", 3, "m", 1.0),
+        _state("v", 4, "m/s"),
+        _der("x", 5, "m/s"),
+        _der("v", 6, "m/s2"),
+        _discrete("count", 7),
+    ]
     return _code(
-        "Bouncing", variables, 10, states=("x", "v"), n_indicators=1, experiment=Experiment(0, 1.5, 1e-3),
+        "Bouncing",
+        variables,
+        10,
+        states=("x", "v"),
+        n_indicators=1,
+        experiment=Experiment(0, 1.5, 1e-3),
         dependencies={"x": ("x",), "v": ("v",), "der(x)": ("v",), "der(v)": (), "count": ()},
-    )  # fmt: skip
+    )
 
 
 def sampled() -> ModelCode:
     variables = [
-        _parameter("Ts", 1, 0.1, "s"), _parameter("tau", 2, 0.05, "s"), _input("u", 3), _state("y", 4), _der("y", 5, "1/s"),
-        _discrete("count", 6), _discrete("u_s", 7),
-    ]  # fmt: skip
+        _parameter("Ts", 1, 0.1, "s"),
+        _parameter("tau", 2, 0.05, "s"),
+        _input("u", 3),
+        _state("y", 4),
+        _der("y", 5, "1/s"),
+        _discrete("count", 6),
+        _discrete("u_s", 7),
+    ]
     return _code(
-        "Sampled", variables, 11, states=("y",), experiment=Experiment(0, 1.0, 1e-3),
+        "Sampled",
+        variables,
+        11,
+        states=("y",),
+        experiment=Experiment(0, 1.0, 1e-3),
         dependencies={"y": ("y",), "der(y)": ("y",), "count": (), "u_s": ("u",)},
-    )  # fmt: skip
+    )
 
 
 def linear() -> ModelCode:
     variables = [
-        _parameter("m", 1, 2.0, "kg"), _parameter("b", 2, 4.0, "N.s/m"), _parameter("k", 3, 800.0, "N/m"), _input("F", 4, "N"),
-        _state("x", 5, "m"), _state("v", 6, "m/s"), _der("x", 7, "m/s"), _der("v", 8, "m/s2"), _output("R", 9, "N"),
-    ]  # fmt: skip
+        _parameter("m", 1, 2.0, "kg"),
+        _parameter("b", 2, 4.0, "N.s/m"),
+        _parameter("k", 3, 800.0, "N/m"),
+        _input("F", 4, "N"),
+        _state("x", 5, "m"),
+        _state("v", 6, "m/s"),
+        _der("x", 7, "m/s"),
+        _der("v", 8, "m/s2"),
+        _output("R", 9, "N"),
+    ]
     return _code(
-        "Linear", variables, 10, states=("x", "v"), has_forward=True, has_adjoint=True, experiment=Experiment(0, 1.0, 1e-3),
+        "Linear",
+        variables,
+        10,
+        states=("x", "v"),
+        has_forward=True,
+        has_adjoint=True,
+        experiment=Experiment(0, 1.0, 1e-3),
         dependencies={"x": ("x",), "v": ("v",), "der(x)": ("v",), "der(v)": ("F", "x", "v"), "R": ("x", "v")},
-    )  # fmt: skip
+    )
 
 
 def effect() -> ModelCode:
     variables = [
-        _parameter("k3", 1, 1e6, "N/m3"), _parameter("b2", 2, 3.0, "N.s2/m2"), _input("x", 3, "m"), _input("v", 4, "m/s"),
-        _input("a", 5, "m/s2"), _input("h", 6, "N"), _output("f", 7, "N"),
-    ]  # fmt: skip
+        _parameter("k3", 1, 1e6, "N/m3"),
+        _parameter("b2", 2, 3.0, "N.s2/m2"),
+        _input("x", 3, "m"),
+        _input("v", 4, "m/s"),
+        _input("a", 5, "m/s2"),
+        _input("h", 6, "N"),
+        _output("f", 7, "N"),
+    ]
     return _code("Effect", variables, 8, has_forward=True, dependencies={"f": ("x", "v")})
 
 
 def contact() -> ModelCode:
     variables = [
-        _parameter("m", 1, 1.0, "kg"), _parameter("k", 2, 100.0, "N/m"), _parameter("ks", 3, 1e4, "N/m"),
-        _parameter("gap", 4, 0.5, "m"), _input("F", 5, "N"), _state("x", 6, "m"), _state("v", 7, "m/s", 10.0),
-        _der("x", 8, "m/s"), _der("v", 9, "m/s2"), _output("R", 10, "N"),
-    ]  # fmt: skip
+        _parameter("m", 1, 1.0, "kg"),
+        _parameter("k", 2, 100.0, "N/m"),
+        _parameter("ks", 3, 1e4, "N/m"),
+        _parameter("gap", 4, 0.5, "m"),
+        _input("F", 5, "N"),
+        _state("x", 6, "m"),
+        _state("v", 7, "m/s", 10.0),
+        _der("x", 8, "m/s"),
+        _der("v", 9, "m/s2"),
+        _output("R", 10, "N"),
+    ]
     return _code(
-        "Contact", variables, 12, states=("x", "v"), n_indicators=1, experiment=Experiment(0, 1.0, 1e-3),
+        "Contact",
+        variables,
+        12,
+        states=("x", "v"),
+        n_indicators=1,
+        experiment=Experiment(0, 1.0, 1e-3),
         dependencies={"x": ("x",), "v": ("v",), "der(x)": ("v",), "der(v)": ("F", "x"), "R": ("x",)},
-    )  # fmt: skip
+    )
 
 
 def memory() -> ModelCode:
     variables = [
-        _parameter("k", 1, 100.0, "N/m"), _parameter("c", 2, 7.0, "N/m"), _input("x", 3, "m"), _input("v", 4, "m/s"),
+        _parameter("k", 1, 100.0, "N/m"),
+        _parameter("c", 2, 7.0, "N/m"),
+        _input("x", 3, "m"),
+        _input("v", 4, "m/s"),
         _output("R", 7, "N"),
-    ]  # fmt: skip
+    ]
     return _code("Memory", variables, 10, dependencies={"R": ("x", "v")})
 
 
@@ -135,9 +206,7 @@ EVERY = (jenkins, bouncing, sampled, linear, effect, contact, memory)
 def built(make: Callable[[], ModelCode], version: Literal[2, 3]) -> Path:
     """An FMU of a model, built once per process."""
     path = Path(_FOLDER.name) / f"{make.__name__}{version}.fmu"
-    code = make()
-    build(code, path, fmi=version, extra=reference_entries(code))
-    return path
+    return build(make(), path, fmi=version).path
 
 
 @cache
