@@ -20,7 +20,7 @@ MODELS = Path(__file__).parent / "models"
 
 @cache
 def code(name: str, **parameters: float) -> ModelCode:
-    file, _, inside = name.partition(".")
+    file = name.partition(".")[0]
     return compile_model(f"{MODELS / file}.mo:{name}", parameters=parameters)
 
 
