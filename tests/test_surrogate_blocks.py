@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,12 @@ import pytest
 from onnx import TensorProto, helper
 from surrogate_harness import make_model, motion, outside, random_model
 
-from hystid.compiled import CompiledModel
+from hystid.compiled import SHELL, CompiledModel
 from hystid.errors import NetworkError, UsageError
 from hystid.networks import TwoNetworkModel
 from hystid.networks import onnx as exchange
 from hystid.surrogate import network_code, oscillator_code, surrogate_code
+from hystid.toolchain import compiler
 
 DT = 1e-4
 
@@ -196,3 +198,56 @@ def test_large_networks_work_in_the_instances_memory(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         got, [np.tanh(np.array(x) @ weights).sum() for x in ([0.3, -0.2], [0.4, 0.1])], rtol=1e-12
     )
+
+
+EXERCISE = """
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "hy_model.h"
+static void quiet(void *owner, int level, const char *text) { (void)owner; (void)level; (void)text; }
+int main(void)
+{
+    const hy_model *m = &hy_the_model;
+    const size_t n = (size_t)m->n_values, size = n * sizeof(double);
+    double *v = malloc(size), *seed = calloc(n, sizeof *v), *sens = calloc(n, sizeof *v);
+    hy_data d = {v, quiet, 0};
+    int outcome = HY_OK;
+    memcpy(v, m->start, size);
+    if (m->initialise) outcome |= m->initialise(&d);
+    for (int k = 0; k < 3000; k++) {
+        for (int i = 0; i < m->n_u; i++) v[m->u + i] = 3 * sin(0.01 * k * (i + 1));
+        for (int i = 0; i < m->n_x; i++) v[m->x + i] = sin(0.02 * k * (i + 1));
+        for (size_t i = 0; i < n; i++) seed[i] = 0.1;
+        outcome |= m->evaluate(&d) | m->forward(&d, seed, sens) | m->adjoint(&d, seed, sens);
+        if (m->completed_step) outcome |= m->completed_step(&d);
+    }
+    free(v), free(seed), free(sens);
+    return outcome;
+}
+"""
+
+
+@pytest.mark.parametrize("kind", ["surrogate", "oscillator", "network"])
+def test_generated_code_is_clean(tmp_path: Path, kind: str) -> None:
+    """No warning even of the strict kinds, and nothing for the address and undefined-behaviour sanitisers to find."""
+    exchange.write(random_model(3, 1, 0.01), tmp_path / "s.onnx")
+    code = {
+        "surrogate": surrogate_code,
+        "oscillator": oscillator_code,
+        "network": lambda _: network_code(gated(tmp_path)),
+    }[kind](tmp_path / "s.onnx")
+    (tmp_path / "model.c").write_text(code.sources["model.c"])
+    (tmp_path / "main.c").write_text(EXERCISE)
+    strict = ["-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-pedantic", "-Werror"]
+    sanitisers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    common = ["-std=c11", "-O1", *strict, "-I", str(SHELL), "main.c", "model.c", "-lm", "-o"]
+    built = subprocess.run([*compiler(), *common, "plain"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    checked = subprocess.run(
+        [*compiler(), *sanitisers, *common, "checked"], cwd=tmp_path, capture_output=True, check=False
+    )
+    program = "./checked" if checked.returncode == 0 else "./plain"  # not every compiler brings the sanitisers
+    run = subprocess.run([program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (0, "")

@@ -14,6 +14,7 @@ import numpy as np
 import onnxruntime
 import pytest
 from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from onnx import helper
 from surrogate_harness import make_model, motion, random_model, smooth_slider
@@ -192,6 +193,33 @@ def test_directional_derivatives_are_exact(folder: Path) -> None:
         a, force = fmu.getReal([vr["a"], vr["R"]])
         assert a == pytest.approx(5.0 - force)
         assert fmu.getDirectionalDerivative([vr["a"]], [vr["F"]], [1.0])[0] == 1.0
+
+
+@pytest.mark.parametrize("event_mode", [False, True])
+def test_fmi_3_gives_the_same_and_its_adjoint(folder: Path, tmp_path: Path, event_mode: bool) -> None:
+    unpacked = tmp_path / "surrogate"
+    fmpy.extract(str(build(surrogate_code(folder / "surrogate.onnx"), tmp_path / "s.fmu", fmi=3).path), str(unpacked))
+    described = fmpy.read_model_description(str(unpacked))
+    vr = {variable.name: variable.valueReference for variable in described.modelVariables}
+    x, v = motion(1500)
+    fmu = FMU3Slave(guid=described.guid, unzipDirectory=str(unpacked), modelIdentifier="surrogate", instanceName="i")
+    fmu.instantiate(eventModeUsed=event_mode)
+    fmu.enterInitializationMode(startTime=0.0)
+    fmu.exitInitializationMode()
+    if event_mode:
+        fmu.updateDiscreteStates()
+        fmu.enterStepMode()
+    force, motions = np.empty(len(x)), [vr["x"], vr["v"]]
+    for k in range(len(x)):
+        fmu.setFloat64(motions, [x[k], v[k]])
+        fmu.doStep(k * DT, DT)
+        force[k] = fmu.getFloat64([vr["R"]])[0]
+    slopes = [fmu.getDirectionalDerivative([vr["R"]], [known], [1.0])[0] for known in motions]
+    assert fmu.getAdjointDerivative([vr["R"]], motions, [1.0], nSensitivity=2) == pytest.approx(slopes, rel=1e-12)
+    fmu.terminate()
+    fmu.freeInstance()
+    expected = random_model(11, 1).response(x, v)[0]
+    np.testing.assert_allclose(force, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
