@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from hystid.errors import NetworkError, UsageError
@@ -14,9 +13,9 @@ from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
 from hystid.surrogate.emit import functions
 from hystid.surrogate.network import OUTSIDE, Interface, block_code, outside_variable
+from hystid.surrogate.oscillator import OscillatorText, recorded
 from hystid.surrogate.program import Program
 
-_RECORD = 5  # mark of the warning; x, v, R and the outside flag of the accepted sample
 NETWORK = "surrogate.onnx"  # the file itself travels in the resources of the FMU
 _UNITS = {"x": "m", "v": "m/s", "R": "N"}
 
@@ -64,7 +63,7 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
     text = functions(program, "network")
     n_d = len(about.initial_state)
     turning = about.memory == onnx.TURNING_POINTS
-    sizes = Block(n_p=3 + turning, n_u=1, n_x=2, n_d=n_d, n_y=2, n_w=_RECORD + text.work)
+    sizes = Block(n_p=3 + turning, n_u=1, n_x=2, n_d=n_d, n_y=2, n_w=recorded(n_d) + text.work)
     step = 1.0 / about.sample_rate
     start = {sizes.p: kilograms} | {sizes.d + i: value for i, value in enumerate(about.initial_state) if value}
     c_text = "\n".join(
@@ -73,7 +72,7 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
             block.INCLUDES,
             sizes.defines(),
             block.text_of(text),
-            _Oscillator(program, turning, force_slots(about), about.training_range).text(),
+            OscillatorText(program, n_d, turning, force_slots(about), about.training_range).text(),
             sizes.model(
                 "oscillator",
                 step,
@@ -145,127 +144,3 @@ def _parameter(name: str, slot: int, start: float, unit: str, text: str) -> Vari
 
 def _output(name: str, slot: int, unit: str, text: str) -> Variable:
     return Variable(name, slot, "output", "continuous", initial="calculated", unit=unit, description=text)
-
-
-@dataclass(frozen=True)
-class _Oscillator:
-    program: Program
-    turning: bool
-    force_slots: tuple[int, ...]
-    training_range: Mapping[str, tuple[float, float]]
-
-    def _run(self, mode: str, state: str, ends: Mapping[str, str] | None = None) -> str:
-        inputs = {"x": "&x", "v": "&speed", "state": state}
-        results, work = {"R": "&R", "state_next": "next"}, f"v + W + {_RECORD}"
-        slopes = {"R": "&d_R", "state_next": "d_next"} if ends else None
-        return block.call(self.program, mode, inputs, results, ends, slopes, work)
-
-    def text(self) -> str:
-        """Everything that the shell calls."""
-        outside = [block.range_test(f"v[X + {i}]", *self.training_range[name]) for i, name in enumerate(("x", "v"))]
-        condition = " || ".join(test for test in outside if test) or "0"
-        frozen = """\
-    frozen[0] = copysign(1.0, speed);          /* as if the motion had gone this way all along: no turning point */
-    if (speed == 0.0) speed = copysign(1e-300, speed);
-"""
-        frozen = frozen if self.turning else ""
-        forward = {"x": "seed + X", "v": "seed + X + 1", "state": "seed + D"}
-        adjoint = {"x": "sens + X", "v": "sens + X + 1", "state": "sens + D"}
-        held = f"""\
-    double *v = m->v, x = v[X], speed = v[X + 1], R = 0.0, next[N_D], frozen[N_D];
-    memcpy(frozen, v + D, sizeof frozen);
-{frozen}"""
-        started = "".join(f"    m->v[D + {slot}] = m->v[P + 3];\n" for slot in self.force_slots if self.turning)
-        return f"""\
-/* v[W]: 1 after the warning. v[W + 1 ...]: x, v, R of the accepted sample, and whether it is one. */
-enum {{ AT_X = W + 1, AT_V = W + 2, AT_R = W + 3, AT_SAMPLE = W + 4 }};
-
-static void outputs(double *v, double R)
-{{
-    v[Y] = R;
-    v[Y + 1] = {condition};
-    v[DX] = v[X + 1];
-    v[DX + 1] = (v[U] - R) / v[P];
-}}
-
-/* R at a new sample, and the memory that follows it. */
-static double at_sample(hy_data *m, double *next)
-{{
-    double *v = m->v, x = v[X], speed = v[X + 1], R = 0.0;
-    {self._run("", "v + D")}
-    return R;
-}}
-
-/* R between samples: with the memory as it stands. */
-static double between(hy_data *m)
-{{
-{held}    {self._run("", "frozen")}
-    return R;
-}}
-
-static int evaluate(hy_data *m)
-{{
-    double *v = m->v, next[N_D];
-    if (v[AT_SAMPLE] == 0.0)
-        outputs(v, at_sample(m, next)); /* the start, which is about to become the first sample */
-    else
-        outputs(v, v[AT_X] == v[X] && v[AT_V] == v[X + 1] ? v[AT_R] : between(m));
-    if (isfinite(v[DX + 1])) return HY_OK;
-    m->log(m->owner, HY_FAILURE, "the restoring force of the network is not finite");
-    return HY_RETRY;
-}}
-
-/* The present motion becomes a sample: the memory moves on. */
-static int completed_step(hy_data *m)
-{{
-    double *v = m->v, next[N_D];
-    const double R = at_sample(m, next);
-    memcpy(v + D, next, sizeof next);
-    v[AT_X] = v[X];
-    v[AT_V] = v[X + 1];
-    v[AT_R] = R;
-    v[AT_SAMPLE] = 1.0;
-    outputs(v, R);
-    if (v[Y + 1] != 0.0 && v[W] == 0.0) {{
-        m->log(m->owner, HY_WARNING, "the motion has left the range of the training data: R is an extrapolation");
-        v[W] = 1.0;
-    }}
-    return isfinite(R) ? HY_OK : HY_ERROR;
-}}
-
-static int parameters(hy_data *m)
-{{
-    if (m->v[P] > 0.0) return HY_OK;
-    m->log(m->owner, HY_FAILURE, "the mass m must be above 0 kg");
-    return HY_ERROR;
-}}
-
-static int initialise(hy_data *m)
-{{
-    m->v[X] = m->v[P + 1];
-    m->v[X + 1] = m->v[P + 2];
-    m->v[AT_SAMPLE] = 0.0;
-{started}    return HY_OK;
-}}
-
-static int forward(hy_data *m, const double *seed, double *sens)
-{{
-    double d_R = 0.0, d_next[N_D] = {{0}};
-{held}    {self._run("_forward", "frozen", forward)}
-    memset(sens, 0, N_VALUES * sizeof *sens);
-    sens[Y] = d_R;
-    sens[DX] = seed[X + 1];
-    sens[DX + 1] = (seed[U] - d_R - seed[P] * v[DX + 1]) / v[P];
-    return HY_OK;
-}}
-
-static int adjoint(hy_data *m, const double *seed, double *sens)
-{{
-    double d_R = seed[Y] - seed[DX + 1] / m->v[P], d_next[N_D] = {{0}};
-{held}    {self._run("_adjoint", "frozen", adjoint)}
-    sens[X + 1] += seed[DX];
-    sens[U] += seed[DX + 1] / v[P];
-    sens[P] -= seed[DX + 1] * v[DX + 1] / v[P];
-    return HY_OK;
-}}
-"""
