@@ -148,7 +148,12 @@ def test_values_that_are_not_finite_leave_gaps_not_broken_json() -> None:
 def test_numbers_read_well() -> None:
     assert percent(0.02134) == "2.1 %"
     assert number(4.2, "kg", 4) == "4.200 kg"
-    assert number(2.3456e-9, "m") == "2.35·10^-9 m"
+    assert number(2.3456e-9, "m") == "2.35 nm"
+    assert number(2.3456e-9, "kg") == "2.35·10^-9 kg"
+    assert number(50_000.0, "N/m") == "50.0 kN/m"
+    assert number(0.25, "m") == "0.250 m"
+    assert with_error(0.0011973, 5.1e-7, "m") == "1.19730 ± 0.00051 mm"
+    assert with_error(0.8945, 0.00078, "1") == "0.89450 ± 0.00078"
     assert number(float("nan")) == number(None) == "not available"
     assert with_error(95.1089, 0.11, "kg") == "95.11 ± 0.11 kg"
     assert with_error(203.5034, 1.15, "N.s/m") == "203.5 ± 1.1 N.s/m"

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Literal
 
 from hystid.files import write_text
-from hystid.report.plots import Plot, figure
+from hystid.report.plots import Plot, figure, prefix_for
 
 Tone = Literal["good", "warn", "bad", "neutral"]
 
@@ -71,10 +71,22 @@ class Table:
 
 
 def number(value: float | None, unit: str = "", digits: int = 3) -> str:
-    """``digits`` significant digits with the unit; "not available" for None and NaN."""
+    """``digits`` significant digits with the unit, in mm or kN where that reads better.
+
+    "not available" for None and NaN.
+    """
     if value is None or not math.isfinite(value):
         return "not available"
-    return f"{_significant(value, digits)} {unit}".strip()
+    scale, shown = _prefixed(value, unit)
+    return f"{_significant(value / scale, digits)} {shown}".strip()
+
+
+def _prefixed(value: float, unit: str) -> tuple[float, str]:
+    """Prefix only where the plain number reads badly: 0.5 m stays, 0.0012 m becomes 1.2 mm."""
+    if value == 0 or 0.1 <= abs(value) < 1e4:
+        return 1.0, "" if unit == "1" else unit
+    scale, shown = prefix_for(abs(value), unit)
+    return scale, "" if shown == "1" else shown
 
 
 def percent(fraction: float | None, digits: int = 2) -> str:
@@ -88,9 +100,11 @@ def with_error(value: float, stderr: float | None, unit: str = "") -> str:
     """``value ± stderr unit`` with the digits that the standard error leaves meaning to."""
     if stderr is None or not math.isfinite(stderr) or stderr <= 0:
         return number(value, unit, 4)
+    scale, shown = _prefixed(value, unit)
+    value, stderr = value / scale, stderr / scale
     magnitude = math.floor(math.log10(max(abs(value), stderr)))
     digits = min(max(magnitude - math.floor(math.log10(stderr)) + 2, 2), 9)
-    return f"{_significant(value, digits)} ± {_significant(stderr, 2)} {unit}".strip()
+    return f"{_significant(value, digits)} ± {_significant(stderr, 2)} {shown}".strip()
 
 
 def _significant(value: float, digits: int) -> str:
@@ -140,6 +154,13 @@ class Page:
     def bullets(self, items: Iterable[str]) -> None:
         """A list of sentences."""
         self._body.append("<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>")
+
+    def links(self, items: Iterable[tuple[str, str]]) -> None:
+        """Files beside this page: (relative path, what is in it)."""
+        listed = "".join(
+            f'<li><a href="{escape(path)}">{escape(path)}</a>: {escape(what)}</li>' for path, what in items
+        )
+        self._body.append(f"<ul>{listed}</ul>")
 
     def code(self, text: str) -> None:
         """Program text or a command, as it stands."""

@@ -1,0 +1,301 @@
+"""The demo's page: the story in order, with the targets on top."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hystid.demo.checks import Outcome
+from hystid.demo.lab import LabCase, UnseenTest
+from hystid.demo.reference import CHIRPS, DT, LAYERS, MODEL, NOISE_DB, TESTS, ReferenceStudy
+from hystid.diagnosis import Traces
+from hystid.recording import Recording
+from hystid.report.curves import X_AXIS, Curve, loops, over_time
+from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent, with_error
+from hystid.report.plots import Axis, Band, Bars, Line, Plot
+from hystid.report.validation import content
+from hystid.validation import Case
+
+_TRUE_GAP = 1.2e-3
+
+
+def write_page(study: ReferenceStudy, lab: LabCase, outcome: Outcome, path: Path) -> Path:
+    """Write the page."""
+    met = sum(check.passed for check in outcome.checks)
+    total = len(outcome.checks)
+    page = Page(
+        "From recordings to a checked model, and to the physics that it lacks",
+        subtitle="A virtual experiment, end to end: everything below was computed in this run",
+        command="hystid demo",
+        verdict=Verdict("good" if outcome.passed else "bad", f"{met} of {total} targets met", _summary(study, lab)),
+        facts=_facts(study, lab),
+    )
+    _targets(page, outcome)
+    _experiment(page, study)
+    _surrogate(page, study)
+    _concealed(page, lab)
+    _diagnosis(page, lab)
+    _prediction(page, lab)
+    _files(page, lab)
+    return page.write(path)
+
+
+def _summary(study: ReferenceStudy, lab: LabCase) -> str:
+    force = float(np.median(study.validation.figures("force_nrmse")))
+    if not lab.named:
+        found = f"The diagnosis says: {lab.diagnosis.verdict.replace('_', ' ')}."
+    else:
+        found = "A loss of contact, concealed from the model, is found, named, located and written as Modelica."
+    return f"A surrogate FMU learned from noisy chirps follows unseen tests to {percent(force)} of the force. {found}"
+
+
+def _facts(study: ReferenceStudy, lab: LabCase) -> list[Fact]:
+    force, motion = study.validation.figures("force_nrmse"), study.validation.figures("x_nrmse")
+    before = float(np.median([test.error("refitted") for test in lab.tests]))
+    after = float(np.median([test.error("extended") for test in lab.tests]))
+    size = (study.reference.parent / "identification" / "surrogate.fmu").stat().st_size
+    return [
+        Fact(
+            "Surrogate: force NRMSE",
+            percent(float(np.median(force))),
+            f"median of {force.size}, worst {percent(float(force.max()))}",
+        ),
+        Fact(
+            "Surrogate: free run, x NRMSE",
+            percent(float(np.median(motion))),
+            f"closed loop, worst {percent(float(motion.max()))}",
+        ),
+        Fact("Surrogate FMU", f"{size / 1000:.0f} kB", "plain C inside, no runtime"),
+        Fact(
+            "Diagnosed",
+            lab.diagnosis.findings[0].effect.replace("_", " ") if lab.diagnosis.findings else "nothing",
+            "concealed: contact loss",
+        ),
+        Fact("Unseen free run", f"{percent(before)} → {percent(after)}", "stick-slip model → diagnosed model, median"),
+    ]
+
+
+def _targets(page: Page, outcome: Outcome) -> None:
+    page.section("Targets", "What this run had to reach, and what it reached.")
+    rows = [
+        [check.part, check.what, Cell(check.value_text, "good" if check.passed else "bad"), check.limit_text]
+        for check in outcome.checks
+    ]
+    page.table(Table("Results against targets", ["part", "target", "reached", "asked"], rows))
+
+
+def _experiment(page: Page, study: ReferenceStudy) -> None:
+    page.section(
+        "1  A virtual rig from Modelica",
+        f"{MODEL} is one mass on a spring, a damper and a contact that sticks and slips: m a + R = F. It was compiled"
+        f" from Modelica to an FMU and shaken by {len(CHIRPS)} chirps of 0 to 100 Hz. F, x, v and a were recorded every"
+        f" {DT * 1e3:g} ms with {NOISE_DB:g} dB of noise. Nothing else goes into the training.",
+    )
+    weakest, strongest = study.recordings[0], study.recordings[-1]
+    page.plots(
+        over_time(
+            "Weakest chirp: displacement",
+            X_AXIS,
+            [Curve("x", weakest.t, weakest.channel("x"), "measured")],
+            weakest.name,
+            height=260,
+        ),
+        over_time(
+            "Strongest chirp: displacement",
+            X_AXIS,
+            [Curve("x", strongest.t, strongest.channel("x"), "measured")],
+            strongest.name,
+            height=260,
+        ),
+    )
+
+
+def _surrogate(page: Page, study: ReferenceStudy) -> None:
+    found = study.identification
+    page.section(
+        "2  The surrogate follows tests that it has not seen",
+        f"Two networks ({'-'.join(map(str, LAYERS))} neurons each) learned the restoring force with its memory;"
+        f" {len(found.chosen)} of {len(found.starts)} trainings are averaged. Surrogate and reference FMU were then"
+        f" driven by {len(TESTS)} harmonic forces without noise.",
+    )
+    cases = study.validation.cases
+    names = [_short(case.name) for case in cases]
+    bars = [
+        Bars(names, 100 * study.validation.figures("force_nrmse"), "force on the reference motion", "model"),
+        Bars(names, 100 * study.validation.figures("x_nrmse"), "displacement, free run", "third"),
+    ]
+    page.plots(Plot("Error of every unseen test", Axis("Test"), Axis("NRMSE", "%"), bars, "Shorter is better."))
+    page.text("Last cycles of every test, surrogate in free run with the mass:")
+    page.plots(*(_loop(case) for case in cases))
+    page.text("Harmonics of the restoring force, at the lowest and the highest frequency:")
+    page.plots(content(cases[0]), content(cases[-1]))
+
+
+def _loop(case: Case) -> Plot:
+    record = case.reference
+    last = slice(-round(0.1 / record.dt), None)
+    run = case.free_run
+    x, R = (run.x, run.R) if run else (record.channel("x"), case.force)
+    curves = [
+        Curve("reference", record.channel("x")[last], record.channel("R")[last], "reference"),
+        Curve("surrogate", x[last], R[last], "model"),
+    ]
+    caption = f"Force NRMSE {percent(case.force_nrmse)}, free-run x {percent(run.x_nrmse if run else None)}."
+    plot = loops(_short(case.name), curves, caption)
+    return Plot(plot.title, plot.x, plot.y, plot.series, plot.caption, height=280)
+
+
+def _concealed(page: Page, lab: LabCase) -> None:
+    page.section(
+        "3  A rig that conceals something",
+        "The second rig is believed to be the same stick-slip joint. It is not: beyond a certain displacement its"
+        " surfaces lift off on one side. Its recordings show it as even harmonics, which no stick-slip joint can give,"
+        " because such a joint answers push and pull alike. A surrogate network trained on the same recordings reproduces the even"
+        " harmonics: it fits, but it says nothing about their cause.",
+    )
+    names = [_short(test.recorded.name) for test in lab.tests]
+    floor = -90.0
+    kinds: list[tuple[str, str]] = [("recorded", "measured"), ("refitted", "before"), ("network", "third")]
+    labels = {"recorded": "recorded", "refitted": "stick-slip model, refitted", "network": "surrogate network"}
+    bars = [
+        Bars(names, np.array([max(t.even_db(kind), floor) for t in lab.tests]), labels[kind], role, base=floor)  # type: ignore[arg-type]
+        for kind, role in kinds
+    ]
+    axis = Axis("Even harmonics of R re fundamental", "dB", bounds=(floor, 0), prefix=False)
+    page.plots(
+        Plot(
+            "Even harmonics on the unseen tests",
+            Axis("Test"),
+            axis,
+            bars,
+            "Longer bars: stronger. The refitted stick-slip model has next to none.",
+        )
+    )
+
+
+def _diagnosis(page: Page, lab: LabCase) -> None:
+    found = lab.diagnosis
+    page.section("4  What the diagnosis says")
+    page.verdict(Verdict("good" if lab.named else "bad", found.sentence()))
+    for finding in found.findings:
+        truth = {"gap": number(_TRUE_GAP, "m"), "share": "0.9", "w": number(1e-4, "m"), "side": "1 (positive)"}
+        rows = [
+            [name, with_error(p.value, p.stderr, p.unit), truth.get(name, "")] for name, p in finding.parameters.items()
+        ]
+        title = finding.effect.replace("_", " ").capitalize()
+        page.table(Table(title, ["parameter", "found ± standard error", "concealed truth"], rows, finding.where.text))
+    traces = [trace for trace in found.traces if not trace.held_out]
+    if traces:
+        page.plots(_missing_force(max(traces, key=lambda trace: float(np.max(np.abs(trace.x))))))
+    model = lab.folder / "extended.mo"
+    if model.exists():
+        page.text("The extended model, as the diagnosis wrote it:")
+        page.code(model.read_text(encoding="utf-8"))
+
+
+def _missing_force(trace: Traces) -> Plot:
+    """Mean and scatter of what the baseline leaves, over displacement."""
+    edges = np.quantile(trace.x, np.linspace(0, 1, 121))
+    bin_of = np.clip(np.searchsorted(edges, trace.x, side="right") - 1, 0, 119)
+    count = np.maximum(np.bincount(bin_of, minlength=120), 1)
+    x, left, named, square = (
+        np.bincount(bin_of, weights=values, minlength=120) / count
+        for values in (trace.x, trace.residual, trace.effect, trace.residual**2)
+    )
+    scatter = np.sqrt(np.maximum(square - left**2, 0.0))
+    series = [
+        Band(x, left - scatter, left + scatter, "its scatter (one standard deviation)", "muted"),
+        Line(x, left, "left by the refitted stick-slip model, mean", "before"),
+        Line(x, named, "force of the named effect, mean", "after"),
+    ]
+    caption = f"{trace.name}, in 120 classes of displacement with equally many samples."
+    return Plot("Missing force over displacement", X_AXIS, Axis("Force", "N"), series, caption)
+
+
+def _prediction(page: Page, lab: LabCase) -> None:
+    page.section(
+        "5  The extended model predicts unseen tests",
+        "Each model is driven by the force alone, from rest. The oracle is the rig's own set of equations: what it"
+        " leaves is the noise of the recording, and no model can be better.",
+    )
+    names = [_short(test.recorded.name) for test in lab.tests]
+    kinds = {
+        "refitted": "stick-slip model, refitted",
+        "network": "surrogate network",
+        "extended": "diagnosed model",
+        "oracle": "oracle",
+    }
+    rows = [
+        [
+            _short(test.recorded.name),
+            *(percent(test.error(kind), 3) for kind in kinds),
+            f"{test.error('extended') / test.error('oracle'):.3f}",
+        ]
+        for test in lab.tests
+    ]
+    page.table(
+        Table("Free-run NRMSE of the displacement", ["unseen test", *kinds.values(), "diagnosed / oracle"], rows)
+    )
+    roles = {"refitted": "before", "network": "third", "extended": "after", "oracle": "muted"}
+    bars = [
+        Bars(names, np.array([100 * test.error(kind) for test in lab.tests]), label, roles[kind])  # type: ignore[arg-type]
+        for kind, label in kinds.items()
+    ]
+    page.plots(
+        Plot(
+            "Free run on unseen tests",
+            Axis("Test"),
+            Axis("x NRMSE", "%", log=True),
+            bars,
+            "Logarithmic. Shorter is better.",
+        )
+    )
+    for test in (lab.tests[0], lab.tests[-1]):
+        page.plots(*_before_and_after(test))
+
+
+def _before_and_after(test: UnseenTest) -> tuple[Plot, Plot]:
+    last = slice(-round(2 / (test.frequency * test.recorded.dt)), None)
+
+    def cycle(name: str, record: Recording, role: str) -> Curve:
+        return Curve(name, record.channel("x")[last], record.channel("R")[last], role)  # type: ignore[arg-type]
+
+    name = _short(test.recorded.name)
+    measured = cycle("recorded", test.recorded, "muted")
+    before = loops(
+        f"{name}: before", [measured, cycle("stick-slip model, refitted", test.refitted, "before")],
+        f"Free-run x NRMSE {percent(test.error('refitted'))}.",
+    )  # fmt: skip
+    after = loops(
+        f"{name}: after", [measured, cycle("diagnosed model", test.extended, "after")],
+        f"Free-run x NRMSE {percent(test.error('extended'))}.",
+    )  # fmt: skip
+    return before, after
+
+
+def _files(page: Page, lab: LabCase) -> None:
+    page.section(
+        "Everything that was made", "Open these for the details; every file can be read, run or imported elsewhere."
+    )
+    page.links(
+        [
+            ("identification/report.html", "how the surrogate was trained, recording by recording"),
+            ("validation/report.html", "surrogate against reference FMU, test by test"),
+            ("lab/report.html", "the diagnosis in full"),
+            ("jenkins.fmu", "the reference oscillator, from Modelica"),
+            ("identification/surrogate.fmu", "the surrogate: x, v in, R out"),
+            ("identification/oscillator.fmu", "the surrogate with its mass: F in, x, v, a, R out"),
+            ("identification/surrogate.onnx", "the same for any ONNX runtime"),
+            ("lab/extended.mo", "the diagnosed model"),
+            ("lab/diagnosis.json", "the diagnosis as data"),
+            ("demo.json", "targets and results as data"),
+        ]
+    )
+    page.reproduce("hystid demo -o hystid-demo")
+
+
+def _short(name: str) -> str:
+    """``harmonic:20Hz@80N,2s`` and ``harmonic_20Hz_80N`` -> ``20 Hz, 80 N``."""
+    tone = name.replace("harmonic:", "").replace("harmonic_", "").partition(",")[0].replace("@", "_")
+    return tone.replace("Hz_", " Hz, ").replace("N", " N")
