@@ -23,7 +23,12 @@ from hystid.recording import Recording
 def grid(out: Path, workers: int | None) -> None:
     begin = time.process_time()
     result = study.grid(
-        list(oracle.chirps()), mass=1.0, holdout=list(oracle.harmonics(duration=1.0)), workers=workers, out=out / "grid"
+        list(oracle.chirps()),
+        mass=1.0,
+        holdout=list(oracle.harmonics(duration=1.0)),
+        iterations=80,
+        workers=workers,
+        out=out / "grid",
     )
     print(f"\n## Structures ({time.process_time() - begin:.0f} s of processor time in this run)\n")
     print("| layers | weights | force NRMSE best / lower / median / upper / worst | ensemble | single "
@@ -54,16 +59,16 @@ def mass(out: Path, workers: int | None) -> None:
         print(f"| {size}-{size} | " + " | ".join(f"{cell.free_run.median:.3f}" for cell in cells) + " |")
 
 
-def held_out(result: Identification) -> list[np.ndarray]:
-    """Force and free-run errors, rows: recordings, of the refined and the published model."""
+def held_out(result: Identification, names: str) -> list[np.ndarray]:
+    """Force and free-run errors, rows: held-out recordings of such names, of the refined and the published model."""
     rows = [[(p.force_nrmse, p.x_nrmse or np.nan) for p in (c.network, c.published)]
-            for c in result.comparisons if c.role == "holdout"]  # fmt: skip
+            for c in result.comparisons if c.role == "holdout" and c.recording.name.endswith(names)]  # fmt: skip
     return list(np.array(rows).transpose(1, 0, 2))
 
 
-def line(label: str, result: Identification) -> None:
+def line(label: str, result: Identification, names: str = "") -> None:
     cells = [f"{np.median(e[:, 0]):.4f} / {e[:, 0].max():.4f} | {np.median(e[:, 1]):.4f} / {e[:, 1].max():.4f}"
-             for e in held_out(result)]  # fmt: skip
+             for e in held_out(result, names)]  # fmt: skip
     print(f"| {label} | {' | '.join(cells)} |", flush=True)
 
 
@@ -104,9 +109,11 @@ def noise(out: Path, workers: int | None) -> None:
 def amplitude(out: Path, workers: int | None) -> None:
     print("\n## Amplitude: trained to 60 N\n\n" + HEAD.format("tested on"))
     train = list(oracle.chirps(amplitudes=(15, 30, 45, 60)))
-    for tested in (60, 75, 90, 105):
-        held = [h for h in oracle.harmonics(amplitudes=(tested,))]
-        line(f"{tested} N harmonics", identify(train, mass=1.0, holdout=held, workers=workers))
+    tested = (60, 75, 90, 105)
+    held = list(oracle.harmonics(duration=1.0, amplitudes=tested))
+    result = identify(train, mass=1.0, holdout=held, workers=workers)
+    for newtons in tested:
+        line(f"{newtons} N harmonics", result, f"_{newtons}N")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 The motion is a quintic spline with a knot at every sample; minimised is
 
-    sum (x - X)^2 / sx^2 + (v - V)^2 / sv^2 + (a - A)^2 / sa^2 + penalty integral (x''')^2 dt
+    sum (x - X)^2 / sx^2 + (v - V)^2 / sv^2 + (a - A)^2 / sa^2 + penalty integral (x'''')^2 dt
 
 over its coefficients (Whittaker 1923, Reinsch 1967), with those of X, V, A that were measured: x settles the slow part
 of a, and a the fast part of x, which no filter on one channel alone can do. The penalty is chosen by generalised
@@ -23,12 +23,13 @@ from hystid.recording import Array, Recording
 
 _UNITS = {"x": "m", "v": "m/s", "a": "m/s2"}  # in the order of their derivative
 _DEGREE = 5
-# Quintic B-spline and its first three derivatives at the five knots where it is not zero, for unit knot distance.
+_PENALISED = 4  # a kink in a, as sticking and slipping make it, is an impulse in x'''': white, as the penalty assumes
+# Quintic B-spline and derivatives at the five knots where it is not zero, for unit knot distance.
 _VALUES = {
     0: np.array([1, 26, 66, 26, 1]) / 120,
     1: np.array([-1, -10, 0, 10, 1]) / 24,
     2: np.array([1, 2, -6, 2, 1]) / 6,
-    3: np.array([-1, 2, 0, -2, 1]) / 2,
+    4: np.array([1.0, -4, 6, -4, 1]),
 }
 
 
@@ -84,7 +85,7 @@ class _Problem:
             _add_products(self.matrix, row, self.count)
             for i in range(_DEGREE):
                 self.right[i : i + self.count] += row[i] * weight * self.data[order]
-        _add_products(self.rough, _VALUES[3], self.count)
+        _add_products(self.rough, _VALUES[_PENALISED], self.count)
 
     def coefficients(self, penalty: float) -> Array:
         """Spline coefficients, shape (n + 4,)."""
@@ -101,9 +102,9 @@ class _Problem:
         """Transfer function of the smoother over frequency [rad/sample], from the spline's own response."""
         w = np.linspace(0, np.pi, 2049)[1:]
         steps = np.arange(-2, 3)
-        response = [np.abs(_VALUES[order] @ np.exp(1j * np.outer(steps, w))) ** 2 for order in range(4)]
+        response = {order: np.abs(row @ np.exp(1j * np.outer(steps, w))) ** 2 for order, row in _VALUES.items()}
         information = sum(response[order] * weight**2 for order, weight in self.weights.items())
-        return w, np.asarray(information / (information + penalty * response[3]))
+        return w, np.asarray(information / (information + penalty * response[_PENALISED]))
 
     def cutoff(self, penalty: float) -> float:
         """Frequency [Hz] at which half of the signal's amplitude passes."""
@@ -126,7 +127,8 @@ class _Problem:
             squares = sum(float(np.sum(miss**2)) for miss in misses)
             return float(np.log(squares) - 2 * np.log(len(misses) * self.count - freedom))
 
-        best = minimize_scalar(score, bounds=(-6, 8), method="bounded", options={"xatol": 0.1})
+        coarse = min(range(-6, 14), key=score)  # the score is flat on the side of no smoothing: no place to search from
+        best = minimize_scalar(score, bounds=(coarse - 1, coarse + 1), method="bounded", options={"xatol": 0.1})
         return reference * 10 ** float(best.x)
 
 
