@@ -16,7 +16,7 @@ from hystid.diagnosis.fitting import ADDED_MASS, Fit, Problem, Term
 from hystid.diagnosis.locate import where_term
 from hystid.diagnosis.result import Diagnosis, Finding, Value, Verdict, Where
 from hystid.diagnosis.selection import DELAY, Choice
-from hystid.diagnosis.sensors import ForceDrift
+from hystid.diagnosis.sensors import HUM, ChannelEffect
 
 Array = NDArray[np.float64]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
@@ -93,7 +93,7 @@ class Answer:
         """Terms that belong into a model (faults of the force channel do not)."""
         fit, kept = self.choice.after, []
         for i, term in enumerate(fit.hypothesis.terms):
-            if isinstance(term.effect, ForceDrift) or self.rename(term.effect.id) == GAIN:
+            if isinstance(term.effect, ChannelEffect) or self.rename(term.effect.id) == GAIN:
                 continue
             kept.append((term, values(fit, i, term)))
         return kept
@@ -130,9 +130,14 @@ class Answer:
         signals = problem.signals(hypothesis.values)
         total = [np.zeros(len(part)) for part in problem.parts]
         for term in hypothesis.terms:
+            if term.effect.id == HUM:
+                continue
             total = [f + np.abs(term.effect.force(s, term.values)) for f, s in zip(total, signals, strict=True)]
         if DELAY in self.choice.named:
-            total = [f + np.abs(p.F - problem.force_at(i, hypothesis.delay)) for i, (f, p) in enumerate(zip(total, problem.parts, strict=True))]
+            total = [
+                f + np.abs(p.F - problem.force_at(i, hypothesis.delay))
+                for i, (f, p) in enumerate(zip(total, problem.parts, strict=True))
+            ]
         for fault in self.faults:
             feigned = self._feigned(fault)
             total = [f + g for f, g in zip(total, feigned, strict=True)]
@@ -147,7 +152,12 @@ class Answer:
         found = []
         for part, force in zip(problem.parts, problem.predicted(hypothesis), strict=True):
             if fault.id == DELAY:
-                moving = {"x": part.v, "v": part.a, "a": np.gradient(part.a, part.dt), "F": np.gradient(part.F, part.dt)}
+                moving = {
+                    "x": part.v,
+                    "v": part.a,
+                    "a": np.gradient(part.a, part.dt),
+                    "F": np.gradient(part.F, part.dt),
+                }
                 found.append(weight * np.abs(moving[fault.channel]) * part.dt * abs(fault.size))
             else:
                 true = {"x": part.x, "v": part.v, "a": part.a, "F": mass * part.a + force}[fault.channel]
@@ -233,7 +243,10 @@ def confidence(choice: Choice, alike: tuple[str, ...], margin: float) -> float:
 def _fault_finding(answer: Answer, fault: Fault) -> Finding:
     dt = answer.problem.parts[0].dt
     if fault.id == DELAY:
-        parameters = {"samples": Value(fault.size, fault.stderr, "1"), "delay": Value(fault.size * dt, fault.stderr * dt, "s")}
+        parameters = {
+            "samples": Value(fault.size, fault.stderr, "1"),
+            "delay": Value(fault.size * dt, fault.stderr * dt, "s"),
+        }
     else:
         unit = {"x": "m", "v": "m/s", "a": "m/s2", "F": "N"}[fault.channel]
         parameters = {"level": Value(fault.size, fault.stderr, unit)}
@@ -291,5 +304,7 @@ def next_experiment(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.untestable:
         listed = ", ".join(diagnosis.untestable[:4])
-        return f"These recordings cannot show {listed}: add slow cycles and a wider range of amplitudes and frequencies."
+        return (
+            f"These recordings cannot show {listed}: add slow cycles and a wider range of amplitudes and frequencies."
+        )
     return "Confirm the model on a test at another amplitude that was not used here."

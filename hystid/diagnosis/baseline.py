@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ class Baseline:
 
     nominal: parameter values as given. free: names that the refit may move. linear: those in which R is linear.
     units: parameter name -> unit. has_h: the model has a variable f_h (hysteretic force).
+    lowest: lowest values that the model allows.
     """
 
     name: str
@@ -32,11 +33,17 @@ class Baseline:
     units: Mapping[str, str]
     positive: frozenset[str]
     has_h: bool
+    lowest: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def mass(self) -> float:
         """Nominal mass [kg]; 0 for rigs without inertia."""
         return float(self.nominal.get(_MASS, 0.0))
+
+    @property
+    def memoryless(self) -> bool:
+        """Whether R follows from x and v alone."""
+        return set(self.model.code.states) <= {"x", "v"}
 
     @property
     def shapes(self) -> tuple[str, ...]:
@@ -69,15 +76,19 @@ def baseline_of(
     unknown = sorted(set(given) - set(parameters))
     if unknown:
         raise UsageError(f"{name} has no parameter '{unknown[0]}'; it has {', '.join(sorted(parameters))}")
-    nominal = {key: float(given.get(key, variable.start or 0.0)) for key, variable in parameters.items()}
+    lowest = {key: float(variable.min) for key, variable in parameters.items() if variable.min is not None}
+    nominal = {
+        key: max(float(given.get(key, variable.start or 0.0)), lowest.get(key, -np.inf))
+        for key, variable in parameters.items()
+    }
     held = fixed | ({_MASS} if nominal.get(_MASS, 0.0) == 0.0 else frozenset())
     free = tuple(key for key in nominal if key not in held)
     bare = Baseline(
         name, CompiledModel(code), nominal, free, (), {key: v.unit for key, v in parameters.items()},
-        frozenset(key for key, v in parameters.items() if _is_positive(v, nominal[key])), "f_h" in variables,
+        frozenset(key for key, v in parameters.items() if _is_positive(v, nominal[key])), "f_h" in variables, lowest,
     )  # fmt: skip
     linear = tuple(key for key in free if key != _MASS and _is_linear(bare, key))
-    return Baseline(bare.name, bare.model, nominal, free, linear, bare.units, bare.positive, bare.has_h)
+    return replace(bare, linear=linear)
 
 
 def _is_positive(variable: Variable, value: float) -> bool:

@@ -198,7 +198,7 @@ def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
     if shape.unit == "s":
         return np.geomspace(max(4 * scales.dt, 0.02 / scales.band[1]), scales.span / 2, 8)
     if shape.unit == "Hz":
-        return np.geomspace(max(low, 0.7 * scales.band[0]), high / 1.2, 14)
+        return np.geomspace(max(low, 0.35 * scales.band[1]), 0.85 * high, 24 if fine else 6)
     start = shape.start if shape.start is not None else 0.5 * (low + high)
     return np.unique(np.clip([start, *((0.3 * low + 0.7 * high,) if fine else ())], low, high))
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Mapping, Sequence
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -73,7 +75,7 @@ def diagnose(
     if refusal:
         answer = Diagnosis("not_applicable", refusal, str(model), dict(given.values), {}, next_experiment=refusal)
         return _written(answer, None, out)
-    with track("diagnosis", 100) as step:
+    with track("diagnosis", 100) as step, _quiet_models():
         case = _prepare(tests, unseen, str(model), given)
         step(15, "baseline fitted")
         library = [effect for effect in load_effects(_paths(effects)) if effect.id not in exclude]
@@ -81,6 +83,18 @@ def diagnose(
         choice = choose(case.problem, case.refit, library, _every(step, share))
         answer, extended = _conclude(case, choice, out is not None)
     return _written(answer, extended, out)
+
+
+@contextmanager
+def _quiet_models() -> Iterator[None]:
+    """A model that is tried at thousands of parameters would warn thousands of times."""
+    logger = logging.getLogger("hystid")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 @dataclass(frozen=True)
@@ -171,10 +185,12 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     faults += [f for f in (chain.saturated_motion(tests), chain.saturated_force(tests)) if f is not None]
     stopped = {fault.channel: fault.size for fault in faults if fault.id == "sensor_saturation"}
     parts = [prepare_part(test, seed, stopped) for seed, test in enumerate(tests)]
-    code = compile_model(model, parameters=given.values)
+    code = compile_model(model)
     weighed = {"m"} if "m" in given.values and "m" not in given.free else set()
-    integers = {v.name for v in code.variables if v.type != "Real"}
-    values = {name: value for name, value in given.values.items() if name not in integers}
+    whole = {v.name for v in code.variables if v.type != "Real"}
+    sizes = {name: value for name, value in given.values.items() if name in whole}
+    code = compile_model(model, parameters=sizes) if sizes else code
+    values = {name: value for name, value in given.values.items() if name not in whole}
     baseline = baseline_of(model, code, values, given.fixed | weighed)
     problem = Problem(parts, baseline, _scales(parts, baseline))
     refit, nominal = _refit(problem)
@@ -200,7 +216,10 @@ def _refit(problem: Problem) -> tuple[Fit, float]:
             break
     if not fits:
         raise NumericalError("the baseline has no finite force on these recordings; check its nominal parameters")
-    return min(fits, key=lambda f: f.chi2), float(np.mean(rows**2))
+    best = min(fits, key=lambda f: f.chi2)
+    if problem.distrust(best.hypothesis):
+        best, rows = fit(problem, best.hypothesis), problem.rows(nominal)
+    return best, float(np.mean(rows**2))
 
 
 def _scales(parts: Sequence[Part], baseline: Baseline) -> Scales:
@@ -233,8 +252,7 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     force = _force_errors(case, choice)
     listed = tuple(Errors(n, f, (b[1], a[1])) for n, f, b, a in zip(names, force[0], before[0], after[0], strict=True))
     unseen = tuple(
-        Errors(p.name, f, (b[1], a[1]))
-        for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
+        Errors(p.name, f, (b[1], a[1])) for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
     )
     verdict = answer.verdict()
     unknown = None
@@ -301,9 +319,7 @@ def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]]
         rests = [group.balance(f.hypothesis) for f in (choice.before, choice.after)]
         mass = choice.after.hypothesis.mass()
         spread = [float(np.std(p.F - mass * p.a)) or 1.0 for p in group.parts]
-        found.append(
-            [(float(np.std(b)) / s, float(np.std(a)) / s) for b, a, s in zip(*rests, spread, strict=True)]
-        )
+        found.append([(float(np.std(b)) / s, float(np.std(a)) / s) for b, a, s in zip(*rests, spread, strict=True)])
     return found[0], found[1] if case.unseen else []
 
 
@@ -353,5 +369,3 @@ def _table(trace: Traces) -> str:
         [f"{t:.9g}", f"{r:.7g}", f"{s:.6g}"] for t, r, s in zip(trace.t, trace.residual, trace.score, strict=True)
     )
     return text.getvalue()
-
-

@@ -76,5 +76,3 @@ def _number(value: float) -> str:
 def _with_error(value: Value) -> str:
     error = f"standard error {value.stderr:.2g}" if isfinite(value.stderr) and value.stderr > 0 else "not fitted"
     return f"{value.value:.6g} {value.unit}".strip() + f", {error}"
-
-

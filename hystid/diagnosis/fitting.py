@@ -22,6 +22,8 @@ DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fau
 LATE_LIMIT = 8.0  # samples
 ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
 WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
+_TURN = 0.03  # share of the peak speed over which a contact may turn
+_PACE = 0.04  # share of the way to the bar that every step must make
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
 Key = tuple[str, str]
@@ -173,10 +175,37 @@ class Problem:
         return self._shifted[key]
 
     def floor(self, hypothesis: Hypothesis) -> float:
-        """Mean square that noise alone leaves in the rows: one, and what the noise of the regressors makes of the force."""
+        """Mean square that noise alone leaves: that of the balance, and what noise of the motion makes of the force."""
+        return self.reduce.level + float(np.mean([np.mean(rows**2) for rows in self.movements(hypothesis)]))
+
+    def movements(self, hypothesis: Hypothesis) -> list[Array]:
+        """Rows of what draws of the regressors' noise make of the force."""
         here = self.predicted(hypothesis)
-        draws = [self.reduce([b - a for a, b in zip(here, self._shaken(hypothesis, d), strict=True)]) for d in range(DRAWS)]
-        return 1.0 + float(np.mean([np.mean(rows**2) for rows in draws]))
+        return [
+            self.reduce([b - a for a, b in zip(here, self._shaken(hypothesis, d), strict=True)]) for d in range(DRAWS)
+        ]
+
+    def distrust(self, hypothesis: Hypothesis) -> bool:
+        """Weigh down rows in which a law jumps; true where there are such rows."""
+        changed = self.reduce.distrust([*self.movements(hypothesis), *self._jumps(hypothesis)])
+        self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
+        return changed
+
+    def _jumps(self, hypothesis: Hypothesis) -> list[Array]:
+        """Rows of what a few per cent of the speed make of a law without memory.
+
+        Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed, and filters in the
+        measurement chain round the jump: the force right there says nothing.
+        """
+        if not self.baseline.memoryless:
+            return []
+        here = [R for R, _ in self.law(hypothesis.values)]
+        shift = _TURN * float(max(np.max(np.abs(p.v)) for p in self.parts))
+        draws = []
+        for sign in (-shift, shift):
+            there = [self.baseline.force(p.x, p.v + sign, p.dt, hypothesis.values)[0] for p in self.parts]
+            draws.append(self.reduce([b - a for a, b in zip(here, there, strict=True)]))
+        return draws
 
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
         forces = []
@@ -191,6 +220,21 @@ class Problem:
     def of(self, parts: Sequence[Part]) -> Problem:
         """The same problem on other recordings."""
         return Problem(parts, self.baseline, self.scales)
+
+    def line(self, hypothesis: Hypothesis, frequency: float) -> float:
+        """Power of the balance at a frequency [Hz] over that beside it; 0 above half the sample rate."""
+        power, beside = 0.0, 0.0
+        for part, rest in zip(self.parts, self.balance(hypothesis), strict=True):
+            if frequency > 0.45 / part.dt:
+                return 0.0
+            window = np.hanning(len(rest))
+            span = 3.0 / (len(rest) * part.dt)  # neighbours beyond the window's main lobe
+            level = [
+                abs(np.sum(rest * window * np.exp(-2j * np.pi * f * part.t))) ** 2
+                for f in (frequency, *(frequency + k * span for k in (-3, -2, -1, 1, 2, 3)))
+            ]
+            power, beside = power + level[0], beside + float(np.median(level[1:]))
+        return power / beside if beside > 0 else 0.0
 
     def rows(self, hypothesis: Hypothesis) -> Array:
         """Weighted residual rows."""
@@ -280,7 +324,8 @@ class Problem:
     def _base_unknown(self, name: str) -> Unknown:
         positive = name in self.baseline.positive
         linear = name in self.baseline.linear or name == "m"
-        return Unknown(("base", name), positive and not linear, 0.0 if positive else -np.inf, linear=linear)
+        low = max(0.0 if positive else -np.inf, self.baseline.lowest.get(name, -np.inf))
+        return Unknown(("base", name), positive and not linear, low, linear=linear)
 
     def _linear_columns(self) -> dict[str, list[Array]]:
         units = {}
@@ -296,9 +341,13 @@ class Problem:
         return units
 
 
-def fit(problem: Problem, start: Hypothesis, *, iterations: int = 25, tolerance: float = 1e-4) -> Fit:
+@np.errstate(over="ignore", invalid="ignore")  # refused steps may be as wild as they like
+def fit(
+    problem: Problem, start: Hypothesis, *, iterations: int = 25, tolerance: float = 1e-4, bar: float = 0.0
+) -> Fit:
     """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
 
+    bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
     Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row.
     Raises NumericalError when the start itself has no finite residual.
     """
@@ -310,7 +359,7 @@ def fit(problem: Problem, start: Hypothesis, *, iterations: int = 25, tolerance:
         raise NumericalError("the start of a fit has no finite residual; check the nominal parameters")
     damping, small = 1e-4, 0
     jacobian = problem.jacobian(here, unknowns)
-    for _ in range(iterations):
+    for done in range(iterations):
         accepted = False
         for _ in range(7):
             there = _step(here, unknowns, jacobian, rows, damping)
@@ -326,6 +375,8 @@ def fit(problem: Problem, start: Hypothesis, *, iterations: int = 25, tolerance:
         damping = max(damping / 10.0, 1e-9)
         jacobian = problem.jacobian(here, unknowns)
         small = small + 1 if gain < tolerance else 0
+        if done > 2 and gain < _PACE * (1.0 - bar * len(rows) / cost):
+            break
         if small == 2 or gain < 1e-8:
             break
     freedom = max(1, len(rows) - len(unknowns))
@@ -375,8 +426,7 @@ def _clip(hypothesis: Hypothesis, unknowns: Sequence[Unknown]) -> Hypothesis:
 
 def _rows_or_none(problem: Problem, hypothesis: Hypothesis) -> Array | None:
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # a refused step may be as wild as it likes
-            rows = problem.rows(hypothesis)
+        rows = problem.rows(hypothesis)
     except NumericalError:
         return None
     return rows if np.all(np.isfinite(rows)) else None

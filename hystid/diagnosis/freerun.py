@@ -28,7 +28,9 @@ def free_run(
     known = {variable.name for variable in model.code.variables}
     settings = {**values, **{name: value for name, value in start.items() if name in known}}
     try:
-        found = model.simulate({"F": force}, part.dt, parameters=settings, outputs=("x",), interpolation="cubic", substeps=2)
+        found = model.simulate(
+            {"F": force}, part.dt, parameters=settings, outputs=("x",), interpolation="cubic", substeps=2
+        )
     except NumericalError:
         return None
     x = found["x"]

@@ -47,7 +47,9 @@ def _own_blocks(path: Path) -> list[str]:
         raise UsageError(f"--effects {path}: there is no such file")
     blocks = _BLOCK.findall(path.read_text(encoding="utf-8"))
     if not blocks:
-        raise UsageError(f"--effects {path}: no block was found; write one that extends HystId.Interfaces.PartialEffect")
+        raise UsageError(
+            f"--effects {path}: no block was found; write one that extends HystId.Interfaces.PartialEffect"
+        )
     return [f"{path}:{block}" for block in blocks]
 
 

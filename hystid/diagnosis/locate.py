@@ -37,7 +37,11 @@ def where_unknown(problem: Problem, residuals: Sequence[Array], noise: float) ->
     law = _power_law(amplitude, level)
     parts = [
         "even in x and v" if even > 0.6 else "odd in x and v" if even < 0.4 else "of mixed symmetry",
-        "mostly conservative" if conservative > 0.6 else "mostly dissipative" if conservative < 0.4 else "of both kinds",
+        "mostly conservative"
+        if conservative > 0.6
+        else "mostly dissipative"
+        if conservative < 0.4
+        else "of both kinds",
         f"growing with the power {law:.1f} of the amplitude" if np.isfinite(law) else "of unclear amplitude law",
         _rate(problem, smooth),
     ]
@@ -149,7 +153,13 @@ def _rate(problem: Problem, residuals: Sequence[Array]) -> str:
     slow = middle & (v < np.quantile(v[middle], 0.3))
     fast = middle & (v > np.quantile(v[middle], 0.7))
     ratio = float(np.std(r[fast]) / max(np.std(r[slow]), 1e-300))
-    return "stronger in fast motion" if ratio > 1.5 else "stronger in slow motion" if ratio < 0.67 else "not rate dependent"
+    return (
+        "stronger in fast motion"
+        if ratio > 1.5
+        else "stronger in slow motion"
+        if ratio < 0.67
+        else "not rate dependent"
+    )
 
 
 def score(force: Array, noise: float) -> Array:
@@ -161,5 +171,3 @@ def unknown_score(residual: Array, noise: float, width: int = 41) -> Array:
     """Local level of the residual in units of the noise, for a mismatch without a name."""
     power = np.convolve(residual**2, np.ones(width) / width, mode="same")
     return np.asarray(np.sqrt(np.maximum(power / noise**2, 0.0)))
-
-

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from hystid.diagnosis.noise import noise_level
 from hystid.diagnosis.smoothing import Smoothed, smooth
@@ -19,7 +20,8 @@ from hystid.recording import Recording
 Array = NDArray[np.float64]
 _ROWS = 16_000  # rows of the least squares problems; more are averaged in blocks
 _MODEL_ERROR = 5e-4  # share of a channel below which differences are not worth a name (integration, interpolation)
-DRAWS = 2
+DRAWS = 3
+_JUMP = 4.0  # mean square movement of a row, noise units, beyond which it is weighed down
 # Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
@@ -141,14 +143,31 @@ class Reduction:
         self.parts = tuple(parts)
         total = sum(len(part) for part in parts)
         self.block = max(1, total // _ROWS)
+        self._trust: Array | None = None
         self._filters = [_whitening(part, mass) for part in parts]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
 
     def __call__(self, columns: Sequence[Array]) -> Array:
         """Rows of all parts, shape (rows,), from one column per part."""
-        return np.concatenate(
-            [self.one(index, column) for index, column in enumerate(columns)]
-        )
+        rows = np.concatenate([self.one(index, column) for index, column in enumerate(columns)])
+        return rows if self._trust is None else rows * self._trust
+
+    def distrust(self, draws: Sequence[Array]) -> bool:
+        """Weigh down the rows in which the noise of the regressors moves the force by more than its own noise.
+
+        draws: rows of such movements. A law that jumps where the velocity changes sign is the case in mind: where the
+        jump falls is not known to the sample, and its neighbours say nothing about the law.
+        """
+        spread = np.mean([rows**2 for rows in draws], axis=0)
+        wide = maximum_filter1d(spread, 3)
+        if float(np.quantile(wide, 0.999)) > _JUMP:
+            self._trust = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0)
+        return self._trust is not None
+
+    @property
+    def level(self) -> float:
+        """Mean square of rows that hold noise alone."""
+        return 1.0 if self._trust is None else float(np.mean(self._trust**2))
 
     def one(self, index: int, column: Array) -> Array:
         """Rows of one part."""

@@ -53,6 +53,7 @@ def complement(problem: Problem, fitted: Fit) -> Complement:
     return Complement(left[:, size > 1e-7 * size[0]])
 
 
+@np.errstate(over="ignore", invalid="ignore")  # columns that are not finite are left out
 def scan(
     problem: Problem, fitted: Fit, effects: Sequence[Effect], progress: Callable[[], None] = lambda: None
 ) -> list[Candidate]:
@@ -74,8 +75,11 @@ def _points(
 ) -> list[Candidate]:
     """Grid points of one form, the largest gain first."""
     points = []
+    largest = sorted(signals, key=lambda s: -float(np.max(np.abs(s.x))))[:1]  # a threshold beyond these is never reached
     for shapes in grid(effect, problem.scales):
         try:
+            if not any(np.any(column) for s in largest for column in effect.columns(s, shapes)):
+                continue
             raw = [effect.columns(s, shapes) for s in signals]
         except NumericalError:
             continue
@@ -104,15 +108,15 @@ def _score(columns: Array, outside: Complement, residual: Array) -> tuple[float,
     return float(right @ amplitude), float(1.0 - np.max(left)), amplitude / np.where(norms > 0, norms, np.inf)
 
 
-def try_term(problem: Problem, fitted: Fit, term: Term, iterations: int = 12) -> Fit | None:
+def try_term(problem: Problem, fitted: Fit, term: Term, iterations: int = 12, bar: float = 0.0) -> Fit | None:
     """Joint fit of what is there and one more effect; None where it has no finite answer."""
     start = fitted.hypothesis
-    return try_fit(problem, replace(start, terms=(*start.terms, term)), iterations)
+    return try_fit(problem, replace(start, terms=(*start.terms, term)), iterations, bar)
 
 
-def try_fit(problem: Problem, start: Hypothesis, iterations: int = 12) -> Fit | None:
+def try_fit(problem: Problem, start: Hypothesis, iterations: int = 12, bar: float = 0.0) -> Fit | None:
     """``fit``, or None where it has no finite answer."""
     try:
-        return fit(problem, start, iterations=iterations)
+        return fit(problem, start, iterations=iterations, bar=bar)
     except (NumericalError, np.linalg.LinAlgError):
         return None

@@ -10,15 +10,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from hystid.diagnosis.blocks import Effect
-from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
 from hystid.diagnosis.search import ABSORBED, Candidate, scan, try_fit, try_term
-from hystid.diagnosis.sensors import force_drift
+from hystid.diagnosis.sensors import HUM, force_drift, mains_hum
 
 SOUND = 0.09  # excess that smoothing and integration leave in healthy recordings
 WORTH = 0.05  # fall of the mean square below which no effect is named
 EXPLAINED = 0.93  # share of the excess that a right law explains
-PAIR_SHARE = 0.04  # share of the excess that each of several effects must cost when it is taken away
-MOST_TERMS = 3
+PAIR_SHARE = 0.045  # share of the excess that each of several effects must cost when it is taken away
+_CLEAR_MASS, _SURE = 0.02, 8.0  # share of the mass, and its multiple of the standard error
+_PAIR_LEFT = 0.05  # share of the excess that several right effects may leave
+_FORM = 0.045  # share of the excess that another form of the right law leaves; more may be a second effect
+MAINS = (50.0, 60.0)  # Hz
+_CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 DELAY = "channel_delay"
@@ -81,34 +85,58 @@ def choose(
     problem: Problem, baseline: Fit, effects: Sequence[Effect], progress: Callable[[], None] = lambda: None
 ) -> Choice:
     """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there."""
+    baseline = without_hum(problem, baseline)
     floor = problem.floor(baseline.hypothesis)
     excess = baseline.chi2 - floor
     library = [*effects, force_drift(len(problem.parts), bow=False)]
     candidates = scan(problem, baseline, library, progress)
     untestable = _untestable(candidates)
     chain = chain_trials(problem, baseline, effects)
-    if excess < SOUND * max(1.0, floor):
-        return _quiet(problem, baseline, floor, chain, untestable)
+    if excess < sound(problem) * max(1.0, floor):
+        return _quiet(problem, baseline, floor, chain, untestable, effects)
     first = trials(problem, baseline, candidates, excess, chain)
     if not first:
         return Choice(baseline, baseline, floor, floor, unknown=True, untestable=untestable)
     chosen = _single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
-    if _explains(chosen.trial.fit, end_floor, baseline, excess):
+    alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
+    left = chosen.trial.chi2 - end_floor
+    if alone and left < max(SOUND, _FORM * excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     several = _several(problem, baseline, first, library, excess)
     if several is not None:
         return _named(problem, baseline, floor, several, first, untestable)
+    if alone:
+        return _named(problem, baseline, floor, [chosen], first, untestable)
     return Choice(baseline, baseline, floor, floor, unknown=True, trials=tuple(first), untestable=untestable)
 
 
+def without_hum(problem: Problem, baseline: Fit) -> Fit:
+    """The refit with the lines of the mains taken out of the force, where they stand clear of their neighbours."""
+    for frequency in MAINS:
+        if problem.line(baseline.hypothesis, frequency) > _CLEAR_LINE:
+            effect = mains_hum(len(problem.parts), frequency)
+            made = try_term(problem, baseline, Term(effect, dict.fromkeys(effect.amplitudes, 0.0)))
+            if made is not None and baseline.chi2 - made.chi2 > 0.5 * (baseline.chi2 - 1.0):
+                return made
+    return baseline
+
+
 def _quiet(
-    problem: Problem, baseline: Fit, floor: float, chain: Sequence[Trial], untestable: tuple[str, ...]
+    problem: Problem,
+    baseline: Fit,
+    floor: float,
+    chain: Sequence[Trial],
+    untestable: tuple[str, ...],
+    effects: Sequence[Effect],
 ) -> Choice:
     """Nothing to explain, but for a correction of the chain that ran into its limit."""
     for trial in chain:
         if baseline.chi2 - trial.chi2 > _LIMIT_GAIN:
             return _named(problem, baseline, floor, [Step(trial, (), 1.0)], chain, untestable)
+    heavier = _clear_weighing(problem, baseline, effects)
+    if heavier is not None:
+        return _named(problem, baseline, floor, [Step(heavier, (), 1.0)], [heavier], untestable)
     return Choice(baseline, baseline, floor, floor, untestable=untestable)
 
 
@@ -126,11 +154,20 @@ def trials(
     promising = [c for c in candidates if c.gain > 0.3 * top][:most]
     promising += [c for c in candidates[:most] if c not in promising][: max(0, 5 - len(promising))]
     for candidate in promising:
-        made = try_term(problem, fitted, candidate.term)
+        bar = min((t.chi2 for t in found), default=0.0)
+        made = try_term(problem, fitted, candidate.term, bar=bar)
         if made is not None:
             found.append(_trial(candidate, made))
     found.sort(key=lambda t: t.chi2)
+    if found and found[0].chi2 - 1.0 > 2 * SOUND:
+        found = sorted([*_restarts(problem, fitted, found[0]), *found], key=lambda t: t.chi2)
     return [t for t in found if not (t.absorbed > ABSORBED and fitted.chi2 - t.chi2 < 0.5 * excess)]
+
+
+def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
+    """The best form from its next best grid points: most misses are searches that got stuck."""
+    made = [try_term(problem, fitted, term, bar=best.chi2) for term in best.others[:2]]
+    return [replace(best, fit=f, others=()) for f in made if f is not None and f.chi2 < best.chi2]
 
 
 def _trial(candidate: Candidate, made: Fit) -> Trial:
@@ -146,13 +183,29 @@ def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> li
         made = try_fit(problem, replace(here, late=True))
         if made is not None and abs(made.hypothesis.delay) > DELAY_LIMIT:
             found.append(Trial(DELAY, "", 1, made))
-    mass = next((effect for effect in effects if effect.id == ADDED_MASS), None)
-    if mass is not None and abs(here.weighing) > 0.95 * WEIGHING_LIMIT:
-        term = Term(mass, {mass.amplitudes[0]: here.weighing * here.values["m"]})
-        made = try_fit(problem, replace(here, weighing=0.0, terms=(*here.terms, term)))
-        if made is not None:
-            found.append(Trial(mass.id, mass.form, 1, made))
+    if abs(here.weighing) > 0.95 * WEIGHING_LIMIT:
+        heavier = _added_mass(problem, fitted, effects)
+        found += [heavier] if heavier is not None else []
     return found
+
+
+def _clear_weighing(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
+    """An added mass within what weighing explains: worth a name only where it is clear and nothing else is found."""
+    share = abs(fitted.hypothesis.weighing)
+    if share < _CLEAR_MASS or share < _SURE * fitted.stderr(("chain", "weighing")):
+        return None
+    return _added_mass(problem, fitted, effects)
+
+
+def _added_mass(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
+    """The weighing error as an effect without a limit."""
+    here = fitted.hypothesis
+    mass = next((effect for effect in effects if effect.id == ADDED_MASS), None)
+    if mass is None or here.weighing == 0.0:
+        return None
+    term = Term(mass, {mass.amplitudes[0]: here.weighing * here.values["m"]})
+    made = try_fit(problem, replace(here, weighing=0.0, terms=(*here.terms, term)))
+    return Trial(mass.id, mass.form, 1, made) if made is not None else None
 
 
 def _single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float) -> Step:
@@ -170,32 +223,64 @@ def _single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float
     return Step(simple, tied, float(margin))
 
 
-def _explains(fit: Fit, floor: float, before: Fit, excess: float) -> bool:
+def sound(problem: Problem) -> float:
+    """Excess that healthy recordings may show; more where the law jumps and part of the rows is weighed down."""
+    return SOUND if problem.reduce.level == 1.0 else 2.5 * SOUND
+
+
+def _explains(problem: Problem, fit: Fit, floor: float, before: Fit, excess: float) -> bool:
     """Whether what is left is within the share that close forms leave, and the change worth a name."""
     left = fit.chi2 - floor
-    return before.chi2 - fit.chi2 > WORTH and left < max(SOUND * floor, (1 - EXPLAINED) * excess)
+    worth = WORTH * sound(problem) / SOUND
+    return before.chi2 - fit.chi2 > worth and left < max(SOUND * floor, (1 - EXPLAINED) * excess)
 
 
 def _several(
     problem: Problem, before: Fit, first: Sequence[Trial], library: Sequence[Effect], excess: float
 ) -> list[Step] | None:
     """Two or three effects: forward from the best few, each removal costly, the floor reached; None where that fails."""
-    starts = _distinct(first)[:2]
-    best: tuple[Trial, Trial] | None = None
-    for start in starts:
-        if before.chi2 - start.chi2 < 0.08 * excess:
-            continue
-        candidates = [c for c in scan(problem, start.fit, library) if c.effect.id != start.name]
-        found = trials(problem, start.fit, candidates, excess, chain_trials(problem, start.fit, library), most=6)
-        if found and (best is None or found[0].chi2 < best[1].chi2):
-            best = (start, _single(problem, found, start.fit, excess).trial)
-    if best is None:
+    reached: list[list[Trial]] = []
+    open_ends: list[list[Trial]] = []
+    for start in _distinct(first)[:2]:
+        if before.chi2 - start.chi2 > 0.08 * excess:
+            line = _grow(problem, [start], library, excess)
+            (reached if line and _complete(problem, line, before, excess) else open_ends).append(line)
+    if not reached:
+        longest = min((line for line in open_ends if len(line) > 1), key=lambda line: line[-1].chi2, default=None)
+        third = _grow(problem, longest, library, excess) if longest and _promising(longest, before) else []
+        if len(third) > 2 and _complete(problem, third, before, excess):
+            reached.append(third)
+    if not reached:
         return None
-    end = best[1]
-    floor = problem.floor(end.fit.hypothesis)
-    if not _explains(end.fit, floor, before, excess) or not _each_counts(problem, end.fit, excess):
-        return None
-    return [Step(best[0], (), 0.0), Step(end, (), 0.0)]
+    best = min(line[-1].chi2 for line in reached)
+    tied = [line for line in reached if line[-1].chi2 - best < _TIE[0] + _TIE[1] * excess]
+    simplest = min(tied, key=lambda line: sum(trial.size for trial in line))
+    return [Step(trial, (), 0.0) for trial in simplest]
+
+
+def _promising(line: Sequence[Trial], before: Fit) -> bool:
+    """A third effect is looked for only where two explain most of the mean square."""
+    return line[-1].chi2 - 1.0 < 0.3 * (before.chi2 - 1.0)
+
+
+def _grow(problem: Problem, line: Sequence[Trial], library: Sequence[Effect], excess: float) -> list[Trial]:
+    """The line with the best further effect; unchanged where there is none."""
+    end = line[-1]
+    used = {trial.name for trial in line}
+    candidates = [c for c in scan(problem, end.fit, library) if c.effect.id not in used]
+    found = trials(problem, end.fit, candidates, excess, chain_trials(problem, end.fit, library), most=6)
+    return [*line, _single(problem, found, end.fit, excess).trial] if found else list(line)
+
+
+def _complete(problem: Problem, line: Sequence[Trial], before: Fit, excess: float) -> bool:
+    """Whether several effects reach the floor and each of them counts."""
+    end = line[-1].fit
+    floor = problem.floor(end.hypothesis)
+    return (
+        len(line) > 1
+        and end.chi2 - floor < max(SOUND * floor, _PAIR_LEFT * excess)
+        and _each_counts(problem, end, excess)
+    )
 
 
 def _distinct(found: Sequence[Trial]) -> list[Trial]:
@@ -210,6 +295,8 @@ def _each_counts(problem: Problem, fit: Fit, excess: float) -> bool:
     """Whether taking any effect away and fitting again costs a visible share."""
     hypothesis = fit.hypothesis
     for i in range(len(hypothesis.terms)):
+        if hypothesis.terms[i].effect.id == HUM:
+            continue
         rest = replace(hypothesis, terms=tuple(t for k, t in enumerate(hypothesis.terms) if k != i))
         made = try_fit(problem, rest, iterations=6)
         if made is None or made.chi2 - fit.chi2 < max(WORTH, PAIR_SHARE * excess):
@@ -218,7 +305,12 @@ def _each_counts(problem: Problem, fit: Fit, excess: float) -> bool:
 
 
 def _named(
-    problem: Problem, before: Fit, floor: float, steps: Sequence[Step], first: Sequence[Trial], untestable: tuple[str, ...]
+    problem: Problem,
+    before: Fit,
+    floor: float,
+    steps: Sequence[Step],
+    first: Sequence[Trial],
+    untestable: tuple[str, ...],
 ) -> Choice:
     after = steps[-1].trial.fit
     names = tuple(dict.fromkeys(step.trial.name for step in steps))

@@ -9,7 +9,31 @@ import numpy as np
 from hystid.diagnosis.blocks import Array, Effect, Signals
 
 
-class ForceDrift(Effect):
+HUM = "mains_hum"
+
+
+class ChannelEffect(Effect):
+    """A fault of the force channel; no law of the structure, hence no part of a model."""
+
+
+class MainsHum(ChannelEffect):
+    """A line of the mains on the force channel, of any phase in each recording. Taken out, and no finding."""
+
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """What the channel shows without any force [N], shape (n,)."""
+        turn = 2 * np.pi * float(self.form) * signals.dt * np.arange(len(signals.x))
+        number = signals.index + 1
+        sine, cosine = parameters.get(f"sine_{number}", 0.0), parameters.get(f"cosine_{number}", 0.0)
+        return np.asarray(sine * np.sin(turn) + cosine * np.cos(turn))
+
+
+def mains_hum(recordings: int, frequency: float) -> MainsHum:
+    """Hum of a frequency [Hz] over a number of recordings."""
+    names = [f"{kind}_{i + 1}" for i in range(recordings) for kind in ("sine", "cosine")]
+    return MainsHum(HUM, f"{frequency:g}", "", None, amplitudes=tuple(names), units=dict.fromkeys(names, "N"))
+
+
+class ForceDrift(ChannelEffect):
     """The force channel has an offset and a ramp of its own in each recording.
 
     Amplitudes offset_1, ramp_1, ... [N, N/s]. Not a law of the structure, hence in the units of the signal and not in
@@ -30,6 +54,4 @@ def force_drift(recordings: int, *, bow: bool) -> ForceDrift:
     kinds = ("offset", "ramp", "bow") if bow else ("offset", "ramp")
     names: Sequence[str] = [f"{kind}_{i + 1}" for i in range(recordings) for kind in kinds]
     units = {name: {"offset": "N", "ramp": "N/s", "bow": "N"}[name.partition("_")[0]] for name in names}
-    return ForceDrift(
-        "force_drift", "Bowed" if bow else "", "", None, amplitudes=tuple(names), units=units
-    )
+    return ForceDrift("force_drift", "Bowed" if bow else "", "", None, amplitudes=tuple(names), units=units)

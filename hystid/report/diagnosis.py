@@ -1,0 +1,241 @@
+"""Report of a diagnosis: verdict first, then loops, the residual map, harmonics, amplitude, time, and the evidence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis import Diagnosis, Finding, Traces
+from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent, with_error
+from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points
+
+Array = NDArray[np.float64]
+_TONES: dict[str, Tone] = {
+    "consistent": "good",
+    "recalibrated": "good",
+    "missing_physics": "warn",
+    "sensor_fault": "warn",
+    "unknown_physics": "bad",
+    "not_applicable": "neutral",
+}
+_CELLS = 36
+_HARMONICS = 10
+
+
+def write_diagnosis(diagnosis: Diagnosis, path: Path, command: str = "hystid diagnose") -> Path:
+    """Write ``report.html``; a pure function of the diagnosis."""
+    page = Page(
+        f"Diagnosis of {diagnosis.model}",
+        command=command,
+        verdict=Verdict(_TONES[diagnosis.verdict], diagnosis.sentence(), diagnosis.next_experiment),
+        facts=_facts(diagnosis),
+    )
+    if diagnosis.traces:
+        _what(page, diagnosis)
+        _where(page, diagnosis)
+        _how_good(page, diagnosis)
+        _evidence(page, diagnosis)
+    page.reproduce(command, {"Model": diagnosis.model, "Recordings": ", ".join(t.name for t in diagnosis.traces)})
+    return page.write(path)
+
+
+def _facts(d: Diagnosis) -> list[Fact]:
+    facts = [
+        Fact(
+            "Force error",
+            f"{percent(d.force_nrmse[0])} → {percent(d.force_nrmse[1])}",
+            "refitted model → with findings",
+        ),
+        Fact("Noise floor", percent(d.noise_floor), "what a perfect model would leave"),
+    ]
+    listed = d.holdout or d.errors
+    runs = [e.free_run for e in listed if e.free_run[0] is not None and e.free_run[1] is not None]
+    if runs:
+        before, after = (float(np.mean([run[i] for run in runs])) for i in (0, 1))
+        label = "Free run, held out" if d.holdout else "Free run"
+        facts.append(Fact(label, f"{percent(before)} → {percent(after)}", "error of the displacement, NRMSE"))
+    if d.findings:
+        facts.append(Fact("How sure", f"{d.findings[0].confidence:.2f}", "1 is certain; look-alikes lower it"))
+    return facts
+
+
+def _what(page: Page, d: Diagnosis) -> None:
+    page.section("What was found")
+    if not d.findings:
+        page.text(d.headline + ".")
+    for finding in d.findings:
+        rows = [[name, with_error(v.value, v.stderr, v.unit)] for name, v in finding.parameters.items()]
+        page.table(Table(_title(finding), ["parameter", "value ± standard error"], rows, finding.where.text))
+    moved = []
+    for name, value in d.refit.items():
+        nominal = d.nominal.get(name)
+        change = percent(value.value / nominal - 1) if nominal else "not available"
+        moved.append([name, number(nominal, value.unit, 4), with_error(value.value, value.stderr, value.unit), change])
+    note = "What the refit had to move before anything was called missing."
+    page.table(Table("Baseline", ["parameter", "given", "refitted", "change"], moved, note))
+
+
+def _title(finding: Finding) -> str:
+    others = [name for name in finding.alike if name != finding.effect]
+    return finding.effect.replace("_", " ") + (f" (or {', '.join(others)})" if others else "")
+
+
+def _where(page: Page, d: Diagnosis) -> None:
+    page.section(
+        "Where it acts",
+        "The loops show the measured restoring force, and what the model without and with the findings leaves of it. The"
+        " map shows the mean residual of the refitted baseline over displacement and velocity.",
+    )
+    ranked = sorted(d.traces, key=lambda t: -float(np.std(t.residual) / t.noise))
+    page.plots(*(_loops(trace) for trace in ranked[:2]))
+    page.plots(_map(d, "residual"), _map(d, "left"))
+    page.plots(_spectrum_bars(ranked[0]), _levels(d))
+    page.plots(_in_time(ranked[0]), columns=1)
+
+
+def _loops(trace: Traces) -> Plot:
+    window = _worst_window(trace)
+    x, R = trace.x[window], trace.R[window]
+    lines = (
+        Points(x, R, "measured", "measured", size=2.5, opacity=0.5),
+        Line(x, R - trace.residual[window], "baseline", "before"),
+        Line(x, R - trace.left[window], "with findings", "after"),
+    )
+    caption = "Window with the largest residual."
+    return Plot(f"Loops, {trace.name}", Axis("displacement", "m"), Axis("restoring force", "N"), lines, caption)
+
+
+def _worst_window(trace: Traces) -> slice:
+    """A tenth of the recording around the largest local residual."""
+    width = max(50, len(trace.t) // 10)
+    level = np.convolve(trace.residual**2, np.ones(width), mode="valid")
+    first = int(np.argmax(level))
+    return slice(first, first + width)
+
+
+def _map(d: Diagnosis, which: str) -> Plot:
+    """Mean residual in cells of (x, v); cells with fewer than 20 samples stay empty."""
+    x, v, r = (np.concatenate([getattr(t, name) for t in d.traces]) for name in ("x", "v", which))
+    edges = [np.linspace(*np.quantile(u, [0.001, 0.999]), _CELLS + 1) for u in (x, v)]
+    count, _, _ = np.histogram2d(x, v, bins=edges)
+    total, _, _ = np.histogram2d(x, v, bins=edges, weights=r)
+    mean = np.where(count >= 20, total / np.maximum(count, 1), np.nan)
+    middle = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
+    title = "Residual of the baseline" if which == "residual" else "What is left in the end"
+    heat = Heat(middle[0], middle[1], mean.T, "mean residual", "N")
+    return Plot(title, Axis("displacement", "m"), Axis("velocity", "m/s"), (heat,), "Empty: fewer than 20 samples.")
+
+
+def _spectrum_bars(trace: Traces) -> Plot:
+    """Power of the force at multiples of the strongest line, even and odd apart."""
+    spectrum = {}
+    n = len(trace.t)
+    dt = float(trace.t[1] - trace.t[0])
+    window = np.hanning(n)
+    for name, values in (
+        ("measured", trace.R),
+        ("baseline", trace.R - trace.residual),
+        ("after", trace.R - trace.left),
+    ):
+        spectrum[name] = np.abs(np.fft.rfft((values - np.mean(values)) * window)) * 4 / n
+    line = 1 + int(np.argmax(spectrum["measured"][1:]))
+    levels = {name: [_near(s, k * line) for k in range(1, _HARMONICS + 1)] for name, s in spectrum.items()}
+    top = max(levels["measured"][0], 1e-300)
+    labels = [f"{k} {'even' if k % 2 == 0 else 'odd'}" for k in range(1, _HARMONICS + 1)]
+    floor = 80.0
+    series = tuple(
+        Bars(labels, np.array([floor + 20 * np.log10(max(a / top, 1e-4)) for a in levels[name]]), title, role, base=0.0)
+        for name, title, role in (
+            ("measured", "measured", "measured"),
+            ("baseline", "baseline", "before"),
+            ("after", "with findings", "after"),
+        )
+    )
+    caption = (
+        f"Lines at multiples of {line / (n * dt):.4g} Hz, dB above -80 dB of the first; meaningful for harmonic tests."
+    )
+    return Plot(f"Harmonics of the force, {trace.name}", Axis("harmonic"), Axis("level", "dB"), series, caption)
+
+
+def _near(spectrum: Array, line: int) -> float:
+    part = spectrum[max(line - 2, 0) : line + 3]
+    return float(np.max(part)) if len(part) else 0.0
+
+
+def _levels(d: Diagnosis) -> Plot:
+    """Residual in noise units over the amplitude of the recording."""
+    amplitude = np.array([np.sqrt(2) * np.std(t.x) for t in d.traces])
+    before, after = (
+        np.array([float(np.std(getattr(t, name)) / t.noise) for t in d.traces]) for name in ("residual", "left")
+    )
+    names = [t.name for t in d.traces]
+    series = (
+        Points(amplitude, before, "baseline", "before", names),
+        Points(amplitude, after, "with findings", "after", names),
+    )
+    axes = Axis("amplitude, square root of two times rms", "m"), Axis("residual in units of the noise")
+    return Plot("Which recordings it touches", *axes, series, "1 is the noise.")
+
+
+def _in_time(trace: Traces) -> Plot:
+    series = (
+        Line(trace.t, trace.residual, "residual of the baseline", "before", width=1.0),
+        Line(trace.t, trace.left, "what is left", "after", width=1.0, opacity=0.8),
+    )
+    return Plot(f"Residual in time, {trace.name}", Axis("time", "s"), Axis("force", "N"), series)
+
+
+def _how_good(page: Page, d: Diagnosis) -> None:
+    page.section("How much better", "Free run: the model is driven by the measured force alone.")
+    rows = [
+        [e.name, kind, percent(e.force[0]), percent(e.force[1]), percent(e.free_run[0]), percent(e.free_run[1])]
+        for kind, listed in (("used", d.errors), ("held out", d.holdout))
+        for e in listed
+    ]
+    columns = ["recording", "", "force before", "force after", "free run before", "free run after"]
+    page.table(Table("Errors (NRMSE)", columns, rows, "Before: the baseline after its own refit."))
+    for trace in d.traces:
+        if trace.free_after is not None and trace.free_before is not None:
+            window = _worst_window(trace)
+            series = (
+                Line(trace.t[window], trace.x[window], "measured", "measured"),
+                Line(trace.t[window], trace.free_before[window], "baseline", "before", "dash"),
+                Line(trace.t[window], trace.free_after[window], "with findings", "after"),
+            )
+            page.plots(Plot(f"Free run, {trace.name}", Axis("time", "s"), Axis("displacement", "m"), series), columns=1)
+            break
+
+
+def _evidence(page: Page, d: Diagnosis) -> None:
+    page.section("Evidence", "What was tried first, and what the fit left: 1 is the noise. Simpler laws win ties.")
+    choice = d.choice
+    if choice is not None and choice.trials:
+        rows = [
+            [
+                t.name,
+                t.form or "plain",
+                number(t.chi2, digits=4),
+                percent(t.absorbed),
+                Cell("named", "good") if t.name in choice.named else Cell("rejected"),
+            ]
+            for t in choice.trials[:15]
+        ]
+        columns = ["effect", "form", "mean square left", "absorbed by the refit", ""]
+        note = (
+            f"Baseline {choice.before.chi2:.4g}, floor {choice.floor_after:.4g}; explained {percent(choice.explained)}."
+        )
+        page.table(Table("Candidates", columns, rows, note))
+    for finding in d.findings:
+        others = [name for name in finding.alike if name != finding.effect]
+        if others:
+            page.text(
+                f"{finding.effect} cannot be told from {', '.join(others)} by these recordings. {d.next_experiment}"
+            )
+    if d.untestable:
+        page.text(f"Not testable with these recordings, as a refit takes them over: {', '.join(d.untestable)}.")
+    if d.unknown:
+        page.text(d.unknown.text + ".")
+    if d.notes:
+        page.bullets(d.notes)
