@@ -21,6 +21,7 @@ from hystid.modelica.events import INITIAL, EventModel, der, name_events, pre
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, rebuild, refs, substitute
 from hystid.modelica.flat import Assertion, FlatModel, Place
 from hystid.modelica.hybrid import HybridModel
+from hystid.modelica.index import reduce_index
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable, scalarise
 
 
@@ -29,6 +30,7 @@ def causalise(flat: FlatModel, parameters: Mapping[str, float]) -> HybridModel:
     scalar = scalarise(flat, parameters)  # every variable and equation is scalar
     events = name_events(scalar)  # everything that acts at instants has a name
     events, aliases = _without_aliases(events)  # no equation says that two unknown variables are equal
+    events = reduce_index(events, aliases, _unknowns)  # no equation ties states alone
     derivatives = _derivatives(events, aliases)  # each unknown once, after what it needs
     event = _event_order(events, derivatives)
     start = _Start(events, aliases).run()
@@ -421,7 +423,7 @@ def _assemble(
         states=events.states,
         discrete=tuple(_discrete(events)),
         hidden=frozenset(events.hidden),
-        algebraic=tuple(n for n in _unknowns(events, aliases) if not n.startswith("der(")),
+        algebraic=tuple(n for n in _unknowns(events, aliases) if n not in {der(s) for s in events.states}),
         inputs=tuple(_of_kind(events, "input")),
         settable=tuple(_of_kind(events, "parameter")),
         computed=tuple(_of_kind(events, "dependent", "free", "constant")),

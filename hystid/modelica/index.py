@@ -1,0 +1,125 @@
+"""States that are tied to each other by equations: one is computed, and its derivative by the derivative of the tie.
+
+Example: a spring with ``s_rel = b.s - a.s; v_rel = der(s_rel)`` between masses whose positions are states. The
+equations that over-determine the derivatives are solved for what they leave free, down to one equation between states;
+one state of it becomes an algebraic variable, and the differentiated equation gives its derivative (Pantelides 1988
+finds the same sets; choosing the states once and for all, as here, fails where the choice becomes singular on the way).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import replace
+
+from hystid.errors import ModelicaError
+from hystid.modelica.blocks import Assign, isolate, matching, preference, solve_order
+from hystid.modelica.events import EventModel, der
+from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Ref, op, refs, substitute
+from hystid.modelica.scalar import ScalarEquation, ScalarVariable
+
+Unknowns = Callable[[EventModel, Mapping[str, str]], list[str]]
+
+
+def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Unknowns) -> EventModel:
+    """The model with as many states as are free. Unchanged where every equation has an unknown to determine.
+
+    unknowns_of(events, aliases) lists derivatives and algebraic variables. Raises ModelicaError where the states are
+    tied in a way that needs more than this.
+    """
+    former: set[str] = set()  # were states, have a derivative still
+    for _ in range(len(events.states)):
+        unknowns = unknowns_of(events, aliases)
+        options = [preference(e, set(unknowns)) for e in events.equations]
+        owner, left = matching(options, unknowns)
+        tie = _tie(events.equations, options, owner, left[0], {*events.states, *former}) if left else None  # type: ignore[arg-type]
+        if tie is None:
+            return events
+        reduced = _with_one_state_less(events, tie, former)
+        former |= {*events.states} - {*reduced.states}
+        events = reduced
+    return events
+
+
+def _tie(
+    equations: Sequence[ScalarEquation],
+    options: Sequence[Sequence[str]],
+    owner: Mapping[str, int],
+    extra: int,
+    states: Set[str],
+) -> ScalarEquation | None:
+    """The equation between states alone that the over-determined set around ``extra`` implies; None without one."""
+    members, inside = {extra}, {}
+    queue = deque([extra])
+    while queue:
+        for name in options[queue.popleft()]:
+            k = owner.get(name)
+            if k is not None and k not in members and name not in states:
+                members.add(k)
+                inside[name] = k
+                queue.append(k)
+    steps = solve_order(equations, inside)
+    left, right = equations[extra].left, equations[extra].right
+    for step in reversed(steps):
+        if not isinstance(step, Assign):
+            return None
+        left, right = (substitute(side, {step.variable: step.value}) for side in (left, right))
+    tied = (refs(left) | refs(right)) & states
+    return ScalarEquation(left, right, equations[extra].place) if tied else None
+
+
+def _with_one_state_less(events: EventModel, tie: ScalarEquation, former: Set[str]) -> EventModel:
+    variables = events.scalar.variables
+    rate = _rate(op("-", tie.left, tie.right), events, tie, former)
+    chosen = _dependent_state(events, tie)
+    slope = ScalarEquation(rate, ZERO, tie.place)
+    return replace(
+        events,
+        scalar=replace(events.scalar, variables={**variables, der(chosen): _slope_variable(variables[chosen])}),
+        states=tuple(s for s in events.states if s != chosen),
+        equations=(*events.equations, slope),  # the others determine the state that went
+    )
+
+
+def _dependent_state(events: EventModel, tie: ScalarEquation) -> str:
+    """The state that may go: not started by its author, not set by reinit, stated by the tie, deep in components."""
+    renewed = {r.state for r in events.reinits}
+    variables = events.scalar.variables
+    tied = [s for s in events.states if s in refs(tie.left) | refs(tie.right) and s not in renewed]
+    free = [s for s in tied if not variables[s].fixed]
+    if not free:
+        names = ", ".join(s for s in events.states if s in refs(tie.left) | refs(tie.right))
+        raise ModelicaError(
+            f"{tie.place}: the states {names} are tied by equations, and each has a start value with fixed=true (or is "
+            "set by reinit): leave one of them without, it follows from the others"
+        )
+    return max(free, key=lambda s: (isolate(tie, s) is not None, s.count("."), -events.states.index(s)))
+
+
+def _rate(constraint: Expr, events: EventModel, tie: ScalarEquation, former: Set[str]) -> Expr:
+    """d/dt of an expression of states and time."""
+    variables = events.scalar.variables
+    total: Expr = ZERO
+    for name in sorted(refs(constraint)):
+        partial = Derivative(name)(constraint)
+        v = variables.get(name)
+        if partial == ZERO or (v is not None and v.kind in ("parameter", "dependent", "constant", "free")):
+            continue
+        if name != "time" and name not in events.states and name not in former:
+            kind = "the input" if v is not None and v.kind == "input" else "the variable"
+            raise ModelicaError(
+                f"{tie.place}: states are tied by an equation with {kind} '{name}', whose derivative would be needed: "
+                "give the derivative as an input of its own"
+            )
+        speed = ONE if name == "time" else Ref(der(name))
+        total = op("+", total, op("*", partial, speed))
+    return total
+
+
+def _slope_variable(v: ScalarVariable) -> ScalarVariable:
+    """The derivative of what is no longer a state, as a variable of its own."""
+    flat = replace(
+        v.flat, name=der(v.name), causality="local", start=None, fixed=None, binding=None, unit="", min=None, max=None,
+        nominal=None, description=f"derivative of {v.name}",
+    )  # fmt: skip
+    return ScalarVariable(der(v.name), "unknown", flat, None, None, None, None, None)
