@@ -9,6 +9,7 @@ All three are pure functions of their arguments. Locals live on the stack, or in
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import prod
@@ -99,7 +100,7 @@ def _tables(program: Program, text: str) -> str:
     """Constants that the text refers to by name."""
     lines: Lines = []
     for buffer in program.buffers:
-        if buffer.values is not None and f"{buffer.name}[" in text:
+        if buffer.values is not None and re.search(rf"\b{buffer.name}\b", text):
             lines += _table("static const double", buffer.name, [number(v).strip("()") for v in buffer.values])
     for place, statement in enumerate(program.statements):
         if isinstance(statement, Table):
@@ -183,6 +184,10 @@ class _Writer:
 
     def _value(self, place: int, statement: Statement) -> None:
         if isinstance(statement, Elementwise):
+            if statement.function == "tanh" and _in_a_row(statement.out, *statement.operands):
+                n, x, y = statement.out.size, _pointer(statement.operands[0]), _pointer(statement.out)
+                self.lines.append(f"    nn_tanh_all({n}, {x}, {y});")
+                return
             expression = FUNCTIONS[statement.function].c
             self._loop(statement, lambda at: [f"{at(statement.out)} = {_fill(expression, statement, at)};"])
         elif isinstance(statement, MatMul):
@@ -194,6 +199,10 @@ class _Writer:
             self._loop(statement, lambda at: [f"{at(statement.out)} = {source}[at_{place}[{at.counter()}]];"])
 
     def _product(self, s: MatMul) -> None:
+        if _is_dense(s):
+            bias = "0" if s.bias is None else _pointer(s.bias)
+            self.lines.append(f"    nn_dense({_dense_arguments(s)}, {_pointer(s.a)}, {bias}, {_pointer(s.out)});")
+            return
         rows, columns, inner = s.out.shape[0], s.out.shape[1], s.a.shape[1]
         outer = _Nest((rows, columns))
         start = "0.0" if s.bias is None else outer.at(s.bias)
@@ -252,6 +261,12 @@ class _Writer:
         self.lines += outer.wrap([*start, *deep.inner_wrap([line], rank), f"{outer.at(s.out, 'd_')} = result;"])
 
     def _product_forward(self, s: MatMul) -> None:
+        bias = s.bias if s.bias is not None and s.bias.buffer in self.active else None
+        if _is_dense(s) and bias is None and s.b.buffer not in self.active:
+            self.lines.append(
+                f"    nn_dense({_dense_arguments(s)}, {_pointer(s.a, 'd_')}, 0, {_pointer(s.out, 'd_')});"
+            )
+            return
         shape = (s.out.shape[0], s.out.shape[1], s.a.shape[1])
         outer, deep = _Nest(shape[:2]), _Nest(shape)
         a, b = _over(s.a, shape, (0, 2)), _over(s.b, shape, (2, 1))
@@ -291,7 +306,10 @@ class _Writer:
         a, b = _over(s.a, shape, (0, 2)), _over(s.b, shape, (2, 1))
         slope = deep.at(_over(s.out, shape, (0, 1)), "d_")
         body = []
-        if s.a.buffer in self.active:
+        if _is_dense(s) and s.a.buffer in self.active and s.b.buffer not in self.active:
+            back = f"{_pointer(s.out, 'd_')}, {_pointer(s.a, 'd_')}"
+            self.lines.append(f"    nn_dense_back({_dense_arguments(s)}, {back});")
+        elif s.a.buffer in self.active:
             body.append(f"{deep.at(a, 'd_')} += {slope} * {deep.at(b)};")
         if s.b.buffer in self.active:
             body.append(f"{deep.at(b, 'd_')} += {slope} * {deep.at(a)};")
@@ -315,6 +333,27 @@ class _Writer:
         lines = body(_At(nest))
         if lines:
             self.lines += nest.wrap(lines)
+
+
+def _in_a_row(*views: View) -> bool:
+    return all(view.is_contiguous and view.size > 1 and not view.is_constant for view in views)
+
+
+def _is_dense(s: MatMul) -> bool:
+    """Whether the product is that of a layer: one row times a matrix that lies row by row as W of W x."""
+    rows, columns = s.out.shape
+    shaped = rows == 1 and columns > 1 and s.a.shape[1] > 1 and s.b.strides == (1, s.a.shape[1])
+    biased = s.bias is None or (s.bias.strides[1] == 1 and (not s.bias.is_constant or s.bias.buffer.size > 1))
+    return shaped and biased and s.a.is_contiguous and s.out.is_contiguous and not s.a.is_constant
+
+
+def _dense_arguments(s: MatMul) -> str:
+    return f"{s.out.shape[1]}, {s.a.shape[1]}, {_pointer(s.b)}"
+
+
+def _pointer(view: View, prefix: str = "") -> str:
+    name = prefix + view.buffer.name
+    return f"{name} + {view.offset}" if view.offset else name
 
 
 def _over(view: View, shape: Sequence[int], axes: Sequence[int]) -> View:

@@ -159,6 +159,40 @@ static inline double nn_tanh(double x)
 """,
         ("nn_exp_parts",),
     ),
+    "nn_tanh_all": (
+        """\
+static void nn_tanh_all(int n, const double *x, double *y)
+{
+    for (int i = 0; i < n; ++i) y[i] = nn_tanh(x[i]);
+}
+""",
+        ("nn_tanh",),
+    ),
+    "nn_dense": (
+        """\
+/* y = weights x + bias; weights: m rows of n; bias may be NULL */
+static void nn_dense(int m, int n, const double *weights, const double *x, const double *bias, double *y)
+{
+    for (int i = 0; i < m; ++i) {
+        double sum = bias ? bias[i] : 0.0;
+        for (int k = 0; k < n; ++k) sum += x[k] * weights[n * i + k];
+        y[i] = sum;
+    }
+}
+""",
+        (),
+    ),
+    "nn_dense_back": (
+        """\
+/* x += weights' y; weights: m rows of n */
+static void nn_dense_back(int m, int n, const double *weights, const double *y, double *x)
+{
+    for (int i = 0; i < m; ++i)
+        for (int k = 0; k < n; ++k) x[k] += y[i] * weights[n * i + k];
+}
+""",
+        (),
+    ),
     "nn_sigmoid": (
         """\
 /* 1 / (1 + exp(-x)), with exp of a negative argument only, so that it neither overflows nor cancels. */
