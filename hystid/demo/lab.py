@@ -121,9 +121,9 @@ def _record(rig: Driver, text: str, seed: int, folder: Path) -> Recording:
 
 def _answer(driver: Driver, text: str, parameters: dict[str, float] | None = None) -> Recording:
     answer = simulate(driver, force_of(text, _STEP), parameters=parameters)
-    kept = {name: answer.channel(name)[::_EVERY] for name in ("F", "x", "v", "a", "R")}
+    F, x, v, a, R = (answer.channel(name)[::_EVERY] for name in ("F", "x", "v", "a", "R"))
     recorded = dict.fromkeys(("F", "x", "v", "a"), "measured")  # by the virtual rig's sensors
-    return Recording(text, answer.t[::_EVERY], **kept, origin=recorded, notes=answer.notes)
+    return Recording(text, answer.t[::_EVERY], F=F, x=x, v=v, a=a, R=R, origin=recorded, notes=answer.notes)
 
 
 def _tried(out: Path, unseen: Sequence[Recording], network: Identification, found: Diagnosis) -> tuple[UnseenTest, ...]:
@@ -142,7 +142,7 @@ def _tried(out: Path, unseen: Sequence[Recording], network: Identification, foun
                 refitted,
                 _answer(extended, text) if extended else refitted,
                 _answer(rig, text),
-                None if run is None else replace(recording, **{name: run[name] for name in ("x", "v", "a", "R")}),
+                None if run is None else replace(recording, x=run["x"], v=run["v"], a=run["a"], R=run["R"]),
             )
         )
     return tuple(tests)

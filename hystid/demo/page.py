@@ -13,7 +13,7 @@ from hystid.diagnosis import Traces
 from hystid.recording import Recording
 from hystid.report.curves import X_AXIS, Curve, loops, over_time
 from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent, with_error
-from hystid.report.plots import Axis, Band, Bars, Line, Plot
+from hystid.report.plots import Axis, Band, Bars, Line, Plot, Role, Series
 from hystid.report.validation import content
 from hystid.validation import Case
 
@@ -52,33 +52,24 @@ def _summary(study: ReferenceStudy, lab: LabCase) -> str:
 
 def _facts(study: ReferenceStudy, lab: LabCase) -> list[Fact]:
     force, motion = study.validation.figures("force_nrmse"), study.validation.figures("x_nrmse")
-    before = float(np.median([test.error("refitted") for test in lab.tests]))
-    after = float(np.median([test.error("extended") for test in lab.tests]))
+    before, after = (float(np.median([test.error(kind) for test in lab.tests])) for kind in ("refitted", "extended"))
     size = (study.reference.parent / "identification" / "surrogate.fmu").stat().st_size
+    found = lab.diagnosis.findings[0].effect.replace("_", " ") if lab.diagnosis.findings else "nothing"
+    worst = f"worst {percent(float(force.max()))}"
     return [
+        Fact("Surrogate: force NRMSE", percent(float(np.median(force))), f"median of {force.size} tests, {worst}"),
         Fact(
-            "Surrogate: force NRMSE",
-            percent(float(np.median(force))),
-            f"median of {force.size}, worst {percent(float(force.max()))}",
-        ),
-        Fact(
-            "Surrogate: free run, x NRMSE",
-            percent(float(np.median(motion))),
-            f"closed loop, worst {percent(float(motion.max()))}",
+            "Surrogate: free run, x NRMSE", percent(float(np.median(motion))), f"worst {percent(float(motion.max()))}"
         ),
         Fact("Surrogate FMU", f"{size / 1000:.0f} kB", "plain C inside, no runtime"),
-        Fact(
-            "Diagnosed",
-            lab.diagnosis.findings[0].effect.replace("_", " ") if lab.diagnosis.findings else "nothing",
-            "concealed: contact loss",
-        ),
+        Fact("Diagnosed", found, "concealed: contact loss"),
         Fact("Unseen free run", f"{percent(before)} → {percent(after)}", "stick-slip model → diagnosed model, median"),
     ]
 
 
 def _targets(page: Page, outcome: Outcome) -> None:
     page.section("Targets", "What this run had to reach, and what it reached.")
-    rows = [
+    rows: list[list[str | Cell]] = [
         [check.part, check.what, Cell(check.value_text, "good" if check.passed else "bad"), check.limit_text]
         for check in outcome.checks
     ]
@@ -92,23 +83,13 @@ def _experiment(page: Page, study: ReferenceStudy) -> None:
         f" from Modelica to an FMU and shaken by {len(CHIRPS)} chirps of 0 to 100 Hz. F, x, v and a were recorded every"
         f" {DT * 1e3:g} ms with {NOISE_DB:g} dB of noise. Nothing else goes into the training.",
     )
-    weakest, strongest = study.recordings[0], study.recordings[-1]
-    page.plots(
+    chirps = [
         over_time(
-            "Weakest chirp: displacement",
-            X_AXIS,
-            [Curve("x", weakest.t, weakest.channel("x"), "measured")],
-            weakest.name,
-            height=260,
-        ),
-        over_time(
-            "Strongest chirp: displacement",
-            X_AXIS,
-            [Curve("x", strongest.t, strongest.channel("x"), "measured")],
-            strongest.name,
-            height=260,
-        ),
-    )
+            f"{label} chirp: displacement", X_AXIS, [Curve("x", r.t, r.channel("x"), "measured")], r.name, height=260
+        )
+        for label, r in (("Weakest", study.recordings[0]), ("Strongest", study.recordings[-1]))
+    ]
+    page.plots(*chirps)
 
 
 def _surrogate(page: Page, study: ReferenceStudy) -> None:
@@ -151,27 +132,23 @@ def _concealed(page: Page, lab: LabCase) -> None:
         "3  A rig that conceals something",
         "The second rig is believed to be the same stick-slip joint. It is not: beyond a certain displacement its"
         " surfaces lift off on one side. Its recordings show it as even harmonics, which no stick-slip joint can give,"
-        " because such a joint answers push and pull alike. A surrogate network trained on the same recordings reproduces the even"
-        " harmonics: it fits, but it says nothing about their cause.",
+        " because such a joint answers push and pull alike. A surrogate network trained on the same recordings"
+        " reproduces the even harmonics: it fits, but it says nothing about their cause.",
     )
     names = [_short(test.recorded.name) for test in lab.tests]
     floor = -90.0
-    kinds: list[tuple[str, str]] = [("recorded", "measured"), ("refitted", "before"), ("network", "third")]
-    labels = {"recorded": "recorded", "refitted": "stick-slip model, refitted", "network": "surrogate network"}
-    bars = [
-        Bars(names, np.array([max(t.even_db(kind), floor) for t in lab.tests]), labels[kind], role, base=floor)  # type: ignore[arg-type]
-        for kind, role in kinds
+    kinds: list[tuple[str, str, Role]] = [
+        ("recorded", "recorded", "measured"),
+        ("refitted", "stick-slip model, refitted", "before"),
+        ("network", "surrogate network", "third"),
     ]
+    bars = []
+    for kind, label, role in kinds:
+        levels = np.array([test.even_db(kind) for test in lab.tests])
+        bars.append(Bars(names, np.fmax(levels, floor), label, role, base=floor))
     axis = Axis("Even harmonics of R re fundamental", "dB", bounds=(floor, 0), prefix=False)
-    page.plots(
-        Plot(
-            "Even harmonics on the unseen tests",
-            Axis("Test"),
-            axis,
-            bars,
-            "Longer bars: stronger. The refitted stick-slip model has next to none.",
-        )
-    )
+    caption = "Longer bars are stronger. The refitted stick-slip model has next to none."
+    page.plots(Plot("Even harmonics on the unseen tests", Axis("Test"), axis, bars, caption))
 
 
 def _diagnosis(page: Page, lab: LabCase) -> None:
@@ -204,7 +181,7 @@ def _missing_force(trace: Traces) -> Plot:
         for values in (trace.x, trace.residual, trace.effect, trace.residual**2)
     )
     scatter = np.sqrt(np.maximum(square - left**2, 0.0))
-    series = [
+    series: list[Series] = [
         Band(x, left - scatter, left + scatter, "its scatter (one standard deviation)", "muted"),
         Line(x, left, "left by the refitted stick-slip model, mean", "before"),
         Line(x, named, "force of the named effect, mean", "after"),
@@ -220,37 +197,25 @@ def _prediction(page: Page, lab: LabCase) -> None:
         " leaves is the noise of the recording, and no model can be better.",
     )
     names = [_short(test.recorded.name) for test in lab.tests]
-    kinds = {
-        "refitted": "stick-slip model, refitted",
-        "network": "surrogate network",
-        "extended": "diagnosed model",
-        "oracle": "oracle",
-    }
+    kinds: list[tuple[str, str, Role]] = [
+        ("refitted", "stick-slip model, refitted", "before"),
+        ("network", "surrogate network", "third"),
+        ("extended", "diagnosed model", "after"),
+        ("oracle", "oracle", "muted"),
+    ]
     rows = [
-        [
-            _short(test.recorded.name),
-            *(percent(test.error(kind), 3) for kind in kinds),
-            f"{test.error('extended') / test.error('oracle'):.3f}",
-        ]
-        for test in lab.tests
+        [name, *(percent(test.error(kind), 3) for kind, _, _ in kinds), f"{ratio:.3f}"]
+        for name, test, ratio in zip(names, lab.tests, lab.ratios(), strict=True)
     ]
-    page.table(
-        Table("Free-run NRMSE of the displacement", ["unseen test", *kinds.values(), "diagnosed / oracle"], rows)
-    )
-    roles = {"refitted": "before", "network": "third", "extended": "after", "oracle": "muted"}
+    columns = ["unseen test", *(label for _, label, _ in kinds), "diagnosed / oracle"]
+    page.table(Table("Free-run NRMSE of the displacement", columns, rows))
     bars = [
-        Bars(names, np.array([100 * test.error(kind) for test in lab.tests]), label, roles[kind])  # type: ignore[arg-type]
-        for kind, label in kinds.items()
+        Bars(names, np.array([100 * test.error(kind) for test in lab.tests]), label, role)
+        for kind, label, role in kinds
     ]
-    page.plots(
-        Plot(
-            "Free run on unseen tests",
-            Axis("Test"),
-            Axis("x NRMSE", "%", log=True),
-            bars,
-            "Logarithmic. Shorter is better.",
-        )
-    )
+    error = Axis("x NRMSE", "%", log=True)
+    caption = "Logarithmic. Shorter is better."
+    page.plots(Plot("Free run on unseen tests", Axis("Test"), error, bars, caption))
     for test in (lab.tests[0], lab.tests[-1]):
         page.plots(*_before_and_after(test))
 
@@ -258,8 +223,8 @@ def _prediction(page: Page, lab: LabCase) -> None:
 def _before_and_after(test: UnseenTest) -> tuple[Plot, Plot]:
     last = slice(-round(2 / (test.frequency * test.recorded.dt)), None)
 
-    def cycle(name: str, record: Recording, role: str) -> Curve:
-        return Curve(name, record.channel("x")[last], record.channel("R")[last], role)  # type: ignore[arg-type]
+    def cycle(name: str, record: Recording, role: Role) -> Curve:
+        return Curve(name, record.channel("x")[last], record.channel("R")[last], role)
 
     name = _short(test.recorded.name)
     measured = cycle("recorded", test.recorded, "muted")

@@ -1,0 +1,148 @@
+"""Reports of studies: which structure, and what an error of the weighed mass costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hystid.recording import Array
+from hystid.report.page import Fact, Page, Table, Verdict, percent
+from hystid.report.plots import Axis, Boxes, Line, Mark, Plot, Points, Series
+from hystid.study import GridResult, MassResult
+from hystid.study.result import Cell
+
+
+def write_grid(result: GridResult, path: Path, command: str) -> Path:
+    """Write the page of a structure study."""
+    best = result.best
+    starts = len(best.outcomes)
+    page = Page(
+        "Which network structure",
+        subtitle=f"{len(result.cells)} structures, {starts} starts each, tested on held-out recordings",
+        command=command,
+        verdict=Verdict("neutral", f"Choose {best.name} hidden neurons", _sentence(result.reason)),
+        facts=[
+            Fact("Chosen structure", best.name, f"{best.parameters} weights in both networks"),
+            Fact("Force NRMSE, median start", percent(best.force.median), "held-out recordings"),
+            Fact("Free run, x NRMSE, median start", percent(best.free_run.median), "closed loop with the mass"),
+            Fact("Ensemble of the best tenth", percent(best.ensemble["force_nrmse"]), "force NRMSE"),
+            Fact("Best single network", percent(best.single["force_nrmse"]), "force NRMSE"),
+        ],
+    )
+    page.section("Held-out errors of all starts", "Each box holds the starts of one structure.")
+    page.plots(_boxes(result.cells, "force"), _boxes(result.cells, "free_run"), columns=1)
+    page.table(_spreads("Force NRMSE on the measured motion", [(cell.name, cell) for cell in result.cells], "force"))
+    if not np.isnan(best.free_run.median):
+        page.table(_spreads("Free-run displacement NRMSE", [(cell.name, cell) for cell in result.cells], "free_run"))
+    page.section(
+        "Ensemble against the best single network",
+        "The ensemble is the mean of the best tenth of the starts, chosen by validation error; the single network is the"
+        " start of the least validation error. Neither choice knows the held-out recordings.",
+    )
+    page.plots(_ensembles(result.cells))
+    page.reproduce(command, {name: str(value) for name, value in result.settings.items()})
+    return page.write(path)
+
+
+def write_mass(result: MassResult, path: Path, command: str) -> Path:
+    """Write the page of a mass study."""
+    structures = list(dict.fromkeys(cell.layers for cell in result.cells))
+    rows = {layers: result.row(layers) for layers in structures}
+    cost = _cost(result)
+    page = Page(
+        "What an error of the weighed mass costs",
+        subtitle=f"{len(structures)} structures, {len(result.offsets)} masses around {result.nominal:g} kg",
+        command=command,
+        verdict=Verdict("neutral", cost, "Medians over the starts, on held-out recordings."),
+    )
+    page.section("Error over assumed mass", "Training and free run use the assumed mass; the recordings stay the same.")
+    page.plots(
+        _over_mass(result, rows, "force", "Force NRMSE on the measured motion"),
+        _over_mass(result, rows, "free_run", "Free-run displacement NRMSE"),
+    )
+    for kind, title in (("force", "Force NRMSE"), ("free_run", "Free-run displacement NRMSE")):
+        names = [(f"{cell.name}, {100 * (cell.mass / result.nominal - 1):+.0f} %", cell) for cell in result.cells]
+        page.table(_spreads(title, names, kind))
+    page.reproduce(command, {name: str(value) for name, value in result.settings.items()})
+    return page.write(path)
+
+
+def _boxes(cells: Sequence[Cell], kind: str) -> Plot:
+    shown = [np.array([v for v in getattr(cell, kind).values if np.isfinite(v)]) * 100 for cell in cells]
+    title = "Force NRMSE on the measured motion" if kind == "force" else "Free-run displacement NRMSE"
+    lost = sum(len(getattr(cell, kind).values) for cell in cells) - sum(values.size for values in shown)
+    caption = f"{lost} starts without a finite answer (diverged, or no mass) are left out." if lost else ""
+    axis = Axis("NRMSE", "%", log=True)
+    return Plot(
+        title, Axis("Hidden neurons"), axis, [Boxes([cell.name for cell in cells], shown, "", "model")], caption
+    )
+
+
+def _spreads(title: str, named: Sequence[tuple[str, Cell]], kind: str) -> Table:
+    columns = ["structure", "best", "lower quartile", "median", "upper quartile", "worst", "ensemble", "best single"]
+    key = "force_nrmse" if kind == "force" else "x_nrmse"
+    rows = []
+    for name, cell in named:
+        spread = getattr(cell, kind)
+        levels = (spread.best, spread.lower, spread.median, spread.upper, spread.worst)
+        rows.append([name, *(_share(v) for v in (*levels, cell.ensemble[key], cell.single[key]))])
+    return Table(
+        title, columns, rows, "Quartiles over the starts; each start's value is its median over the held-out tests."
+    )
+
+
+def _share(value: float) -> str:
+    return "diverged" if np.isposinf(value) else percent(value)
+
+
+def _ensembles(cells: Sequence[Cell]) -> Plot:
+    key = "force_nrmse" if np.isnan(cells[0].ensemble["x_nrmse"]) else "x_nrmse"
+    single, mean = (_finite([getattr(cell, which)[key] for cell in cells]) for which in ("single", "ensemble"))
+    largest = float(np.nanmax(np.concatenate([single, mean])))
+    points: list[Series] = [
+        Line(np.array([0.0, largest]), np.array([0.0, largest]), "equal", "muted", "dot"),
+        Points(single, mean, "structures", "model", labels=[cell.name for cell in cells]),
+    ]
+    what = "Free-run displacement" if key == "x_nrmse" else "Force"
+    axes = (Axis(f"Best single network: {what} NRMSE", "%"), Axis("Ensemble: NRMSE", "%"))
+    return Plot(
+        f"{what} error", *axes, points, "Below the dotted line the ensemble is better. Point for the structure."
+    )
+
+
+def _over_mass(result: MassResult, rows: dict[tuple[int, ...], list[Cell]], kind: str, title: str) -> Plot:
+    offsets = 100 * np.array(result.offsets)
+    curves = [
+        Line(offsets, _finite([getattr(cell, kind).median for cell in cells]), cells[0].name) for cells in rows.values()
+    ]
+    marks = [Mark(0.0, text="as weighed")]
+    return Plot(
+        title, Axis("Error of the mass", "%"), Axis("NRMSE, median", "%"), curves, "One curve per structure.", marks
+    )
+
+
+def _finite(values: Sequence[float]) -> Array:
+    array = 100 * np.array(values, dtype=float)
+    return np.where(np.isfinite(array), array, np.nan)
+
+
+def _cost(result: MassResult) -> str:
+    """The best median error as weighed, and at the largest offsets."""
+    offsets = np.array(result.offsets)
+    free = not any(np.isnan(cell.free_run.median) for cell in result.cells)
+    kind = "free_run" if free else "force"
+
+    def least(offset: float) -> float:
+        near = [c for c in result.cells if abs(c.mass / result.nominal - 1 - offset) < 1e-6]
+        return float(min(getattr(cell, kind).median for cell in near))
+
+    what = "free-run displacement" if free else "force"
+    ends = f"{_share(least(offsets.min()))} at {100 * offsets.min():+.0f} %, {_share(least(offsets.max()))} at"
+    middle = offsets[int(np.argmin(np.abs(offsets)))]
+    return f"Least {what} error {_share(least(middle))} as weighed, {ends} {100 * offsets.max():+.0f} %"
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:].rstrip('.')}." if text else ""
