@@ -128,7 +128,10 @@ API long hystid_response(int members, const int *sizes, int nh, int nr, const do
     return n;
 }
 
-/* Closed loop, m a = F - R: rows x, v, a, R; x[0] and v[0] are the start. Stops at the first row that is not finite. */
+/* Far beyond any motion in SI units, and its square still finite. NaN is not below it either. */
+#define HUGE_MOTION 1e100
+
+/* Closed loop, m a = F - R: rows x, v, a, R; x[0] and v[0] are the start. Stops at the first row that has diverged. */
 API long hystid_free_run(int members, const int *sizes, int nh, int nr, const double *wh, const double *wr, double band,
                          double mass, double dt, long n, const double *F, double *state, double *x, double *v, double *a,
                          double *R) {
@@ -141,7 +144,7 @@ API long hystid_free_run(int members, const int *sizes, int nh, int nr, const do
     for (; k < n; k++) {
         R[k] = accept(&m, x[k], v[k], memory, rh, rh0);
         a[k] = (F[k] - R[k]) / mass;
-        if (!isfinite(x[k]) || !isfinite(v[k]) || !isfinite(a[k])) break;
+        if (!(fabs(x[k]) < HUGE_MOTION && fabs(v[k]) < HUGE_MOTION && fabs(a[k]) < HUGE_MOTION)) break;
         if (k == n - 1) continue;
         double middle = 0.5 * (F[k] + F[k + 1]), x0 = memory[1];
         double v1 = v[k], a1 = a[k];
