@@ -17,6 +17,9 @@ from hystid.modelica.library import library_sources, shipped
 from hystid.modelica.modifiers import refuse_dropped_modifiers
 from hystid.modelica.sources import Source, declaration, library_folder, near, qualified_classes, read, read_tree
 
+# Names of the Modelica Standard Library in a text bring in our small package of its units, constants and functions.
+_STANDARD = re.compile(r"(?<![\w.])Modelica\.")
+
 
 def compile_model(
     model: str, *, parameters: Mapping[str, float] | None = None, libraries: Sequence[Path] = ()
@@ -90,6 +93,9 @@ def _locate(model: str, libraries: Sequence[Path]) -> tuple[str, list[Source], l
             files.append(read(entry))
         elif folder not in roots:
             roots.append(folder)
+    texts = [*files, *(s for root in roots[1:] for s in read_tree(root))]
+    if not any(root.name == "Modelica" for root in roots) and any(_STANDARD.search(s.plain) for s in texts):
+        roots.append(Path(__file__).parent / "standard" / "Modelica")
     return name, files, roots
 
 

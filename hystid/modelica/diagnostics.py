@@ -128,7 +128,10 @@ def _advice(core: str, sources: Sequence[Source]) -> str:
     if unresolved:
         word = unresolved.group(1)
         if word.startswith("Modelica."):
-            return "; the Modelica Standard Library is not part of hystid: use HystId.Units or plain Real(unit=...)"
+            return (
+                "; of the Modelica Standard Library only Units.SI, Constants, Math and Blocks.Interfaces are here: "
+                "write the component out, or give its .mo files as a library"
+            )
         return near(word, _identifiers(sources) - {word})
     for pattern, advice in _ADVICE:
         if re.search(pattern, core):

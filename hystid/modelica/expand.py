@@ -288,7 +288,7 @@ class Expander:
 
     def _call(self, name: str, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         function = self.functions.get(name)
-        if function is None:
+        if function is None or name.startswith("Modelica.Math."):
             return self._library_function(name, args, local)
         if self._depth >= _CALL_DEPTH:
             self.refuse(f"function '{name}' calls itself more than {_CALL_DEPTH} deep, which cannot be inlined")
