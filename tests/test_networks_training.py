@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt: kernel against NumPy, MATLAB's rule against an oracle and recorded counts, simulation Jacobian."""
+"""Levenberg-Marquardt: kernel against NumPy, MATLAB's rule against an oracle and known counts, simulation Jacobian."""
 
 import importlib.util
 import threading
