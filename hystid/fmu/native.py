@@ -134,7 +134,8 @@ class Instance:
         """Set values one by one, before the run."""
         for variable, value in values:
             access = Access(self, [variable])
-            access.set(np.array([value], access.dtype).ctypes.data)
+            held = np.array([value], access.dtype)  # named, so that it lives until the call is over
+            access.set(held.ctypes.data)
 
     def initialise(self, start_time: float, values: Sequence[tuple[Variable, float]]) -> None:
         """From instantiation to the end of initialization mode with these start values."""

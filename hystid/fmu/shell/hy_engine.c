@@ -54,6 +54,7 @@ int hy_open(hy_engine *e, const hy_model *model, void (*log)(void *, int, const 
     e->free = calloc(at_least_one(model->n_x), sizeof *e->free);
     e->crossings = calloc(2 * at_least_one(model->n_z), sizeof *e->crossings);
     e->n_X = e->n_free = model->n_x;
+    e->plain = 1;
     if (!saved || !e->free || !e->crossings || allocate_scratch(e)) {
         hy_close(e);
         return HY_ERROR;
@@ -98,6 +99,7 @@ int hy_clamp_states(hy_engine *e, const int *slots, int n)
         if (!clamped) e->free[e->n_free++] = i;
     }
     e->n_X = e->n_free * (1 + e->n_seeds);
+    e->plain = e->n_X == m->n_x;
     return allocate_scratch(e);
 }
 
@@ -106,6 +108,7 @@ int hy_carry(hy_engine *e, const int *slots, int n)
     e->n_seeds = n;
     e->seed_slots = slots;
     e->n_X = e->n_free * (1 + n);
+    e->plain = e->n_X == e->model->n_x;
     free(e->seed);
     e->seed = calloc(2 * at_least_one(e->model->n_values), sizeof *e->seed);
     e->sens = e->seed ? e->seed + e->model->n_values : NULL;
@@ -131,6 +134,7 @@ int hy_settle(hy_engine *e)
     int outcome = HY_OK;
     if (e->status->stale == 1) {
         outcome = e->model->evaluate(&e->data);
+        e->z_stands = 0;
         if (!outcome) e->status->stale = 0;
     }
     return outcome;
@@ -186,6 +190,7 @@ static int pass(hy_engine *e, int *again)
     int outcome;
     *again = 0;
     memcpy(v + m->pre, v + m->d, sizeof(double) * (size_t)m->n_d);
+    e->z_stands = 0;
     outcome = m->update(&e->data, again);
     hy_drive(e); /* a clamped state follows its motion, whatever reinit says */
     e->status->stale = 1;
@@ -236,32 +241,33 @@ int hy_event(hy_engine *e, int *states_changed)
     return hy_note_signs(e);
 }
 
-static double sign_of(double z) { return z > 0 ? 1 : z < 0 ? -1 : 0; }
-
 int hy_note_signs(hy_engine *e)
 {
     int outcome = HY_OK;
     if (!e->model->n_z) return HY_OK;
     outcome = hy_settle(e);
     if (!outcome) outcome = e->model->indicators(&e->data, e->z);
-    for (int i = 0; i < e->model->n_z; i++) e->sign[i] = sign_of(e->z[i]);
+    for (int i = 0; i < e->model->n_z; i++) e->sign[i] = (e->z[i] > 0) - (e->z[i] < 0);
+    e->z_stands = !outcome;
     return outcome;
 }
 
 int hy_crossed(hy_engine *e, int *any)
 {
-    int outcome;
-    *any = 0;
-    if (!e->model->n_z) return HY_OK;
-    outcome = e->model->indicators(&e->data, e->z);
-    for (int i = 0; i < e->model->n_z; i++) *any |= e->z[i] != 0 && sign_of(e->z[i]) != e->sign[i];
+    const double *const z = e->z, *const sign = e->sign;
+    const int n = e->model->n_z;
+    int outcome = HY_OK, found = 0;
+    if (n) outcome = e->model->indicators(&e->data, e->z);
+    e->z_stands = !outcome;
+    for (int i = 0; i < n; i++) found |= (z[i] * sign[i] < 0) | ((sign[i] == 0) & (z[i] != 0));
+    *any = found;
     return outcome;
 }
 
 int hy_inputs_changed(hy_engine *e)
 {
     int any = 0, changed, outcome;
-    if (e->status->stale != 1 || !hy_has_events(e)) return HY_OK;
+    if (!hy_has_events(e) || (e->status->stale != 1 && e->z_stands && !e->status->event_pending)) return HY_OK;
     outcome = hy_settle(e);
     if (!outcome) outcome = hy_crossed(e, &any);
     if (outcome || !(any || e->status->event_pending)) return outcome;

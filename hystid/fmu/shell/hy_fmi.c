@@ -372,6 +372,7 @@ int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, int (*bet
     if (!outcome) outcome = hy_completed(e);
     if (outcome == HY_RETRY) {
         memcpy(e->saved, c->backup, e->saved_size);
+        e->z_stands = 0;
         *reached = s->last_time;
         s->mode = STEP_DISCARDED;
     } else {

@@ -43,6 +43,7 @@ int hy_set_state(hy_instance *c, const void *state)
     if (status->kind != c->engine.status->kind)
         return hy_fail(c, "set state: a state of model exchange does not fit co-simulation, nor the other way round");
     memcpy(c->engine.saved, state, c->engine.saved_size);
+    c->engine.z_stands = 0;
     return FMI_OK;
 }
 

@@ -2,7 +2,7 @@
  *
  * An event is located on the Runge-Kutta solution itself: a trial step of any length from the left end costs four
  * evaluations, so that no interpolation error enters. The bracket is closed by the Illinois form of regula falsi
- * (Dowell and Jarratt 1971) with a bisection every fourth time. */
+ * (Dowell and Jarratt 1971) with a bisection every eighth time. */
 #include <math.h>
 #include <string.h>
 
@@ -14,7 +14,7 @@ enum {
     MOST_HALVINGS = 12,
     MOST_TRIALS = 100
 };
-static const double WIDTH = 1e-13; /* of an event's bracket, as part of the step */
+static const double WIDTH = 1e-11; /* of an event's bracket, as part of the step */
 /* After an event the first look is this part of the step further on. A mass that bounces off a stop is still a rounding
  * error inside it; were the next look at the step's end, where it may have come back, both crossings would be missed. */
 static const double FIRST_LOOK = 1e-6;
@@ -62,18 +62,29 @@ static int stage(hy_engine *e, double time, double a)
     return outcome;
 }
 
+static int left_indicators(hy_engine *e)
+{
+    double *const z = e->z;
+    if (!e->z_stands) return e->model->indicators(&e->data, e->z_left);
+    e->z = e->z_left;
+    e->z_left = z;
+    return HY_OK;
+}
+
 static int left_end(hy_engine *e)
 {
-    const double *x = e->data.v + e->model->x;
+    const double *const x = e->data.v + e->model->x, *const dx = e->data.v + e->model->dx;
     int outcome = HY_OK;
     for (int i = 0; i < e->n_free; i++) e->X[i] = x[e->free[i]];
     if (!e->n_X && !e->model->n_z) return HY_OK;
+    if (e->status->stale) e->z_stands = 0;
     if (e->status->stale || e->n_seeds)
         outcome = slope(e, e->K1);
     else
-        for (int i = 0; i < e->n_free; i++) e->K1[i] = e->data.v[e->model->dx + e->free[i]];
+        for (int i = 0; i < e->n_free; i++) e->K1[i] = dx[e->free[i]];
     if (!outcome) e->status->stale = 0;
-    if (!outcome && e->model->n_z) outcome = e->model->indicators(&e->data, e->z_left);
+    if (!outcome && e->model->n_z) outcome = left_indicators(e);
+    e->z_stands = 0;
     return outcome;
 }
 
@@ -84,7 +95,36 @@ static int all_finite(const double *x, int n)
     return sum == 0;
 }
 
-/* From the left end to offset s; the result stands in trial and in the block. X and K1 stay, for another trial. */
+/* reach, for the usual case that all states are integrated and nothing else: stages are formed in the block itself. */
+static int reach_plain(hy_engine *e, double h, double middle, double end)
+{
+    const hy_model *m = e->model;
+    const int n = m->n_x;
+    double *const v = e->data.v, *restrict const x = v + m->x, *restrict const sum = e->sum;
+    const double *restrict const dx = v + m->dx, *restrict const X = e->X, *restrict const K1 = e->K1;
+    int outcome;
+    for (int i = 0; i < n; i++) x[i] = X[i] + 0.5 * h * K1[i];
+    v[0] = middle;
+    hy_drive(e);
+    outcome = m->evaluate(&e->data);
+    for (int i = 0; i < n; i++) {
+        sum[i] = K1[i] + 2 * dx[i];
+        x[i] = X[i] + 0.5 * h * dx[i];
+    }
+    if (!outcome) outcome = m->evaluate(&e->data);
+    for (int i = 0; i < n; i++) {
+        sum[i] += 2 * dx[i];
+        x[i] = X[i] + h * dx[i];
+    }
+    v[0] = end;
+    hy_drive(e);
+    if (!outcome) outcome = m->evaluate(&e->data);
+    for (int i = 0; i < n; i++) x[i] = X[i] + h / 6 * (sum[i] + dx[i]);
+    return outcome ? outcome : all_finite(x, n) ? HY_OK : HY_RETRY;
+}
+
+/* From the left end to offset s; the result stands in the block, and in trial where sensitivities are carried along.
+ * X and K1 stay, for another trial. */
 static int reach(hy_engine *e, const stretch *w, double s)
 {
     const double h = s - w->s, middle = w->t + w->s + 0.5 * h, end = time_at(w, s);
@@ -94,6 +134,10 @@ static int reach(hy_engine *e, const stretch *w, double s)
     if (!n) {
         place(e, end, e->X);
         return HY_OK;
+    }
+    if (e->plain) {
+        e->status->stale = 1;
+        return reach_plain(e, h, middle, end);
     }
     memcpy(K, e->K1, sizeof(double) * (size_t)n);
     memcpy(sum, K, sizeof(double) * (size_t)n);
@@ -134,31 +178,41 @@ static double violation(const hy_engine *e, const double *z, const int *which)
     return most;
 }
 
+/* Where to look next between low and high: regula falsi, but where the low end has stood for two trials in a row the
+ * geometric mean of its offset and the whole, which is the root of a parabola that starts flat. A slider that begins to
+ * unload is one: its force leaves the limit with the square of time. */
+static double next_trial(double low, double high, double f_low, double f_high, int i, int stood)
+{
+    const double width = high - low;
+    const double offset = f_low < 0 ? width * f_low / (f_low - f_high) : 0.5 * width;
+    if (i % 8 == 0) return low + 0.5 * width;
+    return low + (stood >= 2 ? sqrt(offset * width) : offset);
+}
+
 /* The earliest crossing in (w->s, *s]: sets *s and leaves the block just behind it. */
 static int locate(hy_engine *e, const stretch *w, const int *which, double *s)
 {
+    const double margin = 0.25 * WIDTH * w->h;
     double low = w->s, high = *s, at = high;
     double f_low = violation(e, e->z_left, which), f_high = violation(e, e->z, which);
-    int outcome = HY_OK, last_side = 0;
+    int outcome = HY_OK, low_moved = 0, high_moved = 0; /* in how many trials on end */
     for (int i = 1; i < MOST_TRIALS && high - low > WIDTH * w->h && !outcome; i++) {
-        const double margin = 0.25 * WIDTH * w->h;
         double f;
-        at = 0.5 * (low + high);
-        if (i % 4 && f_low < 0) at = low + (high - low) * f_low / (f_low - f_high);
-        at = fmin(fmax(at, low + margin), high - margin);
+        at = fmin(fmax(next_trial(low, high, f_low, f_high, i, low_moved), low + margin), high - margin);
         outcome = reach(e, w, at);
         if (!outcome) outcome = hy_settle(e);
         if (!outcome) outcome = e->model->indicators(&e->data, e->z);
         f = violation(e, e->z, which);
         if (f > 0) {
-            if (last_side > 0) f_low *= 0.5;
-            high = at, f_high = f, last_side = 1;
+            high = at, f_high = f, low_moved = 0;
+            if (high_moved++) f_low *= 0.5;
         } else {
-            if (last_side < 0) f_high *= 0.5;
-            low = at, f_low = f, last_side = -1;
+            low = at, f_low = f, high_moved = 0;
+            if (low_moved++) f_high *= 0.5;
         }
     }
     if (!outcome && at != high) outcome = reach(e, w, high);
+    e->z_stands = 0;
     *s = high;
     return outcome;
 }
@@ -208,7 +262,7 @@ static int step_with_events(hy_engine *e, stretch w, int stop_at_events)
 {
     int *which = e->crossings + e->model->n_z; /* second half */
     int sliding = 0, fresh = 0, outcome = HY_OK;
-    memset(e->crossings, 0, sizeof(int) * (size_t)e->model->n_z);
+    for (int i = 0; i < e->model->n_z; i++) e->crossings[i] = 0;
     for (int events = 0;; events++) {
         double target, wanted;
         int any = 0, changed = 0, timed = next_target(e, &w, &target);
@@ -223,7 +277,7 @@ static int step_with_events(hy_engine *e, stretch w, int stop_at_events)
             if (!outcome) outcome = hy_settle(e);
         }
         if (outcome) return outcome;
-        memcpy(e->X, e->trial, target > w.s ? sizeof(double) * (size_t)e->n_X : 0);
+        if (e->n_seeds && target > w.s) memcpy(e->X, e->trial, sizeof(double) * (size_t)e->n_X);
         w.s = target;
         timed = timed && target >= wanted;
         fresh = any || timed;

@@ -114,7 +114,7 @@ static int integrated_row(hy_engine *e, hy_table *t, int row)
     double reached;
     int outcome;
     set_polynomials(e, t, row - 1);
-    outcome = hy_advance(e, t->dt, t->substeps > 0 ? t->substeps : hy_steps_in(e, t->dt), 0, &reached);
+    outcome = hy_advance(e, t->dt, t->substeps, 0, &reached);
     if (outcome) return outcome;
     if (!hy_has_events(e) || any_held(t)) {
         hold_row(e, t, row);
@@ -152,6 +152,7 @@ int hy_run_table(hy_table *table)
     table->failure[0] = table->warning[0] = 0;
     if (table->version != HY_TABLE_VERSION || table->rows < 1) return HY_ERROR;
     if (hy_open(&engine, &hy_the_model, note, table)) return HY_ERROR;
+    if (table->substeps < 1) table->substeps = hy_steps_in(&engine, table->dt);
     outcome = run(&engine, table);
     hy_close(&engine);
     return outcome;
