@@ -15,7 +15,7 @@ from hystid.compiled import SHELL, CompiledModel
 from hystid.errors import NetworkError, UsageError
 from hystid.networks import TwoNetworkModel
 from hystid.networks import onnx as exchange
-from hystid.surrogate import network_code, oscillator_code, surrogate_code
+from hystid.surrogate import model_code, network_code, oscillator_code, surrogate_code
 from hystid.toolchain import compiler
 
 DT = 1e-4
@@ -89,6 +89,7 @@ def test_units_and_interface(identified: tuple[TwoNetworkModel, Path]) -> None:
         "outside_training_range",
     }
     assert oscillator.states == ("x", "v") and oscillator.experiment.step == DT
+    assert model_code(path) == surrogate
     assert surrogate.token != oscillator.token and surrogate.token == surrogate_code(path).token
 
 
@@ -107,6 +108,7 @@ def gated(folder: Path) -> Path:
 
 def test_memory_of_any_network_is_recognised_by_name(tmp_path: Path) -> None:
     code = network_code(gated(tmp_path))
+    assert model_code(gated(tmp_path)) == code
     assert [(v.name, v.causality, v.unit, v.start) for v in code.variables] == [
         ("u[1]", "input", "V", 0.0),
         ("u[2]", "input", "V", 0.0),

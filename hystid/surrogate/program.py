@@ -183,7 +183,14 @@ class Builder:
         return out
 
     def product_into(self, out: View, a: View, b: View, bias: View | None = None) -> None:
-        """Assign a matrix product to a two-dimensional view."""
+        """Assign a matrix product to a two-dimensional view.
+
+        Constant weights of a single row times a matrix are stored neuron by neuron, in the order they are read.
+        """
+        if a.shape[0] == 1 and b.is_constant and b.size > max(b.shape) and b.strides != (1, b.shape[0]):
+            flat = np.ascontiguousarray(b.numpy().T, dtype=np.float64).reshape(-1)
+            stored = Buffer(self.names.unique(b.buffer.name), flat.size, "constant", flat)
+            b = whole(stored, b.shape[::-1], b.kind).transpose((1, 0))
         self.statements.append(MatMul(out, a, b, None if bias is None else bias.expand(out.shape), self.note))
 
     def reduce(self, function: Reduction, view: View, axes: Sequence[int], keep: bool) -> View:

@@ -12,12 +12,21 @@ from hystid.networks import onnx
 from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
 from hystid.surrogate.emit import functions
-from hystid.surrogate.network import OUTSIDE, Interface, block_code, outside_variable
+from hystid.surrogate.network import OUTSIDE, Interface, block_code, network_code, outside_variable
 from hystid.surrogate.oscillator import OscillatorText, recorded
 from hystid.surrogate.program import Program
 
 NETWORK = "surrogate.onnx"  # the file itself travels in the resources of the FMU
 _UNITS = {"x": "m", "v": "m/s", "R": "N"}
+
+
+def model_code(path: Path) -> ModelCode:
+    """Whatever an ONNX file holds: ``surrogate_code`` for an identified restoring force, else ``network_code``.
+
+    Raises NetworkError as they do.
+    """
+    given = {entry.key for entry in onnx.load(Path(path)).metadata_props}
+    return surrogate_code(path) if {"hystid_version", "initial_state"} <= given else network_code(path)
 
 
 def surrogate_code(path: Path) -> ModelCode:
