@@ -69,6 +69,19 @@ def test_derived_channels_take_no_part():
     assert np.array_equal(smooth(rubbish).v, smooth(Recording("r", T, F=T, x=raw["x"])).v)
 
 
+def test_simulated_channels_count_as_measured():
+    raw, simulated = noisy(0.02), dict.fromkeys(("x", "v", "a"), "simulated")
+    plain, virtual = Recording("r", T, F=T, **raw), Recording("r", T, F=T, origin=simulated, **raw)
+    assert np.array_equal(smooth(virtual).a, smooth(plain).a)
+
+
+def test_restoring_force_that_was_derived_is_formed_anew():
+    raw = noisy(0.02)
+    derived = Recording("r", T, F=T, R=T, origin={"R": "F - m a with m = 1 kg"}, **raw)
+    assert smooth(derived).R is None
+    assert smooth(Recording("r", T, F=T, R=T, **raw)).R is not None
+
+
 def test_recordings_that_cannot_be_smoothed_come_back():
     raw = noisy(0.02)
     quasi_static = Recording("q", T, F=T, x=raw["x"], origin={"t": PSEUDO_TIME})

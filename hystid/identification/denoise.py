@@ -61,12 +61,14 @@ def smooth(recording: Recording) -> Recording:
     note = f"x, v, a smoothed jointly from {sources} (noise {noise}; resolution {limit:.4g} Hz)"
     channels = dict(zip(_UNITS, problem.motion(penalty), strict=True))
     origin = {**recording.origin, **dict.fromkeys(_UNITS, f"joint smoothing of {sources}")}
-    force = {} if recording.origin.get("R", "measured") == "measured" else {"R": None}
+    force = {} if _is_measured(recording, "R") else {"R": None}
     return replace(recording, origin=origin, notes=(*recording.notes, note), **channels, **force)  # type: ignore[arg-type]
 
 
 def _is_measured(recording: Recording, name: str) -> bool:
-    return getattr(recording, name) is not None and recording.origin.get(name, "measured") == "measured"
+    """Whether the channel is a view of the motion of its own; one derived from another channel is not."""
+    origin = recording.origin.get(name, "measured")
+    return getattr(recording, name) is not None and origin.startswith(("measured", "simulated"))
 
 
 class _Problem:
