@@ -93,8 +93,10 @@ def jacobian(made: Block, hybrid: HybridModel) -> tuple[np.ndarray, list[int], l
 class CasadiMirror:
     """The same steps as CasADi expressions."""
 
-    FUNCTIONS: ClassVar = {"abs": casadi.fabs, "sign": casadi.sign, "exp": casadi.exp, "sqrt": casadi.sqrt, "sin": casadi.sin,
-                 "tanh": casadi.tanh, "cos": casadi.cos, "min": casadi.fmin, "max": casadi.fmax}  # fmt: skip
+    FUNCTIONS: ClassVar = {
+        "abs": casadi.fabs, "sign": casadi.sign, "exp": casadi.exp, "sqrt": casadi.sqrt, "sin": casadi.sin,
+        "cos": casadi.cos, "tanh": casadi.tanh, "min": casadi.fmin, "max": casadi.fmax,
+    }  # fmt: skip
 
     def __init__(self, made: Block, hybrid: HybridModel) -> None:
         self.symbols = {slot: casadi.SX.sym(f"v{slot}") for slot in range(made.layout.size)}

@@ -306,3 +306,101 @@ def test_assertions(caplog):
     assert "u = 0.7 is not below its limit" in caplog.text
     with pytest.raises(Exception, match="u is far above its limit"):
         model.simulate({"u": np.array([0.1, 1.7, 0.2])}, 1.0, outputs=["y"])
+
+
+def test_control_loop_of_causal_blocks():
+    got = run("Ctl.Loop", "y limiter.y")
+    t = grid()
+    ramp = np.minimum(2 * np.maximum(t - 0.1, 0), 1 / 3)
+    late = t > 0.1 + 1 / 6
+    ramp[late] = 1 - 2 / 3 * np.exp(-3 * (t[late] - 0.1 - 1 / 6))
+    close(got["y"], ramp, 1e-9)
+
+
+def test_slices():
+    got = run("Heat", " ".join(f"T[{k}]" for k in range(1, 7)), stop=0.5)
+    A = np.diag(np.full(6, -2.0)) + np.diag(np.ones(5), 1) + np.diag(np.ones(5), -1)
+    A[5, 5] = -1
+    A *= 0.1 * 36
+    b = np.zeros(6)
+    b[0] = 360.0
+    exact = solve_ivp(lambda t, T: A @ T + b, (0, 0.5), np.full(6, 20.0), rtol=1e-11, atol=1e-11, t_eval=[0.5]).y[:, 0]
+    close(np.array([got[f"T[{k}]"][-1] for k in range(1, 7)]), exact, 1e-8)
+
+
+def test_springs_between_flanges():
+    got = run("Trans.Two", "m1.s m2.s s2.f", stop=1.0)
+
+    def rhs(t, s):
+        x1, v1, x2, v2 = s
+        f1, f2 = 100 * x1 + 2 * v1, 150 * (x2 - x1) + (v2 - v1)
+        return [v1, f2 - f1, v2, -f2 / 2]
+
+    exact = solve_ivp(rhs, (0, 1), [0.1, 0, 0.2, 0], rtol=1e-11, atol=1e-13, t_eval=grid()).y
+    close(got["m1.s"], exact[0], SMOOTH)
+    close(got["m2.s"], exact[2], SMOOTH)
+    assert len(code("Trans.Two").states) == 4
+
+
+def test_rigid_coupling():
+    got = run("Trans.Rigid", "m1.s m2.s m2.v m2.a.f")
+    exact = solve_ivp(
+        lambda t, s: [s[1], -(100 * s[0] + 2 * s[1]) / 4], (0, 1), [0.1, 0], rtol=1e-11, atol=1e-13, t_eval=grid()
+    ).y
+    close(got["m1.s"], exact[0], SMOOTH)
+    close(got["m2.s"], got["m1.s"], 0)
+    assert len(code("Trans.Rigid").states) == 2
+
+
+def test_pendulum_in_cartesian_coordinates():
+    got = run("Trans.Pendulum", "x y vx vy tension")
+    exact = solve_ivp(
+        lambda t, s: [s[1], -9.81 * np.sin(s[0])],
+        (0, 1),
+        [math.atan2(0.6, 0.8), 0],
+        rtol=1e-11,
+        atol=1e-12,
+        t_eval=grid(),
+    ).y
+    close(got["x"], np.sin(exact[0]), 1e-8)
+    close(got["x"] ** 2 + got["y"] ** 2, 1, 1e-12)
+    close(got["tension"], exact[1] ** 2 + 9.81 * np.cos(exact[0]), 1e-7)
+
+
+def test_names_of_the_standard_library():
+    got = run("Motor", "w speed i")
+
+    def rhs(t, s):
+        return [(10 * np.sin(2 * np.pi * t) - s[0] - 0.1 * s[1]) / 0.01, 0.1 * s[0] / 1e-3]
+
+    exact = solve_ivp(rhs, (0, 1), [0, 0], rtol=1e-10, atol=1e-10, t_eval=grid()).y
+    close(got["w"], exact[1], 1e-4)  # the fast mode of 89 1/s: (0.089)^4 per time constant, of 50 rad/s
+    assert code("Motor").variable("J").unit == "kg.m2"
+
+
+def test_parameters_that_decide_what_is_built_are_built_in():
+    made = code("Sizes.M")
+    built_in = {n: made.variable(n).variability for n in ("components", "chosen", "terms", "factor")}
+    assert built_in == {"components": "constant", "chosen": "constant", "terms": "constant", "factor": "fixed"}
+    other = code("Sizes.M", components=4.0, chosen=3.0, terms=5.0)
+    assert other.variable("element[4].y").causality == "local"
+    got = CompiledModel(other).simulate({}, 1.0, outputs=["y", "z"], rows=2)
+    assert (got["y"][-1], got["z"][-1]) == (30, 15)
+
+
+def test_directory_package_of_a_user(tmp_path):
+    folder = tmp_path / "Rigs"
+    folder.mkdir()
+    (folder / "package.mo").write_text('package Rigs "mine"\nend Rigs;\n')
+    (folder / "Law.mo").write_text(
+        "within Rigs;\nblock Law\n  extends HystId.Interfaces.PartialForce;\nequation\n  f = 3*x;\nend Law;\n"
+    )
+    (folder / "Rig.mo").write_text(
+        "within Rigs;\nmodel Rig\n  extends HystId.Interfaces.PartialOscillator;\n  Law law(x = x, v = v);\n"
+        "equation\n  f_h = law.f;\nend Rig;\n"
+    )
+    made = compile_model(f"{folder / 'package.mo'}:Rigs.Rig")
+    assert made.states == ("x", "v")
+    alone = tmp_path / "user.mo"
+    alone.write_text("model Mine\n  extends Rigs.Rig(m = 2);\nend Mine;\n")
+    assert compile_model(f"{alone}:Mine", libraries=[folder]).variable("m").start == 2.0

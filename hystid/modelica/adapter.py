@@ -424,9 +424,28 @@ def _spans(node: Any) -> Iterator[Mapping[str, Any]]:
 
 
 def _structural(d: Mapping[str, Any]) -> frozenset[str]:
-    """Parameters whose values decided sizes, loops or which equations exist."""
-    return frozenset(
-        ".".join(r) if isinstance(r, list) else r
-        for s in d.get("parameter_branch_selections", ())
-        for r in s["references"]
-    )
+    """Parameters whose values decided sizes, loops or which equations exist, and those that these are bound to.
+
+    The front end gives each as a list of names, the qualified one first.
+    """
+    found = {
+        r[0] if isinstance(r, list) else r for s in d.get("parameter_branch_selections", ()) for r in s["references"]
+    }
+    while True:
+        bindings = (d["variables"][n]["binding"] for n in found if n in d["variables"])
+        more = {n for b in bindings if b is not None for n in _variable_names(b)} & set(d["variables"])
+        if more <= found:
+            return frozenset(found)
+        found |= more
+
+
+def _variable_names(node: Any) -> Iterator[str]:
+    if isinstance(node, dict):
+        if "VarRef" in node:
+            name = node["VarRef"]["name"]
+            yield name["name"] if isinstance(name, dict) else name
+        for value in node.values():
+            yield from _variable_names(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from _variable_names(value)

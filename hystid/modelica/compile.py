@@ -67,8 +67,11 @@ def flat_from_text(
 
 
 def _must_be_complete(name: str, sources: Sequence[Source]) -> None:
-    """A partial class is no model."""
+    """A partial class is no model, and neither is a package or a function."""
     declared = declaration(name, sources)
+    kind = declared.plain.split(maxsplit=1)[0] if declared is not None else ""
+    if kind in ("package", "function", "connector", "record", "type"):
+        raise ModelicaError(f"{declared}: '{name}' is a {kind}, not a model")
     if declared is not None and declared.plain.startswith("partial"):
         raise ModelicaError(f"{declared}: '{name}' is partial: compile a class that extends it")
 

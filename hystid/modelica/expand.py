@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hystid.errors import ModelicaError
-from hystid.modelica.expr import FUNCTIONS, LOGICAL, ONE, RELATIONS, ZERO, Expr, Num, Op, Ref, op
+from hystid.modelica.expr import FUNCTIONS, LOGICAL, ONE, RELATIONS, ZERO, Expr, Num, Op, Ref, op, refs
 from hystid.modelica.flat import Function, FunctionVariable, Place, Statement
 
 Array = npt.NDArray[np.object_]
@@ -39,12 +39,28 @@ def elements(name: str, dims: tuple[int, ...]) -> list[str]:
     return [element(name, tuple(i)) for i in itertools.product(*(range(1, n + 1) for n in dims))]
 
 
+class NeededNow(Exception):
+    """Parameters whose values must be known to go on: a loop or a subscript depends on them."""
+
+    def __init__(self, names: frozenset[str]) -> None:
+        super().__init__(*sorted(names))
+        self.names = names
+
+
 class Expander:
-    """dims: sizes of array variables. constants: numbers known at compile time (sizes, loop bounds)."""
+    """dims: sizes of array variables. constants: numbers known at compile time (sizes, loop bounds).
+
+    parameters: those that may be made constants; where one is needed, NeededNow is raised.
+    """
 
     def __init__(
-        self, dims: Mapping[str, tuple[int, ...]], constants: Mapping[str, float], functions: Mapping[str, Function]
+        self,
+        dims: Mapping[str, tuple[int, ...]],
+        constants: Mapping[str, float],
+        functions: Mapping[str, Function],
+        parameters: frozenset[str] = frozenset(),
     ) -> None:
+        self.parameters = parameters
         self.dims = dims
         self.constants = {name: Num(value) for name, value in constants.items()}
         self.functions = functions
@@ -106,6 +122,8 @@ class Expander:
         """Number known now, such as a size or a loop bound."""
         value = self.scalar(expr, local)
         if not isinstance(value, Num):
+            if self.parameters and refs(value) <= self.parameters:
+                raise NeededNow(refs(value))
             self.refuse(f"{what} must be known when the model is built, here it depends on a variable")
         return value.value
 
@@ -164,6 +182,9 @@ class Expander:
         value = self.value(s, local)
         numbers = [v.value if isinstance(v, Num) else None for v in _flatten(value)]
         if None in numbers:
+            needed = frozenset(n for v in _flatten(value) for n in refs(v))
+            if self.parameters and needed <= self.parameters:
+                raise NeededNow(needed)
             self.refuse("a subscript must be known when the model is built; choose among elements with if-expressions")
         whole = [int(v) - 1 for v in numbers if v is not None]
         if any(not 0 <= k < size for k in whole):

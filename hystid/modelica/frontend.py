@@ -10,7 +10,7 @@ import os
 import shutil
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import metadata
@@ -21,6 +21,7 @@ from hystid.errors import ModelicaError
 from hystid.modelica.adapter import Adapter
 from hystid.modelica.annotations import description_of, experiment_of
 from hystid.modelica.diagnostics import explain, located_syntax_error
+from hystid.modelica.expr import Num
 from hystid.modelica.flat import FlatModel
 from hystid.modelica.sources import Source, declaration
 
@@ -42,8 +43,41 @@ def flatten(
     """
     dictionary = _load(name, files, library, roots, structure)
     flat = Adapter(name, (*files, *library)).model(dictionary)
+    if any(relation["indices"] for relation in dictionary["instance_relations"].values()):
+
+        def names(changed: Mapping[str, float]) -> frozenset[str]:
+            return frozenset(_load(name, files, library, roots, {**structure, **changed})["variables"])
+
+        flat = _with_sizes_of_components(flat, names)
     declared = declaration(name, (*files, *library))
     return replace(flat, description=description_of(declared), experiment=experiment_of(declared))
+
+
+def _with_sizes_of_components(flat: FlatModel, names: Callable[[Mapping[str, float]], frozenset[str]]) -> FlatModel:
+    """Marks the parameters that decide sizes of component arrays, which the front end does not report.
+
+    names(changed) gives the names of the variables with other values of such parameters: they show which matter.
+    """
+    now = frozenset(v.name for v in flat.variables)
+    other = {
+        v.name: v.binding.value == 0 if v.type == "Boolean" else v.binding.value + 1
+        for v in flat.variables
+        if v.variability == "parameter" and v.type != "Real" and not (v.structural or v.final or "[" in v.name)
+        if isinstance(v.binding, Num)
+    }
+
+    def matters(changed: Mapping[str, float]) -> bool:
+        try:
+            return names(changed) != now
+        except ModelicaError:
+            return True  # another value does not even make a model
+
+    if not other or not matters(other):
+        return flat
+    sizes = {name for name, value in other.items() if matters({name: value})}
+    return replace(
+        flat, variables=tuple(replace(v, structural=v.structural or v.name in sizes) for v in flat.variables)
+    )
 
 
 def _load(

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from hystid.errors import ModelicaError
-from hystid.modelica.expand import Expander, elements
+from hystid.modelica.expand import Expander, NeededNow, elements
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, refs
 from hystid.modelica.flat import Action, Assertion, Branch, Equation, FlatModel, FlatVariable, Place, When
 from hystid.modelica.sources import near
@@ -67,9 +67,27 @@ def scalarise(flat: FlatModel, parameters: Mapping[str, float]) -> ScalarModel:
     Raises ModelicaError for an unknown, final or constant parameter, or one outside min..max.
     """
     flat = replace(flat, variables=tuple(_overridden(flat, parameters)))
+    while True:
+        try:
+            return _scalarise(flat)
+        except NeededNow as needed:
+            flat = _with_structure(flat, needed.names)
+
+
+def _with_structure(flat: FlatModel, names: frozenset[str]) -> FlatModel:
+    """The model in which these parameters are built in."""
+    for v in flat.variables:
+        if v.name in names and (v.structural or v.binding is None):
+            raise ModelicaError(f"{v.place}: '{v.name}' decides a size or a loop and has no value")
+    marked = (replace(v, structural=v.structural or v.name in names) for v in flat.variables)
+    return replace(flat, variables=tuple(marked))
+
+
+def _scalarise(flat: FlatModel) -> ScalarModel:
     dims = {v.name: v.dims for v in flat.variables if v.dims}
     constants = _constants(flat, dims)
-    expander = Expander(dims, constants, {f.name: f for f in flat.functions})
+    open_parameters = frozenset(v.name for v in flat.variables if v.variability == "parameter" and not v.structural)
+    expander = Expander(dims, constants, {f.name: f for f in flat.functions}, open_parameters - set(dims))
     variables = {s.name: s for v in flat.variables for s in _scalars(v, expander, constants, flat)}
     bound = [e for v in flat.variables for e in _binding_equations(v, expander)]
     return ScalarModel(

@@ -1,0 +1,244 @@
+"""What is refused, and how: one sentence with file, line, the construct and the way around it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from hystid.compiled import CompiledModel
+from hystid.errors import ModelicaError, NumericalError
+from hystid.modelica import compile_model
+from hystid.modelica.flat import from_json
+
+
+def model(body: str, declarations: str = "") -> str:
+    return f"{declarations}model A\n{body}end A;\n"
+
+
+LAWS = "model P parameter Real mu = 1; end P;\nmodel Q extends P; Real y = mu; end Q;\n"
+
+# name: text, line, words that the message must hold
+REFUSED = {
+    "syntax": (model("  Real x;\nequation\n  x = = 3;\n"), 4, "unexpected '='"),
+    "end name": ("model A\n  Real x;\nequation\n  x = 3;\nend B;\n", 5, "'B'"),
+    "unknown name": (model("  Real speed;\nequation\n  speed = sped;\n"), 4, "'sped'; did you mean 'speed'?"),
+    "unknown type": (model("  Foo x;\nequation\n  x = 1;\n"), 2, "'Foo'"),
+    "unknown base": (model("  extends Foo;\n"), 2, "'Foo'"),
+    "unknown function": (model("  Real x;\nequation\n  x = foo(3);\n"), 4, "'foo'"),
+    "unknown modifier": (model("  Real x(foo = 3);\nequation\n  x = 1;\n"), 2, "unknown modifier 'foo'"),
+    "unbalanced": (model("  Real x;\n  Real y;\nequation\n  x = 1;\n"), 1, "1 equations, 2 unknowns"),
+    "sizes": (model("  Real x[2];\nequation\n  x = {1, 2, 3};\n"), 4, "[2]"),
+    "type": (model("  Real x = true;\n"), 2, "Boolean"),
+    "partial": ("partial " + model("  Real x;\nequation\n  x = 1;\n"), 1, "partial"),
+    "algorithm": (model("  Real x;\nalgorithm\n  x := 1;\n"), 4, "algorithm section.*write equations"),
+    "initial algorithm": (model("  Real x;\ninitial algorithm\n  x := 1;\nequation\n  der(x) = 1;\n"), 3, "algorithm"),
+    "record": (model("  record R\n    Real a;\n  end R;\n  R r;\nequation\n  r.a = 1;\n"), 5, "record"),
+    "string": (model('  parameter String s = "a";\n  Real x = 1;\n'), 2, "String variable"),
+    "external": (
+        model(
+            "  Real x;\nequation\n  x = f(3);\n",
+            'function f\n  input Real u;\n  output Real y;\nexternal "C";\nend f;\n',
+        ),
+        4,
+        "external functions are not supported",
+    ),
+    "while": (
+        model(
+            "  Real x;\nequation\n  x = f(time);\n",
+            "function f\n  input Real u;\n  output Real y;\nalgorithm\n  y := u;\n"
+            "  while y > 1 loop\n    y := y - 1;\n  end while;\nend f;\n",
+        ),
+        6,
+        "unroll while-loops",
+    ),
+    "delay": (model("  Real x;\nequation\n  x = delay(time, 1.0);\n"), 4, r"delay\(\) is not supported"),
+    "homotopy": (model("  Real x;\nequation\n  x = homotopy(time, 1.0);\n"), 4, r"homotopy\(\).*first argument"),
+    "clock": (
+        model("  Real x;\nequation\n  when Clock(0.1) then\n    x = previous(x) + 1;\n  end when;\n"),
+        4,
+        "clocks are not supported",
+    ),
+    "stream": (
+        model("  C c;\n", "connector C\n  Real p;\n  flow Real m;\n  stream Real h;\nend C;\n"),
+        4,
+        "stream connectors are not supported",
+    ),
+    "der of expression": (model("  Real x(start = 1);\nequation\n  der(x^2) = 1;\n"), 4, "der.* takes one variable"),
+    "change of expression": (
+        model("  Real v(start = 1);\n  discrete Real n;\nequation\n  der(v) = -1;\n"
+              "  when change(v >= 0) then\n    n = pre(n) + 1;\n  end when;\n"),
+        6,
+        "give the operand a name",
+    ),
+    "pre of continuous": (
+        model("  Real v(start = 1);\n  Real y = 2*v;\n  discrete Real n;\nequation\n  der(v) = -1;\n"
+              "  when v < 0 then\n    n = pre(y);\n  end when;\n"),
+        8,
+        r"pre\(y\) needs a discrete variable",
+    ),
+    "terminate": (
+        model('  Real v(start = 1);\nequation\n  der(v) = -1;\n  when v < 0 then\n    terminate("x");\n  end when;\n'),
+        5,
+        "terminate",
+    ),
+    "nested when": (
+        model("  discrete Real g;\nequation\n  when time > 1 then\n    when time > 2 then\n      g = 1;\n"
+              "    end when;\n  end when;\n"),
+        1,
+        "cannot be nested",
+    ),
+    "two when-clauses": (
+        model("  discrete Real k;\nequation\n  when time > 1 then\n    k = 1;\n  end when;\n"
+              "  when time > 2 then\n    k = 2;\n  end when;\n"),
+        1,
+        "elsewhen",
+    ),
+    "if without else": (
+        model("  Real g;\nequation\n  if time > 1 then\n    g = 1;\n  end if;\n"), 4, "every branch of an if-equation"
+    ),
+    "discrete loop": (model("  Boolean a, b;\nequation\n  a = not b;\n  b = not a;\n"), 2, r"use pre\(\)|with pre\(\)"),
+    "variable subscript": (
+        model("  Real x[3] = {1, 2, 3};\n  Integer k = integer(time);\n  Real y;\nequation\n  y = x[k];\n"),
+        6,
+        "subscript must be known",
+    ),
+    "singular": (model("  Real x, y;\nequation\n  x + y = 1;\n  2*x + 2*y = 2;\n"), 5, "singular"),
+    "too many starts": (
+        model("  Real x(start = 1, fixed = true);\ninitial equation\n  x = 2;\nequation\n  der(x) = -x;\n"),
+        4,
+        "too many initial conditions",
+    ),
+    "tied with an input": (
+        model("  input Real u;\n  Real x, y;\nequation\n  x = u;\n  y = der(x);\n"), 5, "input 'u', whose derivative"
+    ),
+    "units": (
+        model('  Real m(unit = "kg") = 1;\n  Real F(unit = "N") = 2;\n  Real x(unit = "N");\nequation\n  x = F + m;\n'),
+        6,
+        r"'F \+ m' adds N and kg",
+    ),
+    "units of an equation": (
+        model('  Real v(unit = "m/s");\n  Real x(unit = "m", start = 0);\nequation\n  der(x) = v;\n  v = x;\n'),
+        6,
+        "'v = x' equates m/s and m",
+    ),
+    "units of a binding": (model('  parameter Real t(unit = "s") = 1;\n  Real x(unit = "m") = t;\n'), 3, "m and s"),
+    "prefix of a unit": (model('  Real a(unit = "mm") = 1;\n  Real b(unit = "m") = a;\n'), 3, "m and mm"),
+    "value and attribute in extends": (
+        model("  extends B(m(min = 0.1) = 1.5);\n", "model B\n  parameter Real m = 1;\n  Real x = m;\nend B;\n"),
+        6,
+        "value and attributes of 'm'",
+    ),
+    "modifier of constrainedby": (model("  replaceable Q f constrainedby P(mu = 15);\n", LAWS), 4, "constrainedby P"),
+    "modifier of a class redeclaration": (
+        model(
+            "  extends Base(redeclare model F = Q(mu = 0.1));\n",
+            LAWS + "model Base\n  replaceable model F = Q constrainedby P;\n  F f;\nend Base;\n",
+        ),
+        8,
+        "redeclare with Mine",
+    ),
+    "range": (model("  parameter Real k(min = 0) = -1;\n  Real x = k*time;\n"), 2, "outside its range"),
+    "constant without value": (model("  constant Real c;\n  Real x = c;\n"), 2, "constant 'c' has no value"),
+    "library that is not here": (
+        model("  Modelica.Mechanics.Translational.Components.Mass m;\n"), 2, "of the Modelica Standard Library only"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_with_file_line_and_reason(name, tmp_path):
+    text, line, words = REFUSED[name]
+    file = tmp_path / "rig.mo"
+    file.write_text(text)
+    with pytest.raises(ModelicaError, match=words) as caught:
+        compile_model(f"{file}:A")
+    assert str(caught.value).startswith(f"{file}:{line}: "), str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("model_name", "words"),
+    [
+        ("HystId.Oscillators.Jenkin", "did you mean 'HystId.Oscillators.Jenkins'"),
+        ("Jenkins", "did you mean"),
+        ("HystId.Oscillators", "is a package, not a model"),
+        ("nowhere.mo:A", "no such file"),
+        ("a b", "names no model"),
+        ("HystId.Interfaces.PartialOscillator", "partial"),
+    ],
+)
+def test_names_that_lead_nowhere(model_name, words):
+    with pytest.raises(ModelicaError, match=words):
+        compile_model(model_name)
+
+
+def test_class_of_a_file_not_found(tmp_path):
+    file = tmp_path / "rig.mo"
+    file.write_text("model Rig\n  Real x = 1;\nend Rig;\n")
+    with pytest.raises(ModelicaError, match=r"rig\.mo: there is no class 'Rigg'; did you mean 'Rig'\?"):
+        compile_model(f"{file}:Rigg")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"Kss": 1.0}, "no parameter 'Kss'; did you mean 'Ks'"),
+        ({"fc": -1.0}, "outside its range"),
+        ({"law.Ks": 1.0}, None),
+    ],
+)
+def test_parameters(parameters, words):
+    if words is None:
+        assert compile_model("HystId.Oscillators.Jenkins", parameters=parameters).variable("law.Ks").start == 1.0
+        return
+    with pytest.raises(ModelicaError, match=words):
+        compile_model("HystId.Oscillators.Jenkins", parameters=parameters)
+
+
+def test_integer_parameter_is_whole():
+    with pytest.raises(ModelicaError, match=r"is an Integer and cannot be 2\.5"):
+        compile_model("HystId.Oscillators.Iwan", parameters={"N": 2.5})
+
+
+def test_final_parameter(tmp_path):
+    file = tmp_path / "rig.mo"
+    file.write_text(model("  final parameter Real k = 1;\n  Real x = k*time;\n"))
+    with pytest.raises(ModelicaError, match=r"rig\.mo:2: parameter 'k' of A is final"):
+        compile_model(f"{file}:A", parameters={"k": 2.0})
+
+
+def test_models_without_units_and_with_literals_pass_the_unit_check(tmp_path):
+    file = tmp_path / "rig.mo"
+    file.write_text(
+        model(
+            '  Real x(unit = "m", start = 1);\n  Real F(unit = "N");\n  parameter Real k = 3;\n'
+            "equation\n  der(x) = -k*x;\n  F = 1000*x + 9.81*k + sin(time);\n"
+        )
+    )
+    assert compile_model(f"{file}:A").variable("F").unit == "N"
+
+
+def test_nonlinear_equation_without_solution(tmp_path):
+    file = tmp_path / "rig.mo"
+    file.write_text(model("  Real x(start = 1);\nequation\n  x^2 + 1 = -time;\n"))
+    with pytest.raises(NumericalError, match="no answer"):
+        CompiledModel(compile_model(f"{file}:A")).simulate({}, 0.1, outputs=["x"], rows=3)
+
+
+def test_flat_model_of_another_schema():
+    with pytest.raises(ModelicaError, match="schema 0, this hystid reads schema 1"):
+        from_json('{"schema": 0}', "old.json")
+
+
+def test_front_end_missing_is_told(tmp_path):
+    file = tmp_path / "rig.mo"
+    file.write_text(model("  Real x = 1;\n"))
+    script = (
+        "import sys; sys.modules['rumoca'] = None\n"
+        "from hystid.errors import ModelicaError\nfrom hystid.modelica import compile_model\n"
+        f"try: compile_model({str(file) + ':A'!r})\nexcept ModelicaError as error: print(error)"
+    )
+    out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "needs the front end 'rumoca': pip install" in out.stdout
