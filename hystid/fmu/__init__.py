@@ -6,5 +6,15 @@ from hystid.fmu.build import BuildResult, build
 from hystid.fmu.driver import Driver
 from hystid.fmu.modelica import build_model
 from hystid.fmu.regress import RegressionResult, regress
+from hystid.fmu.ssp import Connection, write_ssp
 
-__all__ = ["BuildResult", "Driver", "RegressionResult", "build", "build_model", "regress"]
+__all__ = [
+    "BuildResult",
+    "Connection",
+    "Driver",
+    "RegressionResult",
+    "build",
+    "build_model",
+    "regress",
+    "write_ssp",
+]

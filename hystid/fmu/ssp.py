@@ -1,0 +1,167 @@
+"""Several FMUs and their connections in one file: System Structure and Parameterization (SSP 1.0)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from hystid.errors import FmuError, UsageError
+from hystid.fmu.build import write_zip
+from hystid.fmu.door import OpenedFmu, open_fmu
+from hystid.fmu.model_description.common import number, text_of
+from hystid.modelcode import Experiment, Variable
+from hystid.units import exponents
+
+_SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
+_SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
+_FMU = "application/x-fmu-sharedlibrary"
+_TYPES = {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"}
+
+
+@dataclass(frozen=True)
+class Connection:
+    """From an output to an input, each ``component.variable``, or a bare name for a connector of the system itself."""
+
+    start: str
+    end: str
+
+
+def write_ssp(
+    out: Path,
+    name: str,
+    components: Mapping[str, Path],
+    connections: Sequence[Connection],
+    *,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    experiment: Experiment | None = None,
+) -> Path:
+    """Write an ``.ssp`` file with the FMUs inside.
+
+    components: name -> FMU. inputs, outputs: connectors of the system; connections lead from and to them by their bare
+    names. A loop of FMUs without delay is solved by the importer's master as co-simulation does: with the last step's
+    outputs. Raises UsageError for a connection that does not fit, FmuError for an FMU that cannot be opened.
+    """
+    opened = {component: open_fmu(path) for component, path in components.items()}
+    ends = [_ends(opened, connection, inputs, outputs) for connection in connections]
+    taken = [connection.end for connection in connections]
+    for end in taken:
+        if taken.count(end) > 1:
+            raise UsageError(f"'{end}' is connected to more than one output")
+    own = dict(_system_connectors(connections, ends))
+    for connector in (*inputs, *outputs):
+        if connector not in own:
+            raise UsageError(f"the connector '{connector}' of the system is not connected")
+    root = _description(name, opened, connections, own, experiment or Experiment())
+    content = {"SystemStructure.ssd": text_of(root).encode()}
+    content |= {f"resources/{component}.fmu": Path(path).read_bytes() for component, path in components.items()}
+    write_zip(Path(out), content)
+    return Path(out)
+
+
+def _ends(
+    opened: Mapping[str, OpenedFmu], connection: Connection, inputs: Sequence[str], outputs: Sequence[str]
+) -> tuple[Variable | None, Variable | None]:
+    """The variables at both ends, None for a connector of the system; checked for direction, type and unit."""
+    start = _end(opened, connection.start, "output", inputs)
+    end = _end(opened, connection.end, "input", outputs)
+    if start and end and start.type != end.type:
+        raise UsageError(
+            f"{connection.start} is {start.type}, {connection.end} is {end.type}: they cannot be connected"
+        )
+    if start and end and start.unit and end.unit and exponents(start.unit) != exponents(end.unit):
+        raise UsageError(
+            f"{connection.start} is in {start.unit}, {connection.end} in {end.unit}: they cannot be connected"
+        )
+    if not start and not end:
+        raise UsageError(f"{connection.start} and {connection.end} are both connectors of the system")
+    return start, end
+
+
+def _end(opened: Mapping[str, OpenedFmu], path: str, causality: str, own: Sequence[str]) -> Variable | None:
+    component, _, variable = path.partition(".")
+    if not variable:
+        if path not in own:
+            raise UsageError(f"'{path}' is neither a connector of the system nor component.variable")
+        return None
+    if component not in opened:
+        raise UsageError(f"'{path}': there is no component '{component}'; there are {', '.join(opened)}")
+    found = next((v for v in opened[component].model.variables if v.name == variable), None)
+    if found is None or found.causality != causality:
+        raise FmuError(f"{opened[component].name} has no {causality} '{variable}'")
+    return found
+
+
+def _system_connectors(
+    connections: Sequence[Connection], ends: Sequence[tuple[Variable | None, Variable | None]]
+) -> list[tuple[str, tuple[str, Variable]]]:
+    found = []
+    for connection, (start, end) in zip(connections, ends, strict=True):
+        if start is None and end is not None:
+            found.append((connection.start, ("input", end)))
+        if end is None and start is not None:
+            found.append((connection.end, ("output", start)))
+    return found
+
+
+def _description(
+    name: str,
+    opened: Mapping[str, OpenedFmu],
+    connections: Sequence[Connection],
+    own: Mapping[str, tuple[str, Variable]],
+    experiment: Experiment,
+) -> ET.Element:
+    ET.register_namespace("ssd", _SSD)
+    ET.register_namespace("ssc", _SSC)
+    root = ET.Element(f"{{{_SSD}}}SystemStructureDescription", {"version": "1.0", "name": name})
+    system = _sub(root, "System", {"name": name})
+    connectors = _sub(system, "Connectors") if own else None
+    units: set[str] = set()
+    for connector, (kind, variable) in own.items():
+        assert connectors is not None
+        units |= _add_connector(connectors, connector, kind, variable)
+    elements = _sub(system, "Elements")
+    for component, fmu in opened.items():
+        element = _sub(elements, "Component", {"name": component, "type": _FMU, "source": f"resources/{component}.fmu"})
+        inside = _sub(element, "Connectors")
+        for variable in fmu.model.variables:
+            if variable.causality in ("input", "output"):
+                units |= _add_connector(inside, variable.name, variable.causality, variable)
+    lines = _sub(system, "Connections")
+    for connection in connections:
+        _sub(lines, "Connection", {**_place("start", connection.start), **_place("end", connection.end)})
+    _add_units(root, units)
+    _sub(root, "DefaultExperiment", {"startTime": number(experiment.start), "stopTime": number(experiment.stop)})
+    return root
+
+
+def _sub(parent: ET.Element, tag: str, attributes: Mapping[str, str] | None = None) -> ET.Element:
+    return ET.SubElement(parent, f"{{{_SSD}}}{tag}", dict(attributes or {}))
+
+
+def _add_connector(parent: ET.Element, name: str, kind: str, variable: Variable) -> set[str]:
+    """Add a connector; the units that it needs."""
+    element = _sub(parent, "Connector", {"name": name, "kind": kind})
+    unit = {variable.unit} if variable.type == "Real" and variable.unit else set()
+    ET.SubElement(element, f"{{{_SSC}}}{_TYPES[variable.type]}", {"unit": variable.unit} if unit else {})
+    return unit
+
+
+def _place(side: str, path: str) -> dict[str, str]:
+    component, _, variable = path.partition(".")
+    return {f"{side}Element": component, f"{side}Connector": variable} if variable else {f"{side}Connector": path}
+
+
+def _add_units(root: ET.Element, units: set[str]) -> None:
+    if not units:
+        return
+    definitions = _sub(root, "Units")
+    for name in sorted(units):
+        factor, offset, powers = exponents(name)
+        attributes = {base: str(power) for base, power in powers.items() if power}
+        attributes |= {"factor": number(factor)} if factor != 1 else {}
+        attributes |= {"offset": number(offset)} if offset != 0 else {}
+        unit = ET.SubElement(definitions, f"{{{_SSC}}}Unit", {"name": name})
+        ET.SubElement(unit, f"{{{_SSC}}}BaseUnit", attributes)

@@ -1,0 +1,125 @@
+"""Systems of FMUs in one file, run by FMPy's SSP runner and by a master written here: the same answer."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.ssp.simulation import simulate_ssp
+from fmu_models import built, linear, memory
+from lxml import etree
+
+from hystid.errors import HystidError
+from hystid.fmu import Connection, build_model, write_ssp
+from hystid.fmu.door import open_fmu
+from hystid.fmu.native import Access, Instance, Stepper
+
+MASS = """model Mass "m a + R = F"
+  parameter Real m(unit="kg") = 2 "Mass";
+  input Real F(unit="N") "Excitation";
+  input Real R(unit="N") "Restoring force, opposes motion";
+  output Real x(unit="m", start=0, fixed=true) "Displacement";
+  output Real v(unit="m/s", start=0, fixed=true) "Velocity";
+equation
+  der(x) = v;
+  m*der(v) = F - R;
+end Mass;
+"""
+SCHEMA = Path(fmpy.__file__).parent / "ssp" / "schema" / "SystemStructureDescription.xsd"
+STEP, STOP = 1e-3, 0.3
+CONNECTIONS = [
+    Connection("F", "mass.F"),
+    Connection("F", "reference.F"),
+    Connection("mass.x", "force.x"),
+    Connection("mass.v", "force.v"),
+    Connection("force.R", "mass.R"),
+    Connection("mass.x", "x"),
+    Connection("reference.x", "x_reference"),
+]
+
+
+@pytest.fixture(scope="module")
+def components(tmp_path_factory):
+    """Force block with sampled memory, mass, and the linear oscillator as reference."""
+    folder = tmp_path_factory.mktemp("ssp")
+    (folder / "mass.mo").write_text(MASS)
+    mass = build_model(f"{folder / 'mass.mo'}:Mass", folder / "mass.fmu").path
+    return {"force": built(memory, 2), "mass": mass, "reference": built(linear, 2)}
+
+
+def force(t):
+    return 5 * np.sin(40 * t)
+
+
+def own_master(components):
+    """The same system, step by step: every component steps with the inputs of the end of the step before."""
+    opened = {name: open_fmu(path) for name, path in components.items()}
+    instances = {name: Instance(fmu, "CoSimulation") for name, fmu in opened.items()}
+    inputs = {"force": ["x", "v"], "mass": ["F", "R"], "reference": ["F"]}
+    outputs = {"force": ["R"], "mass": ["x", "v"], "reference": ["x"]}
+    values = {f"{c}.{n}": 0.0 for c in opened for n in (*inputs[c], *outputs[c])}
+    steppers, x = {}, []
+    for name, instance in instances.items():
+        instance.initialise(0.0, [])
+        steppers[name] = Stepper(instance)
+    t, signal = 0.0, 0.0
+    while t < STOP:
+        for name, instance in instances.items():
+            for variable in inputs[name]:
+                held = np.array([values[f"{name}.{variable}"]])
+                Access(instance, [opened[name].model.variable(variable)]).set(held.ctypes.data)
+            steppers[name].step(t, STEP)
+            for variable in outputs[name]:
+                held = np.zeros(1)
+                Access(instance, [opened[name].model.variable(variable)]).get(held.ctypes.data)
+                values[f"{name}.{variable}"] = held[0]
+        signal = force(t)  # FMPy passes the system's input on after the components' step
+        values["mass.F"] = values["reference.F"] = signal
+        values["force.x"], values["force.v"], values["mass.R"] = values["mass.x"], values["mass.v"], values["force.R"]
+        x.append((values["mass.x"], values["reference.x"]))
+        t += STEP
+    for instance in instances.values():
+        instance.close()
+    return np.array(x)
+
+
+def test_fmpy_runs_the_system_to_the_same_answer(tmp_path, components):
+    path = write_ssp(tmp_path / "rig.ssp", "rig", components, CONNECTIONS, inputs=["F"], outputs=["x", "x_reference"])
+    rows = simulate_ssp(str(path), stop_time=STOP, step_size=STEP, input={"F": force})
+    expected = own_master(components)
+    assert np.ptp(expected[:, 0]) > 1e-4
+    np.testing.assert_allclose(rows["x"], expected[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(rows["x_reference"], expected[:, 1], rtol=1e-12)
+
+
+def test_the_description_is_valid_and_complete(tmp_path, components):
+    path = write_ssp(tmp_path / "rig.ssp", "rig", components, CONNECTIONS, inputs=["F"], outputs=["x", "x_reference"])
+    with zipfile.ZipFile(path) as archive:
+        root = etree.fromstring(archive.read("SystemStructure.ssd"))
+        assert {f"resources/{name}.fmu" for name in components} < set(archive.namelist())
+        assert archive.read("resources/mass.fmu") == components["mass"].read_bytes()
+    schema = etree.XMLSchema(file=str(SCHEMA))
+    assert schema.validate(root), schema.error_log
+    assert len(root.findall(".//{*}Connection")) == len(CONNECTIONS)
+    assert {u.get("name") for u in root.findall(".//{*}Unit")} == {"N", "m", "m/s"}
+
+
+@pytest.mark.parametrize(
+    ("connections", "sentence"),
+    [
+        ([Connection("mass.y", "force.x")], "has no output 'y'"),
+        ([Connection("mass.x", "force.R")], "has no input 'R'"),
+        ([Connection("spring.x", "force.x")], "no component 'spring'"),
+        ([Connection("mass.x", "force.v")], "is in m, force.v in m/s"),
+        ([Connection("G", "mass.F")], "neither a connector of the system"),
+        ([Connection("mass.x", "force.x"), Connection("reference.x", "force.x")], "more than one output"),
+        ([Connection("mass.x", "force.x")], "'F' of the system is not connected"),
+    ],
+)
+def test_what_does_not_fit_gets_one_sentence(tmp_path, components, connections, sentence):
+    with pytest.raises(HystidError, match=sentence) as error:
+        write_ssp(tmp_path / "no.ssp", "no", components, connections, inputs=["F"])
+    assert "\n" not in str(error.value) and list(tmp_path.iterdir()) == []
