@@ -38,8 +38,8 @@ def write_grid(result: GridResult, path: Path, command: str) -> Path:
         page.table(_spreads("Free-run displacement NRMSE", [(cell.name, cell) for cell in result.cells], "free_run"))
     page.section(
         "Ensemble against the best single network",
-        "The ensemble is the mean of the best tenth of the starts, chosen by validation error; the single network is the"
-        " start of the least validation error. Neither choice knows the held-out recordings.",
+        "The ensemble is the mean of the best tenth of the starts, chosen by validation error; the single network is"
+        " the start of the least validation error. Neither choice knows the held-out recordings.",
     )
     page.plots(_ensembles(result.cells))
     page.reproduce(command, {name: str(value) for name, value in result.settings.items()})
