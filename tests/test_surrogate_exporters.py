@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from surrogate_harness import compile_all
 
 from hystid.compiled import CompiledModel
+from hystid.networks import onnx as exchange
 from hystid.surrogate import network_code
 
 torch = pytest.importorskip("torch", reason="exports by PyTorch need the extra 'train'")
@@ -70,3 +72,80 @@ def test_recurrent_state_is_carried(tmp_path: Path, kind: str) -> None:
     with torch.no_grad():
         want = head(cell(torch.tensor(u)[:, None])[0])[:, 0, 0].numpy()
     np.testing.assert_allclose(got["y"], want, atol=1e-12)
+
+
+class Attention(torch.nn.Module):  # type: ignore[misc, name-defined]
+    """A transformer layer over five samples."""
+
+    shape = (1, 5, 2)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.before, self.after = torch.nn.Linear(2, 8), torch.nn.Linear(8, 1)
+        self.layer = torch.nn.TransformerEncoderLayer(8, 2, 16, batch_first=True, dropout=0.0)
+
+    def forward(self, x: Any) -> Any:
+        return self.after(self.layer(self.before(x)).mean(1))
+
+
+class Convolution(torch.nn.Module):  # type: ignore[misc, name-defined]
+    """A small convolutional network over sixteen samples of two channels."""
+
+    shape = (1, 2, 16)
+
+    def __init__(self) -> None:
+        super().__init__()
+        first = [torch.nn.Conv1d(2, 4, 3, padding=2, dilation=2), torch.nn.BatchNorm1d(4), torch.nn.ReLU()]
+        second = [torch.nn.AvgPool1d(2), torch.nn.Conv1d(4, 4, 3, padding="same"), torch.nn.PReLU()]
+        last = [torch.nn.AdaptiveAvgPool1d(1), torch.nn.Flatten(), torch.nn.Linear(4, 2), torch.nn.Softmax(1)]
+        self.layers = torch.nn.Sequential(*first, *second, *last)
+
+    def forward(self, x: Any) -> Any:
+        return self.layers(x)
+
+
+class Arithmetic(torch.nn.Module):  # type: ignore[misc, name-defined]
+    """What people write between layers."""
+
+    shape = (1, 6)
+
+    def forward(self, x: Any) -> Any:
+        a, b = x.chunk(2, 1)
+        y = torch.where(a > b, a.clamp(-0.5, 0.5), b**3)
+        z = torch.stack([y, a], -1).sum(-1)
+        w = torch.cat([z.abs().sqrt(), z.sign() * z.exp().log1p()], 1)
+        return w / (1e-3 + w.norm(dim=1, keepdim=True)) + torch.einsum("bi,bj->bij", z, z).flatten(1).mean(
+            1, keepdim=True
+        )
+
+
+class WholeSequence(torch.nn.Module):  # type: ignore[misc, name-defined]
+    """A recurrent network that sees a window at once and starts from rest."""
+
+    shape = (1, 5, 2)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.cell, self.head = (
+            torch.nn.GRU(2, 4, num_layers=2, batch_first=True, bidirectional=True),
+            torch.nn.Linear(8, 1),
+        )
+
+    def forward(self, x: Any) -> Any:
+        return self.head(self.cell(x)[0][:, -1])
+
+
+def test_what_people_export(tmp_path: Path) -> None:
+    models, inputs, expected = {}, {}, {}
+    for kind in (Attention, Convolution, Arithmetic, WholeSequence):
+        torch.manual_seed(3)
+        module = kind().double().eval()
+        x = torch.randn(*kind.shape, dtype=torch.float64)
+        export(module, (x,), tmp_path / "m.onnx", ["x"], ["y"], dynamic_axes={"x": {0: "batch"}})
+        name = kind.__name__
+        models[name], inputs[name] = exchange.load(tmp_path / "m.onnx"), x.numpy()
+        with torch.no_grad():
+            expected[name] = module(x).numpy()
+    for name, net in compile_all(models).items():
+        # normalisations store epsilon in single precision: 1e-8 relative of 1e-5
+        np.testing.assert_allclose(net.value([inputs[name]])[0], expected[name], rtol=0, atol=1e-9, err_msg=name)

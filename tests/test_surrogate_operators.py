@@ -79,6 +79,13 @@ CASES |= {
     "BatchNormalization": ("BatchNormalization", [(1, 4, 3)], [ROW, ROW[::-1].copy(), ROW / 2, ROW**2], {}),
     "Conv": ("Conv", [(1, 2, 8)], [RNG.normal(size=(4, 2, 3)), ROW], {"strides": [2], "pads": [1, 1]}),
     "Conv plane groups": ("Conv", [(1, 2, 5, 6)], [RNG.normal(size=(4, 1, 3, 2))], {"group": 2, "dilations": [1, 2]}),
+    "Conv same": ("Conv", [(1, 2, 7)], [RNG.normal(size=(3, 2, 4))], {"strides": [2], "auto_pad": "SAME_UPPER"}),
+    "Conv same below": ("Conv", [(1, 2, 7)], [RNG.normal(size=(3, 2, 4))], {"auto_pad": "SAME_LOWER"}),
+    "InstanceNormalization": ("InstanceNormalization", [(1, 4, 3)], [ROW, ROW[::-1].copy()], {}),
+    "Einsum": ("Einsum", [(2, 3), (4, 3)], [], {"equation": "bi, ki -> kb"}),
+    "Einsum implicit": ("Einsum", [(2, 3, 4), (4,)], [], {"equation": "abc,c"}),
+    "Einsum outer": ("Einsum", [(2, 3), (2, 4)], [], {"equation": "bi,bj->bij"}),
+    "Slice to the end": ("Slice", [(4, 6)], [B([-3], I), B([2**63 - 1], I), B([1], I)], {}),
     "MaxPool": ("MaxPool", [(1, 2, 8)], [], {"kernel_shape": [2], "strides": [2]}),
     "AveragePool": ("AveragePool", [(1, 2, 8)], [], {"kernel_shape": [3]}),
     "GlobalAveragePool": ("GlobalAveragePool", [(1, 2, 8)], [], {}),
@@ -288,6 +295,12 @@ def test_every_operator_is_tested() -> None:
         name for _, name in OPERATORS if f'"{name}"' not in source and name not in UNARY and f"{name} " not in source
     ]
     assert [name for name in untested if not name.startswith("Reduce")] == []
+
+
+def test_the_guide_lists_every_operator() -> None:
+    guide = (Path(__file__).parents[1] / "docs" / "surrogate.md").read_text(encoding="utf-8")
+    listed = {name.strip("`.;,") for line in guide.splitlines() if line.startswith("> ") for name in line[2:].split()}
+    assert listed - {"and", "of", "ai.onnx.ml"} == {name for _, name in OPERATORS}
 
 
 def test_tanh_and_sigmoid_are_accurate() -> None:

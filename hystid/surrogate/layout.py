@@ -192,18 +192,27 @@ def _patches(node: Node, x: View, shape: Sequence[int]) -> tuple[np.ndarray, boo
     rank = len(shape)
     given = node.attributes
     strides, dilations = given.get("strides", [1] * rank), given.get("dilations", [1] * rank)
+    spans = [(n - 1) * d + 1 for n, d in zip(shape, dilations, strict=True)]
     pads = given.get("pads", [0] * (2 * rank))
-    if given.get("auto_pad", "NOTSET") not in ("NOTSET", "VALID") or given.get("ceil_mode", 0):
-        raise node.refuse("auto_pad and ceil_mode are not supported: export with explicit pads")
+    if given.get("auto_pad", "NOTSET").startswith("SAME"):
+        pads = _same(x.shape[2:], strides, spans, given["auto_pad"] == "SAME_LOWER")
+    if given.get("ceil_mode", 0):
+        raise node.refuse("ceil_mode is not supported")
     width = [(0, 0), *zip(pads[:rank], pads[rank:], strict=True)]
     grid = np.pad(np.arange(x.size).reshape(x.shape[1:]), width, constant_values=x.size)
-    spans = [(n - 1) * d + 1 for n, d in zip(shape, dilations, strict=True)]
     windows = np.lib.stride_tricks.sliding_window_view(grid, spans, axis=tuple(range(1, rank + 1)))
     windows = windows[
         (slice(None), *(slice(None, None, s) for s in strides), *(slice(None, None, d) for d in dilations))
     ]
     windows = np.moveaxis(windows, 0, rank)
     return windows.reshape(*windows.shape[: rank + 1], -1), any(pads)
+
+
+def _same(lengths: Sequence[int], strides: Sequence[int], spans: Sequence[int], lower: bool) -> list[int]:
+    """Pads that give ceil(length / stride) places: first those before, then those behind; an odd one behind."""
+    total = [max((-(-n // s) - 1) * s + span - n, 0) for n, s, span in zip(lengths, strides, spans, strict=True)]
+    small, large = [n // 2 for n in total], [n - n // 2 for n in total]
+    return [*large, *small] if lower else [*small, *large]
 
 
 @operator("MaxPool", "AveragePool")

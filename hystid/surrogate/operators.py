@@ -338,12 +338,50 @@ def _layer_normalization(b: Builder, node: Node) -> View:
     if any(node.outputs[1:]):
         raise node.refuse("its mean and deviation outputs are not supported")
     axes = list(range(node.axis(node.attributes.get("axis", -1), rank), rank))
+    scaled = b.apply("mul", _normalised(b, x, axes, node.number("epsilon", 1e-5)), node.operand(1))
+    return b.apply("add", scaled, node.operand(2)) if node.has(2) else scaled
+
+
+@operator("InstanceNormalization")
+def _instance_normalization(b: Builder, node: Node) -> View:
+    """Each channel by its own mean and variance."""
+    x, channel = node.operand(0), (-1, *[1] * (len(node.operand(0).shape) - 2))
+    axes = list(range(2, len(x.shape)))
+    scaled = _normalised(b, x, axes, node.number("epsilon", 1e-5))
+    scale, shift = (b.reshape(node.operand(i), (node.operand(i).size, *channel[1:])) for i in (1, 2))
+    return b.apply("add", b.apply("mul", scaled, scale), shift)
+
+
+def _normalised(b: Builder, x: View, axes: Sequence[int], epsilon: float) -> View:
+    """(x - mean) / sqrt(variance + epsilon) over some axes."""
     count = b.constant(float(prod(x.shape[axis] for axis in axes)))
     centred = b.apply("sub", x, b.apply("div", b.reduce("sum", x, axes, True), count))
     variance = b.apply("div", b.reduce("sum", b.apply("square", centred), axes, True), count)
-    spread = b.apply("sqrt", b.apply("add", variance, b.constant(node.number("epsilon", 1e-5))))
-    scaled = b.apply("mul", b.apply("div", centred, spread), node.operand(1))
-    return b.apply("add", scaled, node.operand(2)) if node.has(2) else scaled
+    return b.apply("div", centred, b.apply("sqrt", b.apply("add", variance, b.constant(epsilon))))
+
+
+@operator("Einsum")
+def _einsum(b: Builder, node: Node) -> View:
+    """Products over all index letters, summed over those that the result does not name; no ellipsis."""
+    left, arrow, result = node.attributes["equation"].replace(" ", "").partition("->")
+    terms = left.split(",")
+    if "." in left or any(len(set(term)) != len(term) for term in (*terms, result)):
+        raise node.refuse("an equation with an ellipsis or a repeated index is not supported")
+    letters = sorted(set(left) - {","})
+    if not arrow:
+        result = "".join(letter for letter in letters if left.count(letter) == 1)
+    order = [*result, *(letter for letter in letters if letter not in result)]
+    total = _spread(b, node.operand(0), terms[0], order)
+    for place, term in enumerate(terms[1:], start=1):
+        total = b.apply("mul", total, _spread(b, node.operand(place), term, order))
+    return reduce_axes(b, "sum", total, list(range(len(result), len(order))), keep=False)
+
+
+def _spread(b: Builder, x: View, term: str, order: Sequence[str]) -> View:
+    """Axes in the order of the letters, with length 1 where the term has none."""
+    turned = x.transpose([term.index(letter) for letter in order if letter in term])
+    sizes = iter(turned.shape)
+    return b.reshape(turned, [next(sizes) if letter in term else 1 for letter in order])
 
 
 @operator("BatchNormalization")

@@ -67,7 +67,9 @@ class View:
         assert self.buffer.values is not None
         step = self.buffer.values.itemsize
         table = as_strided(self.buffer.values[self.offset :], self.shape, tuple(step * s for s in self.strides))
-        return table.astype({"float": np.float64, "int": np.int64, "bool": np.bool_}[self.kind])
+        if self.kind == "int":  # exporters write the greatest 64-bit number for "to the end", which no double holds
+            return np.clip(table, -(2.0**62), 2.0**62).astype(np.int64)
+        return table.astype(np.bool_ if self.kind == "bool" else np.float64)
 
     def as_kind(self, kind: Kind) -> View:
         """The same numbers under another element type."""
