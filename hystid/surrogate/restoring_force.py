@@ -18,6 +18,10 @@ from hystid.surrogate.program import Program
 
 NETWORK = "surrogate.onnx"  # the file itself travels in the resources of the FMU
 _UNITS = {"x": "m", "v": "m/s", "R": "N"}
+_STATES = ("x", "v")
+_DEPENDENCIES = {
+    "x": ("x",), "v": ("v",), "der(x)": ("v",), "R": _STATES, "a": ("F", *_STATES), OUTSIDE: _STATES,
+}  # fmt: skip
 
 
 def model_code(path: Path) -> ModelCode:
@@ -69,51 +73,39 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
         raise UsageError(
             f"{path}: an oscillator needs a mass above 0 kg, found {kilograms:g}: pass the mass of the moving part"
         )
-    text = functions(program, "network")
-    n_d = len(about.initial_state)
-    turning = about.memory == onnx.TURNING_POINTS
-    sizes = Block(n_p=3 + turning, n_u=1, n_x=2, n_d=n_d, n_y=2, n_w=recorded(n_d) + text.work)
-    step = 1.0 / about.sample_rate
-    start = {sizes.p: kilograms} | {sizes.d + i: value for i, value in enumerate(about.initial_state) if value}
-    c_text = "\n".join(
-        [
-            "/* Mass on an identified restoring force: m a = F - R(x, v, memory). */",
-            block.INCLUDES,
-            sizes.defines(),
-            block.text_of(text),
-            OscillatorText(program, n_d, turning, force_slots(about), about.training_range).text(),
-            sizes.model(
-                "oscillator",
-                step,
-                start,
-                ["parameters", "initialise", "evaluate", "completed_step", "forward", "adjoint"],
-            ),
-        ]
-    )
-    states = ("x", "v")
+    sizes, c_text = _oscillator_text(program, about, kilograms)
     return block.signed(
         ModelCode(
             name="oscillator",
             description="Mass on the restoring force of an identified structure with memory: m a = F - R",
-            variables=_variables(sizes, kilograms, turning),
+            variables=_variables(sizes, kilograms, about.memory == onnx.TURNING_POINTS),
             sources={"model.c": c_text},
-            states=states,
+            states=_STATES,
             n_values=sizes.size,
-            dependencies={
-                "x": ("x",),
-                "v": ("v",),
-                "der(x)": ("v",),
-                "R": states,
-                "a": ("F", *states),
-                OUTSIDE: states,
-            },
+            dependencies=_DEPENDENCIES,
             has_forward=True,
             has_adjoint=True,
             has_memory=True,
-            experiment=Experiment(step=step, stop=1.0),
+            experiment=Experiment(step=1.0 / about.sample_rate, stop=1.0),
             resources={NETWORK: Path(path).read_bytes()},
         )
     )
+
+
+def _oscillator_text(program: Program, about: onnx.StepDescription, mass: float) -> tuple[Block, str]:
+    text, n_d, turning = functions(program, "network"), len(about.initial_state), about.memory == onnx.TURNING_POINTS
+    sizes = Block(n_p=3 + turning, n_u=1, n_x=2, n_d=n_d, n_y=2, n_w=recorded(n_d) + text.work)
+    start = {sizes.p: mass} | {sizes.d + i: value for i, value in enumerate(about.initial_state) if value}
+    members = ("parameters", "initialise", "evaluate", "completed_step", "forward", "adjoint")
+    parts = (
+        "/* Mass on an identified restoring force: m a = F - R(x, v, memory). */",
+        block.INCLUDES,
+        sizes.defines(),
+        block.text_of(text),
+        OscillatorText(program, n_d, turning, force_slots(about), about.training_range).text(),
+        sizes.model("oscillator", 1.0 / about.sample_rate, start, members),
+    )
+    return sizes, "\n".join(parts)
 
 
 def _read(path: Path) -> tuple[Program, onnx.StepDescription]:
