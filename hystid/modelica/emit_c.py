@@ -200,15 +200,26 @@ class Emitter:
             lines += [f"{self.slot(s.flag)} = 0;", self._first_tick(s.start, s.interval, s.flag)]
         lines += [f"{self.slot(warned(k))} = 0;" for k in range(len(self.model.assertions))]
         body = self.steps(self.model.initialisation)
-        if self.model.relations:
-            lines += [f"for (int pass = 0; pass < {_START_PASSES}; pass++) {{", "    int changed = 0;"]
-            lines += [*indented(body), *indented(self._renew_relations("changed")), "    if (!changed) break;", "}"]
-        lines += body
+        lines += self._until_settled(body) if self.model.relations else body
         count, d, before = self.layout.count("d"), self.layout.first("d"), self.layout.first("pre")
         if count:
             lines.append(f"for (int i = 0; i < {count}; i++) v[{before} + i] = v[{d} + i]; /* pre := d */")
         lines.append(f"{self.slot(INITIAL)} = 0;")
         return self.function("int", "initialise", "hy_data *m", lines)
+
+    def _until_settled(self, body: list[str]) -> list[str]:
+        text = quoted("the modes at the start do not settle: relations switch each other back and forth")
+        return [
+            "for (int pass = 0;; pass++) {",
+            "    int changed = 0;",
+            *indented([*body, *self._renew_relations("changed")]),
+            "    if (!changed) break;",
+            f"    if (pass == {_START_PASSES}) {{",
+            f"        m->log(m->owner, HY_FAILURE, {text});",
+            "        return HY_ERROR;",
+            "    }",
+            "}",
+        ]
 
     def _first_tick(self, start: Expr, interval: Expr, flag: str) -> str:
         ratio = self.printer.value(op("/", op("-", Ref("time"), start), interval))
