@@ -174,6 +174,36 @@ def test_unknown_operators_are_named(tmp_path: Path) -> None:
     assert "com.example.Odd" in refused(proto, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "sentence"),
+    [
+        ("training_range", '{"x": 5}', "'training_range' must give a list of finite numbers for 'x'"),
+        ("training_range", '{"x": [0, 1, 2]}', "'training_range' must give 2 numbers for 'x'"),
+        ("initial_state", '{"s": ["a"]}', "'initial_state' must give a list of finite numbers for 's'"),
+        ("initial_state", "[1, 2]", "initial_state of 's' has 2 numbers, not 1"),
+    ],
+)
+def test_wrong_metadata_are_named(tmp_path: Path, key: str, value: str, sentence: str) -> None:
+    nodes = [helper.make_node("Add", ["x", "s"], ["s_next"]), helper.make_node("Neg", ["s_next"], ["y"])]
+    proto = make_model(nodes, {"x": (1,), "s": (1,)}, ["y", "s_next"])
+    helper.set_model_props(proto, {key: value})
+    assert sentence in refused(proto, tmp_path)
+
+
+def test_metadata_of_other_makes_do_not_disturb(tmp_path: Path) -> None:
+    proto = make_model([helper.make_node("Neg", ["x"], ["y"])], {"x": (1,)}, ["y"])
+    foreign = {
+        "names": "Ada",
+        "units": "[1]",
+        "training_range": "unknown",
+        "initial_state": "cold",
+        "sample_rate": "fast",
+    }
+    helper.set_model_props(proto, foreign)
+    (tmp_path / "net.onnx").write_bytes(proto.SerializeToString())
+    assert [v.name for v in network_code(tmp_path / "net.onnx").variables] == ["x", "y"]
+
+
 def test_control_flow_is_refused(tmp_path: Path) -> None:
     branch = helper.make_graph(
         [helper.make_node("Neg", ["x"], ["z"])], "b", [], [helper.make_tensor_value_info("z", 11, [1])]

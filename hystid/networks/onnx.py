@@ -235,7 +235,10 @@ def read(path: Path) -> tuple[ModelProto, StepDescription]:
     initial = _numbers(path, given, "initial_state")
     for name, (kind, info) in ports.items():
         _check_port(path, kind, name, info, len(initial) if name.startswith("state") else 1)
-    layout = json.loads(given.get("state_layout", "null")) or [f"state[{i + 1}]" for i in range(len(initial))]
+    names = [f"state[{i + 1}]" for i in range(len(initial))]
+    layout = _entry(path, given, "state_layout") if "state_layout" in given else names
+    if not isinstance(layout, list):
+        raise NetworkError(f"{path}: the metadata entry 'state_layout' must be a list of names")
     if len(layout) != len(initial):
         raise NetworkError(f"{path}: state_layout names {len(layout)} elements, initial_state has {len(initial)}")
     description = StepDescription(
@@ -326,7 +329,9 @@ def _number(path: Path, given: Mapping[str, str], key: str, least: float) -> flo
 
 def _numbers(path: Path, given: Mapping[str, str], key: str) -> tuple[float, ...]:
     values = _entry(path, given, key)
-    if not isinstance(values, list) or not all(isinstance(value, int | float) for value in values):
+    if not isinstance(values, list) or not all(
+        isinstance(value, int | float) and abs(value) < math.inf for value in values
+    ):
         raise NetworkError(f"{path}: the metadata entry '{key}' must be a list of numbers, found {str(values)[:60]}")
     if not values:
         raise NetworkError(f"{path}: the metadata entry '{key}' must hold at least one number")
@@ -341,6 +346,11 @@ def _ranges(path: Path, given: Mapping[str, str]) -> dict[str, tuple[float, floa
         raise NetworkError(
             f"{path}: the metadata entry 'training_range' must hold [least, greatest] per signal"
         ) from error
+    wrong = [name for name, (low, high) in pairs.items() if not -math.inf < low <= high < math.inf]
+    if wrong:
+        raise NetworkError(
+            f"{path}: the metadata entry 'training_range' of {wrong[0]} must be two numbers, least first"
+        )
     missing = {"x", "v"} - set(pairs)
     if missing:
         raise NetworkError(f"{path}: the metadata entry 'training_range' lacks {min(missing)}")

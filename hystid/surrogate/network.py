@@ -111,26 +111,43 @@ def _inputs(variables: Sequence[Variable]) -> tuple[str, ...]:
 def _interface(program: Program, given: Mapping[str, str], memory: Mapping[str, str] | None) -> Interface:
     pairs = dict(memory) if memory is not None else memory_pairs(program)
     _check_pairs(program, pairs)
-    initial = _json(given, "initial_state", {})
-    if isinstance(initial, list):
-        initial = {next(iter(pairs)): initial} if len(pairs) == 1 else {}
-    rate = _json(given, "sample_rate", None)
+    initial = _json(given, "initial_state")
+    if isinstance(initial, list) and len(pairs) == 1:
+        initial = {next(iter(pairs)): initial}
+    rate = _json(given, "sample_rate")
+    ranges = {key: _finite("training_range", key, value, 2) for key, value in _mapping(_json(given, "training_range"))}
     return Interface(
         pairs,
-        {key: [float(v) for v in values] for key, values in initial.items()},
-        _json(given, "names", {}),
-        _json(given, "units", {}),
-        {key: (float(low), float(high)) for key, (low, high) in _json(given, "training_range", {}).items()},
-        float(rate) if isinstance(rate, int | float) and rate > 0 else None,
+        {key: _finite("initial_state", key, value) for key, value in _mapping(initial)},
+        {
+            key: [str(name) for name in value]
+            for key, value in _mapping(_json(given, "names"))
+            if isinstance(value, list)
+        },
+        {key: str(value) for key, value in _mapping(_json(given, "units"))},
+        {key: (low, high) for key, (low, high) in ranges.items()},
+        float(rate) if isinstance(rate, int | float) and 0 < rate < np.inf else None,
     )
 
 
-def _json(given: Mapping[str, str], key: str, default: Any) -> Any:
+def _json(given: Mapping[str, str], key: str) -> Any:
     try:
-        value = json.loads(given[key])
+        return json.loads(given[key])
     except (KeyError, ValueError):  # a foreign file may use the same key for something else
-        return default
-    return value if default is None or isinstance(value, dict | list) else default
+        return None
+
+
+def _mapping(value: Any) -> list[tuple[str, Any]]:
+    return [(str(key), item) for key, item in value.items()] if isinstance(value, dict) else []
+
+
+def _finite(entry: str, port: str, values: Any, count: int | None = None) -> list[float]:
+    numbers = values if isinstance(values, list) else []
+    if not numbers or not all(isinstance(v, int | float) and abs(v) < np.inf for v in numbers):
+        raise NetworkError(f"the metadata entry '{entry}' must give a list of finite numbers for '{readable(port)}'")
+    if count is not None and len(numbers) != count:
+        raise NetworkError(f"the metadata entry '{entry}' must give {count} numbers for '{readable(port)}'")
+    return [float(v) for v in numbers]
 
 
 def memory_pairs(program: Program) -> dict[str, str]:
