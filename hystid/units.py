@@ -110,6 +110,15 @@ def exponents(unit: str) -> tuple[float, float, dict[str, int]]:
     return known.factor, known.offset, {base: known.exponents.get(base, 0) for base in BASES}
 
 
+def is_modelica(unit: str) -> bool:
+    """Whether a unit string is in Modelica's grammar with the symbols known here, so that its meaning is certain."""
+    try:
+        _product(unit.strip())
+    except _NotSi:
+        return unit.strip() in ("", "degC")
+    return True
+
+
 def to_si(unit: str, quantity: str) -> tuple[float, float]:
     """(factor, offset) from ``unit`` to the SI unit ``quantity`` ("m", "N", "m/s2", ...).
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 
-from hystid.errors import ModelicaError, UsageError
+from hystid.errors import ModelicaError
 from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text
 from hystid.modelica.flat import FlatModel, Place
-from hystid.units import BASES, exponents
+from hystid.units import BASES, exponents, is_modelica
 
 _ANGLE = BASES.index("rad")
 
@@ -112,22 +112,21 @@ class _Checker:
         return rule(e, known) if rule else None
 
     def _of_variable(self, name: str) -> Dimension | None:
-        if name not in self.units:
-            return None
-        unit, place = self.units[name]
-        try:
-            return _dimension(unit)
-        except UsageError as error:
-            raise ModelicaError(f"{place}: the unit of '{name}' is not understood: {error}") from None
+        return _dimension(self.units[name][0]) if name in self.units else None
 
 
 @lru_cache(maxsize=1024)
-def _dimension(unit: str) -> Dimension:
+def _dimension(unit: str) -> Dimension | None:
+    """None for a unit outside Modelica's grammar, whose meaning would be a guess."""
+    if not is_modelica(unit):
+        return None
     factor, _, powers = exponents(unit)
     found = [Fraction(powers.get(name, 0)) for name in BASES]
     found[_ANGLE] = Fraction(0)
     return Dimension(factor, tuple(found))
 
+
+_SECOND = Dimension(1.0, tuple(Fraction(name == "s") for name in BASES))
 
 _Known = list[Dimension | None]
 
@@ -154,7 +153,7 @@ def _root(e: Op, known: _Known) -> Dimension | None:
 
 
 def _rate(e: Op, known: _Known) -> Dimension | None:
-    return known[0].times(_dimension("s"), -1) if known[0] else None
+    return known[0].times(_SECOND, -1) if known[0] else None
 
 
 def _like_first(e: Op, known: _Known) -> Dimension | None:
