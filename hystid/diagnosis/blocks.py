@@ -56,7 +56,7 @@ class Effect:
     """One form of one candidate effect.
 
     id: snake case, form: "" or what follows the double underscore. amplitudes: names in which f is linear. shapes: the
-    other continuous parameters. choices: integer parameters and their values. remembers: has inner states.
+    other continuous parameters. choices: integer parameters and their values. lowest: least values that the block allows. remembers: has inner states.
     """
 
     id: str
@@ -67,6 +67,7 @@ class Effect:
     shapes: tuple[Variable, ...] = ()
     choices: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    lowest: Mapping[str, float] = field(default_factory=dict)
     remembers: bool = False
     uses_h: bool = False
 
@@ -114,7 +115,8 @@ def effect_of(class_name: str, code: ModelCode) -> Effect:
     return Effect(
         ident, form, class_name, bare.model, linear,
         tuple(variable for variable in reals if variable.name not in linear), choices,
-        {variable.name: variable.unit for variable in parameters}, bool(code.states), _reads_h(bare, linear),
+        {variable.name: variable.unit for variable in parameters},
+        {variable.name: float(variable.min) for variable in reals if variable.min is not None}, bool(code.states), _reads_h(bare, linear),
     )  # fmt: skip
 
 

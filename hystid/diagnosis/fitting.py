@@ -250,7 +250,8 @@ class Problem:
             if "m" not in base.free and not any(term.effect.id == ADDED_MASS for term in hypothesis.terms):
                 found.append(Unknown(("chain", "weighing"), low=-WEIGHING_LIMIT, high=WEIGHING_LIMIT, linear=True))
         for i, term in enumerate(hypothesis.terms):
-            found += [Unknown((str(i), name), linear=True) for name in term.effect.amplitudes]
+            lowest = term.effect.lowest
+            found += [Unknown((str(i), n), low=lowest.get(n, -np.inf), linear=True) for n in term.effect.amplitudes]
             for shape in term.effect.shapes:
                 low, high = shape_bounds(shape, self.scales)
                 found.append(Unknown((str(i), shape.name), low > 0, low, high))

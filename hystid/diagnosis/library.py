@@ -9,6 +9,7 @@ import hashlib
 import pickle
 import re
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 
@@ -59,7 +60,8 @@ def _effect(name: str) -> Effect:
     if place.exists():
         kept: tuple[Effect, ModelCode] = pickle.loads(place.read_bytes())
         bare, code = kept
-        return _with_model(bare, code)
+        if set(vars(bare)) == {item.name for item in fields(Effect)}:  # written by this version of the class
+            return _with_model(bare, code)
     code = compile_model(name)
     made = effect_of(name, code)
     with atomic(place) as beside:
@@ -68,10 +70,7 @@ def _effect(name: str) -> Effect:
 
 
 def _with_model(effect: Effect, code: ModelCode | None) -> Effect:
-    return Effect(
-        effect.id, effect.form, effect.class_name, CompiledModel(code) if code else None, effect.amplitudes,
-        effect.shapes, dict(effect.choices), dict(effect.units), effect.remembers, effect.uses_h,
-    )  # fmt: skip
+    return replace(effect, model=CompiledModel(code) if code else None)
 
 
 def _digest(name: str) -> str:

@@ -8,6 +8,7 @@ from scipy.special import binom
 
 Array = NDArray[np.float64]
 _DIFFERENCES = 6
+_RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
 _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from rounding in a text file
 
@@ -22,7 +23,16 @@ def noise_level(channel: Array) -> float:
     floor = _RESOLUTION * float(np.std(channel))
     if len(channel) < 64:
         return max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0))
-    return max(floor, min(_by_differences(channel), _by_spectrum(channel)))
+    return max(floor, _by_steps(channel), min(_by_differences(channel), _by_spectrum(channel)))
+
+
+def _by_steps(channel: Array) -> float:
+    """Error of a channel that rests between steps (coarse resolution, slow display); 0 where it does not."""
+    change = np.diff(channel)
+    resting = change == 0.0
+    if np.mean(resting) < _RESTING or np.all(resting):
+        return 0.0
+    return float(np.sqrt(np.mean(change[~resting] ** 2) / 3.0))
 
 
 def _by_differences(channel: Array) -> float:

@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 _ROWS = 16_000  # rows of the least squares problems; more are averaged in blocks
 _MODEL_ERROR = 5e-4  # share of a channel below which differences are not worth a name (integration, interpolation)
 DRAWS = 3
+_SAME = 0.02  # difference, over the size of a channel, below which it was computed from another one
 _JUMP = 4.0  # mean square movement of a row, noise units, beyond which it is weighed down
 # Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -85,7 +86,18 @@ def measured_motion(recording: Recording) -> dict[str, Array]:
         values = getattr(recording, name)
         if values is not None and recording.origin.get(name, "measured").startswith("measured"):
             found[name] = np.asarray(values, dtype=float)
-    return found
+    return {name: values for name, values in found.items() if not _computed(name, found, recording.dt)}
+
+
+def _computed(name: str, channels: Mapping[str, Array], dt: float) -> bool:
+    """Whether a channel is a difference quotient of another one in the file: then it is no measurement."""
+    lower = {"v": "x", "a": "v"}.get(name)
+    if lower not in channels:
+        return False
+    slope = np.diff(channels[lower]) / dt
+    size = float(np.std(channels[name]))
+    quotients = (slope - channels[name][1:], slope - channels[name][:-1], 0.5 * (slope[1:] + slope[:-1]) - channels[name][1:-1])
+    return min(float(np.std(rest)) for rest in quotients) < _SAME * size
 
 
 def _without_stops(

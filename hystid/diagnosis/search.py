@@ -86,14 +86,15 @@ def _points(
         if not all(np.all(np.abs(column) < 1e100) for per_part in raw for column in per_part):
             continue
         columns = [problem.reduce([per_part[k] for per_part in raw]) for k in range(len(effect.amplitudes))]
-        made = _score(np.stack(columns, axis=1), outside, fitted.residual) if columns else None
+        allowed = np.array([effect.lowest.get(name, -np.inf) for name in effect.amplitudes])
+        made = _score(np.stack(columns, axis=1), outside, fitted.residual, allowed) if columns else None
         if made is not None:
             values = {**shapes, **dict(zip(effect.amplitudes, map(float, made[2]), strict=True))}
             points.append(Candidate(Term(effect, values), made[0], made[1]))
     return sorted(points, key=lambda point: -point.gain)
 
 
-def _score(columns: Array, outside: Complement, residual: Array) -> tuple[float, float, Array] | None:
+def _score(columns: Array, outside: Complement, residual: Array, lowest: Array) -> tuple[float, float, Array] | None:
     """Gain, absorbed share and amplitudes of a group of columns; None for columns that vanish or are not finite."""
     norms = np.linalg.norm(columns, axis=0)
     if not np.any(norms > 0):
@@ -105,6 +106,15 @@ def _score(columns: Array, outside: Complement, residual: Array) -> tuple[float,
     normal[np.diag_indices_from(normal)] += 1e-9
     right = rest.T @ residual
     amplitude = np.linalg.solve(normal, right)
+    refused = amplitude < np.where(norms > 0, lowest, -np.inf)
+    if np.all(refused):
+        return None
+    if np.any(refused):  # what the block does not allow stays at zero, the others are solved anew
+        kept = np.flatnonzero(~refused)
+        amplitude = np.zeros_like(amplitude)
+        amplitude[kept] = np.linalg.solve(normal[np.ix_(kept, kept)], right[kept])
+        if np.any(amplitude < lowest):
+            return None
     return float(right @ amplitude), float(1.0 - np.max(left)), amplitude / np.where(norms > 0, norms, np.inf)
 
 

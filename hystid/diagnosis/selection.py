@@ -20,6 +20,7 @@ EXPLAINED = 0.93  # share of the excess that a right law explains
 PAIR_SHARE = 0.045  # share of the excess that each of several effects must cost when it is taken away
 _CLEAR_MASS, _SURE = 0.02, 8.0  # share of the mass, and its multiple of the standard error
 _PAIR_LEFT = 0.05  # share of the excess that several right effects may leave
+_FAR, _MOST, _MUCH = 30.0, 0.72, 0.4  # excess in floors, share of the first effect, share of the rest of the second
 _FORM = 0.045  # share of the excess that another form of the right law leaves; more may be a second effect
 MAINS = (50.0, 60.0)  # Hz
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
@@ -108,6 +109,9 @@ def choose(
         return _named(problem, baseline, floor, several, first, untestable)
     if alone:
         return _named(problem, baseline, floor, [chosen], first, untestable)
+    rough = _rough(problem, baseline, floor, first, library, chosen)
+    if rough:
+        return _named(problem, baseline, floor, rough, first, untestable)
     return Choice(baseline, baseline, floor, floor, unknown=True, trials=tuple(first), untestable=untestable)
 
 
@@ -211,7 +215,7 @@ def _added_mass(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Tri
 def _single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float) -> Step:
     """The simplest of the trials that are as good as the best; the best is restarted first if something is left."""
     best = found[0]
-    tie = _TIE[0] + _TIE[1] * excess
+    tie = _tie(best, excess)
     simple = best
     for trial in sorted(found, key=lambda t: (t.size, t.chi2)):
         if trial.chi2 - best.chi2 < tie * max(1, best.size - trial.size):
@@ -221,6 +225,11 @@ def _single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float
     other = next((t.chi2 for t in found if t.name != simple.name and t.name not in tied), before.chi2)
     margin = (other - simple.chi2) / max(excess, 1e-9)
     return Step(simple, tied, float(margin))
+
+
+def _tie(best: Trial, excess: float) -> float:
+    """Difference of mean squares that does not part two hypotheses: of the form, and of what is left anyway."""
+    return _TIE[0] + _TIE[1] * min(excess, 10.0) + 0.05 * max(0.0, best.chi2 - 1.2)
 
 
 def sound(problem: Problem) -> float:
@@ -253,14 +262,28 @@ def _several(
     if not reached:
         return None
     best = min(line[-1].chi2 for line in reached)
-    tied = [line for line in reached if line[-1].chi2 - best < _TIE[0] + _TIE[1] * excess]
+    tied = [line for line in reached if line[-1].chi2 - best < _tie(line[-1], excess)]
     simplest = min(tied, key=lambda line: sum(trial.size for trial in line))
     return [Step(trial, (), 0.0) for trial in simplest]
 
 
+def _rough(
+    problem: Problem, before: Fit, floor: float, first: Sequence[Trial], library: Sequence[Effect], chosen: Step
+) -> list[Step]:
+    """Names for real structures, whose laws no catalogue meets to the noise: where the mismatch is far above the noise
+    and one effect takes most of it, it is named, and a second one where it takes much of the rest. Empty otherwise."""
+    excess = before.chi2 - floor
+    if excess < _FAR * floor or before.chi2 - chosen.trial.chi2 < _MOST * excess:
+        return []
+    line = _grow(problem, [chosen.trial], library, chosen.trial.chi2 - floor)
+    if len(line) < 2 or line[-1].chi2 > (1 - _MUCH) * chosen.trial.chi2:
+        return [chosen]
+    return [chosen, Step(line[-1], (), 0.0)]
+
+
 def _promising(line: Sequence[Trial], before: Fit) -> bool:
     """A third effect is looked for only where two explain most of the mean square."""
-    return line[-1].chi2 - 1.0 < 0.3 * (before.chi2 - 1.0)
+    return before.chi2 < _FAR and line[-1].chi2 - 1.0 < 0.3 * (before.chi2 - 1.0)
 
 
 def _grow(problem: Problem, line: Sequence[Trial], library: Sequence[Effect], excess: float) -> list[Trial]:

@@ -1,8 +1,8 @@
 within HystId.Effects;
 block AsymmetricFriction "Dry friction of different level in the two directions"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real F_forward(unit="N") = 0 "Friction force at positive velocity";
-  parameter Real F_backward(unit="N") = 0 "Friction force at negative velocity";
+  parameter Real F_forward(unit="N", min = 0) = 0 "Friction force at positive velocity";
+  parameter Real F_backward(unit="N", min = 0) = 0 "Friction force at negative velocity";
   parameter Real v_s(unit="m/s", min = 0) = 0.001 "Speed over which the friction force changes sign";
 protected
   Real s(unit = "1") "Smoothed sign of the velocity";

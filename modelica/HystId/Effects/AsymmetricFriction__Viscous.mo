@@ -1,8 +1,8 @@
 within HystId.Effects;
 block AsymmetricFriction__Viscous "Friction with different levels and slopes in the two directions"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real F_forward(unit="N") = 0 "Friction force at positive velocity";
-  parameter Real F_backward(unit="N") = 0 "Friction force at negative velocity";
+  parameter Real F_forward(unit="N", min = 0) = 0 "Friction force at positive velocity";
+  parameter Real F_backward(unit="N", min = 0) = 0 "Friction force at negative velocity";
   parameter Real B_difference(unit="N.s/m") = 0 "Viscous slope at positive velocity minus slope at negative velocity";
   parameter Real v_s(unit="m/s", min = 0) = 0.001 "Speed over which the friction force changes sign";
 protected

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block Backlash "Free play: a spring of the baseline is missing inside a gap"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real k(unit="N/m") = 0 "Stiffness that is missing inside the gap";
+  parameter Real k(unit="N/m", min = 0) = 0 "Stiffness that is missing inside the gap";
   parameter Real gap(unit="m", min = 0) = 0.001 "Displacement at which contact changes";
 equation
   f = -k*noEvent(if x > gap then gap else if x < -gap then -gap else x);

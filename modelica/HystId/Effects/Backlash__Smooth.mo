@@ -1,7 +1,7 @@
 within HystId.Effects;
 block Backlash__Smooth "Free play with rounded corners"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real k(unit="N/m") = 0 "Stiffness that is missing inside the gap";
+  parameter Real k(unit="N/m", min = 0) = 0 "Stiffness that is missing inside the gap";
   parameter Real gap(unit="m", min = 0) = 0.001 "Displacement at which contact changes";
 equation
   f = -k*gap*tanh(x/gap);

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block CoulombFriction "Dry friction"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real Fc(unit="N") = 0 "Friction force";
+  parameter Real Fc(unit="N", min = 0) = 0 "Friction force";
   parameter Real v_s(unit="m/s", min = 0) = 0.001 "Speed over which the friction force changes sign";
 equation
   f = Fc*tanh(v/v_s);

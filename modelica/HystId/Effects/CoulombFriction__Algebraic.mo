@@ -1,7 +1,7 @@
 within HystId.Effects;
 block CoulombFriction__Algebraic "Dry friction with slow approach to the full force"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real Fc(unit="N") = 0 "Friction force";
+  parameter Real Fc(unit="N", min = 0) = 0 "Friction force";
   parameter Real v_s(unit="m/s", min = 0) = 0.001 "Speed over which the friction force changes sign";
 equation
   f = Fc*v/sqrt(v^2 + v_s^2);

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block HiddenMode "A second mass on a spring and a dashpot"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real m2(unit="kg") = 0 "Hidden mass";
+  parameter Real m2(unit="kg", min = 0) = 0 "Hidden mass";
   parameter Real f2(unit="Hz", min = 0) = 10 "Natural frequency of the hidden mass on its spring";
   parameter Real zeta(unit="1", min = 0.002, max = 1.5) = 0.05 "Damping ratio of the hidden mass";
 protected

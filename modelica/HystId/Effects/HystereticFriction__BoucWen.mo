@@ -1,7 +1,7 @@
 within HystId.Effects;
 block HystereticFriction__BoucWen "Rate-independent hysteresis with free sharpness and shape"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real Fc(unit="N") = 0 "Full friction force";
+  parameter Real Fc(unit="N", min = 0) = 0 "Full friction force";
   parameter Real x_c(unit="m", min = 0) = 0.0001 "Displacement over which friction builds up";
   parameter Real n(unit="1", min = 0.6, max = 6) = 2 "Sharpness of the knee";
   parameter Real gamma(unit="1", min = 0, max = 1.5) = 0.5 "Share of the loading branch that softens; above 0.5 slim, below 0.5 hardening loops";

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block HystereticFriction__Elastoplastic "Dry friction behind a spring: linear rise, then slip"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real Fc(unit="N") = 0 "Full friction force";
+  parameter Real Fc(unit="N", min = 0) = 0 "Full friction force";
   parameter Real x_c(unit="m", min = 0) = 0.0001 "Displacement over which friction builds up";
 protected
   Real w(unit = "1", start = 0, fixed = true) "Friction force relative to its full value";

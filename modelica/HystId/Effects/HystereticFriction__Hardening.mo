@@ -1,7 +1,7 @@
 within HystId.Effects;
 block HystereticFriction__Hardening "Rate-independent hysteresis without a plateau: the loop stiffens while loading"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real k(unit="N/m") = 0 "Stiffness at reversal";
+  parameter Real k(unit="N/m", min = 0) = 0 "Stiffness at reversal";
   parameter Real x_c(unit="m", min = 0) = 0.0001 "Displacement over which friction builds up";
   parameter Real ratio(unit="1", min = 0.2, max = 5) = 1.2 "Softening on unloading relative to hardening on loading";
 protected

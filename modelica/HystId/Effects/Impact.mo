@@ -1,8 +1,8 @@
 within HystId.Effects;
 block Impact "Hunt-Crossley contact with loss beyond a gap"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real k(unit="N/m") = 0 "Secant stiffness at a penetration of d_ref";
-  parameter Real c(unit="N.s/m2") = 0 "Secant damping at a penetration of d_ref";
+  parameter Real k(unit="N/m", min = 0) = 0 "Secant stiffness at a penetration of d_ref";
+  parameter Real c(unit="N.s/m2", min = 0) = 0 "Secant damping at a penetration of d_ref";
   parameter Real gap(unit="m", min = 0) = 0.001 "Displacement at which contact changes";
   parameter Integer side(min = -1, max = 1) = 1 "1: acts at large positive x, -1: at large negative x, 0: at both";
 protected

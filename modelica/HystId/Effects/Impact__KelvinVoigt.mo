@@ -1,8 +1,8 @@
 within HystId.Effects;
 block Impact__KelvinVoigt "Spring and dashpot that act together beyond a gap"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real k(unit="N/m") = 0 "Contact stiffness";
-  parameter Real c(unit="N.s/m") = 0 "Contact damping";
+  parameter Real k(unit="N/m", min = 0) = 0 "Contact stiffness";
+  parameter Real c(unit="N.s/m", min = 0) = 0 "Contact damping";
   parameter Real gap(unit="m", min = 0) = 0.001 "Displacement at which contact changes";
   parameter Integer side(min = -1, max = 1) = 1 "1: acts at large positive x, -1: at large negative x, 0: at both";
 equation

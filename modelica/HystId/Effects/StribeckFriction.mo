@@ -1,8 +1,8 @@
 within HystId.Effects;
 block StribeckFriction "Dry friction that falls with speed"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real Fc(unit="N") = 0 "Friction force at high speed";
-  parameter Real Fd(unit="N") = 0 "Additional force at low speed";
+  parameter Real Fc(unit="N", min = 0) = 0 "Friction force at high speed";
+  parameter Real Fd(unit="N", min = 0) = 0 "Additional force at low speed";
   parameter Real v_d(unit="m/s", min = 0) = 0.01 "Speed at which the additional force has fallen to 1/e";
   parameter Real v_s(unit="m/s", min = 0) = 0.001 "Speed over which the friction force changes sign";
 protected

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block TwoSidedStop "Two stops: extra stiffness beyond a gap on both sides"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real k(unit="N/m") = 0 "Stiffness added beyond the gap";
+  parameter Real k(unit="N/m", min = 0) = 0 "Stiffness added beyond the gap";
   parameter Real gap(unit="m", min = 0) = 0.001 "Displacement at which contact changes";
 protected
   Real d(unit = "m") "Displacement beyond the gap, signed";

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block TwoSidedStop__Hertz "Two stops with curved surfaces (power 3/2)"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real k(unit="N/m") = 0 "Secant stiffness at a penetration of d_ref";
+  parameter Real k(unit="N/m", min = 0) = 0 "Secant stiffness at a penetration of d_ref";
   parameter Real gap(unit="m", min = 0) = 0.001 "Displacement at which contact changes";
 protected
   constant Real d_ref(unit = "m") = 1e-3 "Penetration that the stiffness refers to";

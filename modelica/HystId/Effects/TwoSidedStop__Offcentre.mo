@@ -1,7 +1,7 @@
 within HystId.Effects;
 block TwoSidedStop__Offcentre "Two stops with different gaps"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real k(unit="N/m") = 0 "Stiffness added beyond the gaps";
+  parameter Real k(unit="N/m", min = 0) = 0 "Stiffness added beyond the gaps";
   parameter Real gap(unit="m", min = 0) = 0.001 "Displacement at which contact changes";
   parameter Real gap_minus(unit="m", min = 0) = 0.001 "Gap on the negative side";
 protected

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block ViscoelasticRelaxation "Spring behind a dashpot (Maxwell branch)"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real k(unit="N/m") = 0 "Stiffness of the branch";
+  parameter Real k(unit="N/m", min = 0) = 0 "Stiffness of the branch";
   parameter Real tau(unit="s", min = 0) = 0.1 "Relaxation time";
 protected
   Real z(unit = "m", start = 0, fixed = true) "Elongation of the spring";

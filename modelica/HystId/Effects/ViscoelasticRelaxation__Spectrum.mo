@@ -1,7 +1,7 @@
 within HystId.Effects;
 block ViscoelasticRelaxation__Spectrum "Three Maxwell branches a factor of five apart"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real k(unit="N/m") = 0 "Stiffness of each branch";
+  parameter Real k(unit="N/m", min = 0) = 0 "Stiffness of each branch";
   parameter Real tau(unit="s", min = 0) = 0.1 "Middle relaxation time";
 protected
   Real z1(unit = "m", start = 0, fixed = true) "Elongation of spring 1";
