@@ -274,6 +274,24 @@ def test_fmpy_solves_model_exchange_with_events(version):
     assert rows["count"][-1] == 1
 
 
+@pytest.mark.parametrize("make", [bouncing, sampled, contact])
+def test_fmpy_handles_events_itself_where_it_wants_to(make):
+    """FMI 3 co-simulation with event mode and early return ends where the steps that handle their own events end."""
+    ends = [
+        fmpy.simulate_fmu(
+            str(built(make, 3)),
+            fmi_type="CoSimulation",
+            stop_time=1.2,
+            output_interval=0.01,
+            early_return_allowed=own,
+            use_event_mode=own,
+        )[-1]
+        for own in (False, True)
+    ]
+    # the steps are cut at the events in one run and at events and communication points in the other
+    np.testing.assert_allclose(list(ends[0]), list(ends[1]), rtol=1e-6)
+
+
 def test_sampled_memory_by_batch_and_by_steps_agree(tmp_path):
     rng = np.random.default_rng(11)
     x, v = np.cumsum(rng.normal(size=(2, 300)), axis=1)
