@@ -133,6 +133,16 @@ def test_memory_can_be_named_or_denied(tmp_path: Path) -> None:
     with pytest.raises(NetworkError, match="memory 's' -> 'z': there is no such"):
         network_code(path, memory={"s": "z"})
 
+    with pytest.raises(NetworkError, match="two inputs cannot take"):
+        network_code(path, memory={"s": "y", "u": "y"})
+
+
+def test_elements_can_have_names(tmp_path: Path) -> None:
+    proto = make_model([helper.make_node("Neg", ["x"], ["y"])], {"x": (1, 3)}, ["y"])
+    helper.set_model_props(proto, {"names": json.dumps({"x": ["speed", "Speed", "gap width"], "y": ["too few"]})})
+    names = [variable.name for variable in network_code(save(tmp_path, proto)).variables]
+    assert names == ["speed", "Speed_2", "gap_width", "y[1]", "y[2]", "y[3]"]
+
 
 def test_open_axes_take_their_given_length(tmp_path: Path) -> None:
     proto = make_model([helper.make_node("ReduceSum", ["x"], ["y"])], {"x": ("batch", "time", 2)}, ["y"])

@@ -163,6 +163,8 @@ def memory_pairs(program: Program) -> dict[str, str]:
 def _check_pairs(program: Program, pairs: Mapping[str, str]) -> None:
     inputs = {port.name: port.view for port in program.inputs}
     outputs = {port.name: port.view for port in program.outputs}
+    if len(set(pairs.values())) < len(pairs):
+        raise NetworkError("memory: two inputs cannot take their next value from the same output")
     for source, target in pairs.items():
         if source not in inputs or target not in outputs:
             raise NetworkError(f"memory '{source}' -> '{target}': there is no such input or output")
@@ -213,10 +215,11 @@ class _Layout:
         return values
 
 
-def element_names(port: Port, base: str, given: Sequence[str] = ()) -> list[str]:
-    """A name per element of a port: ``base``, ``base[1]`` ..., or the given ones."""
-    if given and len(given) == port.view.size:
-        return [identifier(str(name)) for name in given]
+def element_names(port: Port, names: Names, given: Sequence[str] = ()) -> list[str]:
+    """A name per element of a port: ``x``, or ``x[1]`` ..., or the given ones where there is one for each."""
+    if len(given) == port.view.size:
+        return [names.unique(name) for name in given]
+    base = names.unique(port.name)
     shape = [n for n in port.view.shape if n > 1]
     if not shape:
         return [base]
@@ -230,7 +233,7 @@ def _variables(layout: _Layout, interface: Interface) -> list[Variable]:
 
     def add(ports: Sequence[Port], first: int, **common: Any) -> None:
         for port in ports:
-            labels = element_names(port, names.unique(port.name), interface.names.get(port.name, ()))
+            labels = element_names(port, names, interface.names.get(port.name, ()))
             low, high = interface.training_range.get(port.name, (None, None))
             for i, label in enumerate(labels):
                 found.append(_variable(port, i, label, first + i, interface, common, starts, (low, high)))
