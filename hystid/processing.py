@@ -102,16 +102,23 @@ def derive(
 
 def _with_derivative(recording: Recording, name: str, source: str, high: float | None) -> Recording:
     values = recording.channel(source)
-    measured = recording.origin.get(source, "measured") == "measured"
-    cutoff = _below_nyquist(high if high is not None or not measured else noise_cutoff(values, recording.dt), recording)
-    filtering = cutoff is not None and measured
-    smooth = _filtered(values, cutoff or 0.0, "lowpass", recording.sample_rate, _STEEP) if filtering else values
     how = f"d{source}/dt, central differences of sixth order (one-sided of second order at the three end samples)"
-    if filtering:
-        how += f" after a zero-phase low-pass at {cutoff:.4g} Hz"
-        how += "" if high is not None else ", above which the spectrum is noise"
-    derived = differentiate(smooth, recording.dt)
-    return _with_channel(recording, name, derived, how)
+    if recording.origin.get(source, "measured") == "measured":  # what was derived has been smoothed before
+        cutoff, why = (_below_nyquist(high, recording), "") if high is not None else _own_cutoff(values, recording.dt)
+        if cutoff is not None:
+            values = _filtered(values, cutoff, "lowpass", recording.sample_rate, _STEEP)
+            how += f" after a zero-phase low-pass at {cutoff:.4g} Hz{why}"
+    return _with_channel(recording, name, differentiate(values, recording.dt), how)
+
+
+def _own_cutoff(values: Array, dt: float) -> tuple[float | None, str]:
+    """Limit of the low-pass before a derivative, from the channel itself, and the reason in words."""
+    held = float(np.mean(np.diff(values) == 0))
+    if held > 0.5:  # a staircase: its slope is nothing and then a jump, so several steps go into one period
+        return (1 - held) / (
+            1.5 * dt
+        ) / 4, f", because the channel holds its value in {100 * held:.0f} % of the samples"
+    return noise_cutoff(values, dt), ", above which the spectrum is noise"
 
 
 def _with_integral(recording: Recording, name: str, source: str, low: float | None) -> Recording:

@@ -146,6 +146,16 @@ def test_quasi_static_recordings_have_no_inertia_and_no_band() -> None:
     np.testing.assert_array_equal(prepare(recording).R, recording.F)
 
 
+def test_a_staircase_has_the_reversals_of_its_motion_and_no_more() -> None:
+    t = np.arange(1200) * 0.01
+    motion = np.sin(2 * np.pi * t / 12)
+    steps = np.round(motion / 0.01) * 0.01  # 5 of 6 samples repeat the one before
+    made = derive(Recording("stairs", t, F=motion, x=steps))
+    assert "holds its value" in made.origin["v"]
+    inner = made.v[20:-20]
+    assert np.sum(inner[1:] * inner[:-1] < 0) == 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
