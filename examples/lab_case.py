@@ -87,18 +87,20 @@ def study(out: Path) -> tuple[list[Line], dict[str, Any], list[str]]:
     print("diagnosing ...")
     diagnose(seen, model=BELIEVED, parameters=NOMINAL, holdout=unseen, out=out)
     answer = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
-    oracle = _free_runs(CompiledModel(compile_model(RIG)), unseen)
+    oracle = oracle_errors(unseen)
     learned = {c.recording.name: c.network for c in network.comparisons}
     held = {entry["name"]: entry for entry in answer["fit"]["holdout"]}
     lines = [
-        Line(r.name, held[r.name]["before"], held[r.name]["after"], nrmse(oracle[r.name], r.x), learned[r.name].x_nrmse)
+        Line(r.name, held[r.name]["before"], held[r.name]["after"], oracle[r.name], learned[r.name].x_nrmse)
         for r in unseen
     ]
     return lines, answer, _sentences(unseen, answer, [learned[r.name].force_nrmse for r in unseen])
 
 
-def _free_runs(model: CompiledModel, tests: Sequence[Recording]) -> dict[str, Any]:
-    return {r.name: run_rig(model, r.name, r.channel("F")).x for r in tests}
+def oracle_errors(tests: Sequence[Recording]) -> dict[str, float]:
+    """Free-run NRMSE of x by the rig's own equations with their true parameters, under the measured force."""
+    rig = CompiledModel(compile_model(RIG))
+    return {r.name: nrmse(run_rig(rig, r.name, r.channel("F")).channel("x"), r.channel("x")) for r in tests}
 
 
 def _sentences(unseen: Sequence[Recording], answer: dict[str, Any], forces: Sequence[float]) -> list[str]:

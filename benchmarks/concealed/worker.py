@@ -1,4 +1,4 @@
-"""Diagnose one case in a process of its own: ``python -m benchmarks.concealed.worker CASE OUT [--exclude id,...]``.
+"""Diagnose one case in a process of its own: ``python -m benchmarks.concealed.worker CASE OUT [--exclude id,...] [--limit S]``.
 
 It sees a copy of the case folder and nothing else of the deck. The last line that it prints is a JSON object with the
 processor time of the diagnosis [s], imports left out.
@@ -19,9 +19,11 @@ def main() -> None:
     parser.add_argument("case", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--exclude", default="")
+    parser.add_argument("--limit", type=int, default=600)
     chosen = parser.parse_args()
     from hystid.diagnosis import diagnose
 
+    resource.setrlimit(resource.RLIMIT_CPU, (chosen.limit, chosen.limit + 5))
     handed = json.loads((chosen.case / "case.json").read_text(encoding="utf-8"))
     options = {"exclude": tuple(chosen.exclude.split(","))} if chosen.exclude else {}
     start = time.process_time()
