@@ -107,6 +107,19 @@ def test_divergence_is_a_result(tmp_path: Path) -> None:
     assert np.isinf(result.figures("x_nrmse")[0])
 
 
+@pytest.mark.parametrize("kind", ["white noise", "drift", "alternating"])
+def test_what_is_no_tone_has_no_harmonics(folder: Path, kind: str) -> None:
+    rng, n = np.random.default_rng(0), 3000
+    forces = {
+        "white noise": rng.normal(0, 20, n),
+        "drift": np.linspace(0, 30, n),
+        "alternating": 5.0 * (-1.0) ** np.arange(n),
+    }
+    run = smooth_slider().free_run(forces[kind], DT)
+    record = Recording(kind, DT * np.arange(n), F=forces[kind], x=run["x"], v=run["v"], a=run["a"])
+    assert validate(folder / "surrogate.onnx", [record]).cases[0].levels is None
+
+
 def test_leaving_the_training_range_is_counted(folder: Path) -> None:
     record = recorded(level=150.0)
     case = validate(folder / "surrogate.onnx", [record]).cases[0]

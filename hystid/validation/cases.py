@@ -182,7 +182,7 @@ def _fundamental(record: Recording) -> float | None:
     half = signal[len(signal) // 2 :] - np.mean(signal[len(signal) // 2 :])
     lines = np.abs(np.fft.rfft(half * np.hanning(half.size)))
     line, width = int(np.argmax(lines)), 1 / (half.size * record.dt)
-    if line < 3:
+    if not 3 <= line <= half.size // 2 - 2:  # too slow for the record, or noise at the end of the band
         return None
     from scipy.optimize import minimize_scalar
 
