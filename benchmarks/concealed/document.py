@@ -59,7 +59,7 @@ def failures(grades: Sequence[Grade]) -> str:
     """Every case that is not fully right."""
     lines = ["| case | group | concealed | verdict | named | what is wrong |", "|---|---|---|---|---|---|"]
     for g in grades:
-        wrong = _complaint(g)
+        wrong = complaint(g)
         if wrong:
             row = (
                 g.case,
@@ -73,7 +73,8 @@ def failures(grades: Sequence[Grade]) -> str:
     return "\n".join(lines) if len(lines) > 2 else "None."
 
 
-def _complaint(g: Grade) -> str:
+def complaint(g: Grade) -> str:
+    """What is wrong with an answer, in a few words; empty when nothing is."""
     if g.status != "answered":
         return f"no answer: {g.status}"
     if g.false_alarm:

@@ -301,22 +301,32 @@ def summarise(grades: Sequence[Grade]) -> dict[str, Any]:
     }
 
 
+def compare(folder: Path, cases: int = 0) -> dict[str, Any]:
+    """All rivals on a deck (its first so many cases); writes ``rivals.json`` beside the deck."""
+    found: dict[str, list[Grade]] = {name: [] for name in RIVALS}
+    places = [case for case in sorted(folder.glob("case_*")) if _has_motion(case)][: cases or None]
+    with track("rivals", len(places)) as step:
+        for case in places:
+            for name, graded in judge(case, folder / "sealed").items():
+                found[name].append(graded)
+            step(text=case.name)
+    results = {name: summarise(grades) for name, grades in found.items()}
+    write_json(folder.parent / "rivals.json", results)
+    return results
+
+
+def _has_motion(case: Path) -> bool:
+    handed = json.loads((case / "case.json").read_text(encoding="utf-8"))
+    return set(handed["channels"]) >= {"x", "v", "a", "F"}
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description="Run rivals of the diagnosis on a deck.")
     parser.add_argument("deck", type=Path)
     parser.add_argument("--cases", type=int, default=0, help="only the first so many")
     chosen = parser.parse_args(arguments)
-    cases = sorted(chosen.deck.glob("case_*"))[: chosen.cases or None]
-    found: dict[str, list[Grade]] = {name: [] for name in RIVALS}
-    with track("rivals", len(cases)) as step:
-        for case in cases:
-            for name, graded in judge(case, chosen.deck / "sealed").items():
-                found[name].append(graded)
-            step(text=case.name)
-    results = {name: summarise(grades) for name, grades in found.items()}
-    write_json(chosen.deck.parent / "rivals.json", results)
-    for name, row in results.items():
+    for name, row in compare(chosen.deck, chosen.cases).items():
         print(name, row)
 
 

@@ -1,8 +1,8 @@
 """Score the diagnosis: ``python -m benchmarks.concealed.score [--seed S] [--cases N] [--hard M] -o DIR [--doc]``.
 
 The deck is generated case by case where it is not there yet, every case is diagnosed in a process of its own with one
-thread and a limit of processor time, on a copy of what it may see, and the answer is graded against the sealed truth. Interrupted
-runs go on where they stopped. ``--doc`` writes ``docs/concealed.md``.
+thread and a limit of processor time, on a copy of what it may see, and the answer is graded against the sealed truth.
+Interrupted runs go on where they stopped. ``--doc`` writes ``docs/concealed.md``.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.concealed.deck import HARD, CaseSpec, deck
-from benchmarks.concealed.document import table, write_document
+from benchmarks.concealed.document import complaint, table, write_document
 from benchmarks.concealed.generate import generate
 from benchmarks.concealed.grade import Grade, contract_problems, failed, grade
-from benchmarks.concealed.summary import figures
+from benchmarks.concealed.rivals import compare
+from benchmarks.concealed.summary import ONE, figures
 from hystid.files import write_json
 from hystid.progress import track
 
@@ -47,7 +48,8 @@ def diagnose_case(case: Path, out: Path, limit: float, exclude: Sequence[str] = 
         try:
             done = subprocess.run(
                 [*command, str(seen), str(out.resolve()), *options],
-                cwd=ROOT, env={**os.environ, **alone}, capture_output=True, text=True, timeout=PATIENCE * limit, check=False,
+                cwd=ROOT, env={**os.environ, **alone}, capture_output=True, text=True, check=False,
+                timeout=PATIENCE * limit,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             return _note(out, {"status": f"no end within {PATIENCE * limit:.0f} s"})
@@ -80,18 +82,21 @@ def grade_case(case: Path, out: Path, sealed: Path) -> Grade:
 def score(
     folder: Path, seed: int, specs: Sequence[CaseSpec], *, limit: float, jobs: int = 1, without_truth: bool = False
 ) -> list[Grade]:
-    """Generate, diagnose and grade. without_truth: the concealed ids are taken out of the library first."""
+    """Generate, diagnose and grade. without_truth: single effects only, with their own ids taken out of the library."""
     answers = folder / ("answers_without_truth" if without_truth else "answers")
 
     def one(case: Path) -> Grade:
+        """Diagnose and grade in one thread; the work itself is in the worker's process."""
         sealed = folder / "sealed"
         ids = json.loads((sealed / f"{case.name}.json").read_text(encoding="utf-8"))["ids"] if without_truth else ()
         diagnose_case(case, answers / case.name, limit, ids)
         return grade_case(case, answers / case.name, sealed)
 
     grades: list[Grade] = []
+    groups = ONE if without_truth else {spec.group for spec in specs}
     with track("diagnosing concealed cases", len(specs)) as step, ThreadPoolExecutor(jobs) as pool:
-        for graded in _in_order(pool, one, generate(folder, seed, specs), jobs):
+        made = zip(generate(folder, seed, specs), specs, strict=True)
+        for graded in _in_order(pool, one, (case for case, spec in made if spec.group in groups), jobs):
             grades.append(graded)
             step(text=f"{graded.case} {graded.verdict}")
     return grades
@@ -108,8 +113,7 @@ def _in_order(pool: ThreadPoolExecutor, work: Any, cases: Iterator[Path], ahead:
         yield future.result()
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Command line."""
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description="Score hystid diagnose on concealed physics.")
     parser.add_argument("--seed", type=int, default=int(time.time()), help="default: from the clock")
     parser.add_argument("--cases", type=int, default=153, help="cases at 34 dB")
@@ -118,31 +122,43 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--variant", default="", help="in place of the standard one")
     parser.add_argument("--limit", type=float, default=120.0, help="processor seconds per case")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--without-truth", action="store_true", help="take the concealed ids out of the library")
+    parser.add_argument("--without-truth", action="store_true", help="single effects once more, their ids taken away")
+    parser.add_argument("--rivals", action="store_true", help="other methods on the same deck (needs the extra bench)")
     parser.add_argument("--doc", action="store_true", help="write docs/concealed.md")
     parser.add_argument("-o", dest="folder", type=Path, default=Path("concealed"))
-    chosen = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Command line."""
+    chosen = _parser().parse_args(arguments)
     only, variants = ([part for part in text.split(",") if part] for text in (chosen.only, chosen.variant))
-    print(f"seed {chosen.seed}")
-    folder = chosen.folder / str(chosen.seed)
-    common = {"limit": chosen.limit, "jobs": chosen.jobs, "without_truth": chosen.without_truth}
-    standard = score(folder / "standard", chosen.seed, deck(chosen.seed, chosen.cases, only, variants), **common)
-    hard: list[Grade] = []
-    if chosen.hard:
-        plan = deck(chosen.seed + 1, chosen.hard, only or ("single", "null"), HARD)
-        hard = score(folder / "hard", chosen.seed + 1, plan, **common)
-    name = "results_without_truth.json" if chosen.without_truth else "results.json"
-    write_json(
-        folder / name,
-        {"seed": chosen.seed, "standard": [asdict(g) for g in standard], "hard": [asdict(g) for g in hard]},
-    )
+    seed, folder = chosen.seed, chosen.folder / str(chosen.seed)
+    print(f"seed {seed}")
+    specs = deck(seed, chosen.cases, only, variants)
+    plan = deck(seed + 1, chosen.hard, only or ("single", "null"), HARD) if chosen.hard else []
+    how = {"limit": chosen.limit, "jobs": chosen.jobs}
+    standard = score(folder / "standard", seed, specs, **how)
+    hard = score(folder / "hard", seed + 1, plan, **how)
+    _store(folder / "results.json", seed, standard, hard)
+    if chosen.without_truth:
+        blind = score(folder / "standard", seed, specs, without_truth=True, **how)
+        _store(folder / "results_without_truth.json", seed, blind, [])
+    if chosen.rivals:
+        compare(folder / "standard")
     print(table(figures(standard)))
-    for g in standard + hard:
-        if g.status != "answered" or g.wrong_name or g.false_alarm or g.class_right is False or g.notes:
-            told = f"{g.verdict} {','.join(g.answer)} {g.status} {' '.join(g.notes)}"
-            print(f"{g.case} {g.group} {g.variant} {','.join(g.truth)} -> {told}")
+    print("\n".join(_told(g) for g in (*standard, *hard) if complaint(g) or g.notes))
     if chosen.doc:
-        write_document(ROOT / "docs" / "concealed.md", chosen.seed, standard, hard, folder)
+        write_document(ROOT / "docs" / "concealed.md", seed, standard, hard, folder)
+
+
+def _store(file: Path, seed: int, standard: Sequence[Grade], hard: Sequence[Grade]) -> None:
+    write_json(file, {"seed": seed, "standard": [asdict(g) for g in standard], "hard": [asdict(g) for g in hard]})
+
+
+def _told(g: Grade) -> str:
+    answer = " ".join((g.verdict, ",".join(g.answer), *g.notes))
+    return f"{g.case} {g.group} {g.variant} {','.join(g.truth)} -> {answer}: {complaint(g)}"
 
 
 if __name__ == "__main__":
