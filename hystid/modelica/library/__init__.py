@@ -1,7 +1,7 @@
 """Flat models of the Modelica library, shipped so that building one of its models needs no front end.
 
-``python -m hystid.modelica.library`` writes them again from ``modelica/HystId``. ``index.json`` holds a digest of the
-Modelica text that they were made from: after an edit of the library they are passed over until written again, so that
+``python -m hystid.modelica.library`` writes them again from ``modelica/HystId``. ``index.json`` holds for each a digest
+of the Modelica text that it may depend on: after an edit of that text it is passed over until written again, so that
 an edit always takes effect.
 """
 
@@ -31,26 +31,35 @@ def library_sources() -> tuple[Source, ...]:
 
 
 def shipped(name: str) -> FlatModel | None:
-    """The stored flat model of a library class; None where there is none, or the library was edited since."""
+    """The stored flat model of a library class; None where there is none, or its Modelica text was edited since."""
     path = FOLDER / f"{name}.json"
-    if not path.is_file() or not _up_to_date():
+    if not path.is_file() or _stored_digests().get(name) != digest(name):
         return None
     return from_json(path.read_text(encoding="utf-8"), path.name)
 
 
 @lru_cache(maxsize=1)
-def _up_to_date() -> bool:
-    if not _INDEX.is_file():
-        return False
-    index = json.loads(_INDEX.read_text(encoding="utf-8"))
-    return bool(index.get("schema") == SCHEMA and index.get("digest") == digest())
+def _stored_digests() -> dict[str, str]:
+    index = json.loads(_INDEX.read_text(encoding="utf-8")) if _INDEX.is_file() else {}
+    return dict(index["digests"]) if index.get("schema") == SCHEMA else {}
 
 
-def digest() -> str:
-    """SHA-256 over the names and texts of the library's files."""
+def digest(name: str) -> str:
+    """SHA-256 over the files that a library class may depend on: those named in its file, those named in these, ..."""
+    files = {s.path.with_suffix("").as_posix().replace("/", "."): s for s in library_sources()}
+    needed, waiting = set(), [name]
+    while waiting:
+        current = waiting.pop()
+        if current in needed or current not in files:
+            continue
+        needed.add(current)
+        words = set(re.findall(r"[A-Za-z_]\w*", files[current].plain))
+        waiting += [other for other in files if other.rsplit(".", 1)[-1] in words]
     found = hashlib.sha256()
-    for source in library_sources():
-        found.update(f"{source.path.as_posix()}\0{source.text}\0".encode())
+    for other in sorted(needed):
+        found.update(f"{other}\0{files[other].text}\0".encode())
+    for other in sorted(n for n in files if n.endswith(".package")):  # constants may stand there, texts do not matter
+        found.update(f"{other}\0{files[other].plain.split()}\0".encode())
     return found.hexdigest()
 
 
@@ -80,5 +89,6 @@ def regenerate(folder: Path = FOLDER) -> list[str]:
     for path in folder.glob("HystId.*.json"):
         if path.stem not in names:
             path.unlink()
-    write_text(folder / "index.json", json.dumps({"schema": SCHEMA, "digest": digest()}, indent=1) + "\n")
+    index = {"schema": SCHEMA, "digests": {name: digest(name) for name in names}}
+    write_text(folder / "index.json", json.dumps(index, indent=1) + "\n")
     return names
