@@ -237,6 +237,16 @@ def test_a_model_without_answer_at_the_start_fails_there(version):
 
 
 @BOTH
+def test_an_output_that_is_not_a_number_discards_the_step(version):
+    with start(effect, version, x=0.1) as instance:
+        stepper = Stepper(instance)
+        stepper.step(0.0, 1e-3)
+        write(instance, effect, a=77.0)
+        with pytest.raises(FmuError, match="f is not finite at t = 0.002"):
+            stepper.step(1e-3, 1e-3)
+
+
+@BOTH
 def test_a_state_that_overflows_discards_the_step(version):
     with start(linear, version, b=-1e9, x=1.0) as instance:
         before = read(instance, linear, "x", "v")

@@ -44,6 +44,8 @@ def _flags_of(v: Variable) -> list[str]:
         flags.append("IS_INPUT")
         if v.variability == "discrete":
             flags.append("IS_DISCRETE")
+    if v.causality == "output":
+        flags.append("IS_OUTPUT")
     if v.causality == "parameter" and v.variability == "tunable":
         flags.append("IS_TUNABLE")
     return flags

@@ -7,7 +7,7 @@ static int evaluate(hy_data *m)
 {
     double *v = m->v;
     if (v[K3] < 0) return HY_RETRY; /* stands for a nonlinear equation without solution */
-    v[FORCE] = v[K3] * v[X] * v[X] * v[X] + v[B2] * v[V] * fabs(v[V]);
+    v[FORCE] = v[A] == 77 ? NAN : /* stands for a division by zero */ v[K3] * v[X] * v[X] * v[X] + v[B2] * v[V] * fabs(v[V]);
     return HY_OK;
 }
 static int forward(hy_data *m, const double *s, double *r)

@@ -121,11 +121,25 @@ static int present(hy_instance *c)
     return outcome ? outcome : hy_settle(e);
 }
 
+/* No NaN leaves without a word: a step whose outputs are not finite is one without answer. */
+static int check_outputs(hy_instance *c)
+{
+    const hy_model *m = c->engine.model;
+    const double *v = c->engine.data.v;
+    for (int i = m->y; i < m->y + m->n_y; i++)
+        if (hy_variables[i].flags & IS_OUTPUT && !isfinite(v[i])) {
+            hy_fail(c, "%s is not finite at t = %.9g s", hy_variables[i].name, v[0]);
+            return HY_RETRY;
+        }
+    return HY_OK;
+}
+
 int hy_exit_initialization(hy_instance *c)
 {
     hy_engine *e = &c->engine;
     hy_status *s = e->status;
     int changed, outcome = present(c);
+    if (!outcome) outcome = check_outputs(c);
     if (outcome) return hy_fmi_status(c, HY_ERROR);
     if (s->kind == MODEL_EXCHANGE || c->event_mode_used) {
         s->mode = EVENT;
@@ -368,7 +382,8 @@ int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, int (*bet
     outcome = hy_inputs_changed(e);
     if (!outcome) outcome = advance(c, t, h, stop_at_events, between, reached);
     *event = outcome == HY_EVENT;
-    if (*event) outcome = hy_settle(e);
+    if (*event || !outcome) outcome = hy_settle(e);
+    if (!outcome) outcome = check_outputs(c);
     if (!outcome) outcome = hy_completed(e);
     if (outcome == HY_RETRY) {
         memcpy(e->saved, c->backup, e->saved_size);

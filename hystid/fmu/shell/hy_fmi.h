@@ -24,7 +24,7 @@ typedef struct {
 
 /* One slot of the block as FMI sees it; generated from the model's variables. */
 enum { NO_VARIABLE = 0, REAL = 1, INTEGER = 2, BOOLEAN = 3 };
-enum { HAS_START = 1, IS_INPUT = 2, IS_TUNABLE = 4, IS_DISCRETE = 8 };
+enum { HAS_START = 1, IS_INPUT = 2, IS_TUNABLE = 4, IS_DISCRETE = 8, IS_OUTPUT = 16 };
 typedef struct {
     unsigned char type, flags;
     const char *name;
