@@ -1,7 +1,7 @@
 """An outsider's look at the answers: ``extended.fmu`` in FMPy, on the held-out test, against the error that is claimed.
 
-``python -m benchmarks.concealed.verify DECK`` lists every answered case with a finding: before, after as claimed, after as
-FMPy finds it.
+``python -m benchmarks.concealed.verify DECK`` lists every answered case with a finding: before, after as claimed, after
+as FMPy finds it. A channel delay is no part of the extended model: there the two differ by its effect.
 """
 
 from __future__ import annotations

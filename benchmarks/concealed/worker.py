@@ -1,4 +1,4 @@
-"""Diagnose one case in a process of its own: ``... benchmarks.concealed.worker CASE OUT [--exclude id,..] [--limit S]``.
+"""Diagnose one case in a process of its own: ``benchmarks.concealed.worker CASE OUT [--exclude id,..] [--limit S]``.
 
 It sees a copy of the case folder and nothing else of the deck. The last line that it prints is a JSON object with the
 processor time of the diagnosis [s], imports left out.
