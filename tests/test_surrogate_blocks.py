@@ -88,6 +88,7 @@ def test_units_and_interface(identified: tuple[TwoNetworkModel, Path]) -> None:
         "R",
         "outside_training_range",
     }
+    assert surrogate.variable("x").nominal == 0.005 and oscillator.variable("v").nominal == 1.0  # half the range
     assert oscillator.states == ("x", "v") and oscillator.experiment.step == DT
     assert model_code(path) == surrogate
     assert surrogate.token != oscillator.token and surrogate.token == surrogate_code(path).token

@@ -234,9 +234,8 @@ def _variables(layout: _Layout, interface: Interface) -> list[Variable]:
     def add(ports: Sequence[Port], first: int, **common: Any) -> None:
         for port in ports:
             labels = element_names(port, names, interface.names.get(port.name, ()))
-            low, high = interface.training_range.get(port.name, (None, None))
             for i, label in enumerate(labels):
-                found.append(_variable(port, i, label, first + i, interface, common, starts, (low, high)))
+                found.append(_variable(port, i, label, first + i, interface, common, starts))
             first += port.view.size
 
     add(layout.inputs, b.u, causality="input", variability="continuous", start=0.0)
@@ -255,6 +254,11 @@ def outside_variable(slot: int, name: str = OUTSIDE) -> Variable:
     )  # fmt: skip
 
 
+def usual(trained: tuple[float, float] | None) -> float | None:
+    """Nominal value of a signal: half its greatest magnitude in the training data; None where that is not known."""
+    return (0.5 * max(abs(trained[0]), abs(trained[1])) or None) if trained else None
+
+
 def _variable(
     port: Port,
     i: int,
@@ -263,14 +267,14 @@ def _variable(
     interface: Interface,
     common: Mapping[str, Any],
     starts: Mapping[int, float],
-    trained: tuple[float | None, float | None],
 ) -> Variable:
+    trained = interface.training_range.get(port.name)
     size = port.view.size
     role = {"input": "input", "output": "output", "local": "memory"}[common["causality"]]
     text = f"{role} '{readable(port.name)}' of the network" + (f", element {i + 1} of {size}" if size > 1 else "")
-    if common["causality"] == "input" and trained[0] is not None:
+    if common["causality"] == "input" and trained:
         text += f"; trained from {trained[0]:.6g} to {trained[1]:.6g}"
-    settings = dict(common)
+    settings = {**common, "nominal": usual(trained)} if port.view.kind == "float" else dict(common)
     if "start" in settings:
         settings["start"] = starts.get(slot, 0.0)
     if port.view.kind != "float":

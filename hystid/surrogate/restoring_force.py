@@ -12,7 +12,7 @@ from hystid.networks import onnx
 from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
 from hystid.surrogate.emit import functions
-from hystid.surrogate.network import OUTSIDE, Interface, block_code, network_code, outside_variable
+from hystid.surrogate.network import OUTSIDE, Interface, block_code, network_code, outside_variable, usual
 from hystid.surrogate.oscillator import OscillatorText, recorded
 from hystid.surrogate.program import Program
 
@@ -44,7 +44,7 @@ def surrogate_code(path: Path) -> ModelCode:
         memory={"state": "state_next"},
         initial={"state": about.initial_state},
         units=_UNITS,
-        training_range={name: about.training_range[name] for name in ("x", "v")},
+        training_range=about.training_range,
         sample_rate=about.sample_rate,
     )
     code = block_code(program, interface, "surrogate", "Restoring force R of an identified structure with memory")
@@ -78,7 +78,7 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
         ModelCode(
             name="oscillator",
             description="Mass on the restoring force of an identified structure with memory: m a = F - R",
-            variables=_variables(sizes, kilograms, about.memory == onnx.TURNING_POINTS),
+            variables=_variables(sizes, kilograms, about),
             sources={"model.c": c_text},
             states=_STATES,
             n_values=sizes.size,
@@ -116,8 +116,11 @@ def _read(path: Path) -> tuple[Program, onnx.StepDescription]:
         raise NetworkError(f"{path}: {error}") from error
 
 
-def _variables(sizes: Block, mass: float, turning: bool) -> tuple[Variable, ...]:
+def _variables(sizes: Block, mass: float, about: onnx.StepDescription) -> tuple[Variable, ...]:
     p, x, dx, y = sizes.p, sizes.x, sizes.dx, sizes.y
+    turning = about.memory == onnx.TURNING_POINTS
+    size = {name: usual(trained) for name, trained in about.training_range.items()}
+    force = Variable("F", sizes.u, "input", "continuous", start=0.0, unit="N", description="force on the mass")
     memory = (
         Variable(f"state[{i + 1}]", sizes.d + i, "local", "discrete", initial="calculated", description="memory")
         for i in range(sizes.n_d)
@@ -128,12 +131,12 @@ def _variables(sizes: Block, mass: float, turning: bool) -> tuple[Variable, ...]
         _parameter("x_start", p + 1, 0.0, "m", "displacement at the start"),
         _parameter("v_start", p + 2, 0.0, "m/s", "velocity at the start"),
         *start,
-        Variable("F", sizes.u, "input", "continuous", start=0.0, unit="N", description="force on the mass"),
-        _output("x", x, "m", "displacement"),
-        _output("v", x + 1, "m/s", "velocity"),
+        replace(force, nominal=size.get("R")),
+        replace(_output("x", x, "m", "displacement"), nominal=size["x"]),
+        replace(_output("v", x + 1, "m/s", "velocity"), nominal=size["v"]),
         replace(_output("der(x)", dx, "m/s", "rate of x"), causality="local", derivative_of="x"),
         replace(_output("a", dx + 1, "m/s2", "acceleration"), derivative_of="v"),
-        _output("R", y, "N", "restoring force, opposing the motion as a spring does"),
+        replace(_output("R", y, "N", "restoring force, opposing the motion as a spring does"), nominal=size.get("R")),
         outside_variable(y + 1),
         *memory,
     )
