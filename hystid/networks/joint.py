@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.networks.network import Member, Network
-from hystid.networks.normal_equations import aligned, library_of, parameter_count, unflatten
+from hystid.networks.normal_equations import KernelSums, aligned, chunked, parameter_count, pointer, unflatten
 from hystid.networks.training import Rule, Training, minimise, split_indices
 from hystid.recording import Array
 from hystid.turning_points import TurningPoints
@@ -91,7 +91,7 @@ def _link(g: Network, net: Network) -> tuple[float, float]:
     return gain * g.output_gain, gain * (g.output_offset - float(net.input_offset[2]))
 
 
-class JointNormal:
+class JointNormal(KernelSums):
     """Normal equations of a pair of networks in simulation; parameters [those of g, those of f] on scaled signals.
 
     g and f must have the same scaling of x. Needs the compiled kernel: raises ToolchainError where there is none.
@@ -99,73 +99,36 @@ class JointNormal:
 
     def __init__(self, pair: Member, data: Sequences) -> None:
         g, f = pair.hysteresis, pair.restoring
-        self._library, self.samples = library_of("float64"), len(data.x)
-        self._sizes = tuple(np.array(net.sizes, dtype=np.int32) for net in (g, f))
         self._counts = [parameter_count(net.sizes) for net in (g, f)]
-        self._count = sum(self._counts)
-        block = self._library.hystid_block()
-        self._stride = -(-(self._count + 1) // block) * block
+        super().__init__(sum(self._counts), "float64")
+        self.samples = len(data.x)
+        self._sizes = tuple(np.array(net.sizes, dtype=np.int32) for net in (g, f))
         self._scale = np.array([part for net in (g, f) for part in _link(g, net)])
         self._x0, self._before = (_scaled(g, column, v) for column, v in ((1, data.x0), (0, data.before)))
         self._fresh = data.fresh.astype(np.int32)
         self._h0 = _scaled(g, 2, data.start)
-        self._slope = np.zeros((len(self._x0), self._counts[0]))
+        self._slope: Array | None = None  # d h0 / d weights of g, shape (segments, weights): only where it is built
         rows = np.stack([_scaled(f, 0, data.x), _scaled(f, 1, data.v), (data.R - f.output_offset) / f.output_gain])
-        self._data, self._segment = self._chunks(rows, data.segment)
-        activations = sum(int(sizes.sum()) for sizes in self._sizes) + 3 * max(
-            int(sizes.max()) for sizes in self._sizes
-        )
-        self._work = aligned(((self._stride + activations) * _LENGTH,), "float64")
-        self._sums = aligned((self._stride, self._stride), "float64")
-        self._factor = np.empty_like(self._sums)
+        self._data = chunked(rows, _LENGTH, "float64")
+        self._segment = np.zeros(len(self._data) * _LENGTH, dtype=np.int32)
+        self._segment[: self.samples] = data.segment
+        widths = [int(sizes.max()) for sizes in self._sizes]
+        activations = sum(int(sizes.sum()) for sizes in self._sizes) + 3 * max(widths)
+        self._work = aligned(((self.stride + activations) * _LENGTH,), "float64")
 
-    def _chunks(self, rows: Array, segment: NDArray[np.int32]) -> tuple[Array, NDArray[np.int32]]:
-        chunks = -(-self.samples // _LENGTH)
-        padded = np.zeros((3, chunks * _LENGTH))
-        padded[:, : self.samples] = rows
-        data = aligned((chunks, 3, _LENGTH), "float64")
-        data[:] = padded.reshape(3, chunks, _LENGTH).transpose(1, 0, 2)
-        numbers = np.zeros(chunks * _LENGTH, dtype=np.int32)
-        numbers[: self.samples] = segment
-        return data, numbers  # type: ignore[return-value]
-
-    def _run(self, w: Array, sums: object) -> float:
-        def at(values: object) -> object:
-            return values.ctypes.data_as(ctypes.c_void_p)  # type: ignore[attr-defined]
-
-        w = np.ascontiguousarray(w, dtype=np.float64)
-        g, f = self._sizes
+    def _run(self, w: Array, sums: ctypes.c_void_p | None) -> float:
+        if sums is not None and self._slope is None:
+            self._slope = np.zeros((len(self._x0), self._counts[0]))
+        slope = None if self._slope is None else pointer(self._slope)
+        networks = [part for sizes in self._sizes for part in (len(sizes) - 1, pointer(sizes))]
+        memory = [pointer(values) for values in (self._x0, self._before, self._fresh, self._h0)]
+        data = (ctypes.c_long(self.samples), _LENGTH, pointer(self._data), pointer(self._segment))
         return float(
-            self._library.hystid_joint(
-                len(g) - 1, at(g), len(f) - 1, at(f), at(w), at(self._scale),
-                ctypes.c_long(len(self._x0)), at(self._x0), at(self._before), at(self._fresh), at(self._h0),
-                at(self._slope),
-                ctypes.c_long(self.samples), _LENGTH, at(self._data), at(self._segment),
-                sums, ctypes.c_long(self._stride), at(self._work),
+            self.library.hystid_joint(
+                *networks, pointer(w), pointer(self._scale), ctypes.c_long(len(self._x0)), *memory, slope, *data,
+                sums, ctypes.c_long(self.stride), pointer(self._work),
             )
         )  # fmt: skip
-
-    def squares(self, w: Array) -> float:
-        return self._run(w, None)
-
-    def build(self, w: Array) -> float:
-        return self._run(w, self._sums.ctypes.data_as(ctypes.c_void_p))
-
-    def diagonal(self) -> Array:
-        return np.array(np.diagonal(self._sums)[: self._count])
-
-    def gradient(self) -> Array:
-        return np.array(self._sums[self._count, : self._count])
-
-    def solve(self, damping: Array) -> Array | None:
-        damping = np.ascontiguousarray(damping, dtype=np.float64)
-        step = np.empty(self._count)
-        arrays = [values.ctypes.data_as(ctypes.c_void_p) for values in (self._sums, damping, self._factor, step)]
-        sums, weights, factor, answer = arrays
-        found = self._library.hystid_solve(
-            ctypes.c_long(self._count), sums, ctypes.c_long(self._stride), weights, factor, answer
-        )
-        return step if found else None
 
 
 def parameters_of(pair: Member) -> Array:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import scipy.linalg
@@ -94,73 +94,72 @@ def aligned(shape: tuple[int, ...], kind: str) -> np.ndarray[tuple[int, ...], np
     return room[begin : begin + size].view(kind).reshape(shape)
 
 
-class CompiledNormal:
+def pointer(values: np.ndarray[Any, Any]) -> ctypes.c_void_p:
+    """Address of an array for the kernel; keeps the array alive as long as itself."""
+    return values.ctypes.data_as(ctypes.c_void_p)
+
+
+class KernelSums:
+    """J'J and J'e of ``count`` parameters as the C kernel leaves them, and the solution of its normal equations."""
+
+    def __init__(self, count: int, precision: Precision) -> None:
+        self.library = library_of(precision)
+        self.count = count
+        block = self.library.hystid_block()
+        self.stride = -(-(count + 1) // block) * block
+        self.sums = aligned((self.stride, self.stride), "float64")
+        self._factor = np.empty_like(self.sums)
+
+    def _run(self, w: Array, sums: ctypes.c_void_p | None) -> float:
+        raise NotImplementedError
+
+    def squares(self, w: Array) -> float:
+        return self._run(np.ascontiguousarray(w, dtype=np.float64), None)
+
+    def build(self, w: Array) -> float:
+        return self._run(np.ascontiguousarray(w, dtype=np.float64), pointer(self.sums))
+
+    def diagonal(self) -> Array:
+        return np.array(np.diagonal(self.sums)[: self.count])
+
+    def gradient(self) -> Array:
+        return np.array(self.sums[self.count, : self.count])
+
+    def solve(self, damping: Array) -> Array | None:
+        damping, step = np.ascontiguousarray(damping, dtype=np.float64), np.empty(self.count)
+        arrays = (pointer(damping), pointer(self._factor), pointer(step))
+        size = ctypes.c_long(self.count)
+        found = self.library.hystid_solve(size, pointer(self.sums), ctypes.c_long(self.stride), *arrays)
+        return step if found else None
+
+
+def chunked(rows: Array, length: int, precision: Precision) -> np.ndarray[Any, Any]:
+    """Rows of shape (r, n) as chunks of shape (n / length rounded up, r, length), padded with zeros."""
+    count = -(-rows.shape[1] // length)
+    padded = np.zeros((len(rows), count * length))
+    padded[:, : rows.shape[1]] = rows
+    data = aligned((count, len(rows), length), precision)
+    data[:] = padded.reshape(len(rows), count, length).transpose(1, 0, 2)
+    return data
+
+
+class CompiledNormal(KernelSums):
     """C kernel; the Jacobian exists one cache-sized chunk at a time. Beyond the data: about 1 MB and 2 P^2 doubles."""
 
     def __init__(self, sizes: Sequence[int], inputs: Array, target: Array, precision: Precision = "float64") -> None:
-        self._library = library_of(precision)
-        self.samples, self._count = len(target), parameter_count(sizes)
-        block = self._library.hystid_block()
-        self._stride = -(-(self._count + 1) // block) * block
-        fitting = _CACHE // (self._stride * np.dtype(precision).itemsize)
+        super().__init__(parameter_count(sizes), precision)
+        self.samples = len(target)
+        fitting = _CACHE // (self.stride * np.dtype(precision).itemsize)
         self._length = int(np.clip(fitting // 64 * 64, 64, 512))
-        self._data = self._chunks(inputs, target, precision)
-        rows = self._stride + sum(sizes) + 2 * max(sizes)
-        self._work = aligned((rows * self._length + self._count,), precision)
-        self._sums = aligned((self._stride, self._stride), "float64")
-        self._factor = np.empty_like(self._sums)
+        self._data = chunked(np.concatenate([inputs, target[None]]), self._length, precision)
+        rows = self.stride + sum(sizes) + 2 * max(sizes)
+        self._work = aligned((rows * self._length + self.count,), precision)
         self._sizes = np.array(sizes, dtype=np.int32)
 
-    def _chunks(
-        self, inputs: Array, target: Array, precision: Precision
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.floating]]:
-        chunks = -(-self.samples // self._length)
-        rows = np.zeros((len(inputs) + 1, chunks * self._length))
-        rows[:-1, : self.samples], rows[-1, : self.samples] = inputs, target
-        data = aligned((chunks, len(rows), self._length), precision)
-        data[:] = rows.reshape(len(rows), chunks, self._length).transpose(1, 0, 2)
-        return data
-
-    def _run(self, w: Array, sums: object) -> float:
-        w = np.ascontiguousarray(w, dtype=np.float64)
-        return float(
-            self._library.hystid_normal(
-                len(self._sizes) - 1,
-                self._sizes.ctypes.data_as(ctypes.c_void_p),
-                w.ctypes.data_as(ctypes.c_void_p),
-                ctypes.c_long(self.samples),
-                self._length,
-                self._data.ctypes.data_as(ctypes.c_void_p),
-                sums,
-                ctypes.c_long(self._stride),
-                self._work.ctypes.data_as(ctypes.c_void_p),
-            )
-        )
-
-    def squares(self, w: Array) -> float:
-        return self._run(w, None)
-
-    def build(self, w: Array) -> float:
-        return self._run(w, self._sums.ctypes.data_as(ctypes.c_void_p))
-
-    def diagonal(self) -> Array:
-        return np.array(np.diagonal(self._sums)[: self._count])
-
-    def gradient(self) -> Array:
-        return np.array(self._sums[self._count, : self._count])
-
-    def solve(self, damping: Array) -> Array | None:
-        damping = np.ascontiguousarray(damping, dtype=np.float64)
-        step = np.empty(self._count)
-        found = self._library.hystid_solve(
-            ctypes.c_long(self._count),
-            self._sums.ctypes.data_as(ctypes.c_void_p),
-            ctypes.c_long(self._stride),
-            damping.ctypes.data_as(ctypes.c_void_p),
-            self._factor.ctypes.data_as(ctypes.c_void_p),
-            step.ctypes.data_as(ctypes.c_void_p),
-        )
-        return step if found else None
+    def _run(self, w: Array, sums: ctypes.c_void_p | None) -> float:
+        network = (len(self._sizes) - 1, pointer(self._sizes), pointer(w))
+        data = (ctypes.c_long(self.samples), self._length, pointer(self._data))
+        return float(self.library.hystid_normal(*network, *data, sums, ctypes.c_long(self.stride), pointer(self._work)))
 
 
 class NumpyNormal:

@@ -115,13 +115,9 @@ def split_indices(count: int, seed: int, fractions: tuple[float, float] = (0.70,
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """Scaled samples of one regression, split at random: parts "train", "validation", "test" -> (inputs, target).
-
-    indices: the sample numbers of each part.
-    """
+    """Scaled samples of one regression, split at random: parts "train", "validation", "test" -> (inputs, target)."""
 
     parts: dict[str, tuple[Array, Array]]
-    indices: dict[str, NDArray[np.intp]]
     inputs: Scaling
     target: Scaling
 
@@ -132,7 +128,7 @@ class Data:
         indices = split_indices(len(target), seed, fractions)
         scaled, wanted = scaling.apply(inputs), goal.apply(target[None])[0]
         parts = {name: (scaled[:, pick], wanted[pick]) for name, pick in indices.items()}
-        return Data(parts, indices, scaling, goal)
+        return Data(parts, scaling, goal)
 
     def network(self, w: Array, hidden: Sequence[int]) -> Network:
         """The trained network on physical units."""

@@ -23,7 +23,7 @@ static void remember(const network *g, const double *scale, const segments *s, i
     network one = *g;
     one.count = 1;
     for (long j = 0; j < s->count; j++) {
-        double *slope = s->slope + j * parameters;
+        double *slope = with_slope ? s->slope + j * parameters : NULL;
         if (s->fresh[j]) {
             if (with_slope) memset(slope, 0, sizeof(double) * parameters);
             continue;
