@@ -8,7 +8,7 @@ import numpy as np
 
 from hystid.demo.checks import Outcome
 from hystid.demo.lab import LabCase, UnseenTest
-from hystid.demo.reference import CHIRPS, DT, LAYERS, MODEL, NOISE_DB, TESTS, ReferenceStudy
+from hystid.demo.reference import BAND, CHIRPS, DT, EVERY, LAYERS, MODEL, NOISE_DB, TESTS, ReferenceStudy
 from hystid.diagnosis import Traces
 from hystid.recording import Recording
 from hystid.report.curves import X_AXIS, Curve, loops, over_time
@@ -96,7 +96,8 @@ def _surrogate(page: Page, study: ReferenceStudy) -> None:
     found = study.identification
     page.section(
         "2  The surrogate follows tests that it has not seen",
-        f"Two networks ({'-'.join(map(str, LAYERS))} neurons each) learned the restoring force with its memory;"
+        f"The recordings were band-limited to {BAND[1]:g} Hz without phase shift and reduced by {EVERY}."
+        f" Two networks ({'-'.join(map(str, LAYERS))} neurons each) learned the restoring force with its memory;"
         f" {len(found.chosen)} of {len(found.starts)} trainings are averaged. Surrogate and reference FMU were then"
         f" driven by {len(TESTS)} harmonic forces without noise.",
     )
