@@ -61,7 +61,7 @@ class Driver:
         an FMU that takes no input derivatives holds them whatever is asked. Our own FMUs run in one call when t is
         uniform. Raises FmuError (unknown name, the FMU refuses), NumericalError (not finite).
         """
-        times = _times(self._fmu.name, t)
+        times, uniform = _times(self._fmu.name, t)
         names = (
             tuple(v.name for v in self.model.variables if v.causality == "output")
             if outputs is None
@@ -73,7 +73,7 @@ class Driver:
         for name in settings:
             self._find(name)
         dt = (times[-1] - times[0]) / max(len(times) - 1, 1) or 1.0
-        if self._own and _uniform(times, dt):
+        if self._own and uniform:
             return self._own.simulate(
                 table, dt, parameters=settings, outputs=names, interpolation=interpolation, substeps=0, rows=len(times),
                 start_time=float(times[0]),
@@ -260,13 +260,14 @@ class _InputSlopes:
             self._instance.fail("setting input derivatives")
 
 
-def _times(fmu: str, t: ArrayLike) -> Array:
+def _times(fmu: str, t: ArrayLike) -> tuple[Array, bool]:
+    """The times, and whether they are a uniform grid but for what rounding and a file's digits leave."""
     times = np.ascontiguousarray(t, np.float64)
-    if times.ndim != 1 or len(times) < 1 or not np.isfinite(np.sum(times)) or np.any(times[1:] <= times[:-1]):
-        raise FmuError(f"{fmu}: times must be finite and increasing")
-    return times
-
-
-def _uniform(times: Array, dt: float) -> bool:
-    """Whether the times are a grid of step dt, but for what rounding and a file's digits leave."""
-    return bool(np.max(np.abs(times - (times[0] + dt * np.arange(len(times)))), initial=0.0) <= 1e-6 * dt)
+    if times.ndim == 1 and len(times) > 1:
+        steps = times[1:] - times[:-1]
+        least, most = float(steps.min()), float(steps.max())  # NaN in the times is NaN here
+        if least > 0 and np.isfinite(most):
+            return times, most - least <= 2e-6 * most
+    elif times.ndim == 1 and len(times) == 1 and np.isfinite(times[0]):
+        return times, True
+    raise FmuError(f"{fmu}: times must be finite and increasing")
