@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 from hystid.errors import ModelicaError
 from hystid.modelica.diagnostics import declared_at
-from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text
+from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text, balanced_sum
 from hystid.modelica.flat import (
     Action,
     Assertion,
@@ -338,6 +338,8 @@ class Adapter:
     def _read_Binary(self, b: Mapping[str, Any]) -> Expr:
         if b["op"] not in _BINARY:
             self._refuse(b, f"operator '{b['op']}'", "write it in another way")
+        if b["op"] == "Add":
+            return balanced_sum([self.expr(term) for term in _added(b)])
         lhs, rhs = self.expr(b["lhs"]), self.expr(b["rhs"])
         return Op(_BINARY[b["op"]], (lhs, rhs))
 
@@ -397,6 +399,16 @@ def _last_name(node: Mapping[str, Any]) -> str:
     name = node["name"]["name"] if isinstance(node.get("name"), dict) else ""
     last = str(name).rsplit(".", 1)[-1]
     return last if last.isidentifier() and not node["subscripts"] else ""
+
+
+def _added(binary: Mapping[str, Any]) -> list[Any]:
+    """Terms of a sum written a + b + c + ..., which the front end nests to the left."""
+    terms = [binary["rhs"]]
+    node = binary["lhs"]
+    while "Binary" in node and node["Binary"]["op"] == "Add":
+        terms.append(node["Binary"]["rhs"])
+        node = node["Binary"]["lhs"]
+    return [node, *reversed(terms)]
 
 
 def _tag(value: Any) -> str:

@@ -37,7 +37,10 @@ def compile_model(
     structure = {n: _typed(v, values.pop(n)) for n, v in structural.items()}
     if structure:
         flat = flat_model(model, libraries=libraries, structure=structure)
-    return model_code(causalise(flat, values))
+    try:
+        return model_code(causalise(flat, values))
+    except RecursionError:
+        raise ModelicaError(f"{model}: an expression is nested too deeply: name parts of it as variables") from None
 
 
 def flat_model(

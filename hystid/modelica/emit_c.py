@@ -168,7 +168,7 @@ class Emitter:
 
     def _what(self, step: Solve) -> str:
         names = ", ".join(step.variables[:4]) + (", ..." if len(step.variables) > 4 else "")
-        return comment(f"simultaneous equations for {names}, {step.place}")
+        return comment(f"simultaneous equations for {names}, {step.place.short}")
 
     def _block(self, step: Solve) -> int:
         """Number of a nonlinear block, its functions printed once."""
@@ -271,7 +271,7 @@ class Emitter:
         lines = []
         for k, r in enumerate(self.model.reinits):
             active, value = self.printer.truth(r.active), self.printer.value(r.value)
-            lines += [f"const int fires{k} = {active}; /* {comment(str(r.place))} */"]
+            lines += [f"const int fires{k} = {active}; /* {comment(r.place.short)} */"]
             lines += [f"const double new{k} = fires{k} ? {value} : 0.0;"]
         for k, r in enumerate(self.model.reinits):
             lines += [f"if (fires{k}) {{ changed = 1; {self.slot(r.state)} = new{k}; }}"]
@@ -310,7 +310,7 @@ class Emitter:
         level = "HY_WARNING" if a.level == "warning" else "HY_FAILURE"
         lines = [
             "char text[400];",
-            f"/* {comment(str(a.place))} */",
+            f"/* {comment(a.place.short)} */",
             f"snprintf(text, sizeof text, {quoted(pattern + ' (t = %.9g s)')}{numbers}{time});",
             f"m->log(m->owner, {level}, text);",
         ]

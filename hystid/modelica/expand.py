@@ -7,14 +7,14 @@ algorithm on expressions, where an ``if`` statement merges the values of its bra
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from hystid.errors import ModelicaError
-from hystid.modelica.expr import FUNCTIONS, LOGICAL, ONE, RELATIONS, ZERO, Expr, Num, Op, Ref, op, refs
+from hystid.modelica.expr import FUNCTIONS, LOGICAL, ONE, RELATIONS, ZERO, Expr, Num, Op, Ref, balanced_sum, op, refs
 from hystid.modelica.flat import Function, FunctionVariable, Place, Statement
 
 Array = npt.NDArray[np.object_]
@@ -266,7 +266,7 @@ class Expander:
         return _array([op("+", a, op("/", op("*", span, Num(float(k))), Num(n - 1.0))) for k in range(n)])
 
     def _sum_of(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return _sum(iter(self.flat(args[0], local)))
+        return _sum(self.flat(args[0], local))
 
     def _product_of(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         result: Expr = ONE
@@ -499,11 +499,12 @@ def _map(function: Callable[[Expr], Expr], value: Value) -> Value:
     return function(value)
 
 
-def _sum(items: Any) -> Expr:
-    result: Expr = ZERO
-    for item in items:
-        result = op("+", result, item)
-    return result
+def _sum(items: Iterable[Expr]) -> Expr:
+    """Sum without the terms that are 0."""
+    terms = [e for e in items if e != ZERO]
+    if all(isinstance(e, Num) for e in terms):
+        return Num(sum(e.value for e in terms if isinstance(e, Num)))
+    return balanced_sum(terms)
 
 
 def _matrix(value: Value) -> Array:

@@ -7,7 +7,7 @@ function ("sin", "pre"), or "if" with the arguments condition, value, otherwise.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 
@@ -82,6 +82,7 @@ def _fold(name: str, values: list[float]) -> float | None:
 
 
 def add(a: Expr, b: Expr) -> Expr:
+    """a + b."""
     if a == ZERO:
         return b
     if b == ZERO:
@@ -92,6 +93,7 @@ def add(a: Expr, b: Expr) -> Expr:
 
 
 def sub(a: Expr, b: Expr) -> Expr:
+    """a - b; 0 for equal operands."""
     if b == ZERO:
         return a
     if a == ZERO:
@@ -104,6 +106,7 @@ def sub(a: Expr, b: Expr) -> Expr:
 
 
 def mul(a: Expr, b: Expr) -> Expr:
+    """a b."""
     if a == ZERO or b == ZERO:
         return ZERO
     if a == ONE:
@@ -118,6 +121,7 @@ def mul(a: Expr, b: Expr) -> Expr:
 
 
 def div(a: Expr, b: Expr) -> Expr:
+    """a / b."""
     if a == ZERO:
         return ZERO
     if b == ONE:
@@ -128,6 +132,7 @@ def div(a: Expr, b: Expr) -> Expr:
 
 
 def neg(a: Expr) -> Expr:
+    """-a."""
     if isinstance(a, Num):
         return Num(-a.value)
     if isinstance(a, Op) and a.name == "neg":
@@ -136,6 +141,7 @@ def neg(a: Expr) -> Expr:
 
 
 def power(a: Expr, b: Expr) -> Expr:
+    """a ^ b."""
     if b == ONE:
         return a
     if b == ZERO:
@@ -228,6 +234,20 @@ _NUMERIC: dict[str, Callable[..., float]] = {
 
 # Operators and functions that the C printer and the differentiation know as numbers.
 FUNCTIONS = frozenset(_NUMERIC)
+
+
+def balanced_sum(terms: Sequence[Expr]) -> Expr:
+    """a + b + ...: from left to right for a few terms, by halves for many, so that no tree gets deep."""
+    if len(terms) > _FEW:
+        middle = len(terms) // 2
+        return Op("+", (balanced_sum(terms[:middle]), balanced_sum(terms[middle:])))
+    result = terms[0]
+    for term in terms[1:]:
+        result = Op("+", (result, term))
+    return result
+
+
+_FEW = 16
 
 
 def nodes(expr: Expr) -> Iterator[Expr]:

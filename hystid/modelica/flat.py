@@ -30,6 +30,12 @@ class Place:
     def __str__(self) -> str:
         return f"{self.file}:{self.line}" if self.line else self.file
 
+    @property
+    def short(self) -> str:
+        """File name and line, the same wherever the file lies."""
+        name = self.file.replace("\\", "/").rsplit("/", 1)[-1]
+        return f"{name}:{self.line}" if self.line else name
+
 
 @dataclass(frozen=True)
 class FlatVariable:
