@@ -26,6 +26,7 @@ test: install    ## all tests
 
 concealed: install ## blind benchmark of the diagnosis on fresh cases (about an hour), writes docs/concealed.md
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
+	-$(BIN)/python examples/lab_case.py -o build/concealed/lab_case
 	$(BIN)/python -m benchmarks.concealed.score --cases 153 --hard 80 --without-truth --rivals --jobs 2 -o build/concealed --doc
 
 lint: install    ## ruff

@@ -10,8 +10,8 @@ Three things are done with them:
    20, 30, 40 and 50 Hz at 80 and 90 N, beside the rig's own equations with their true parameters (the oracle).
 
 Run: ``python examples/lab_case.py [-o DIR]``. Everything in DIR can be looked at with a browser or a text editor:
-``diagnosis.json``, ``extended.mo``, ``extended.fmu``, ``mismatch_*.csv``. Exit code 1 where the diagnosis does not name
-the loss of contact.
+``diagnosis.json``, ``extended.mo``, ``extended.fmu``, ``mismatch_*.csv``, and what is printed, in ``lab_case.txt``.
+Exit code 1 where the diagnosis does not name the loss of contact.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ import numpy as np
 from hystid.comparison import harmonics, nrmse
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import diagnose
+from hystid.files import write_text
 from hystid.identification import identify
 from hystid.modelica import compile_model
 from hystid.processing import add_noise
@@ -118,26 +119,35 @@ def _sentences(unseen: Sequence[Recording], answer: dict[str, Any], forces: Sequ
     return said
 
 
+def told(lines: Sequence[Line], answer: dict[str, Any], sentences: Sequence[str]) -> str:
+    """The whole result as text."""
+    text = [*sentences, f"verdict: {answer['verdict']}"]
+    for finding in answer["findings"]:
+        stated = ", ".join(f"{name} = {p['value']:.4g} {p['unit']}" for name, p in finding["parameters"].items())
+        text.append(
+            f"  {finding['effect']} (class: {', '.join(finding['class'])}): {stated}; {finding['where']['text']}"
+        )
+    text.append("true: the contact opens beyond 1.2 mm on the positive side, 90 % of the friction is lost there")
+    text.append(
+        f"{'unseen test':18} {'stick-slip':>10} {'diagnosed':>10} {'oracle':>8} {'network':>8}   (NRMSE of x, free run)"
+    )
+    for line in lines:
+        learned = "-" if line.network is None else f"{line.network:.4f}"
+        text.append(f"{line.name:18} {line.before:10.4f} {line.after:10.4f} {line.oracle:8.4f} {learned:>8}")
+    ratios = [line.after / line.oracle for line in lines]
+    text.append(f"diagnosed against oracle: {max(ratios):.3f} at worst, {np.median(ratios):.3f} in the median")
+    return "\n".join(text)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description="The lab case: find a concealed loss of contact.")
     parser.add_argument("-o", dest="out", type=Path, default=Path("lab_case"))
     out = parser.parse_args(arguments).out
     lines, answer, sentences = study(out)
-    print("\n".join(sentences))
-    print(f"verdict: {answer['verdict']}")
-    for finding in answer["findings"]:
-        stated = ", ".join(f"{name} = {p['value']:.4g} {p['unit']}" for name, p in finding["parameters"].items())
-        print(f"  {finding['effect']} ({', '.join(finding['class'])}): {stated}; {finding['where']['text']}")
-    print("true: contact opens beyond 1.2 mm on the positive side, 90 % of the friction is lost there")
-    print(
-        f"{'unseen test':18} {'stick-slip':>10} {'diagnosed':>10} {'oracle':>8} {'network':>8}   (NRMSE of x, free run)"
-    )
-    for line in lines:
-        learned = "  -" if line.network is None else f"{line.network:8.4f}"
-        print(f"{line.name:18} {line.before:10.4f} {line.after:10.4f} {line.oracle:8.4f} {learned:>8}")
-    ratios = [line.after / line.oracle for line in lines]
-    print(f"diagnosed against oracle: {max(ratios):.3f} at worst, {np.median(ratios):.3f} in the median")
+    text = told(lines, answer, sentences)
+    write_text(out / "lab_case.txt", text + "\n")
+    print(text)
     return 0 if any(f["effect"] == "contact_loss" for f in answer["findings"]) else 1
 
 

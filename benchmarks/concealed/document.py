@@ -24,7 +24,25 @@ noise-free mismatch that survives a refit of the baseline is {least} to about 2.
 below {least} are drawn again, so that none is impossible by noise alone. All channels pass one anti-aliasing filter
 and carry white noise of 34 dB (hard variants: see there).
 
-Command: `{command}` (seed {seed}; another seed gives other cases).
+`make concealed` draws a fresh deck and writes this page. This one: `{command}`.
+"""
+
+COVERAGE = """\
+Of a wave of 51 cases, 25 conceal one effect (every id once), 5 nothing (a null per baseline), 5 are decoys (held
+force, 0.3 samples of delay, coloured noise, mains hum, coarse quantisation), 4 pairs, 2 effects that act in a
+window only, 2 baselines of the wrong family, 5 physics from outside the catalogue (strangers) and 3 relatives of a
+class in a form of their own.
+
+What the deck does not show: records start from rest and wear starts anew with each of them (variant `running` cuts
+records from a moving test, and is not part of the figures); noise is white but in the decoy; friction at reversals
+and contact shocks are sampled through a sharp filter, whose ringing is part of the data; one degree of freedom
+only.
+"""
+
+LAB_CASE = """\
+`python examples/lab_case.py`: a virtual rig with stick-slip and a concealed loss of contact (its own Modelica
+model, which is no effect block of the library), chirps with 34 dB of noise, a stick-slip baseline with wrong
+parameters, and unseen harmonics at 20, 30, 40, 50 Hz.
 """
 
 
@@ -88,14 +106,17 @@ def complaint(g: Grade) -> str:
 
 def write_document(path: Path, seed: int, standard: Sequence[Grade], hard: Sequence[Grade], folder: Path) -> None:
     """Write the page; rivals and the deck without the true ids are added where their results lie in the folder."""
-    command = "make concealed"
+    options = f"--cases {len(standard)}" + (f" --hard {len(hard)}" if hard else "")
+    command = f"python -m benchmarks.concealed.score --seed {seed} {options} -o build/concealed --doc"
     parts = [
         INTRODUCTION.format(least=LEAST_MISMATCH, command=command, seed=seed),
+        COVERAGE,
         "## Rules\n",
         RULES,
         "\n## Result at 34 dB\n",
     ]
-    parts += [table(figures(standard)), "\n## Hard variants\n"]
+    parts.append(table(figures(standard)))
+    parts.append("\n## Hard variants\n" if hard else "\nThe hard variants were not run for this page.\n")
     for variant in HARD:
         chosen = [g for g in hard if g.variant == variant]
         if chosen:
@@ -123,6 +144,9 @@ def _more(folder: Path) -> list[str]:
     rivals = folder / "rivals.json"
     if rivals.exists():
         parts += ["\n## Rivals on the same deck\n", rivals_table(json.loads(rivals.read_text(encoding="utf-8")))]
+    lab = folder.parent / "lab_case" / "lab_case.txt"
+    if lab.exists():
+        parts += ["\n## The lab case\n", LAB_CASE, "```", lab.read_text(encoding="utf-8").rstrip(), "```"]
     return parts
 
 
