@@ -117,6 +117,7 @@ _ADVICE = (
     (r"expected Real, found Integer", "; write whole numbers with a decimal point here (1.0)"),
     (r"duplicate discrete", "; a variable is assigned in two when-clauses: join them by elsewhen"),
     (r"expression shape mismatch", "; an Integer or Boolean is given a value of another type or size"),
+    (r"not a discrete coordinate", "; assign the whole array, u = {...}, or name its elements as scalars"),
     (r"dependency cycle", "; break the loop with pre()"),
 )
 

@@ -137,16 +137,20 @@ def _flat_dictionary(
     structure: Mapping[str, float],
 ) -> dict[str, Any]:
     session = rumoca.Session(roots=[str(root)])
+    # names of folders that do not exist: the front end would read what lies beside a real file
+    named = {f"hystid-{number}/{source.path.name}": source for number, source in enumerate(files)}
     wrapper = _wrapper(name, structure)
-    texts = [(s.text, str(s.path)) for s in files] + [(wrapper, f"{_WRAPPER}.mo")]
     try:
-        for text, path in texts[:-1]:
-            _retain(rumoca, session, text, path)
-        model = session.loads(wrapper, model=_WRAPPER, filename=texts[-1][1])
+        for path, source in named.items():
+            _retain(rumoca, session, source.text, path)
+        model = session.loads(wrapper, model=_WRAPPER, filename=f"hystid/{_WRAPPER}.mo")
         dictionary: dict[str, Any] = model.to_dict("flat")
     except rumoca.RumocaError as error:
         located_syntax_error(rumoca.validate_source, files, library)
-        raise explain(str(error), name, files, library) from None
+        message = str(error)
+        for path, source in named.items():
+            message = message.replace(path, str(source.path))
+        raise explain(message, name, files, library) from None
     return dictionary
 
 
