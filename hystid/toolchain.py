@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -113,9 +114,14 @@ def object_files(
     if missing:
         with tempfile.TemporaryDirectory(dir=cache_folder()) as folder:
             _write(Path(folder), sources)
-            for name in missing:
-                _compile([*full, name, "-o", "made.o"], Path(folder))
-                Path(folder, "made.o").replace(objects[name])
+
+            def compile_one(name: str) -> None:
+                _compile([*full, name, "-o", f"{name}.o"], Path(folder))
+                Path(folder, f"{name}.o").replace(objects[name])
+
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                for _ in pool.map(compile_one, missing):
+                    pass
     return tuple(objects.values())
 
 

@@ -258,10 +258,29 @@ static int next_target(const hy_engine *e, const stretch *w, double *target)
     return 1;
 }
 
+/* A whole step in the hope that nothing happens in it, which is most of them. *done = 0: something does happen, or the
+ * model found no answer; the block stands at the left end again. */
+static int quiet_step(hy_engine *e, const stretch *w, int *done)
+{
+    double target;
+    int any = 1, outcome;
+    *done = 0;
+    if (!e->plain || next_target(e, w, &target)) return HY_OK;
+    outcome = left_end(e);
+    if (outcome) return outcome;
+    outcome = reach(e, w, w->h);
+    if (!outcome) outcome = hy_settle(e);
+    if (!outcome) outcome = hy_crossed(e, &any);
+    *done = !outcome && !any;
+    if (!*done) place(e, time_at(w, w->s), e->X);
+    return HY_OK;
+}
+
 static int step_with_events(hy_engine *e, stretch w, int stop_at_events)
 {
     int *which = e->crossings + e->model->n_z; /* second half */
-    int sliding = 0, fresh = 0, outcome = HY_OK;
+    int sliding = 0, fresh = 0, done, outcome = quiet_step(e, &w, &done);
+    if (outcome || done) return outcome;
     for (int i = 0; i < e->model->n_z; i++) e->crossings[i] = 0;
     for (int events = 0;; events++) {
         double target, wanted;
