@@ -404,3 +404,43 @@ def test_directory_package_of_a_user(tmp_path):
     alone = tmp_path / "user.mo"
     alone.write_text("model Mine\n  extends Rigs.Rig(m = 2);\nend Mine;\n")
     assert compile_model(f"{alone}:Mine", libraries=[folder]).variable("m").start == 2.0
+
+
+MODIFIED = {
+    "plain.y": 10, "given.y": 6, "base.y": 20, "base2.y": 90, "chain.y": 40, "chain2.y": 80, "chain2.q": 5,
+    "short.y": 70, "short2.y": 14, "derived.a.y": 30, "derived.own": 6, "holder.a.y": 400,
+    "holder.a.x": 0.25, "each3[2].y": 60, "list3[3].y": 6, "nested[2].a.y": 220, "swap.part.y": 110,
+    "swap2.part.y": 120, "swap2.part.c": 1, "swap3.part.y": 143, "started.x": 3, "bound.y": 578,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [("All", {}), ("Extended", {"plain.y": 500, "bound.y": 2, "swap.part.y": 600, "list3[3].y": 18})],
+)
+def test_every_modifier_takes_effect(name, changes):
+    expected = {**MODIFIED, **changes}
+    got = CompiledModel(code(f"Modifiers.{name}")).simulate({}, 1e-3, outputs=list(expected), rows=1)
+    assert {n: float(v[0]) for n, v in got.items()} == expected
+
+
+def test_files_beside_a_users_file_are_not_read(tmp_path):
+    (tmp_path / "a.mo").write_text("model Mine\n  parameter Real k = 1;\n  Real y = k*time;\nend Mine;\n")
+    (tmp_path / "b.mo").write_text("model Mine\n  parameter Real k = 2;\n  Real y = k*time;\nend Mine;\nbroken")
+    assert compile_model(f"{tmp_path / 'a.mo'}:Mine").variable("k").start == 1.0
+
+
+def test_effect_of_a_user_in_a_file_of_its_own(tmp_path):
+    (tmp_path / "stop.mo").write_text(
+        'block MyStop "Stop"\n  extends HystId.Interfaces.PartialEffect;\n'
+        '  parameter Real k(unit = "N/m") = 0 "Stiffness";\n'
+        "equation\n  f = k*max(x - 2e-3, 0);\nend MyStop;\n"
+    )
+    (tmp_path / "rig.mo").write_text(
+        "model Rig\n  extends HystId.Oscillators.Linear(f_effects = s.f);\n"
+        "  MyStop s(x = x, v = v, a = a, h = f_h, k = 1e4);\nend Rig;\n"
+    )
+    rig = CompiledModel(compile_model(f"{tmp_path / 'rig.mo'}:Rig", libraries=[tmp_path / "stop.mo"]))
+    got = rig.simulate({"F": np.full(200, 60.0)}, 1e-3, outputs=["x", "s.f"])
+    close(got["s.f"], 1e4 * np.maximum(got["x"] - 2e-3, 0), 1e-12)
+    assert got["s.f"].max() > 1
