@@ -36,8 +36,8 @@ CONCEALED = "contact_loss"
 class UnseenTest:
     """One held-out test. recorded: with noise, R = F - m a. Motions x [m] and forces R [N] on its grid, shape (n,).
 
-    refitted: the stick-slip model after its own refit; extended: extended.fmu; oracle: the rig's own equations, without
-    noise; network: the surrogate, None where it diverged.
+    All are driven by the recorded force. refitted: the stick-slip model after its own refit; extended: extended.fmu;
+    oracle: the rig's own equations; network: the surrogate, None where it diverged.
     """
 
     frequency: float
@@ -112,18 +112,15 @@ def lab_case(out: Path, size: Size) -> LabCase:
 
 def _record(rig: Driver, text: str, seed: int, folder: Path) -> Recording:
     """One test on the rig, sampled at 2.5 kHz, with noise; written as CSV."""
-    recording = add_noise(_answer(rig, text), NOISE_DB, seed)
+    answer = simulate(rig, force_of(text, _STEP))
+    F, x, v, a = (answer.channel(name)[::_EVERY] for name in ("F", "x", "v", "a"))
+    measured = dict.fromkeys(("F", "x", "v", "a"), "measured")  # by the virtual rig's sensors
+    sampled = Recording(text, answer.t[::_EVERY], F=F, x=x, v=v, a=a, origin=measured, notes=answer.notes)
+    recording = add_noise(sampled, NOISE_DB, seed)
     kind, _, rest = text.partition(":")
     name = f"{kind}_{rest.partition(',')[0].replace('@', '_')}"
     write_csv(recording, folder / f"{name}.csv")
     return replace(recording, name=name)
-
-
-def _answer(driver: Driver, text: str, parameters: dict[str, float] | None = None) -> Recording:
-    answer = simulate(driver, force_of(text, _STEP), parameters=parameters)
-    F, x, v, a, R = (answer.channel(name)[::_EVERY] for name in ("F", "x", "v", "a", "R"))
-    recorded = dict.fromkeys(("F", "x", "v", "a"), "measured")  # by the virtual rig's sensors
-    return Recording(text, answer.t[::_EVERY], F=F, x=x, v=v, a=a, R=R, origin=recorded, notes=answer.notes)
 
 
 def _tried(out: Path, unseen: Sequence[Recording], network: Identification, found: Diagnosis) -> tuple[UnseenTest, ...]:
@@ -133,15 +130,16 @@ def _tried(out: Path, unseen: Sequence[Recording], network: Identification, foun
     learned = {c.recording.name: c.network.free_run for c in network.comparisons}
     tests = []
     for text, recording in zip(TESTS, unseen, strict=True):
-        refitted = _answer(believed, text, refit)
+        force = Recording(recording.name, recording.t, F=recording.channel("F"))
+        refitted = simulate(believed, force, parameters=refit)
         run = learned[recording.name]
         tests.append(
             UnseenTest(
                 parse(text).low,
                 with_restoring_force(recording, NOMINAL["m"]),
                 refitted,
-                _answer(extended, text) if extended else refitted,
-                _answer(rig, text),
+                simulate(extended, force) if extended else refitted,
+                simulate(rig, force),
                 None if run is None else replace(recording, x=run["x"], v=run["v"], a=run["a"], R=run["R"]),
             )
         )

@@ -194,8 +194,8 @@ def _missing_force(trace: Traces) -> Plot:
 def _prediction(page: Page, lab: LabCase) -> None:
     page.section(
         "5  The extended model predicts unseen tests",
-        "Each model is driven by the force alone, from rest. The oracle is the rig's own set of equations: what it"
-        " leaves is the noise of the recording, and no model can be better.",
+        "Each model is driven by the recorded force alone, from rest. The oracle is the rig's own set of equations:"
+        " what it leaves comes from the noise of the recording and of its force, and no model can do better.",
     )
     names = [_short(test.recorded.name) for test in lab.tests]
     kinds: list[tuple[str, str, Role]] = [
