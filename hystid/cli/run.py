@@ -82,7 +82,7 @@ def _say(text: str) -> None:
         print(f"hystid: {line}", file=sys.stderr)
 
 
-_FLAGS = {"--resample", "--update", "--help", "-h", "--version"}
+_FLAGS = {"--resample", "--update", "--strict", "--help", "-h", "--version"}
 
 
 def spread(arguments: Sequence[str]) -> list[str]:
