@@ -149,10 +149,11 @@ def test_wrong_layers(text: str) -> None:
 
 def test_parameter_files(tmp_path: Path) -> None:
     path = tmp_path / "p.json"
-    path.write_text(json.dumps({"m": 4.2, "Ks": {"value": 2e5, "stderr": 1.0, "unit": "N/m"}}))
-    assert parameter_file(path) == {"m": 4.2, "Ks": 2e5}
-    for content in ("[1]", "{", '{"m": "heavy"}', '{"m": null}'):
-        path.write_text(content)
+    content = {"m": 4.2, "Ks": {"value": 2e5, "fixed": True}}
+    path.write_text(json.dumps(content))
+    assert parameter_file(path) == content
+    for text in ("[1]", "{", '{"m": "heavy"}', '{"m": null}'):
+        path.write_text(text)
         with pytest.raises(UsageError, match=r"p\.json"):
             parameter_file(path)
 
