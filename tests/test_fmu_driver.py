@@ -12,7 +12,7 @@ from fmu_models import bouncing, built, contact, effect, jenkins, linear, memory
 
 from hystid.compiled import CompiledModel
 from hystid.errors import FmuError, HystidError
-from hystid.fmu import Driver
+from hystid.fmu import Driver, build_model
 from hystid.fmu.native import Instance
 
 BOTH = pytest.mark.parametrize("version", [2, 3])
@@ -301,6 +301,21 @@ def test_sampled_memory_by_batch_and_by_steps_agree(tmp_path):
     # the step made with sample k shows the force of sample k at its end: one row later than in the table
     steps = fmu.simulate(t, {"x": x, "v": v}, interpolation="hold")["R"]
     np.testing.assert_allclose(steps[1:], batch[:-1], rtol=1e-14)
+
+
+@BOTH
+def test_a_boolean_input_triggers_a_when_clause(tmp_path, version):
+    """Four rising edges count four, by the batch entry and step by step; there is no indicator and no time event."""
+    source = tmp_path / "edges.mo"
+    lines = "input Boolean b; output Real n(start=0); equation when b then n = pre(n) + 1; end when;"
+    source.write_text(f"model Edges {lines} end Edges;")
+    path = build_model(f"{source}:Edges", tmp_path / "edges.fmu", fmi=version).path
+    t, b = np.arange(16) * 0.1, np.tile([0.0, 0.0, 1.0, 1.0], 4)
+    expected = np.repeat(np.arange(5), [2, 4, 4, 4, 2])
+    np.testing.assert_array_equal(Driver(path).simulate(t, {"b": b})["n"], expected)
+    # a step made with sample k shows it at its end, one row later
+    steps = Driver(foreign(path, tmp_path, version)).simulate(t, {"b": b})["n"]
+    np.testing.assert_array_equal(steps[1:], expected[:-1])
 
 
 def test_the_folder_goes_with_the_driver():

@@ -117,7 +117,7 @@ int hy_carry(hy_engine *e, const int *slots, int n)
 
 int hy_has_events(const hy_engine *e)
 {
-    return e->model->update && (e->model->n_z > 0 || e->model->next_time_event);
+    return e->model->update != NULL; /* a when-clause on a Boolean input needs neither indicator nor time event */
 }
 
 void hy_drive(hy_engine *e)

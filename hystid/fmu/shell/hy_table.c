@@ -36,7 +36,11 @@ static double row_time(const hy_table *t, int row) { return t->start_time + row 
 static void set_row(hy_engine *e, const hy_table *t, int row)
 {
     e->data.v[0] = row_time(t, row);
-    for (int i = 0; i < t->n_columns; i++) e->data.v[t->column_slots[i]] = t->samples[i][row];
+    for (int i = 0; i < t->n_columns; i++) {
+        double *const value = e->data.v + t->column_slots[i];
+        if (t->column_modes[i] == HY_HOLD && *value != t->samples[i][row]) e->status->event_pending = 1;
+        *value = t->samples[i][row];
+    }
     e->status->stale = 1;
 }
 
