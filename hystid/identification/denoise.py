@@ -132,7 +132,9 @@ class _Problem:
             squares = sum(float(np.sum(miss**2)) for miss in misses)
             return float(np.log(squares) - 2 * np.log(len(misses) * self.count - freedom))
 
-        coarse = min(range(-6, 13, 2), key=score)  # the score is flat on the side of no smoothing: no place to search from
+        coarse = min(
+            range(-6, 13, 2), key=score
+        )  # the score is flat on the side of no smoothing: no place to search from
         best = minimize_scalar(score, bounds=(coarse - 2, coarse + 2), method="bounded", options={"xatol": 0.1})
         return reference * 10 ** float(best.x)
 

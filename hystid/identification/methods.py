@@ -17,11 +17,15 @@ from hystid.recording import Recording
 from hystid.turning_points import TurningPoints
 
 _FIRST_ITERATIONS = 60  # of a refined training by itself: enough to rank the starts, the rest is done in simulation
+_PATIENCE = 25  # iterations without a lower validation error in simulation: left-out branches make that error uneven
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """From a recording to its x, v, R: joint smoothing where wanted, then ``processing.prepare``."""
+    """From a recording to its x, v, R: joint smoothing of x and v where wanted, then ``processing.prepare``.
+
+    A recorded a stays as it is: it enters the target R = F - m a only, while x and v are inputs, whose noise biases.
+    """
 
     band: processing.Band | None
     decimate: int
@@ -31,6 +35,10 @@ class Recipe:
     def apply(self, recording: Recording) -> Recording:
         """The recording with x, v, a, R derived and reduced as stated."""
         ready = smooth(recording) if self.smoothing else recording
+        if recording.a is not None and recording.R is None:
+            # Noise of the target averages out in training; what smoothing takes off the corners of a would not.
+            origin = {**ready.origin, "a": recording.origin.get("a", "measured")}
+            ready = replace(ready, a=recording.a, origin=origin)
         return processing.prepare(ready, band=self.band, decimate=self.decimate, mass=self.mass)
 
 
@@ -73,7 +81,8 @@ class Plan:
         sequences = Sequences.of([(r.channel("x"), r.channel("v"), r.channel("R")) for r in recordings], rule)
         sequences = sequences.pick(draw(len(sequences.x), self.samples, self.seed))
         leaders = best(starts, max(self._tenth, round(len(starts) / 3)))
-        finished = refine_ensemble(leaders, sequences, seed=self.seed, rule=self.rule, workers=self.workers)
+        patient = replace(self.rule, max_fails=max(_PATIENCE, self.rule.max_fails))
+        finished = refine_ensemble(leaders, sequences, seed=self.seed, rule=patient, workers=self.workers)
         refined = {start.number: start for start in finished}
         everything = [refined.get(start.number, start) for start in starts]
         chosen = best(finished, self._tenth)
