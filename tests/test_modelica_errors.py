@@ -66,6 +66,8 @@ REFUSED = {
         "stream connectors are not supported",
     ),
     "der of expression": (model("  Real x(start = 1);\nequation\n  der(x^2) = 1;\n"), 4, "der.* takes one variable"),
+    "der of an input": (model("  input Real u;\n  Real x;\nequation\n  x = der(u);\n"), 5, "derivative of an input"),
+    "breakdown of the front end": (model("  Real x;\nequation\n  x = der(time);\n"), 1, "front end broke down"),
     "change of expression": (
         model("  Real v(start = 1);\n  discrete Real n;\nequation\n  der(v) = -1;\n"
               "  when change(v >= 0) then\n    n = pre(n) + 1;\n  end when;\n"),

@@ -41,6 +41,22 @@ def explain(message: str, name: str, files: Sequence[Source], library: Sequence[
     return ModelicaError(f"{where}: {_plain(core)}{_advice(core, sources)}")
 
 
+def broken_down(message: str, name: str, sources: Sequence[Source]) -> ModelicaError:
+    """One sentence for a breakdown inside the front end."""
+    offset = re.search(r"BytePos\((\d+)\), end: BytePos\((\d+)\)", message)
+    if "derivative target" in message and offset:
+        start, end = int(offset.group(1)), int(offset.group(2))
+        place = next((f"{s.path}:{s.line(start)}" for s in sources if s.piece(start, end).startswith("der")), name)
+        return ModelicaError(
+            f"{place}: der() takes a variable that equations determine: the derivative of an input, a parameter "
+            "or time is not known; declare it as an input of its own"
+        )
+    return ModelicaError(
+        f"{declared_at(name, sources)}: the front end broke down on this model ({message[:80]}): look for der() or "
+        "pre() of what is no variable, or leave parts of the model out to find the line"
+    )
+
+
 def _core(message: str) -> str:
     """The first line without the stage, the wrapper and the place."""
     text = message.splitlines()[0]

@@ -20,7 +20,7 @@ from typing import Any
 from hystid.errors import ModelicaError
 from hystid.modelica.adapter import Adapter
 from hystid.modelica.annotations import description_of, experiment_of
-from hystid.modelica.diagnostics import explain, located_syntax_error
+from hystid.modelica.diagnostics import broken_down, explain, located_syntax_error
 from hystid.modelica.expr import Num
 from hystid.modelica.flat import FlatModel
 from hystid.modelica.sources import Source, declaration
@@ -151,6 +151,10 @@ def _flat_dictionary(
         for path, source in named.items():
             message = message.replace(path, str(source.path))
         raise explain(message, name, files, library) from None
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":  # what a breakdown inside the front end raises; it has no base
+            raise
+        raise broken_down(str(error), name, (*files, *library)) from None
     return dictionary
 
 
@@ -160,6 +164,9 @@ def _retain(rumoca: Any, session: Any, text: str, path: str) -> None:
         session.loads(text, model=_WRAPPER, filename=path)
     except rumoca.RumocaError:
         return
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":
+            raise
 
 
 def _wrapper(name: str, structure: Mapping[str, float]) -> str:
