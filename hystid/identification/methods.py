@@ -22,10 +22,7 @@ _PATIENCE = 25  # iterations without a lower validation error in simulation: lef
 
 @dataclass(frozen=True)
 class Recipe:
-    """From a recording to its x, v, R: joint smoothing of x and v where wanted, then ``processing.prepare``.
-
-    A recorded a stays as it is: it enters the target R = F - m a only, while x and v are inputs, whose noise biases.
-    """
+    """From a recording to its x, v, R: joint smoothing where wanted, then ``processing.prepare``."""
 
     band: processing.Band | None
     decimate: int
@@ -35,10 +32,6 @@ class Recipe:
     def apply(self, recording: Recording) -> Recording:
         """The recording with x, v, a, R derived and reduced as stated."""
         ready = smooth(recording) if self.smoothing else recording
-        if recording.a is not None and recording.R is None:
-            # Noise of the target averages out in training; what smoothing takes off the corners of a would not.
-            origin = {**ready.origin, "a": recording.origin.get("a", "measured")}
-            ready = replace(ready, a=recording.a, origin=origin)
         return processing.prepare(ready, band=self.band, decimate=self.decimate, mass=self.mass)
 
 
