@@ -165,13 +165,14 @@ def _without_truth(results: Mapping[str, Any]) -> str:
 def rivals_table(results: Mapping[str, Any]) -> str:
     """Markdown table of rivals: share of right names, wrong names, false alarms, gain, time."""
     lines = [
-        "| method | name right | class right | wrong name | false alarms | gain, median | CPU [s], median |",
-        "|---|---|---|---|---|---|---|",
+        "| method | name right | class right | wrong name | false alarms | gain, median | CPU [s], median | cases |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for name, row in results.items():
         cells = [name]
         for key in ("name_right", "class_right", "wrong_name", "false_alarm"):
             cells.append("-" if row[key] is None else f"{100 * row[key]:.0f} %")
         cells += ["-" if row[key] is None else f"{row[key]:.2f}" for key in ("gain", "cpu_s")]
+        cells.append(str(row["cases"]))
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

@@ -229,15 +229,13 @@ def residual_network(ready: Ready) -> Guess:
     from sklearn.neural_network import MLPRegressor  # type: ignore[import-untyped]
 
     X, V, scale = ready.baseline.scale.X, ready.baseline.scale.V, float(np.std(ready.residual))
+    inputs = np.column_stack([ready.stacked("x") / X, ready.stacked("v") / V])
     network = MLPRegressor(
-        hidden_layer_sizes=(16,),
-        activation="tanh",
-        early_stopping=True,
-        random_state=0,
-        max_iter=200,
-        learning_rate_init=3e-3,
+        hidden_layer_sizes=(16,), activation="tanh", early_stopping=True, random_state=0, max_iter=100
     )
-    network.fit(np.column_stack([ready.stacked("x") / X, ready.stacked("v") / V]), ready.residual / scale)
+    with warnings.catch_warnings():  # the last epoch counts as its answer
+        warnings.simplefilter("ignore")
+        network.fit(inputs[::4], ready.residual[::4] / scale)
     return Guess((), (tabulated(ready, lambda x, v: scale * network.predict(np.column_stack([x / X, v / V]))),))
 
 
