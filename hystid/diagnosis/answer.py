@@ -25,15 +25,15 @@ _EXACT = (frozenset({"two_sided_stop", "backlash"}), frozenset({ADDED_MASS, GAIN
 _RECALIBRATED = 1.15  # mean square at the nominal values over that of the refit
 
 _SPLITS = {
-    frozenset({"two_sided_stop", "backlash"}): "measure the static stiffness at very small displacement: free play is soft there, stops are not",
+    frozenset({"two_sided_stop", "backlash"}): "measure the stiffness at very small displacement: free play is soft",
     frozenset({ADDED_MASS, GAIN}): "calibrate the force channel with a known weight, or weigh the moving parts",
-    frozenset({"preload", "asymmetric_friction"}): "hold the structure still after slow motion from both sides, and tilt it",
+    frozenset({"preload", "asymmetric_friction"}): "hold it still after slow motion from either side, and tilt it",
     frozenset({"preload", "force_drift"}): "record the force channel with nothing attached, before and after a test",
-    frozenset({"cubic_stiffness", "two_sided_stop"}): "record at amplitudes well below and above, to see whether there is a threshold",
-    frozenset({"quadratic_stiffness", "bilinear_stiffness"}): "record at several amplitudes: the second harmonic grows with the amplitude or keeps its share",
+    frozenset({"cubic_stiffness", "two_sided_stop"}): "record at small and large amplitudes: is there a threshold",
+    frozenset({"quadratic_stiffness", "bilinear_stiffness"}): "does the second harmonic grow with the amplitude",
     frozenset({"quadratic_damping", "stribeck_friction"}): "vary the frequency at a fixed amplitude",
-    frozenset({"viscoelastic_relaxation", "hidden_mode"}): "hold a step and watch the force relax, and sweep beyond the highest frequency so far",
-    frozenset({"stiffness_drift", "cyclic_degradation"}): "let the structure rest between two tests: time passes, but no path is travelled",
+    frozenset({"viscoelastic_relaxation", "hidden_mode"}): "hold a step and watch the force; sweep further up",
+    frozenset({"stiffness_drift", "cyclic_degradation"}): "let it rest between two tests: time passes without a path",
     frozenset({"coulomb_friction", "stribeck_friction"}): "record slow cycles through zero velocity",
 }  # fmt: skip
 
@@ -91,7 +91,8 @@ class Answer:
 
     def terms(self) -> list[tuple[Term, Mapping[str, Value]]]:
         """Terms that belong into a model (faults of the force channel do not)."""
-        fit, kept = self.choice.after, []
+        fit = self.choice.after
+        kept: list[tuple[Term, Mapping[str, Value]]] = []
         for i, term in enumerate(fit.hypothesis.terms):
             if isinstance(term.effect, ChannelEffect) or self.rename(term.effect.id) == GAIN:
                 continue
@@ -206,7 +207,9 @@ def _finding(answer: Answer, name: str, alike: tuple[str, ...], margin: float, s
     evidence = {
         "explained": choice.explained, "chi2_before": choice.before.chi2, "chi2_after": fit.chi2,
         "floor": choice.floor_after, "margin": margin,
-        "tried": [{"effect": t.name, "form": t.form, "chi2": t.chi2, "absorbed": t.absorbed} for t in choice.trials[:12]],
+        "tried": [
+            {"effect": t.name, "form": t.form, "chi2": t.chi2, "absorbed": t.absorbed} for t in choice.trials[:12]
+        ],
     }  # fmt: skip
     sure = confidence(choice, together, margin)
     term = answer.term(name)
@@ -299,8 +302,8 @@ def next_experiment(diagnosis: Diagnosis) -> str:
                 return f"To part {' from '.join(sorted(pair))}: {advice}."
     if diagnosis.verdict == "unknown_physics":
         return (
-            "Record slow cycles, and harmonic tests at three amplitudes and three frequencies, so that the amplitude and "
-            "rate laws of the unknown force can be read off; if a law suggests itself, add it as a block with --effects."
+            "Record slow cycles, and harmonic tests at three amplitudes and three frequencies, so that the amplitude "
+            "and rate laws of the unknown force can be read off; add a law that suggests itself with --effects."
         )
     if diagnosis.untestable:
         listed = ", ".join(diagnosis.untestable[:4])

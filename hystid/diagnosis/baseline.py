@@ -1,4 +1,5 @@
-"""The baseline on a measured motion: its restoring force, its hysteretic force, and how they depend on its parameters."""
+"""The baseline on a measured motion: its restoring force, its hysteretic force, and how they depend on its
+parameters."""
 
 from __future__ import annotations
 

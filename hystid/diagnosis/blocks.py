@@ -1,6 +1,7 @@
 """Candidate effects: Modelica blocks, and what a fit must know of their parameters.
 
-Nothing about an effect is written here. Of its parameters, those in which f is linear are amplitudes (found by a numeric
+Nothing about an effect is written here. Of its parameters, those in which f is linear are amplitudes (found by a
+numeric
 test); the others are shapes, whose range follows from the unit and the recordings. A new effect is a new ``.mo`` file.
 """
 
@@ -56,7 +57,8 @@ class Effect:
     """One form of one candidate effect.
 
     id: snake case, form: "" or what follows the double underscore. amplitudes: names in which f is linear. shapes: the
-    other continuous parameters. choices: integer parameters and their values. lowest: least values that the block allows. remembers: has inner states.
+    other continuous parameters. choices: integer parameters and their values. lowest: least values that the block
+    allows. remembers: has inner states.
     """
 
     id: str
@@ -91,7 +93,7 @@ class Effect:
 
 def effect_id(class_name: str) -> tuple[str, str]:
     """Id and form of a block: ``ContactLoss__Hertz`` -> ("contact_loss", "Hertz")."""
-    name, _, form = class_name.rpartition(".")[2].partition("__")
+    name, _, form = class_name.rpartition(":")[2].rpartition(".")[2].partition("__")
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower(), form
 
 
@@ -116,7 +118,8 @@ def effect_of(class_name: str, code: ModelCode) -> Effect:
         ident, form, class_name, bare.model, linear,
         tuple(variable for variable in reals if variable.name not in linear), choices,
         {variable.name: variable.unit for variable in parameters},
-        {variable.name: float(variable.min) for variable in reals if variable.min is not None}, bool(code.states), _reads_h(bare, linear),
+        {variable.name: float(variable.min) for variable in reals if variable.min is not None}, bool(code.states),
+        _reads_h(bare, linear),
     )  # fmt: skip
 
 
@@ -162,7 +165,8 @@ def grid(effect: Effect, scales: Scales) -> list[dict[str, float]]:
     """Starting points for the shapes and choices of an effect: the first shape in fine steps, the others coarsely."""
     axes = {shape.name: shape_values(shape, scales, fine=i == 0) for i, shape in enumerate(effect.shapes)}
     names = [*axes, *effect.choices]
-    values = [*axes.values(), *effect.choices.values()]
+    values: list[Sequence[float]] = [list(map(float, axis)) for axis in axes.values()]
+    values += [list(map(float, choice)) for choice in effect.choices.values()]
     return [dict(zip(names, map(float, point), strict=True)) for point in product(*values)]
 
 
@@ -191,8 +195,8 @@ def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
         shares = (0.05, 0.15, 0.35, 0.55, 0.75, 0.88, 0.95, 0.985) if fine else (0.05, 0.3, 0.8)
         return np.array([scales.x[int(share * (len(scales.x) - 1))] for share in shares])
     if shape.unit == "m/s":
-        shares = (0.01, 0.03, 0.1, 0.3, 0.8) if fine else (0.01, 0.06, 0.3)
-        return np.array(shares) * scales.v[int(0.8 * (len(scales.v) - 1))]
+        speeds = (0.01, 0.03, 0.1, 0.3, 0.8) if fine else (0.01, 0.06, 0.3)
+        return np.asarray(np.array(speeds) * scales.v[int(0.8 * (len(scales.v) - 1))])
     if shape.unit == "N":
         return np.quantile(scales.h, (0.3, 0.6, 0.85))
     if shape.unit == "J":

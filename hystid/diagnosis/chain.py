@@ -1,6 +1,7 @@
 """Is the measurement chain sound: do x, v and a describe one motion, and does a channel stop at a level?
 
-Sensor faults keep their signature in units of the signal: a shift in time, a level that is never passed. They are looked for
+Sensor faults keep their signature in units of the signal: a shift in time, a level that is never passed. They are
+looked for
 before any physics is, and taken out where they can be.
 """
 
@@ -51,7 +52,8 @@ class Lag:
 
 def shifted(recording: Recording, channel: str, samples: float) -> Recording:
     """Copy with one channel moved earlier by a number of samples (band-limited interpolation, mirrored ends)."""
-    return replace(recording, **{channel: advanced(np.asarray(getattr(recording, channel)), samples)})
+    moved = {channel: advanced(np.asarray(getattr(recording, channel)), samples)}
+    return replace(recording, **moved)  # type: ignore[arg-type]  # the keys are channels
 
 
 def lags(recordings: Sequence[Recording]) -> list[Lag]:
@@ -86,7 +88,8 @@ def _lag(recordings: Sequence[Recording], low: str, high: str) -> Lag:
 
 
 def delayed_channel(found: Sequence[Lag]) -> Fault | None:
-    """The one channel of the motion whose shift explains the lags; None when they agree within a quarter of a sample."""
+    """The one channel of the motion whose shift explains the lags; None when they agree within a quarter of a
+    sample."""
     if not found or max(abs(lag.lag) for lag in found if np.isfinite(lag.stderr)) < _SHIFTED:
         return None
     best: tuple[float, Fault] | None = None

@@ -149,7 +149,9 @@ def _given(parameters: str | Path | Mapping[str, Any] | None) -> Given:
             raise UsageError(f"{where}: not a JSON file ({error})") from None
     if not isinstance(parameters, Mapping):
         raise UsageError(f"{where}: parameters are an object of name: value, not a {type(parameters).__name__}")
-    values, fixed, free = {}, set(), set()
+    values: dict[str, float] = {}
+    fixed: set[str] = set()
+    free: set[str] = set()
     for name, entry in parameters.items():
         value = entry.get("value") if isinstance(entry, Mapping) else entry
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
@@ -259,10 +261,12 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     if verdict == "unknown_physics":
         rest = case.problem.balance(choice.after.hypothesis)
         unknown = locate.where_unknown(case.problem, rest, _noise(case))
+    last = choice.after.hypothesis
     diagnosis = Diagnosis(
         verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
-        listed, unseen, choice.untestable, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown, case.notes,
-        {"lags": case.consistency, "delay": choice.after.hypothesis.delay, "weighing": choice.after.hypothesis.weighing},
+        listed, unseen, choice.untestable, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
+        case.notes,
+        {"lags": case.consistency, "delay": last.delay, "weighing": last.weighing},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after,
     )  # fmt: skip
     told = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))

@@ -20,7 +20,8 @@ def extended_model(
 ) -> str:
     """Text of a Modelica class that extends the baseline.
 
-    refit: baseline parameters. terms: effects with their values and standard errors. remarks: sentences for the head, such
+    refit: baseline parameters. terms: effects with their values and standard errors. remarks: sentences for the
+    head, such
     as faults of the recording, which are no part of a model. own: texts of the user's blocks by class name.
     """
     names = _instance_names([term for term, _ in terms])

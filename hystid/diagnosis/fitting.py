@@ -1,6 +1,7 @@
 """Joint least squares over baseline, nuisances and effects, in the force domain.
 
-The unknowns of a hypothesis are the free parameters of the baseline, small corrections that every rig needs (a delay below
+The unknowns of a hypothesis are the free parameters of the baseline, small corrections that every rig needs (a delay
+below
 a sample, a weighing error), and amplitudes and shapes of the effects. Levenberg-Marquardt in scaled unknowns.
 """
 
@@ -68,7 +69,8 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted hypothesis: rows of the residual (unit noise), their mean square, and the scaled Jacobian's covariance."""
+    """A fitted hypothesis: rows of the residual (unit noise), their mean square, and the scaled Jacobian's
+    covariance."""
 
     hypothesis: Hypothesis
     residual: Array = field(repr=False)
@@ -194,7 +196,8 @@ class Problem:
     def _jumps(self, hypothesis: Hypothesis) -> list[Array]:
         """Rows of what a few per cent of the speed make of a law without memory.
 
-        Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed, and filters in the
+        Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed, and filters
+        in the
         measurement chain round the jump: the force right there says nothing.
         """
         if not self.baseline.memoryless:
@@ -258,7 +261,8 @@ class Problem:
         return tuple(found)
 
     def jacobian(self, hypothesis: Hypothesis, unknowns: Iterable[Unknown]) -> Array:
-        """Derivative of the predicted rows by each unknown (by its logarithm where it is fitted so); (rows, unknowns)."""
+        """Derivative of the predicted rows by each unknown (by its logarithm where it is fitted so); (rows,
+        unknowns)."""
         here = self.predicted(hypothesis)
         signals = self.signals(hypothesis.values)
         return np.stack([self._column(hypothesis, u, here, signals) for u in unknowns], axis=1)
@@ -308,7 +312,8 @@ class Problem:
         return columns
 
     def _law_slopes(self, values: Mapping[str, float]) -> dict[str, list[tuple[Array, Array]]]:
-        """dR and dh by each shape of the law, from a point at most a few per cent away: steps are checked by their cost."""
+        """dR and dh by each shape of the law, from a point at most a few per cent away: steps are checked by their
+        cost."""
         shapes = tuple(values[name] for name in self.baseline.shapes)
         for known, slopes in self._slopes:
             if np.allclose(known, shapes, rtol=_REUSE, atol=0.0):
@@ -343,9 +348,7 @@ class Problem:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # refused steps may be as wild as they like
-def fit(
-    problem: Problem, start: Hypothesis, *, iterations: int = 25, tolerance: float = 1e-4, bar: float = 0.0
-) -> Fit:
+def fit(problem: Problem, start: Hypothesis, *, iterations: int = 25, tolerance: float = 1e-4, bar: float = 0.0) -> Fit:
     """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
 
     bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
@@ -385,7 +388,8 @@ def fit(
 
 
 def _step(here: Hypothesis, unknowns: Sequence[Unknown], jacobian: Array, rows: Array, damping: float) -> Hypothesis:
-    """Damped Gauss-Newton step; unknowns that it would push over their bounds are set there and the rest solved anew."""
+    """Damped Gauss-Newton step; unknowns that it would push over their bounds are set there and the rest solved
+    anew."""
     free = list(range(len(unknowns)))
     changes: dict[Key, float] = {}
     left = rows

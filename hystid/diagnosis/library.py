@@ -1,6 +1,7 @@
 """The effects that are tried: all of ``HystId.Effects``, and the user's own blocks; compiled once, then cached.
 
-The cache holds the generated C and what was found out about the parameters, under a hash of everything that decides them.
+The cache holds the generated C and what was found out about the parameters, under a hash of everything that decides
+them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Where a mismatch acts: in displacement, speed, time, amplitude; even or odd; conservative or dissipative.
 
-A named effect is located by its own force: refitting moves the residual to where the effect is not. Without a name, by the
+A named effect is located by its own force: refitting moves the residual to where the effect is not. Without a name,
+by the
 level of the residual above the noise.
 """
 
@@ -33,7 +34,7 @@ def where_unknown(problem: Problem, residuals: Sequence[Array], noise: float) ->
     x, v = (np.concatenate([getattr(p, name) for p in problem.parts]) for name in ("x", "v"))
     even, conservative = _map_symmetry(x, v, np.concatenate(smooth))
     amplitude = [float(np.sqrt(2) * np.std(p.x)) for p in problem.parts]
-    level = [float(np.sqrt(max(np.mean(r**2) - noise**2, 0.0))) for r in residuals]
+    level = [float(np.sqrt(max(float(np.mean(r**2)) - noise**2, 0.0))) for r in residuals]
     law = _power_law(amplitude, level)
     parts = [
         "even in x and v" if even > 0.6 else "odd in x and v" if even < 0.4 else "of mixed symmetry",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import binom
@@ -22,7 +24,7 @@ def noise_level(channel: Array) -> float:
     """
     floor = _RESOLUTION * float(np.std(channel))
     if len(channel) < 64:
-        return max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0))
+        return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
     return max(floor, _by_steps(channel), min(_by_differences(channel), _by_spectrum(channel)))
 
 
@@ -45,5 +47,5 @@ def _by_spectrum(channel: Array) -> float:
     window = np.hanning(len(channel))
     power = np.abs(np.fft.rfft((channel - np.mean(channel)) * window)) ** 2 / np.sum(window**2)
     edges = (_BANDS * (len(power) - 1)).astype(int)
-    levels = [float(np.median(power[low:high])) for low, high in zip(edges[:-1], edges[1:], strict=True)]
+    levels = [float(np.median(power[low:high])) for low, high in pairwise(edges)]
     return float(np.sqrt(min(levels) / np.log(2.0)))  # the median of an exponential variable is ln 2 times its mean

@@ -1,6 +1,7 @@
 """Recordings made ready: smoothed motion as regressors, raw force balance as evidence, one reduction for both.
 
-The force balance F - m a is taken from the raw channels, so that its noise is white and of known level. Only the regressors
+The force balance F - m a is taken from the raw channels, so that its noise is white and of known level. Only the
+regressors
 are smoothed. Whatever is done to the balance (whitening, block averages, weights) is done to every column alike.
 """
 
@@ -32,7 +33,7 @@ SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8
 class Part:
     """One recording, ready for fitting. Arrays of shape (n,), SI units.
 
-    x, v, a: smoothed motion. F: force as measured. inertia: unbiased acceleration of which the balance F - m a is formed
+    x, v, a: smoothed motion. F: force as measured. inertia: unbiased acceleration, for the balance F - m a
     (the channel itself, or a plain derivative of the best one). noise: standard deviation per channel.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing.
     """
@@ -91,12 +92,16 @@ def measured_motion(recording: Recording) -> dict[str, Array]:
 
 def _computed(name: str, channels: Mapping[str, Array], dt: float) -> bool:
     """Whether a channel is a difference quotient of another one in the file: then it is no measurement."""
-    lower = {"v": "x", "a": "v"}.get(name)
+    lower = {"v": "x", "a": "v"}.get(name, "")
     if lower not in channels:
         return False
     slope = np.diff(channels[lower]) / dt
     size = float(np.std(channels[name]))
-    quotients = (slope - channels[name][1:], slope - channels[name][:-1], 0.5 * (slope[1:] + slope[:-1]) - channels[name][1:-1])
+    quotients = (
+        slope - channels[name][1:],
+        slope - channels[name][:-1],
+        0.5 * (slope[1:] + slope[:-1]) - channels[name][1:-1],
+    )
     return min(float(np.std(rest)) for rest in quotients) < _SAME * size
 
 

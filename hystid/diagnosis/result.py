@@ -73,7 +73,8 @@ class Finding:
 
 @dataclass(frozen=True)
 class Errors:
-    """Error of one recording before (refitted baseline) and after (with what was found); None where it has no answer."""
+    """Error of one recording before (refitted baseline) and after (with what was found); None where it has no
+    answer."""
 
     name: str
     force: tuple[float, float]

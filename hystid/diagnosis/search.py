@@ -75,7 +75,9 @@ def _points(
 ) -> list[Candidate]:
     """Grid points of one form, the largest gain first."""
     points = []
-    largest = sorted(signals, key=lambda s: -float(np.max(np.abs(s.x))))[:1]  # a threshold beyond these is never reached
+    largest = sorted(signals, key=lambda s: -float(np.max(np.abs(s.x))))[
+        :1
+    ]  # a threshold beyond these is never reached
     for shapes in grid(effect, problem.scales):
         try:
             if not any(np.any(column) for s in largest for column in effect.columns(s, shapes)):

@@ -1,6 +1,7 @@
 """From candidates to names: forward, backward and exchange steps, simpler laws first, and when to say nothing.
 
-Everything is judged by the share of the excess that a hypothesis explains: the excess is the mean square of the residual
+Everything is judged by the share of the excess that a hypothesis explains: the excess is the mean square of the
+residual
 above the floor that noise alone leaves. With tens of thousands of samples every p-value is zero, so none is used.
 """
 
@@ -20,6 +21,8 @@ EXPLAINED = 0.93  # share of the excess that a right law explains
 PAIR_SHARE = 0.045  # share of the excess that each of several effects must cost when it is taken away
 _CLEAR_MASS, _SURE = 0.02, 8.0  # share of the mass, and its multiple of the standard error
 _PAIR_LEFT = 0.05  # share of the excess that several right effects may leave
+_FAMILY, _AHEAD = 0.8, 0.2  # share of the excess that a form of the right id explains, and its lead over other ids
+_HELD = 0.35  # samples of delay: a force that is held is half a sample late, and no shift undoes the steps
 _FAR, _MOST, _MUCH = 30.0, 0.72, 0.4  # excess in floors, share of the first effect, share of the rest of the second
 _FORM = 0.045  # share of the excess that another form of the right law leaves; more may be a second effect
 MAINS = (50.0, 60.0)  # Hz
@@ -50,8 +53,10 @@ class Trial:
 class Choice:
     """Outcome of the selection.
 
-    before: the refitted baseline; after: with the named effects (the same where none is named). named: ids in the order of
-    strength; classes: ids that cannot be told from each name. explained: share of the excess. unknown: something is left
+    before: the refitted baseline; after: with the named effects (the same where none is named). named: ids in the
+    order of
+    strength; classes: ids that cannot be told from each name. explained: share of the excess. unknown: something is
+    left
     that no candidate explains. trials: all that was tried first, best first. untestable: ids that the refit absorbs.
     """
 
@@ -93,7 +98,7 @@ def choose(
     candidates = scan(problem, baseline, library, progress)
     untestable = _untestable(candidates)
     chain = chain_trials(problem, baseline, effects)
-    if excess < sound(problem) * max(1.0, floor):
+    if excess < sound(problem, baseline.hypothesis.delay) * max(1.0, floor):
         return _quiet(problem, baseline, floor, chain, untestable, effects)
     first = trials(problem, baseline, candidates, excess, chain)
     if not first:
@@ -108,6 +113,8 @@ def choose(
     if several is not None:
         return _named(problem, baseline, floor, several, first, untestable)
     if alone:
+        return _named(problem, baseline, floor, [chosen], first, untestable)
+    if _stands_out(first, chosen, baseline, excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     rough = _rough(problem, baseline, floor, first, library, chosen)
     if rough:
@@ -232,22 +239,23 @@ def _tie(best: Trial, excess: float) -> float:
     return _TIE[0] + _TIE[1] * min(excess, 10.0) + 0.05 * max(0.0, best.chi2 - 1.2)
 
 
-def sound(problem: Problem) -> float:
-    """Excess that healthy recordings may show; more where the law jumps and part of the rows is weighed down."""
-    return SOUND if problem.reduce.level == 1.0 else 2.5 * SOUND
+def sound(problem: Problem, delay: float) -> float:
+    """Excess that healthy recordings may show; more where a law jumps or the force was held between samples."""
+    return SOUND * (1.0 if problem.reduce.level == 1.0 else 2.5) * (2.0 if abs(delay) > _HELD else 1.0)
 
 
 def _explains(problem: Problem, fit: Fit, floor: float, before: Fit, excess: float) -> bool:
     """Whether what is left is within the share that close forms leave, and the change worth a name."""
     left = fit.chi2 - floor
-    worth = WORTH * sound(problem) / SOUND
+    worth = WORTH * sound(problem, before.hypothesis.delay) / SOUND
     return before.chi2 - fit.chi2 > worth and left < max(SOUND * floor, (1 - EXPLAINED) * excess)
 
 
 def _several(
     problem: Problem, before: Fit, first: Sequence[Trial], library: Sequence[Effect], excess: float
 ) -> list[Step] | None:
-    """Two or three effects: forward from the best few, each removal costly, the floor reached; None where that fails."""
+    """Two or three effects: forward from the best few, each removal costly, the floor reached; None where that
+    fails."""
     reached: list[list[Trial]] = []
     open_ends: list[list[Trial]] = []
     for start in _distinct(first)[:2]:
@@ -267,6 +275,15 @@ def _several(
     return [Step(trial, (), 0.0) for trial in simplest]
 
 
+def _stands_out(first: Sequence[Trial], chosen: Step, before: Fit, excess: float) -> bool:
+    """Whether one id, in whatever form, explains most while every other id is far behind."""
+    name = chosen.trial.name
+    others = [t.chi2 for t in first if t.name != name and t.name not in chosen.tied]
+    share = (before.chi2 - chosen.trial.chi2) / excess
+    second = (before.chi2 - min(others, default=before.chi2)) / excess
+    return share > _FAMILY and share - second > _AHEAD and not chosen.tied
+
+
 def _rough(
     problem: Problem, before: Fit, floor: float, first: Sequence[Trial], library: Sequence[Effect], chosen: Step
 ) -> list[Step]:
@@ -283,7 +300,7 @@ def _rough(
 
 def _promising(line: Sequence[Trial], before: Fit) -> bool:
     """A third effect is looked for only where two explain most of the mean square."""
-    return before.chi2 < _FAR and line[-1].chi2 - 1.0 < 0.3 * (before.chi2 - 1.0)
+    return before.chi2 < _FAR and line[-1].chi2 - 1.0 < 0.15 * (before.chi2 - 1.0)
 
 
 def _grow(problem: Problem, line: Sequence[Trial], library: Sequence[Effect], excess: float) -> list[Trial]:

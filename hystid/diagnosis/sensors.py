@@ -8,7 +8,6 @@ import numpy as np
 
 from hystid.diagnosis.blocks import Array, Effect, Signals
 
-
 HUM = "mains_hum"
 
 

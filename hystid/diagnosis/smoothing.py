@@ -1,7 +1,8 @@
 """One motion from up to three channels: Kalman smoother of x, v and a.
 
-x, v and a are three measurements of one motion. The smoother knows that v = dx/dt and a = dv/dt and takes a derivative of
-the acceleration as white noise: the first one (jerk) for rough motions, a higher one for smooth ones. Which one, and its
+x, v and a are three measurements of one motion. The smoother knows v = dx/dt and a = dv/dt and takes a derivative of
+the acceleration as white noise: the first one (jerk) for rough motions, a higher one for smooth ones. Which one, and
+its
 level, are chosen by likelihood. Rauch, Tung and Striebel (1965), AIAA Journal 3(8), 1445-1450.
 """
 
@@ -52,7 +53,8 @@ def smooth(
 ) -> Smoothed:
     """Smooth the measured channels of one motion jointly.
 
-    channels: any of x [m], v [m/s], a [m/s2], shape (n,) each, at least one; NaN marks a gap. noise: their standard deviations, > 0.
+    channels: any of x [m], v [m/s], a [m/s2], shape (n,) each, at least one; NaN marks a gap. noise: their standard
+    deviations, > 0.
     dt: sample time [s]. roughness: None for the most likely one.
     Without x, the position starts at zero and drifts as an integrated measurement does.
     Raises UsageError when there is no channel of a motion.
@@ -88,7 +90,8 @@ def _likely(table: Array, variance: Array) -> Roughness:
 
 
 def _likely_level(part: Array, variance: Array, order: int) -> tuple[float, Roughness]:
-    """Negative log-likelihood and roughness of the best level: a coarse grid (there may be two optima), then refined."""
+    """Negative log-likelihood and roughness of the best level: a coarse grid (there may be two optima), then
+    refined."""
 
     def cost(level: float) -> float:
         value = -_run(part, variance, Roughness(order, float(np.exp(level))), keep=False)[0]

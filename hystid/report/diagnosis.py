@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis import Diagnosis, Finding, Traces
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent, with_error
-from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points
+from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
 
 Array = NDArray[np.float64]
 _TONES: dict[str, Tone] = {
@@ -85,7 +85,7 @@ def _title(finding: Finding) -> str:
 def _where(page: Page, d: Diagnosis) -> None:
     page.section(
         "Where it acts",
-        "The loops show the measured restoring force, and what the model without and with the findings leaves of it. The"
+        "The loops show the measured restoring force, and the model without and with the findings. The"
         " map shows the mean residual of the refitted baseline over displacement and velocity.",
     )
     ranked = sorted(d.traces, key=lambda t: -float(np.std(t.residual) / t.noise))
@@ -118,7 +118,7 @@ def _worst_window(trace: Traces) -> slice:
 def _map(d: Diagnosis, which: str) -> Plot:
     """Mean residual in cells of (x, v); cells with fewer than 20 samples stay empty."""
     x, v, r = (np.concatenate([getattr(t, name) for t in d.traces]) for name in ("x", "v", which))
-    edges = [np.linspace(*np.quantile(u, [0.001, 0.999]), _CELLS + 1) for u in (x, v)]
+    edges = [np.linspace(np.quantile(u, 0.001), np.quantile(u, 0.999), _CELLS + 1) for u in (x, v)]
     count, _, _ = np.histogram2d(x, v, bins=edges)
     total, _, _ = np.histogram2d(x, v, bins=edges, weights=r)
     mean = np.where(count >= 20, total / np.maximum(count, 1), np.nan)
@@ -145,13 +145,14 @@ def _spectrum_bars(trace: Traces) -> Plot:
     top = max(levels["measured"][0], 1e-300)
     labels = [f"{k} {'even' if k % 2 == 0 else 'odd'}" for k in range(1, _HARMONICS + 1)]
     floor = 80.0
+    roles: tuple[tuple[str, str, Role], ...] = (
+        ("measured", "measured", "measured"),
+        ("baseline", "baseline", "before"),
+        ("after", "with findings", "after"),
+    )
     series = tuple(
         Bars(labels, np.array([floor + 20 * np.log10(max(a / top, 1e-4)) for a in levels[name]]), title, role, base=0.0)
-        for name, title, role in (
-            ("measured", "measured", "measured"),
-            ("baseline", "baseline", "before"),
-            ("after", "with findings", "after"),
-        )
+        for name, title, role in roles
     )
     caption = (
         f"Lines at multiples of {line / (n * dt):.4g} Hz, dB above -80 dB of the first; meaningful for harmonic tests."
@@ -212,7 +213,7 @@ def _evidence(page: Page, d: Diagnosis) -> None:
     page.section("Evidence", "What was tried first, and what the fit left: 1 is the noise. Simpler laws win ties.")
     choice = d.choice
     if choice is not None and choice.trials:
-        rows = [
+        rows: list[list[str | Cell]] = [
             [
                 t.name,
                 t.form or "plain",

@@ -1,0 +1,168 @@
+"""The diagnosis on concealed cases of the benchmark's generator, which shares no code with it."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.concealed.cases import draw
+from benchmarks.concealed.deck import CaseSpec
+from benchmarks.concealed.generate import write_case
+from hystid.compiled import CompiledModel
+from hystid.diagnosis import TOLERATED, Diagnosis, diagnose
+from hystid.errors import UsageError
+from hystid.modelica import compile_model
+from hystid.recording import Recording, read_all
+
+LINEAR, JENKINS = "linear", "jenkins"
+
+
+def case(folder: Path, spec: CaseSpec, seed: int) -> tuple[Path, dict[str, object]]:
+    """A case on disk, and its truth (which only the test opens)."""
+    place = folder / "case_0000"
+    write_case(draw(spec, np.random.default_rng(seed)), place, folder / "sealed")
+    return place, json.loads((folder / "sealed" / "case_0000.json").read_text())
+
+
+def run(place: Path, **options: object) -> Diagnosis:
+    handed = json.loads((place / "case.json").read_text())
+    recordings, holdout = (
+        read_all([place / name for name in handed[kind]], accept=set(TOLERATED)) for kind in ("recordings", "holdout")
+    )
+    known = place / handed["parameters"]
+    return diagnose(recordings, model=handed["model"], parameters=known, holdout=holdout, **options)  # type: ignore[arg-type]
+
+
+def spec(group: str, ids: tuple[str, ...], family: str, variant: str = "standard") -> CaseSpec:
+    return CaseSpec(group, ids, family, family, variant)
+
+
+@pytest.mark.parametrize(
+    ("ident", "family", "seed"),
+    [
+        ("cubic_stiffness", LINEAR, 11),
+        ("quadratic_damping", LINEAR, 12),
+        ("hidden_mode", LINEAR, 13),
+        ("quadratic_stiffness", JENKINS, 14),
+    ],
+)
+def test_single_effects_are_named_and_improve_the_held_out_run(
+    tmp_path: Path, ident: str, family: str, seed: int
+) -> None:
+    place, _ = case(tmp_path, spec("single", (ident,), family), seed)
+    found = run(place)
+    assert found.verdict == "missing_physics"
+    assert [finding.effect for finding in found.findings] == [ident]
+    before, after = found.holdout[0].free_run
+    assert before is not None and after is not None and after < before
+
+
+@pytest.mark.parametrize(("family", "seed"), [(LINEAR, 21), (JENKINS, 22), ("boucwen", 23)])
+def test_nothing_is_found_where_nothing_is_hidden(tmp_path: Path, family: str, seed: int) -> None:
+    place, _ = case(tmp_path, spec("null", (), family), seed)
+    found = run(place)
+    assert found.verdict in ("consistent", "recalibrated")
+    assert found.findings == ()
+
+
+def test_physics_outside_the_library_is_unknown(tmp_path: Path) -> None:
+    place, _ = case(tmp_path, spec("stranger", ("parametric_excitation",), LINEAR), 31)
+    found = run(place)
+    assert found.verdict == "unknown_physics"
+    assert found.findings == () and found.unknown is not None and found.unknown.text
+
+
+@pytest.mark.parametrize(("ident", "seed"), [("channel_delay", 41), ("sensor_saturation", 42)])
+def test_sensor_faults_are_told_from_physics(tmp_path: Path, ident: str, seed: int) -> None:
+    place, _ = case(tmp_path, spec("single", (ident,), LINEAR), seed)
+    found = run(place)
+    assert found.verdict == "sensor_fault"
+    assert [finding.effect for finding in found.findings] == [ident]
+
+
+def test_without_the_true_law_no_wrong_name(tmp_path: Path) -> None:
+    place, _ = case(tmp_path, spec("single", ("hidden_mode",), LINEAR), 51)
+    found = run(place, exclude=("hidden_mode",))
+    assert all(finding.effect == "viscoelastic_relaxation" for finding in found.findings)  # its family
+
+
+def test_files_of_the_contract(tmp_path: Path) -> None:
+    place, _ = case(tmp_path, spec("single", ("contact_loss",), LINEAR), 61)
+    out = tmp_path / "out"
+    found = run(place, out=out)
+    told = json.loads((out / "diagnosis.json").read_text())
+    assert told["verdict"] == found.verdict
+    assert set(told) >= {"verdict", "baseline", "findings", "fit", "untestable", "next_experiment"}
+    assert set(told["baseline"]) >= {"model", "parameters", "refit", "force_nrmse", "noise_floor"}
+    for finding in told["findings"]:
+        assert set(finding) >= {"effect", "class", "confidence", "parameters", "where", "evidence"}
+        assert finding["effect"] in finding["class"] and 0 <= finding["confidence"] <= 1
+        assert set(finding["where"]) >= {"text", "x", "v", "t", "amplitude", "harmonics"}
+    with (out / "mismatch_rec_1.csv").open(newline="") as text:
+        assert next(csv.reader(text)) == ["t [s]", "residual [N]", "score [-]"]
+    assert (out / "extended.fmu").stat().st_size > 0
+    _extended_is_the_fitted_model(out / "extended.mo", found)
+
+
+def _extended_is_the_fitted_model(path: Path, found: Diagnosis) -> None:
+    """The written model, on the measured motion, gives the force that the diagnosis fitted."""
+    assert found.problem is not None and found.final is not None
+    part = found.problem.parts[0]
+    model = CompiledModel(compile_model(f"{path}:Extended"))
+    force = model.clamp({"x": part.x, "v": part.v}, {}, part.dt, outputs=("R",))["R"]
+    fitted = found.problem.predicted(found.final.hypothesis)[0]
+    assert np.allclose(force, fitted, atol=1e-6 * np.std(fitted))  # nine digits are written
+
+
+def _shaken(n: int = 4000) -> Recording:
+    rng = np.random.default_rng(5)
+    t = np.arange(n) * 1e-3
+    x = 1e-3 * np.sin(2 * np.pi * 5 * t) + 5e-4 * np.sin(2 * np.pi * 11 * t + 1)
+    v = np.gradient(x, t)
+    force = 1e4 * x + 20 * v + 2.0
+    noisy = {"F": force + 0.01 * np.std(force) * rng.standard_normal(n), "x": x + 1e-6 * rng.standard_normal(n)}
+    return Recording("rig", t, **noisy)
+
+
+def test_a_users_own_block_is_a_candidate(tmp_path: Path) -> None:
+    block = tmp_path / "mine.mo"
+    block.write_text(
+        'block MagnetPull "Constant pull"\n  extends HystId.Interfaces.PartialEffect;\n'
+        '  parameter Real pull(unit = "N") = 0 "Pull";\nequation\n  f = pull;\nend MagnetPull;\n'
+    )
+    found = diagnose(
+        [_shaken()], model="HystId.Oscillators.Linear", parameters={"m": 0.0, "B": 20.0, "Kl": 1e4}, effects=block,
+        exclude=("preload", "asymmetric_friction", "force_drift"), out=tmp_path / "out",
+    )  # fmt: skip
+    assert [finding.effect for finding in found.findings] == ["magnet_pull"]
+    assert abs(found.findings[0].parameters["pull"].value - 2.0) < 0.02
+    assert "MagnetPull" in (tmp_path / "out" / "extended.mo").read_text()
+
+
+def test_what_cannot_be_diagnosed_is_a_verdict() -> None:
+    t = np.arange(1000) * 1e-3
+    without_force = Recording("quiet", t, x=np.sin(t))
+    told = diagnose([without_force], model="HystId.Oscillators.Linear")
+    assert told.verdict == "not_applicable" and "force" in told.headline
+    short = Recording("short", t[:50], x=np.sin(t[:50]), F=np.cos(t[:50]))
+    assert diagnose([short], model="HystId.Oscillators.Linear").verdict == "not_applicable"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "rule"),
+    [
+        ({"m": "heavy"}, "must be a number"),
+        ({"mass": 1.0}, "no parameter"),
+        ({"m": {"fixed": True}}, "must be a number"),
+    ],
+)
+def test_wrong_parameters_are_one_sentence(parameters: dict[str, object], rule: str) -> None:
+    with pytest.raises(UsageError, match=rule):
+        diagnose([_shaken()], model="HystId.Oscillators.Linear", parameters=parameters)
+
+
+def test_a_file_that_is_no_effect_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="there is no such file"):
+        diagnose([_shaken()], model="HystId.Oscillators.Linear", effects=tmp_path / "none.mo")

@@ -1,0 +1,70 @@
+"""Smoothing against the dense Gaussian answer, which shares no line with the recursion."""
+
+import numpy as np
+import pytest
+
+from hystid.diagnosis.smoothing import Roughness, smooth
+from hystid.errors import UsageError
+
+
+def _dense(channels: dict[str, np.ndarray], noise: dict[str, float], dt: float, level: float) -> np.ndarray:
+    """Posterior mean of x at all samples for white jerk, by one linear solve over all states."""
+    n = len(channels["x"])
+    A = np.array([[1, 1, 0.5], [0, 1, 1], [0, 0, 1.0]])
+    Q = level * np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]])
+    H, b = np.zeros((3 * n, 3 * n)), np.zeros(3 * n)
+    weight = np.linalg.inv(Q)
+    for k in range(n - 1):
+        here, ahead = slice(3 * k, 3 * k + 3), slice(3 * k + 3, 3 * k + 6)
+        H[here, here] += A.T @ weight @ A
+        H[ahead, ahead] += weight
+        H[here, ahead] -= A.T @ weight
+        H[ahead, here] -= weight @ A
+    for row, name in enumerate("xva"):
+        for k in range(n):
+            precision = 1 / (noise[name] * dt**row) ** 2
+            H[3 * k + row, 3 * k + row] += precision
+            b[3 * k + row] += precision * channels[name][k] * dt**row
+    return np.linalg.solve(H, b).reshape(n, 3)
+
+
+def _motion(n: int, dt: float) -> dict[str, np.ndarray]:
+    t, w = np.arange(n) * dt, 2 * np.pi * 7.0
+    return {"x": np.sin(w * t), "v": w * np.cos(w * t), "a": -w * w * np.sin(w * t)}
+
+
+def test_recursion_is_the_dense_posterior() -> None:
+    rng = np.random.default_rng(1)
+    dt, true = 2e-3, _motion(60, 2e-3)
+    noise = {name: 0.05 * float(np.std(values)) for name, values in true.items()}
+    measured = {name: values + noise[name] * rng.standard_normal(60) for name, values in true.items()}
+    found = smooth(measured, noise, dt, Roughness(3, 1e-6))
+    dense = _dense(measured, noise, dt, 1e-6)
+    # The recursion starts from a wide but finite belief, the dense answer from none: 1e-4 of the noise is its trace.
+    assert np.allclose(found.x, dense[:, 0], atol=0.02 * noise["x"])
+    assert np.allclose(found.a * dt**2, dense[:, 2], atol=0.02 * noise["a"] * dt**2)
+
+
+@pytest.mark.parametrize("names", ["xva", "xa", "x"])
+def test_noise_falls_and_the_stated_error_is_honest(names: str) -> None:
+    rng = np.random.default_rng(2)
+    dt, true = 1e-3, _motion(3000, 1e-3)
+    noise = {name: 0.02 * float(np.std(true[name])) for name in names}
+    measured = {name: true[name] + noise[name] * rng.standard_normal(3000) for name in names}
+    found = smooth(measured, noise, dt)
+    error = float(np.std((found.x - true["x"])[50:-50]))
+    assert error < 0.6 * noise["x"]
+    assert 0.3 < error / found.stderr[0] < 3.0  # the signal is no white-jerk process: the order of size is what counts
+
+
+def test_a_gap_is_bridged_by_the_other_channels() -> None:
+    dt, true = 1e-3, _motion(1000, 1e-3)
+    noise = {name: 1e-3 * float(np.std(values)) for name, values in true.items()}
+    gap = {**true, "a": np.where(np.abs(true["a"]) > 0.9 * np.max(true["a"]), np.nan, true["a"])}
+    found = smooth(gap, noise, dt)
+    assert np.std(found.a - true["a"]) < 0.02 * np.std(true["a"])
+
+
+def test_no_channel_is_refused() -> None:
+    with pytest.raises(UsageError, match="x, v, a"):
+        smooth({}, {}, 1e-3)
