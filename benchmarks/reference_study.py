@@ -1,6 +1,6 @@
 """The reference study on the simulated stick-slip oscillator: structures, mass, noise, amplitude.
 
-    python benchmarks/reference_study.py OUT [grid mass accuracy noise amplitude] [--workers N]
+    python benchmarks/reference_study.py OUT [laws grid mass accuracy noise amplitude] [--workers N]
 
 Prints the tables of docs/reference-study.md. grid and mass can be stopped and started again on the same OUT.
 """
@@ -18,6 +18,20 @@ from hystid import study
 from hystid.comparison import harmonics
 from hystid.identification import Identification, identify
 from hystid.recording import Recording
+
+
+def laws(out: Path, workers: int | None) -> None:
+    """Harmonics of R under a 20 Hz force: stick-slip and Bouc-Wen have odd ones only."""
+    dt, t = 1e-4, np.arange(40_000) * 1e-4
+    print("\n## Harmonics of R at 20 Hz, dB re the fundamental (last 2 s of 4 s)\n")
+    print("| law | " + " | ".join(str(k) for k in range(2, 10)) + " |\n|" + "---|" * 9)
+    for name, newtons, parameters in (
+        ("stick-slip, 80 N", 80, oracle.JENKINS),
+        ("Bouc-Wen, 40 N", 40, oracle.BOUC_WEN),
+    ):
+        R = oracle.simulate(name, newtons * np.sin(2 * np.pi * 20 * t), dt, parameters).R[20_000:]
+        level = 20 * np.log10(harmonics(R, dt, 20.0, count=9).amplitude)
+        print(f"| {name} | " + " | ".join(f"{level[k] - level[0]:.0f}" for k in range(1, 9)) + " |")
 
 
 def grid(out: Path, workers: int | None) -> None:
@@ -123,6 +137,6 @@ if __name__ == "__main__":
         at = arguments.index("--workers")
         count = int(arguments[at + 1])
         del arguments[at : at + 2]
-    parts = {"grid": grid, "mass": mass, "accuracy": accuracy, "noise": noise, "amplitude": amplitude}
+    parts = {"laws": laws, "grid": grid, "mass": mass, "accuracy": accuracy, "noise": noise, "amplitude": amplitude}
     for name in arguments[1:] or parts:
         parts[name](Path(arguments[0]), count)
