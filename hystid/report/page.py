@@ -23,7 +23,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal
@@ -217,7 +217,14 @@ class Page:
 
 def versions() -> str:
     """hystid and the packages that decide numbers, with their versions."""
-    return ", ".join(f"{name} {version(name)}" for name in ("hystid", "numpy", "scipy"))
+    return ", ".join(f"{name} {_version(name)}" for name in ("hystid", "numpy", "scipy"))
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:  # run from a source tree that was never installed
+        return "of unknown version"
 
 
 def _verdict(verdict: Verdict) -> str:
