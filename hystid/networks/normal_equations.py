@@ -6,6 +6,7 @@ Parameters w are flat, [W1 row by row, b1, W2, b2, ...]; inputs and target are s
 from __future__ import annotations
 
 import ctypes
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
@@ -99,7 +100,7 @@ def pointer(values: np.ndarray[Any, Any]) -> ctypes.c_void_p:
     return values.ctypes.data_as(ctypes.c_void_p)
 
 
-class KernelSums:
+class KernelSums(ABC):
     """J'J and J'e of ``count`` parameters as the C kernel leaves them, and the solution of its normal equations."""
 
     def __init__(self, count: int, precision: Precision) -> None:
@@ -110,8 +111,9 @@ class KernelSums:
         self.sums = aligned((self.stride, self.stride), "float64")
         self._factor = np.empty_like(self.sums)
 
+    @abstractmethod
     def _run(self, w: Array, sums: ctypes.c_void_p | None) -> float:
-        raise NotImplementedError
+        """Sum of squares at w; J'J and J'e into ``sums`` where that is given."""
 
     def squares(self, w: Array) -> float:
         return self._run(np.ascontiguousarray(w, dtype=np.float64), None)
