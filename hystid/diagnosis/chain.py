@@ -19,7 +19,6 @@ from hystid.diagnosis.noise import noise_level
 from hystid.diagnosis.parts import FIRST, advanced, measured_motion, stencil
 from hystid.diagnosis.smoothing import smooth
 from hystid.recording import Recording
-from hystid.recording.checks import flat_tops
 
 Array = NDArray[np.float64]
 _ORDER = {"x": 0, "v": 1, "a": 2}
@@ -143,18 +142,16 @@ def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
 
 
 def saturated_force(recordings: Sequence[Recording]) -> Fault | None:
-    """A force channel that rests at its exact extreme again and again: its range is too small."""
+    """A force channel that takes its exact extreme far more often than any other value: its range is too small."""
     top = max(float(np.max(np.abs(recording.channel("F")))) for recording in recordings)
-    runs, touched, total = 0, 0, 0
+    touched, usual, total = 0, 1, 0
     for recording in recordings:
         force = recording.channel("F")
         total += len(force)
-        for side in (force, -force):
-            if np.max(side) > 0.999 * top:
-                stays = flat_tops(side)
-                runs += len(stays)
-                touched += sum(length for _, length in stays)
-    if runs < 2:
+        touched += int(np.count_nonzero(np.abs(force) >= top * (1 - 1e-9)))
+        inside = force[np.abs(force) < top * (1 - 1e-9)]
+        usual = max(usual, int(np.max(np.unique(inside, return_counts=True)[1], initial=1)))
+    if touched < max(10, 3 * usual):  # a coarse converter repeats every value, a clipped channel only its last one
         return None
     return Fault("sensor_saturation", "F", top, 1e-3 * top, touched / total)
 

@@ -103,6 +103,9 @@ def choose(
     first = trials(problem, baseline, candidates, excess, chain)
     if not first:
         return Choice(baseline, baseline, floor, floor, unknown=True, untestable=untestable)
+    freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=baseline.hypothesis.terms, late=False), 25)
+    if freed is not None and baseline.chi2 - freed.chi2 > 0.1 * excess:  # the refit was stuck, and the effect a way out
+        return choose(problem, freed, effects, progress)
     chosen = _single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
