@@ -104,12 +104,15 @@ def complaint(g: Grade) -> str:
     return "class only" if g.name_right is False else ""
 
 
-def write_document(path: Path, seed: int, standard: Sequence[Grade], hard: Sequence[Grade], folder: Path) -> None:
+def write_document(
+    path: Path, seed: int, standard: Sequence[Grade], hard: Sequence[Grade], folder: Path, note: str = ""
+) -> None:
     """Write the page; rivals and the deck without the true ids are added where their results lie in the folder."""
     options = f"--cases {len(standard)}" + (f" --hard {len(hard)}" if hard else "")
     command = f"python -m benchmarks.concealed.score --seed {seed} {options} -o build/concealed --doc"
     parts = [
         INTRODUCTION.format(least=LEAST_MISMATCH, command=command, seed=seed),
+        *([note + "\n"] if note else []),
         COVERAGE,
         "## Rules\n",
         RULES,

@@ -125,6 +125,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--without-truth", action="store_true", help="single effects once more, their ids taken away")
     parser.add_argument("--rivals", action="store_true", help="other methods on the same deck (needs the extra bench)")
     parser.add_argument("--doc", action="store_true", help="write docs/concealed.md")
+    parser.add_argument("--note", default="", help="a sentence for the head of the page")
     parser.add_argument("-o", dest="folder", type=Path, default=Path("concealed"))
     return parser
 
@@ -149,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(table(figures(standard)))
     print("\n".join(_told(g) for g in (*standard, *hard) if complaint(g) or g.notes))
     if chosen.doc:
-        write_document(ROOT / "docs" / "concealed.md", seed, standard, hard, folder)
+        write_document(ROOT / "docs" / "concealed.md", seed, standard, hard, folder, chosen.note)
 
 
 def _store(file: Path, seed: int, standard: Sequence[Grade], hard: Sequence[Grade]) -> None:

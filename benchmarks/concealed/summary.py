@@ -32,7 +32,7 @@ def wilson(hits: int, cases: int, z: float = 1.96) -> tuple[float, float]:
         return 0.0, 1.0
     p, n = hits / cases, cases
     centre, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return float((centre - half) / (1 + z * z / n)), float((centre + half) / (1 + z * z / n))
+    return max(0.0, float((centre - half) / (1 + z * z / n))), min(1.0, float((centre + half) / (1 + z * z / n)))
 
 
 def figures(grades: Sequence[Grade]) -> list[Figure]:
