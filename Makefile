@@ -30,8 +30,8 @@ concealed: install ## blind benchmark of the diagnosis on fresh cases (about an 
 	$(BIN)/python -m benchmarks.concealed.score --cases 153 --hard 80 --without-truth --rivals --jobs 2 -o build/concealed --doc
 
 lint: install    ## ruff
-	$(BIN)/ruff check hystid tests benchmarks examples
-	$(BIN)/ruff format --check hystid tests benchmarks examples
+	$(BIN)/ruff check hystid tests benchmarks examples fmus
+	$(BIN)/ruff format --check hystid tests benchmarks examples fmus
 
 types: install   ## mypy, strict
 	$(BIN)/mypy

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import typer
 
@@ -61,27 +61,37 @@ Step = Annotated[float, typer.Option("--dt", metavar="S", help="Time step in s o
 
 @app.command()
 def build(
-    model: Annotated[str, typer.Argument(metavar="MODEL", help="HystId.Oscillators.Jenkins, or file.mo:Class.")],
+    model: Annotated[
+        str, typer.Argument(metavar="MODEL", help="HystId.Oscillators.Jenkins, file.mo:Class, or net.onnx.")
+    ],
     out: Output,
     fmi: Annotated[int, typer.Option(metavar="2|3", help="FMI version.")] = 2,
     set_: opt.Set = None,
     platforms: Annotated[str, typer.Option(metavar="host|all", help="Machines that the FMU runs on.")] = "host",
 ) -> None:
-    """Compile a Modelica model to an FMU.
+    """Compile a Modelica model, or an ONNX network, to an FMU.
 
     \b
     Examples:
       hystid build HystId.Oscillators.Jenkins --set m=4.2 --set Ks=2e5 -o jenkins.fmu
       hystid build my.mo:Rig --fmi 3 --platforms all -o rig.fmu
+      hystid build surrogate.onnx -o force.fmu
     """
-    from hystid.fmu import build_model
+    from hystid.fmu import build_model, build_network
 
     if fmi != 2 and fmi != 3:
         raise UsageError(f"--fmi {fmi}: FMI versions 2 and 3 are written")
     if platforms not in ("host", "all"):
         raise UsageError(f"--platforms {platforms}: choose host or all")
     _output(out, ".fmu")
-    made = build_model(model, out, fmi=2 if fmi == 2 else 3, parameters=opt.numbers("--set", set_), platforms=platforms)
+    version: Literal[2, 3] = 2 if fmi == 2 else 3
+    values = opt.numbers("--set", set_)
+    if model.lower().endswith(".onnx"):
+        if values:
+            raise UsageError("--set: a network has no parameters to set; leave it out")
+        made = build_network(Path(model), out, fmi=version, platforms=platforms)
+    else:
+        made = build_model(model, out, fmi=version, parameters=values, platforms=platforms)
     print(f"{made.path} ({made.size / 1000:.0f} kB, FMI {fmi}.0, {', '.join(made.platforms)}, from {model})")
 
 
@@ -126,7 +136,7 @@ def identify(
     mode: Annotated[str, typer.Option(metavar="fast|trainlm", help="Damping rule of the training.")] = "fast",
     method: Annotated[
         str, typer.Option(metavar="published|refined", help="The published method, or refined in closed loop.")
-    ] = "published",
+    ] = "refined",
     holdout: opt.Holdout = None,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Trainings at a time; all cores by default.")] = None,
     sensitivity: opt.Sensitivity = None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from hystid.fmu.build import BuildResult, build
 from hystid.fmu.driver import Driver
 from hystid.fmu.modelica import build_model
+from hystid.fmu.network import build_network
 from hystid.fmu.regress import RegressionResult, regress
 from hystid.fmu.ssp import Connection, write_ssp
 
@@ -15,6 +16,7 @@ __all__ = [
     "RegressionResult",
     "build",
     "build_model",
+    "build_network",
     "regress",
     "write_ssp",
 ]

@@ -70,6 +70,7 @@ def validate(
 
 
 def compare(model: Surrogate, record: Recording) -> Case:
+    """One recording against the surrogate: force on the recorded motion and, where F and a mass are there, free run."""
     notes = _check(model, record)
     R = record.channel("R")
     force = model.force(record)

@@ -78,6 +78,10 @@ def _simulate(
 
 
 def open_surrogate(path: Path, mass: float | None) -> Surrogate:
+    """The surrogate in a .onnx file, a force FMU (x, v -> R) or an oscillator FMU (F -> x, R).
+
+    mass [kg] overrides the one that the file carries; 0: no free run. Raises UsageError, NetworkError, FmuError.
+    """
     if mass is not None and not 0 <= mass < np.inf:
         raise UsageError(f"--mass {mass:g}: a mass in kg of 0 or more is needed (0: F is the restoring force itself)")
     if path.suffix.lower() == ".onnx":

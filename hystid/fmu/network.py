@@ -1,0 +1,25 @@
+"""From an ONNX file to an FMU in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from hystid.errors import NetworkError
+from hystid.fmu.build import BuildResult, Version, build
+from hystid.surrogate import model_code
+
+
+def build_network(
+    network: Path, out: Path, *, fmi: Version = 2, platforms: str | Iterable[str] = "host"
+) -> BuildResult:
+    """Compile an ONNX network to plain C and write its FMU.
+
+    An identified restoring force becomes the block x, v -> R; any other network keeps its own inputs and outputs, one
+    variable per element, and a pair ``name`` / ``name_next`` of the same shape becomes memory.
+    Raises NetworkError (no such file, damaged, an operator that cannot be compiled), ToolchainError; then nothing is
+    written.
+    """
+    if not Path(network).is_file():
+        raise NetworkError(f"{network}: there is no such file")
+    return build(model_code(Path(network)), Path(out), fmi=fmi, platforms=platforms)
