@@ -127,19 +127,50 @@ REFUSED = {
     ),
     "units of a binding": (model('  parameter Real t(unit = "s") = 1;\n  Real x(unit = "m") = t;\n'), 3, "m and s"),
     "prefix of a unit": (model('  Real a(unit = "mm") = 1;\n  Real b(unit = "m") = a;\n'), 3, "m and mm"),
-    "value and attribute in extends": (
-        model("  extends B(m(min = 0.1) = 1.5);\n", "model B\n  parameter Real m = 1;\n  Real x = m;\nend B;\n"),
-        6,
+    "value and attribute deep in extends": (
+        model("  extends D(b(m(min = 0.1) = 1.5));\n", "model B\n  parameter Real m = 1;\n  Real x = m;\nend B;\n"
+              "model D B b; end D;\n"),
+        7,
         "value and attributes of 'm'",
     ),
-    "modifier of constrainedby": (model("  replaceable Q f constrainedby P(mu = 15);\n", LAWS), 4, "constrainedby P"),
-    "modifier of a class redeclaration": (
-        model(
-            "  extends Base(redeclare model F = Q(mu = 0.1));\n",
-            LAWS + "model Base\n  replaceable model F = Q constrainedby P;\n  F f;\nend Base;\n",
-        ),
-        8,
-        "redeclare with Mine",
+    "value and attribute in a redeclared component": (
+        model("  extends D(redeclare Q b(mu(min = 0.1) = 1.5));\n", LAWS + "model D replaceable P b; end D;\n"),
+        5,
+        "value and attributes of 'mu'",
+    ),
+    "dotted modifier": (model("  D d(b.mu = 2);\n", LAWS + "model D Q b; end D;\n"), 5, r"write b\(mu"),
+    "class redeclared deep in a modifier": (
+        model("  D d(b(redeclare model F = Q));\n", LAWS + "model B replaceable model F = P; F f; end B;\n"
+              "model D B b; end D;\n"),
+        6,
+        "'model Mine = ",
+    ),
+    "redeclare model extends": (
+        model("  extends B;\n  redeclare model extends F\n    Real w = mu;\n  end F;\n",
+              LAWS + "model B replaceable model F = P; F f; end B;\n"),
+        6,
+        "redeclare model extends F",
+    ),
+    "modifiers of a class that is limited and redeclared": (
+        model("  extends B(redeclare model F = P);\n",
+              LAWS + "model B\n  replaceable model F = Q constrainedby P(mu = 15);\n  F f;\nend B;\n"),
+        4,
+        "in the redeclaration",
+    ),
+    "modifiers beside constrainedby": (
+        model("  extends B(redeclare Q f);\n",
+              LAWS + "model B\n  replaceable Q f(mu = 2) constrainedby P;\nend B;\n"),
+        4,
+        r"write constrainedby P\(...\)",
+    ),
+    "parameter in a class redeclaration": (
+        model("  parameter Real q = 3;\n  extends B(redeclare model F = Q(mu = 2*q));\n",
+              LAWS + "model B replaceable model F = P; F f; end B;\n"),
+        6,
+        "'q' in the modifiers of a class",
+    ),
+    "parameter in a short class": (
+        model("  parameter Real q = 3;\n  model F = Q(mu = q);\n  F f;\n", LAWS), 5, "no longer follows q"
     ),
     "range": (model("  parameter Real k(min = 0) = -1;\n  Real x = k*time;\n"), 2, "outside its range"),
     "constant without value": (model("  constant Real c;\n  Real x = c;\n"), 2, "constant 'c' has no value"),
@@ -158,6 +189,16 @@ def test_refused_with_file_line_and_reason(name, tmp_path):
         compile_model(f"{file}:A")
     assert str(caught.value).startswith(f"{file}:{line}: "), str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_refused_in_one_class_does_not_refuse_another_of_the_file(name, tmp_path):
+    text = REFUSED[name][0]
+    if name in ("syntax", "end name"):  # such a text cannot be read at all
+        return
+    file = tmp_path / "rig.mo"
+    file.write_text("model Sound\n  Real s(start = 1, fixed = true);\nequation\n  der(s) = -s;\nend Sound;\n" + text)
+    assert compile_model(f"{file}:Sound").states == ("s",)
 
 
 @pytest.mark.parametrize(

@@ -444,3 +444,30 @@ def test_effect_of_a_user_in_a_file_of_its_own(tmp_path):
     got = rig.simulate({"F": np.full(200, 60.0)}, 1e-3, outputs=["x", "s.f"])
     close(got["s.f"], 1e4 * np.maximum(got["x"] - 2e-3, 0), 1e-12)
     assert got["s.f"].max() > 1
+
+
+def test_modifiers_of_a_class_redeclaration_and_of_its_constraint_act():
+    """Redeclared.mo: x'' = -(7 x^3 + 2 x) from 1, in every spelling of the redeclaration."""
+    exact = solve_ivp(
+        lambda t, s: [s[1], -(7 * s[0] ** 3 + 2 * s[0])], (0, 1), [1, 0], method="DOP853", rtol=1e-12, atol=1e-12
+    ).y[0, -1]
+    for name in ("InModifiers", "Bounded", "AsElement"):
+        close(run(f"Redeclared.{name}", "x")["x"][-1], exact, SMOOTH)
+    both = run("Redeclared.Components", "a[1].x a[2].x b.x", stop=1.0)
+    close([both["a[1].x"][-1], both["a[2].x"][-1]], exact, SMOOTH)
+    close(both["b.x"][-1], 0.5 * math.cos(math.sqrt(3)), SMOOTH)
+    for name, y in (("Hold", 30), ("HoldOwn", 12), ("Held", 30), ("HoldClass", 30)):
+        close(run(f"Redeclared.{name}", "f.y")["f.y"][-1], y, 1e-12)
+    close(run("Redeclared.HeldInComponent", "h.f.y")["h.f.y"][-1], 8, 1e-12)
+
+
+def test_value_and_attributes_together_act_in_every_place():
+    for name, wanted in (
+        ("Extended", {"y": (7.5, None), "m": (1.5, 0.1), "p[2]": (3, 0.5)}),
+        ("Short", {"y": (2.5, None), "m": (1.5, 0.1)}),
+        ("Deep", {"h.a.y": (5.5, None), "h.a.m": (1.5, 0.1), "h.a.p[1]": (2, 0.5), "s.m": (1.5, 0.1)}),
+    ):
+        got = run(f"Redeclared.{name}", " ".join(wanted))
+        for variable, (value, low) in wanted.items():
+            close(got[variable][-1], value, SMOOTH)
+            assert code(f"Redeclared.{name}").variable(variable).min == low

@@ -14,7 +14,7 @@ from hystid.modelica.describe import model_code
 from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
-from hystid.modelica.modifiers import refuse_dropped_modifiers
+from hystid.modelica.modifiers import refuse_undecided, with_acting_modifiers
 from hystid.modelica.sources import Source, declaration, library_folder, near, qualified_classes, read, read_tree
 
 # Names of the Modelica Standard Library in a text bring in our small package of its units, constants and functions.
@@ -62,9 +62,10 @@ def flat_from_text(
     own = [*files, *(s for root in roots[1:] for s in read_tree(root))]
     everything = [*own, *library_sources()]
     _must_exist(name, files, everything, roots)
-    refuse_dropped_modifiers(everything)
     _must_be_complete(name, everything)
-    flat = flatten(name, files, everything[len(files) :], roots, structure or {})
+    texts = with_acting_modifiers(name, everything)
+    flat = flatten(name, texts[: len(files)], texts[len(files) :], roots, structure or {})
+    refuse_undecided(everything)
     check_units(flat)
     return flat
 

@@ -7,7 +7,6 @@ our own types here. Versions other than the pinned ones are refused, because the
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,7 +22,7 @@ from hystid.modelica.annotations import description_of, experiment_of
 from hystid.modelica.diagnostics import broken_down, explain, located_syntax_error
 from hystid.modelica.expr import Num
 from hystid.modelica.flat import FlatModel
-from hystid.modelica.sources import Source, declaration
+from hystid.modelica.sources import Source, declaration, read
 
 _WRAPPER = "HystidStructure"
 
@@ -37,7 +36,8 @@ def flatten(
 ) -> FlatModel:
     """The flat model of class ``name``.
 
-    files: texts given by the user. roots: folders of directory packages. library: every file below them.
+    files: texts given by the user. roots: folders of directory packages. library: every file below them, whose text
+    need not be what stands on the disk.
     structure: values of parameters that decide sizes or which equations exist.
     Raises ModelicaError with file and line.
     """
@@ -84,26 +84,28 @@ def _load(
     name: str, files: Sequence[Source], library: Sequence[Source], roots: Sequence[Path], structure: Mapping[str, float]
 ) -> dict[str, Any]:
     rumoca = _front_end()
-    with _one_root(roots) as root, _private_cache():
+    with _one_root(roots, library) as root, _private_cache():
         return _flat_dictionary(rumoca, name, files, library, root, structure)
 
 
 @contextmanager
-def _one_root(packages: Sequence[Path]) -> Iterator[Path]:
+def _one_root(packages: Sequence[Path], library: Sequence[Source]) -> Iterator[Path]:
     """A folder that holds the packages: the front end takes one, and reads everything in it.
 
-    The library alone lies in such a folder; together with others it is copied, so that what happens to lie beside a
+    The library alone lies in such a folder; else the texts are written into one, so that what happens to lie beside a
     user's package is not read.
     """
-    if len(packages) == 1:
-        yield packages[0].parent
+    folder = packages[0].parent  # paths in the library are relative to it
+    texts = {folder / source.path: source.text for source in library}
+    if len(packages) == 1 and all(text == read(path).text for path, text in texts.items()):
+        yield folder
         return
     with tempfile.TemporaryDirectory(prefix="hystid-") as stage:
         for package in packages:
             for path in package.rglob("*.mo"):
                 copy = Path(stage, package.name) / path.relative_to(package)
                 copy.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(path, copy)
+                copy.write_text(texts.get(path, read(path).text), encoding="utf-8")
         yield Path(stage)
 
 

@@ -1,77 +1,255 @@
-"""Modifiers that the front end reads and then drops without a word; a wrong number is worse than a refusal.
+"""Modifiers that the front end reads and then drops without a word: rewritten so that they act, or refused.
 
-Seen in rumoca 0.10: a value together with attributes in an extends clause, modifiers in a constraining clause, and
-modifiers of a class redeclaration. Each has another spelling that works, which the message gives.
+Seen in rumoca 0.10. Rewritten: value and attributes of one element together, modifiers of a class redeclaration, and
+modifiers of a constraining clause. Refused with a way around: what no rewriting saves. A wrong number is worse than a
+refusal. Only classes that the model may depend on count; lines of the text stay where they are.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
 
 from hystid.errors import ModelicaError
+from hystid.modelica.clauses import Clause, Modifier, Modifiers, clauses
+from hystid.modelica.reach import KEYWORD, Class, classes, reached
 from hystid.modelica.sources import Source
 
-_NAME = r"[A-Za-z_][\w.]*"
-_EXTENDS = re.compile(rf"\bextends\s+{_NAME}\s*\(")
-_CONSTRAINED = re.compile(rf"\bconstrainedby\s+({_NAME})\s*\(")
-_REDECLARED = re.compile(
-    rf"\bredeclare\s+(?:(?:final|replaceable|each)\s+)*(?:model|block|class|package|function|connector)\s+(\w+)\s*=\s*({_NAME})\s*\("
-)
-_VALUE_AFTER = re.compile(r"\s*=(?!=)")
+_SUSPECT = re.compile(r"\b(?:redeclare|constrainedby)\b|\)\s*=(?!=)")
+_FREE_NAME = re.compile(r"(?<![\w.])([A-Za-z_]\w*)(?:\s*\.\s*\w+)*(?!\s*[\w(=.])(?!\s*\()")
+_BUILT_IN = frozenset(("true", "false", "and", "or", "not", "if", "then", "else", "elseif", "each", "final"))
 
 
-def refuse_dropped_modifiers(sources: Sequence[Source]) -> None:
-    """Raise ModelicaError for the first modifier in these files that would be dropped."""
+def with_acting_modifiers(name: str, sources: Sequence[Source]) -> list[Source]:
+    """The texts with every modifier that class ``name`` may meet written so that it acts.
+
+    Raises ModelicaError, with file and line, for one that cannot be.
+    """
+    used = reached(name, sources)
+    declared = [c for found in used.values() for owner in found or () for c in clauses(owner, found or ())]
+    _refuse_extending_redeclarations([c for found in used.values() for c in found or ()])
+    _refuse(declared, [s.plain for s in sources])
+    return [_rewritten(s, {_path(c) for c in used[s] or ()}) for s in sources]
+
+
+def refuse_undecided(sources: Sequence[Source]) -> None:
+    """Raise ModelicaError for a text that the front end took but whose classes could not be told apart here."""
     for source in sources:
-        text = source.plain
-        for offset, message in sorted(_problems(text)):
-            line = text.count("\n", 0, offset) + 1
-            raise ModelicaError(f"{source.path}:{line}: {message}")
-
-
-def _problems(text: str) -> Iterator[tuple[int, str]]:
-    for found in _EXTENDS.finditer(text):
-        yield from _values_with_attributes(text, found.end() - 1)
-    for found in _CONSTRAINED.finditer(text):
-        yield (
-            found.start(),
-            f"modifiers of 'constrainedby {found.group(1)}' are not supported: give them where the component is "
-            "declared or redeclared",
-        )
-    for found in _REDECLARED.finditer(text):
-        yield (
-            found.start(),
-            f"modifiers in 'redeclare ... {found.group(1)} = {found.group(2)}(...)' are not supported: declare "
-            f"'model Mine = {found.group(2)}(...)' and redeclare with Mine",
-        )
-
-
-def _values_with_attributes(text: str, opening: int) -> Iterator[tuple[int, str]]:
-    """Elements ``name(...) = value`` between the parenthesis at ``opening`` and its partner."""
-    end = closing(text, opening)
-    for inner in re.finditer(r"(\w+)\s*\(", text[opening + 1 : end]):
-        start = opening + 1 + inner.start()
-        after = closing(text, opening + inner.end()) + 1
-        if after <= end and _VALUE_AFTER.match(text, after) and _is_modifier(text, start):
-            yield (
-                start,
-                f"value and attributes of '{inner.group(1)}' together in an extends clause are not supported: "
-                f"write the value alone here, {inner.group(1)} = ..., and the attributes at its declaration",
+        found = _SUSPECT.search(source.plain) if classes(source) is None else None
+        if found:
+            raise ModelicaError(
+                f"{_place(source, found.start())}: modifiers in a file whose classes cannot be told apart are not "
+                "supported: name classes without quotes, one 'end Name;' for each"
             )
 
 
-def _is_modifier(text: str, start: int) -> bool:
-    """A name after "(", ",", "each" or "final" begins a modifier; other names are calls inside values."""
-    before = text[:start].rstrip()
-    return before.endswith(("(", ",")) or re.search(r"\b(?:each|final)$", before) is not None
+def _path(c: Class) -> tuple[str, ...]:
+    return tuple(a.name for a in c.around())
 
 
-def closing(text: str, opening: int) -> int:
-    """Position of the parenthesis that closes the one at ``opening`` (the text's end without one)."""
-    depth = 0
-    for k in range(opening, len(text)):
-        depth += (text[k] == "(") - (text[k] == ")")
-        if depth == 0:
-            return k
-    return len(text)
+def _place(source: Source, offset: int) -> str:
+    return f"{source.path}:{source.plain.count(chr(10), 0, offset) + 1}"
+
+
+# -- what is refused
+
+
+def _refuse(declared: Sequence[Clause], texts: Sequence[str]) -> None:
+    again = _redeclared(declared)
+    for clause in declared:
+        for offset, message in sorted(_problems(clause, again, texts)):
+            raise ModelicaError(f"{_place(clause.owner.source, offset)}: {message}")
+
+
+def _refuse_extending_redeclarations(found: Iterable[Class]) -> None:
+    for c in found:
+        if re.match(rf"{KEYWORD}\s+extends\b", c.source.plain[c.start : c.body]):
+            raise ModelicaError(
+                f"{_place(c.source, c.start)}: 'redeclare {c.kind} extends {c.name}' is not supported: declare a class "
+                f"that extends the one behind '{c.name}' and redeclare with it"
+            )
+
+
+def _redeclared(declared: Iterable[Clause]) -> set[str]:
+    """Names of all components and classes that are redeclared anywhere."""
+    names = {c.name for c in declared if "redeclare" in c.prefixes}
+    for clause in declared:
+        names.update(m.name for m, _, _ in _all(clause.mods) if m.kind)
+    return names
+
+
+def _all(mods: Modifiers | None, kind: str = "", depth: int = 1) -> Iterator[tuple[Modifier, str, int]]:
+    """Every element with the kind of list that it stands in, and how deep.
+
+    The list of a class redeclaration becomes that of a short class.
+    """
+    for element in mods.elements if mods else ():
+        yield element, kind, depth
+        inner = ("short", 1) if element.kind == "class" else (element.kind or kind, depth + 1)
+        yield from _all(element.inner, *inner)
+
+
+def _problems(clause: Clause, again: set[str], texts: Sequence[str]) -> Iterator[tuple[int, str]]:
+    plain = clause.owner.source.plain
+    yield from _of_elements(clause)
+    for mods in _evaluated(clause):
+        yield from _not_constant(plain, mods, texts)
+    if clause.limit is None or clause.name not in again:
+        return
+    limited, limits = clause.limit
+    if limits and clause.kind == "short":
+        yield (
+            limits.opening,
+            f"modifiers of 'constrainedby {limited}' of a class that is redeclared are not supported: give them at "
+            "the default and in the redeclaration",
+        )
+    elif clause.mods and clause.kind == "component":
+        yield (
+            clause.mods.opening,
+            f"modifiers of '{clause.name}' beside a constrainedby-clause, when it is redeclared elsewhere, are not "
+            f"supported: write constrainedby {limited}(...), which every redeclaration keeps",
+        )
+
+
+def _of_elements(clause: Clause) -> Iterator[tuple[int, str]]:
+    for element, kind, depth in _all(clause.mods, clause.kind):
+        if "." in element.name:
+            first, _, rest = element.name.partition(".")
+            yield element.named, f"modifier '{element.name}' is not supported: write {first}({rest} ...)"
+        if element.kind and depth > 1:
+            yield (
+                element.start,
+                f"redeclaring '{element.name}' inside the modifiers of another component is not supported: declare "
+                "'model Mine = ...(redeclare ...)' and use Mine for the component",
+            )
+        redeclared = kind == "component" != clause.kind or element.kind == "component" or _within(clause, element)
+        lost = redeclared or (depth > 1 and kind != "component")
+        if element.inner and element.value and element.kind != "class" and lost:
+            yield (
+                element.named,
+                f"value and attributes of '{element.name}' together are not supported in a redeclaration or this deep "
+                f"in an extends clause: write the value alone, {element.name} = ..., and the attributes at its "
+                "declaration",
+            )
+
+
+def _within(clause: Clause, element: Modifier) -> bool:
+    """Whether an element belongs to the redeclaration of a component."""
+    return any(m.kind == "component" and m.start < element.start < m.end for m, _, _ in _all(clause.mods))
+
+
+def _evaluated(clause: Clause) -> Iterator[Modifiers]:
+    """Lists whose values the front end turns into numbers: of short classes inside models and of redeclarations."""
+    parent = clause.owner.parent
+    if clause.kind == "short" and clause.mods and parent and parent.kind in ("model", "block", "class"):
+        yield clause.mods
+    for element, _, _ in _all(clause.mods):
+        if element.kind == "class" and element.inner:
+            yield element.inner
+
+
+def _not_constant(plain: str, mods: Modifiers, texts: Sequence[str]) -> Iterator[tuple[int, str]]:
+    for element, _, _ in _all(mods):
+        if element.value is None:
+            continue
+        for found in _FREE_NAME.finditer(plain, *element.value):
+            name = found.group(1)
+            if name not in _BUILT_IN and not _is_constant(name, texts):
+                yield (
+                    found.start(),
+                    f"'{name}' in the modifiers of a class is not supported: it would be a number that no longer "
+                    f"follows {name}; make a component replaceable and redeclare that, or write a constant",
+                )
+
+
+def _is_constant(name: str, texts: Sequence[str]) -> bool:
+    """Whether a name means a class or a constant wherever it is declared, as far as words tell."""
+    if any(re.search(rf"\bparameter\b[^;]*\b{name}\b", text) for text in texts):
+        return False
+    known = rf"\b(?:{KEYWORD[3:-1]}|import)\s+{name}\b|\bconstant\b[^;]*\b{name}\b"
+    return any(re.search(known, text) for text in texts)
+
+
+# -- what is rewritten
+
+
+@dataclass(frozen=True)
+class _Edit:
+    start: int
+    end: int
+    text: str
+
+
+def _rewritten(source: Source, used: set[tuple[str, ...]]) -> Source:
+    """One change at a time, so that each sees the text as the last one left it."""
+    for number in count(1):
+        found = classes(source)
+        changes = (
+            edits
+            for owner in found or ()
+            if _path(owner) in used or owner.name.startswith("hystid_")
+            for clause in clauses(owner, found or ())
+            if (edits := _edits(clause, source, number))
+        )
+        edits = next(changes, [])
+        if not edits:
+            return source
+        text = source.text
+        for edit in sorted(edits, key=lambda e: -e.start):
+            text = text[: edit.start] + edit.text + text[edit.end :]
+        source = Source(source.path, text)
+    raise AssertionError
+
+
+def _edits(clause: Clause, source: Source, number: int) -> list[_Edit]:
+    if clause.limit and clause.limit[1]:
+        return _moved(clause, clause.limit[1], source)
+    for element, kind, depth in _all(clause.mods, clause.kind):
+        if element.kind == "class" and element.inner:
+            return _named(clause, element, element.inner, source, f"hystid_{element.name}_{number}")
+        together = element.inner and element.value and element.kind != "class"
+        if together and not (depth == 1 and kind == "component"):
+            assert element.inner
+            return [_split(element, element.inner, source)]
+    return []
+
+
+def _split(element: Modifier, inner: Modifiers, source: Source) -> _Edit:
+    """``each m(min = 0) = 1`` becomes ``each m(min = 0), each m = 1``."""
+    again = source.plain[element.start : element.named] + element.name
+    return _Edit(inner.closing + 1, inner.closing + 1, f", {again}")
+
+
+def _named(clause: Clause, element: Modifier, inner: Modifiers, source: Source, name: str) -> list[_Edit]:
+    """``redeclare model S = Cub(k = 7)`` becomes a class of its own in front of the statement and its name."""
+    text = source.text[inner.opening : inner.closing + 1]
+    kind = re.search(r"(\w+)\s+\w+\s*\Z", source.plain[element.start : element.named] + element.name)
+    first = f"{kind.group(1) if kind else 'model'} {name} = {element.target}{_one_line(text)}; "
+    target = _Edit(element.behind - len(element.target), element.behind, name)
+    return [
+        _Edit(clause.start, clause.start, first),
+        target,
+        _Edit(inner.opening, inner.closing + 1, "\n" * text.count("\n")),
+    ]
+
+
+def _one_line(text: str) -> str:
+    """A list without comments and line ends; strings stay."""
+    found = re.sub(r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/', lambda m: m.group(1) or " ", text, flags=re.DOTALL)
+    return re.sub(r"\s*\n\s*", " ", found)
+
+
+def _moved(clause: Clause, limit: Modifiers, source: Source) -> list[_Edit]:
+    """``Q f constrainedby P(n = 1)`` becomes ``Q f(n = 1) constrainedby P``; modifiers of f itself go first."""
+    own = {m.name for m in clause.mods.elements} if clause.mods else set()
+    wanted = [_one_line(source.text[m.start : m.end]) for m in limit.elements if m.name not in own]
+    gap = "\n" * source.text.count("\n", limit.opening, limit.closing + 1)
+    cut = _Edit(limit.opening, limit.closing + 1, gap)
+    if not wanted:
+        return [cut]
+    if clause.mods is None:
+        return [cut, _Edit(clause.behind, clause.behind, f"({', '.join(wanted)})")]
+    comma = ", " if clause.mods.elements else ""
+    return [cut, _Edit(clause.mods.closing, clause.mods.closing, comma + ", ".join(wanted))]

@@ -1,0 +1,229 @@
+"""The declarations of a class with their modifiers, read from the text as far as rewriting them needs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from hystid.modelica.reach import Class
+
+_NAME = r"[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*"
+_CLASS_KIND = r"(?:model|block|class|package|function|connector|record|type)"
+_PREFIX = re.compile(
+    r"\s*(redeclare|replaceable|each|final|inner|outer|flow|stream|discrete|parameter|constant|input|output|"
+    r"public|protected)\b"
+)
+_SKIPPED = re.compile(r"\s*(?:import|annotation|end|external)\b")
+_SECTION = re.compile(r"\s*(?:(?P<on>public|protected)|(?:initial\s+)?(?P<off>equation|algorithm))\b")
+
+
+@dataclass(frozen=True)
+class Modifiers:
+    """A list in parentheses: offsets of the two parentheses, and its elements."""
+
+    opening: int
+    closing: int
+    elements: tuple[Modifier, ...]
+
+
+@dataclass(frozen=True)
+class Modifier:
+    """One element: ``name``, ``name(...)``, ``name = value``, or a redeclaration (kind "class" or "component").
+
+    start, end: offsets. named: offset of the name. target: what a redeclaration takes, with the offset behind it.
+    """
+
+    start: int
+    end: int
+    prefixes: tuple[str, ...]
+    kind: str
+    name: str
+    named: int
+    target: str = ""
+    behind: int = 0
+    inner: Modifiers | None = None
+    value: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class Clause:
+    """A declaration with a list of modifiers: an extends clause, a short class, or one component.
+
+    start: offset of the statement. behind: where a list of modifiers would start. limit: name and modifiers of
+    ``constrainedby``, None without one.
+    """
+
+    owner: Class
+    kind: str
+    start: int
+    prefixes: tuple[str, ...]
+    name: str
+    behind: int
+    mods: Modifiers | None
+    limit: tuple[str, Modifiers | None] | None = None
+
+
+def clauses(owner: Class, found: Sequence[Class]) -> Iterator[Clause]:
+    """The clauses of one class of a text; found: all classes of that text. Nested classes have clauses of their own."""
+    plain = owner.source.plain
+    if owner.short:
+        yield from _short(owner, plain)
+        return
+    text = plain[: owner.end]
+    for inner in found:
+        if inner.parent is owner:
+            text = text[: inner.start] + re.sub(r"[^\n;]", " ", text[inner.start : inner.end]) + text[inner.end :]
+    for start, end in _statements(text, owner.body, owner.end):
+        yield from _statement(owner, text, start, end)
+
+
+def _short(owner: Class, plain: str) -> Iterator[Clause]:
+    base = re.compile(rf"\s*(?:(?:input|output)\s+)?({_NAME})").match(plain, owner.body, owner.end)
+    if not base or base.group(1) == "enumeration":
+        return
+    before = re.search(r"((?:\b(?:redeclare|replaceable|final|partial|encapsulated)\s+)*)\Z", plain[: owner.start])
+    words = before.group(1) if before else ""
+    behind = _behind_sizes(plain, base.end())
+    mods = _listed(plain, behind)
+    at = mods.closing + 1 if mods else behind
+    start = owner.start - len(words)
+    yield Clause(owner, "short", start, tuple(words.split()), owner.name, behind, mods, _limit(plain, at))
+
+
+def _statements(text: str, start: int, end: int) -> Iterator[tuple[int, int]]:
+    """Offsets of the statements of the declaration sections."""
+    at, on = start, True
+    while at < end:
+        stop = _next(text, at, end, ";")
+        section = _SECTION.match(text, at, stop)
+        if section:
+            on = bool(section["on"])
+            at = section.end()
+        elif on and text[at:stop].strip():
+            yield at + len(text[at:stop]) - len(text[at:stop].lstrip()), stop
+            at = stop + 1
+        else:
+            at = stop + 1
+
+
+def _statement(owner: Class, text: str, start: int, end: int) -> Iterator[Clause]:
+    if _SKIPPED.match(text, start, end):
+        return
+    base = re.compile(rf"extends\s+({_NAME})").match(text, start, end)
+    if base:
+        mods = _listed(text, base.end())
+        yield Clause(owner, "extends", start, (), base.group(1), base.end(), mods)
+        return
+    prefixes, at = _prefixes(text, start, end)
+    kind = re.compile(rf"\s*{_NAME}").match(text, at, end)
+    if not kind:
+        return
+    at = _behind_sizes(text, kind.end())
+    while at < end:
+        name = re.compile(r"\s*([A-Za-z_]\w*)").match(text, at, end)
+        if not name:
+            return
+        behind = _behind_sizes(text, name.end())
+        mods = _listed(text, behind)
+        stop = _next(text, behind, end, ",")
+        limit = re.compile(r"\bconstrainedby\b").search(text, behind, stop)
+        yield Clause(
+            owner,
+            "component",
+            start,
+            prefixes,
+            name.group(1),
+            behind,
+            mods,
+            _limit(text, limit.start()) if limit else None,
+        )
+        at = stop + 1
+
+
+def _limit(text: str, at: int) -> tuple[str, Modifiers | None] | None:
+    found = re.compile(rf"\s*constrainedby\s+({_NAME})").match(text, at)
+    return (found.group(1), _listed(text, found.end())) if found else None
+
+
+def _prefixes(text: str, at: int, end: int) -> tuple[tuple[str, ...], int]:
+    found = []
+    while word := _PREFIX.match(text, at, end):
+        found.append(word.group(1))
+        at = word.end()
+    return tuple(found), at
+
+
+def _behind_sizes(text: str, at: int) -> int:
+    """Behind the brackets that follow, if there are any."""
+    sizes = re.compile(r"\s*\[").match(text, at)
+    return closing(text, sizes.end() - 1) + 1 if sizes else at
+
+
+def _listed(text: str, at: int) -> Modifiers | None:
+    found = re.compile(r"\s*\(").match(text, at)
+    if not found:
+        return None
+    opening = found.end() - 1
+    end = closing(text, opening)
+    elements, start = [], opening + 1
+    while start < end:
+        stop = _next(text, start, end, ",")
+        if text[start:stop].strip():
+            elements.append(_element(text, start + len(text[start:stop]) - len(text[start:stop].lstrip()), stop))
+        start = stop + 1
+    return Modifiers(opening, end, tuple(elements))
+
+
+def _element(text: str, start: int, end: int) -> Modifier:
+    prefixes, at = _prefixes(text, start, end)
+    if "redeclare" in prefixes or "replaceable" in prefixes:
+        short = re.compile(rf"\s*{_CLASS_KIND}\s+([A-Za-z_]\w*)\s*=\s*({_NAME})").match(text, at, end)
+        if short:
+            inner = _listed(text, short.end())
+            name, base = short.group(1), short.group(2)
+            return Modifier(start, end, prefixes, "class", name, short.start(1), base, short.end(), inner)
+        kind = re.compile(rf"\s*({_NAME})").match(text, at, end)
+        target, at = (kind.group(1), _behind_sizes(text, kind.end())) if kind else ("", at)
+        return _plain_element(text, start, end, prefixes, at, "component", target)
+    return _plain_element(text, start, end, prefixes, at, "", "")
+
+
+def _plain_element(
+    text: str, start: int, end: int, prefixes: tuple[str, ...], at: int, kind: str, target: str
+) -> Modifier:
+    name = re.compile(rf"\s*({_NAME})").match(text, at, end)
+    if not name:
+        return Modifier(start, end, prefixes, kind, "", at, target)
+    behind = _behind_sizes(text, name.end())
+    inner = _listed(text, behind)
+    rest = inner.closing + 1 if inner else behind
+    value = re.compile(r"\s*=(?!=)\s*").match(text, rest, end)
+    return Modifier(
+        start, end, prefixes, kind, re.sub(r"\s", "", name.group(1)), name.start(1), target, rest, inner,
+        (value.end(), end) if value else None,
+    )  # fmt: skip
+
+
+def _next(text: str, start: int, end: int, mark: str) -> int:
+    """Offset of the next ``mark`` outside all brackets, ``end`` without one."""
+    depth = 0
+    for k in range(start, end):
+        letter = text[k]
+        if letter in "([{":
+            depth += 1
+        elif letter in ")]}":
+            depth -= 1
+        elif letter == mark and depth <= 0:
+            return k
+    return end
+
+
+def closing(text: str, opening: int) -> int:
+    """Position of the bracket that closes the one at ``opening`` (the text's end without one)."""
+    depth = 0
+    for k in range(opening, len(text)):
+        depth += (text[k] in "([{") - (text[k] in ")]}")
+        if depth == 0:
+            return k
+    return len(text)

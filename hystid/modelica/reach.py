@@ -1,0 +1,122 @@
+"""Which classes of the texts a model may depend on, found by the words that its text holds.
+
+A class cannot be used without its short name standing in a text that is used. So following every word that is the name
+of a class reaches at least what the front end will read: too much at times, never too little.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from hystid.modelica.sources import Source
+
+KEYWORD = r"(?:model|block|class|package|function|connector|record|type|operator)"
+_STEP = re.compile(
+    rf"(?P<open>[(\[{{])|(?P<close>[)\]}}])|(?<![\w.])end\s+(?P<end>[A-Za-z_]\w*)\s*;"
+    rf"|(?<![\w.])(?P<kind>{KEYWORD})\s+(?:extends\s+)?(?P<name>[A-Za-z_]\w*)(?:\s*(?P<short>=))?"
+)
+_CONTROL = frozenset(("if", "for", "when", "while"))
+
+
+@dataclass(frozen=True)
+class Class:
+    """A class in a text: offsets in characters; ``path`` holds the places of the classes around it, outermost first."""
+
+    source: Source
+    kind: str
+    name: str
+    start: int
+    body: int
+    end: int
+    parent: Class | None
+    short: bool = False
+
+    def around(self) -> Iterator[Class]:
+        """The class and those that it is nested in, inside out."""
+        here: Class | None = self
+        while here is not None:
+            yield here
+            here = here.parent
+
+
+@dataclass
+class _Open:
+    kind: str
+    name: str
+    start: int
+    body: int
+    inner: list[_Open] = field(default_factory=list)
+    end: int = 0
+    short: bool = False
+
+
+def classes(source: Source) -> list[Class] | None:
+    """Every class of a text, outer ones before inner ones; None where their ends do not match."""
+    roots = _outline(source.plain)
+    return None if roots is None else [c for root in roots for c in _named(source, root, None)]
+
+
+def _named(source: Source, o: _Open, parent: Class | None) -> Iterator[Class]:
+    made = Class(source, o.kind, o.name, o.start, o.body, o.end, parent, o.short)
+    yield made
+    for inner in o.inner:
+        yield from _named(source, inner, made)
+
+
+def _outline(plain: str) -> list[_Open] | None:
+    stack = [_Open("", "", 0, 0)]
+    depth = 0
+    for step in _STEP.finditer(plain):
+        if step["open"] or step["close"]:
+            depth += 1 if step["open"] else -1
+        elif step["end"] and depth == 0 and step["end"] not in _CONTROL:
+            if len(stack) == 1 or stack[-1].name != step["end"]:
+                return None
+            stack.pop().end = step.end()
+        elif step["name"] and depth == 0:
+            opened = _Open(step["kind"], step["name"], step.start(), step.end())
+            stack[-1].inner.append(opened)
+            if step["short"]:
+                close = plain.find(";", step.end())
+                opened.end, opened.short = (close + 1 or len(plain)), True
+            else:
+                stack.append(opened)
+    return stack[0].inner if len(stack) == 1 and depth == 0 and "'" not in plain else None
+
+
+def innermost(found: Sequence[Class], offset: int) -> Class | None:
+    """The innermost of a text's classes that holds an offset."""
+    holding = [c for c in found if c.start <= offset < c.end]
+    return holding[-1] if holding else None
+
+
+def reached(name: str, sources: Sequence[Source]) -> dict[Source, list[Class] | None]:
+    """Text -> its classes that class ``name`` may depend on; None for a text that must be taken as a whole."""
+    outlines = {source: classes(source) for source in sources}
+    by_name: dict[str, list[Class]] = {}
+    for c in (c for found in outlines.values() for c in found or ()):
+        by_name.setdefault(c.name, []).append(c)
+    words = set(name.split("."))
+    words.update(*(_words(source.plain) for source, found in outlines.items() if found is None))
+    used: set[Class] = set()
+    while words:
+        new = {a for word in words for c in by_name.get(word, ()) for a in c.around()} - used
+        used |= new
+        words = {word for c in new for word in _words(_own_text(c, outlines[c.source] or ()))}
+    return {source: None if found is None else [c for c in found if c in used] for source, found in outlines.items()}
+
+
+def _own_text(c: Class, found: Sequence[Class]) -> str:
+    """Text of a class without the classes nested in it; the ``within`` of its file counts as its own."""
+    text, at = [], c.start
+    for inner in (d for d in found if d.parent is c):
+        text.append(c.source.plain[at : inner.start])
+        at = inner.end
+    within = re.match(r"\s*within\s+[\w.]*", c.source.plain)
+    return " ".join((*text, c.source.plain[at : c.end], within.group() if within else ""))
+
+
+def _words(plain: str) -> set[str]:
+    return set(re.findall(r"[A-Za-z_]\w*", plain))
