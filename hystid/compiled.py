@@ -300,12 +300,20 @@ class CompiledModel:
         for name, value in values.items():
             variable = self._find(name)
             settable = variable.causality in ("parameter", "structuralParameter", "input")
+            if name in self.code.states and variable.initial == "calculated":
+                raise UsageError(f"{self.code.name}: the start of '{name}' is computed: {self._way_to_start(name)}")
             if not (settable or variable.initial in ("exact", "approx") or name in self.code.states):
                 raise UsageError(f"{self.code.name}: '{name}' is computed by the model and cannot be set")
             if not np.isfinite(value):
                 raise UsageError(f"{self.code.name}: '{name}' must be a finite number, not {value}")
             settings[variable.slot] = float(value)
         return settings
+
+    def _way_to_start(self, state: str) -> str:
+        known = self._variables.get(f"{state}_start")
+        if known is not None and known.causality == "parameter":
+            return f"set the parameter '{known.name}' instead"
+        return "set the parameters that its start or its initial equation takes"
 
     def _input(self, name: str, values: ArrayLike, dt: float, interpolation: Interpolation) -> Column:
         variable = self._find(name)

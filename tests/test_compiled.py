@@ -8,6 +8,7 @@ from fmu_models import bouncing, contact, effect, jenkins, linear, memory, sampl
 
 from hystid.compiled import CompiledModel, slopes_of
 from hystid.errors import NumericalError, UsageError
+from hystid.modelica import compile_model
 
 G, E = 9.81, 0.7
 
@@ -226,3 +227,11 @@ def test_a_model_without_answer_says_where():
 def test_overflow_is_found_where_it_happens():
     with pytest.raises(NumericalError, match="no finite solution beyond"):
         CompiledModel(linear()).simulate({}, 1.0, rows=2000, start={"x": 1.0}, parameters={"b": -50.0}, outputs=["x"])
+
+
+def test_a_start_that_initial_equations_compute_is_refused_and_the_parameter_named():
+    model = CompiledModel(compile_model("HystId.Oscillators.Linear"))
+    with pytest.raises(UsageError, match="start of 'x' is computed: set the parameter 'x_start' instead"):
+        model.simulate({}, 1e-3, rows=3, start={"x": 0.01}, outputs=["x"])
+    x = model.simulate({}, 1e-3, rows=3, parameters={"x_start": 0.01}, outputs=["x"])["x"]
+    assert x[0] == 0.01

@@ -37,6 +37,7 @@ def model_code(model: HybridModel) -> ModelCode:
         dependencies=_dependencies(model),
         has_forward=True,
         has_adjoint=True,
+        has_memory=bool(model.assertions),
         experiment=model.flat.experiment,
     )
     text = _c_text(model, layout, _TOKEN)
