@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+import logging
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -42,12 +44,25 @@ def reference_entries(code: ModelCode, runner: TableRunner | None = None) -> dic
     if not names:
         return {}
     try:
-        results = CompiledModel(code, runner).simulate(
-            inputs, _spacing(t), outputs=names, substeps=0, rows=len(t), start_time=float(t[0])
-        )
+        with _unheard():
+            results = CompiledModel(code, runner).simulate(
+                inputs, _spacing(t), outputs=names, substeps=0, rows=len(t), start_time=float(t[0])
+            )
     except NumericalError:
         return {}
     return entries(model, t, inputs, results)
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Keep the model's warnings back: the reference input is ours, and no user asked for this run."""
+    logger = logging.getLogger("hystid")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def entries(model: Interface, t: Array, inputs: Mapping[str, Array], results: Mapping[str, Array]) -> dict[str, bytes]:
