@@ -148,6 +148,6 @@ def test_without_a_spring_the_steadier_networks_are_returned():
     training, pulses = (read(EMPS / name) for name in ("emps_estimation.csv", "emps_validation_pulses.csv"))
     result = identify([training], mass=95.1, band=(None, 100.0), decimate=10, ensemble=12, holdout=[pulses])
     for item in result.comparisons:
-        # a linear fit leaves 0.24 of the force; a displacement error of 1 is no skill at all, refined networks reach 8 here
+        # a linear fit leaves 0.24 of the force; an error of 1 in displacement is no skill at all (refined networks: 8)
         assert item.network.force_nrmse < 0.15
         assert item.network.x_nrmse is not None and item.network.x_nrmse < 1
