@@ -263,21 +263,22 @@ def diagnose(
     Examples:
       hystid diagnose sweep*.csv --model HystId.Oscillators.Jenkins --set m=4.2 --holdout sine30.csv -o why
     """
-    from hystid.diagnosis import TOLERATED, diagnose
+    from hystid.diagnosis import TOLERATED, diagnose, inputs_missing, not_applicable
+    from hystid.errors import RecordingError
     from hystid.report.diagnosis import write_diagnosis
     from hystid.report.text import diagnosis_summary
 
     unseen = opt.apart(recordings, holdout)
     known = {**opt.parameter_file(parameters), **opt.numbers("--set", set_)}
     settings = (sensitivity, channel, resample, {*(accept or ()), *TOLERATED})
-    result = diagnose(
-        opt.load(recordings, *settings),
-        model=model,
-        parameters=known,
-        holdout=opt.load(unseen, *settings),
-        effects=tuple(effects or ()),
-        out=out,
-    )
+    try:
+        used, held = opt.load(recordings, *settings), opt.load(unseen, *settings)
+    except RecordingError as refusal:
+        if not inputs_missing(refusal):
+            raise
+        result = not_applicable(str(refusal), model, out=out)
+    else:
+        result = diagnose(used, model=model, parameters=known, holdout=held, effects=tuple(effects or ()), out=out)
     write_diagnosis(result, out / "report.html", _command("diagnose"))
     print(diagnosis_summary(result))
     print(f"results and report.html in {out}")

@@ -65,7 +65,7 @@ class Answer:
 
     def rename(self, name: str) -> str:
         """Added mass or gain of the force channel: negative is a gain; else what keeps the refit nearer to nominal."""
-        if name != ADDED_MASS:
+        if name != ADDED_MASS or not self.baseline.mass:  # without a mass there is nothing that a gain could scale
             return name
         return GAIN if self.gain() < 0 or self._gain_is_nearer() else ADDED_MASS
 

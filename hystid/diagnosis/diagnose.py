@@ -18,24 +18,32 @@ from numpy.typing import NDArray
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import chain, locate
 from hystid.diagnosis.answer import Answer, findings, headline, next_experiment, refit_values
-from hystid.diagnosis.baseline import Baseline, baseline_of
+from hystid.diagnosis.baseline import Baseline, baseline_of, real_parameters
 from hystid.diagnosis.blocks import Scales
 from hystid.diagnosis.extended import CLASS, extended_model
 from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, fit
 from hystid.diagnosis.freerun import errors
 from hystid.diagnosis.library import load_effects
+from hystid.diagnosis.noise import noise_level
 from hystid.diagnosis.parts import Part, prepare_part
 from hystid.diagnosis.result import Diagnosis, Errors, Traces
 from hystid.diagnosis.selection import Choice, choose
-from hystid.errors import NumericalError, UsageError
+from hystid.diagnosis.starts import scaled, sizes_of
+from hystid.errors import NumericalError, RecordingError, UsageError
 from hystid.files import write_json, write_text
+from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
+from hystid.processing import prepare
 from hystid.progress import track
 from hystid.recording import Recording, read_all
 
 Array = NDArray[np.float64]
 SHORTEST = 200  # samples: below this nothing can be told from noise
 TOLERATED = ("clipped", "not_one_motion", "swapped_sign")  # faults that the diagnosis names instead of refusing them
+_MOST = 400_000  # samples of all recordings together: memory stays below 0.5 GB
+_NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
+_GOOD_RIG = 2e-3  # noise over spread, 54 dB
+_LIBRARY = "HystId."
 _STARTS = (1.0, 0.5, 2.0)  # factors on the nominal shapes of the law, for the multi-start refit
 
 
@@ -63,18 +71,27 @@ def diagnose(
     recordings: at least one with force and motion (t, F and any of x, v, a; SI units). model: a class of the library
     ("HystId.Oscillators.Jenkins") or of a file ("rig.mo:Rig") with input F, states x and v, and output R.
     parameters: name -> value, or name -> {"value": ..., "fixed": true}; a mapping or a JSON file. A mass that is given
-    counts as weighed (known to 3.5 %) unless it says "fixed": false; the other values are starts. holdout: recordings
-    that are used for nothing but the free run in the end. effects: .mo file or files with further blocks.
+    counts as weighed (known to 3.5 %) unless it says "fixed": false (free) or true (exact); other values are starts.
+    What is not given is scaled from the recordings, for classes of the library. holdout: recordings that are used
+    for nothing but the free run in the end. effects: .mo file or files with further blocks.
     exclude: ids of the library that are not tried.
     out: folder for diagnosis.json, extended.mo, extended.fmu and mismatch_<recording>.csv.
     Raises UsageError, RecordingError, ModelicaError, ToolchainError; a structure that cannot be diagnosed is a verdict.
     """
-    tests, unseen = _load(recordings), _load(holdout)
+    if not recordings:
+        raise UsageError("no recording was given: name at least one file")
     given = _given(parameters)
-    refusal = _not_applicable(tests)
+    try:
+        tests, unseen = _load(recordings), _load(holdout)
+    except RecordingError as refusal:
+        if inputs_missing(refusal):
+            return not_applicable(str(refusal), str(model), given.values, out)
+        raise
+    _check_apart(tests, unseen)
+    refusal = _not_applicable([*tests, *unseen])
     if refusal:
-        answer = Diagnosis("not_applicable", refusal, str(model), dict(given.values), {}, next_experiment=refusal)
-        return _written(answer, None, out)
+        return not_applicable(refusal, str(model), given.values, out)
+    tests, unseen = ([_with_noise(test, i) for i, test in enumerate(_bounded(group))] for group in (tests, unseen))
     with track("diagnosis", 100) as step, _quiet_models():
         case = _prepare(tests, unseen, str(model), given)
         step(15, "baseline fitted")
@@ -83,6 +100,48 @@ def diagnose(
         choice = choose(case.problem, case.refit, library, _every(step, share))
         answer, extended = _conclude(case, choice, out is not None)
     return _written(answer, extended, out)
+
+
+def not_applicable(
+    why: str, model: str, values: Mapping[str, float] | None = None, out: str | Path | None = None
+) -> Diagnosis:
+    """The answer for a structure or recordings that cannot be diagnosed; written where a folder is given."""
+    advice = f"Record F and at least one of x, v and a in one file, with at least {SHORTEST} samples, better thousands."
+    found = Diagnosis("not_applicable", why, model, dict(values or {}), {}, next_experiment=advice)
+    return _written(found, None, out)
+
+
+def inputs_missing(refusal: RecordingError) -> bool:
+    """Whether recordings were refused for nothing but missing channels or too few samples: that is a verdict."""
+    rules = [line.rpartition("[")[2].rstrip("]") for line in str(refusal).splitlines()]
+    return set(rules) <= {"missing_channel", "too_short"}
+
+
+def _check_apart(tests: Sequence[Recording], unseen: Sequence[Recording]) -> None:
+    """Raises UsageError where a held-out recording holds the samples of one that is used."""
+    for held in unseen:
+        for test in tests:
+            pairs = [(getattr(held, name), getattr(test, name)) for name in "Fxva"]
+            shared = [(one, other) for one, other in pairs if one is not None and other is not None]
+            if shared and all(np.array_equal(one, other) for one, other in shared):
+                raise UsageError(f"{held.name} is held out and used ({test.name} has the same samples): leave out one")
+
+
+def _bounded(tests: list[Recording]) -> list[Recording]:
+    """Recordings of bounded size: beyond 400 000 samples together all are decimated, without aliasing, and say so."""
+    factor = -(-sum(len(test) for test in tests) // _MOST)
+    return [prepare(test, decimate=factor) for test in tests] if factor > 1 else tests
+
+
+def _with_noise(test: Recording, seed: int) -> Recording:
+    """A simulated recording gets the noise of a good rig: else errors of integration would be named as physics."""
+    channels = {name: getattr(test, name) for name in "Fxva" if getattr(test, name) is not None}
+    if any(noise_level(values) > _NOISE_FREE * float(np.std(values)) for values in channels.values()):
+        return test
+    rng = np.random.default_rng(seed)
+    noisy = {k: u + _GOOD_RIG * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in channels.items()}
+    note = f"{test.name} holds no noise: white noise of {100 * _GOOD_RIG:g} % of each channel is added"
+    return replace(test, notes=(*test.notes, note), **noisy)
 
 
 @contextmanager
@@ -164,8 +223,6 @@ def _given(parameters: str | Path | Mapping[str, Any] | None) -> Given:
 
 def _not_applicable(tests: Sequence[Recording]) -> str:
     """Why these recordings cannot be diagnosed, "" where they can."""
-    if not tests:
-        raise UsageError("no recording was given: name at least one file")
     for test in tests:
         if test.F is None:
             return f"{test.name} has no force channel: without the force nothing can be balanced; record F"
@@ -188,17 +245,39 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     stopped = {fault.channel: fault.size for fault in faults if fault.id == "sensor_saturation"}
     parts = [prepare_part(test, seed, stopped) for seed, test in enumerate(tests)]
     code = compile_model(model)
-    weighed = {"m"} if "m" in given.values and "m" not in given.free else set()
+    weighed = "m" in given.values and "m" not in given.free | given.fixed
     whole = {v.name for v in code.variables if v.type != "Real"}
     sizes = {name: value for name, value in given.values.items() if name in whole}
     code = compile_model(model, parameters=sizes) if sizes else code
     values = {name: value for name, value in given.values.items() if name not in whole}
-    baseline = baseline_of(model, code, values, given.fixed | weighed)
+    starts, told = _starts(parts, code, values, model, quasi_static=any(test.quasi_static for test in tests))
+    length = max(float(np.max(np.abs(part.x))) for part in parts)
+    baseline = baseline_of(model, code, {**starts, **values}, given.fixed, weighed=weighed, length=length)
     problem = Problem(parts, baseline, _scales(parts, baseline))
     refit, nominal = _refit(problem)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
-    notes = tuple(note for test in tests for note in test.notes)
+    notes = (*told, *(note for test in tests for note in test.notes))
     return Case(problem, baseline, refit, nominal, tuple(faults), chain.consistency(lags), held, notes)
+
+
+def _starts(
+    parts: Sequence[Part], code: ModelCode, values: Mapping[str, float], model: str, *, quasi_static: bool
+) -> tuple[dict[str, float], list[str]]:
+    """Start values of a class of the library for what was not given, and a sentence about them.
+
+    A user's own class keeps its defaults, which are what the user believes.
+    """
+    variables = real_parameters(code)
+    if not model.startswith(_LIBRARY):
+        return {}, []
+    hysteretic = "f_h" in {v.name for v in code.variables} and not set(code.states) <= {"x", "v"}
+    sizes = sizes_of(parts, values.get("m"), inertial=not quasi_static)
+    starts = scaled(variables, values, sizes, hysteretic)
+    notes = [f"start values from the recordings: {', '.join(f'{k} = {v:.4g}' for k, v in starts.items())}"]
+    if "m" not in values and sizes.mass == 0.0:
+        reason = "time only numbers the samples" if quasi_static else "inertia cannot be told from the other forces"
+        notes.append(f"mass 0, as {reason}: the force is taken as the restoring force; give m where this is not so")
+    return starts, notes if starts else []
 
 
 def _refit(problem: Problem) -> tuple[Fit, float]:
