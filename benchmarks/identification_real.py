@@ -22,19 +22,22 @@ from hystid.recording import Recording, read
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 
 
+def models(c: Comparison) -> dict[str, Prediction]:
+    """The model that identify returned, under the name of its method, and those beside it."""
+    if c.published is None:
+        return {"published (returned)": c.network, "linear": c.linear}
+    return {"refined (returned)": c.network, "published": c.published, "linear": c.linear}
+
+
 def show(title: str, result: Identification, seconds: float, note: str) -> None:
-    """Held-out errors of the refined, the published and the linear model."""
+    """Errors of the returned model, of the published one where another was returned, and of the linear one."""
+    names = " / ".join(models(result.comparisons[0]))
     print(f"\n## {title}  ({seconds:.0f} s)\n\n{note}\n")
-    print(
-        "| recording | role | force NRMSE refined / published / linear "
-        "| free-run x NRMSE refined / published / linear |"
-    )
-    print("|---|---|---|---|")
+    print(f"| recording | role | force NRMSE: {names} | free-run x NRMSE |\n|---|---|---|---|")
     for c in result.comparisons:
-        models = [p for p in (c.network, c.published, c.linear) if p is not None]
-        force = " / ".join(f"{p.force_nrmse:.4f}" for p in models)
+        force = " / ".join(f"{p.force_nrmse:.4f}" for p in models(c).values())
         free = " / ".join(
-            "diverged" if p.diverged else "-" if p.x_nrmse is None else f"{p.x_nrmse:.3g}" for p in models
+            "diverged" if p.diverged else "-" if p.x_nrmse is None else f"{p.x_nrmse:.3g}" for p in models(c).values()
         )
         print(f"| {c.recording.name} | {c.role} | {force} | {free} |", flush=True)
 
@@ -69,8 +72,8 @@ def emps() -> None:
         "5.98 on pulses):"
     )
     for c in result.comparisons:
-        models = (("refined", c.network), ("published", c.published), ("linear", c.linear))
-        print(f"- {c.recording.name}: " + ", ".join(f"{n} {relative_force_error(c, p, 95.1):.2f}" for n, p in models))
+        errors = {name: relative_force_error(c, p, 95.1) for name, p in models(c).items()}
+        print(f"- {c.recording.name}: " + ", ".join(f"{name} {error:.2f}" for name, error in errors.items()))
 
 
 def brfd() -> None:
