@@ -250,7 +250,7 @@ class Problem:
         if base.mass:
             limit = LATE_LIMIT if hypothesis.late else DELAY_LIMIT
             found.append(Unknown(("chain", "delay"), low=-limit, high=limit))
-            if "m" not in base.free and not any(term.effect.id == ADDED_MASS for term in hypothesis.terms):
+            if base.weighed and not any(term.effect.id == ADDED_MASS for term in hypothesis.terms):
                 found.append(Unknown(("chain", "weighing"), low=-WEIGHING_LIMIT, high=WEIGHING_LIMIT, linear=True))
         for i, term in enumerate(hypothesis.terms):
             lowest = term.effect.lowest
