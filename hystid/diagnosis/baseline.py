@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel
+from hystid.diagnosis.rig import Model, Reading, own_mass, reading_of
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
 
@@ -24,11 +25,12 @@ class Baseline:
 
     nominal: parameter values as given. free: names that the refit may move. linear: those in which R is linear.
     units: parameter name -> unit. has_h: the model has a variable f_h (hysteretic force).
+    reading: where R and the mass stand in the model. inner_mass: mass of a model without a parameter for it [kg].
     lowest: lowest values that the model allows. weighed: the mass may be off by what weighing and sensors leave.
     """
 
     name: str
-    model: CompiledModel = field(repr=False)
+    model: Model = field(repr=False)
     nominal: Mapping[str, float]
     free: tuple[str, ...]
     linear: tuple[str, ...]
@@ -37,6 +39,8 @@ class Baseline:
     has_h: bool
     lowest: Mapping[str, float] = field(default_factory=dict)
     weighed: bool = True
+    reading: Reading = field(default=Reading("R", "", _MASS))
+    inner_mass: float = 0.0
 
     @property
     def mass(self) -> float:
@@ -49,18 +53,35 @@ class Baseline:
         return set(self.model.code.states) <= {"x", "v"}
 
     @property
+    def takes_effects(self) -> bool:
+        """Whether the class has a place for further forces."""
+        return any(v.name == "f_effects" for v in self.model.code.variables)
+
+    @property
     def shapes(self) -> tuple[str, ...]:
         """Free parameters in which R is not linear."""
         return tuple(name for name in self.free if name not in self.linear and name != _MASS)
 
     def force(self, x: Array, v: Array, dt: float, values: Mapping[str, float]) -> tuple[Array, Array]:
         """Restoring force R and hysteretic force h [N] along a motion, shape (n,) each."""
-        settings = {name: value for name, value in values.items() if name != _MASS}
-        if _MASS in values:
-            settings[_MASS] = values[_MASS] or 1.0  # without inertia the model's own acceleration means nothing
+        settings = self.settings(values)
+        if not self.reading.force:
+            rate = self.reading.acceleration
+            found = self.model.clamp(
+                {"x": x, "v": v}, {"F": np.zeros_like(x)}, dt, parameters=settings, outputs=(rate,)
+            )
+            inertia = self.inner_mass or settings[self.reading.mass]
+            return -inertia * found[rate], np.zeros_like(x)
         names = ("R", "f_h") if self.has_h else ("R",)
         found = self.model.clamp({"x": x, "v": v}, {}, dt, parameters=settings, outputs=names)
         return found["R"], found["f_h"] if self.has_h else np.zeros_like(x)
+
+    def settings(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values under the model's own names; without inertia the model's own acceleration means nothing."""
+        found = {name: value for name, value in values.items() if name != _MASS}
+        if _MASS in values and self.reading.mass:
+            found[self.reading.mass] = values[_MASS] or 1.0
+        return found
 
 
 def baseline_of(
@@ -71,31 +92,34 @@ def baseline_of(
     *,
     weighed: bool = False,
     length: float = 1e-3,
+    model: Model | None = None,
 ) -> Baseline:
     """Check that a compiled model is an oscillator and sort its parameters. Raises UsageError where it is not one.
 
     weighed: the mass is held, but for what weighing leaves.
     length: size of the displacement [m] at which linearity in a parameter is tested.
+    model: what runs the code, where it is not to be compiled here (an FMU).
     """
-    variables = {variable.name: variable for variable in code.variables}
-    if not {"x", "v"} <= set(code.states) or "R" not in variables or "F" not in variables:
-        raise UsageError(
-            f"{name}: a baseline has the input F, the states x and v and the output R; "
-            "extend HystId.Interfaces.PartialOscillator"
-        )
-    parameters = {v.name: v for v in real_parameters(code)}
-    _check_names(name, given, parameters)
+    compiled: Model = CompiledModel(code) if model is None else model
+    reading = reading_of(name, code)
+    inner = 0.0 if reading.force or reading.mass else own_mass(name, compiled, reading)
+    parameters = {_MASS if v.name == reading.mass else v.name: v for v in real_parameters(code)}
+    given = {_MASS if key == reading.mass else key: value for key, value in given.items()}
+    _check_names(name, given, [*parameters, *([_MASS] if inner else [])])
     lowest = {key: float(variable.min) for key, variable in parameters.items() if variable.min is not None}
     nominal = {
         key: max(float(given.get(key, variable.start or 0.0)), lowest.get(key, -np.inf))
         for key, variable in parameters.items()
     }
-    held = fixed | ({_MASS} if weighed else frozenset()) | ({_MASS} if nominal.get(_MASS, 0.0) == 0.0 else frozenset())
+    if inner:
+        nominal[_MASS] = float(given.get(_MASS, inner))
+    still = bool(inner) or weighed or nominal.get(_MASS, 0.0) == 0.0
+    held = fixed | ({_MASS} if still else frozenset())
     free = tuple(key for key in nominal if key not in held)
     bare = Baseline(
-        name, CompiledModel(code), nominal, free, (), {key: v.unit for key, v in parameters.items()},
-        frozenset(key for key, v in parameters.items() if _is_positive(v, nominal[key])), "f_h" in variables, lowest,
-        weighed,
+        name, compiled, nominal, free, (), {key: v.unit for key, v in parameters.items()},
+        frozenset(key for key, v in parameters.items() if _is_positive(v, nominal[key])),
+        "f_h" in {v.name for v in code.variables}, lowest, weighed or bool(inner), reading, inner,
     )  # fmt: skip
     linear = tuple(key for key in free if key != _MASS and _is_linear(bare, key, length))
     return replace(bare, linear=linear)

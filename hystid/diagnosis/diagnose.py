@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,13 +20,14 @@ from hystid.diagnosis import chain, locate
 from hystid.diagnosis.answer import Answer, findings, headline, next_experiment, refit_values
 from hystid.diagnosis.baseline import Baseline, baseline_of, real_parameters
 from hystid.diagnosis.blocks import Scales
-from hystid.diagnosis.extended import CLASS, extended_model
+from hystid.diagnosis.extended import CLASS, Kind, Skeleton, extended_model
 from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, fit
 from hystid.diagnosis.freerun import errors
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.noise import noise_level
 from hystid.diagnosis.parts import Part, prepare_part
-from hystid.diagnosis.result import Diagnosis, Errors, Traces
+from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
+from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.selection import Choice, choose
 from hystid.diagnosis.starts import scaled, sizes_of
 from hystid.errors import NumericalError, RecordingError, UsageError
@@ -41,6 +42,7 @@ Array = NDArray[np.float64]
 SHORTEST = 200  # samples: below this nothing can be told from noise
 TOLERATED = ("clipped", "not_one_motion", "swapped_sign")  # faults that the diagnosis names instead of refusing them
 _MOST = 400_000  # samples of all recordings together: memory stays below 0.5 GB
+_CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 _GOOD_RIG = 2e-3  # noise over spread, 54 dB
 _LIBRARY = "HystId."
@@ -83,15 +85,17 @@ def diagnose(
     given = _given(parameters)
     try:
         tests, unseen = _load(recordings), _load(holdout)
-    except RecordingError as refusal:
-        if inputs_missing(refusal):
-            return not_applicable(str(refusal), str(model), given.values, out)
+    except RecordingError as missing:
+        if inputs_missing(missing):
+            return not_applicable(str(missing), str(model), given.values, out)
         raise
     _check_apart(tests, unseen)
     refusal = _not_applicable([*tests, *unseen])
     if refusal:
         return not_applicable(refusal, str(model), given.values, out)
     tests, unseen = ([_with_noise(test, i) for i, test in enumerate(_bounded(group))] for group in (tests, unseen))
+    if is_fmu(model) and not (fmu := FmuModel(model)).holds:
+        return _written(_free_run_only(fmu, [*tests, *unseen], str(model), given.values), None, out)
     with track("diagnosis", 100) as step, _quiet_models():
         case = _prepare(tests, unseen, str(model), given)
         step(15, "baseline fitted")
@@ -109,6 +113,25 @@ def not_applicable(
     advice = f"Record F and at least one of x, v and a in one file, with at least {SHORTEST} samples, better thousands."
     found = Diagnosis("not_applicable", why, model, dict(values or {}), {}, next_experiment=advice)
     return _written(found, None, out)
+
+
+def _free_run_only(fmu: FmuModel, tests: Sequence[Recording], model: str, values: Mapping[str, float]) -> Diagnosis:
+    """All that an FMU with co-simulation only can show: how far its free run is from the measured displacement."""
+    parts = [prepare_part(test, i) for i, test in enumerate(tests)]
+    found = errors(fmu, parts, values)
+    worst = max((e if e is not None else np.inf for _, e in found), default=np.inf)
+    noise = max(p.noise["x"] / float(np.std(p.measured["x"])) if "x" in p.noise else 0.0 for p in parts)
+    agrees = worst < max(_CLOSE, 3 * noise)
+    limits = (
+        "this FMU offers co-simulation only, so that its states cannot be held to the motion: nothing is refitted, "
+        "located or named; export it with Model Exchange for that"
+    )
+    told = f"error of the displacement in free run {100 * worst:.3g} %" if np.isfinite(worst) else "no finite free run"
+    nothing = float("nan"), float("nan")
+    listed = tuple(Errors(p.name, nothing, (e, e)) for p, (_, e) in zip(parts, found, strict=True))
+    verdict: Verdict = "consistent" if agrees else "not_applicable"
+    advice = "Export the FMU with Model Exchange, or give the model as Modelica."
+    return Diagnosis(verdict, f"{told}; {limits}", model, dict(values), {}, errors=listed, next_experiment=advice)
 
 
 def inputs_missing(refusal: RecordingError) -> bool:
@@ -244,20 +267,37 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     faults += [f for f in (chain.saturated_motion(tests), chain.saturated_force(tests)) if f is not None]
     stopped = {fault.channel: fault.size for fault in faults if fault.id == "sensor_saturation"}
     parts = [prepare_part(test, seed, stopped) for seed, test in enumerate(tests)]
-    code = compile_model(model)
-    weighed = "m" in given.values and "m" not in given.free | given.fixed
+    code, runs = _compiled(model, given.values)
+    named, fixed, free = (_with_mass(names, code) for names in (given.values, given.fixed, given.free))
     whole = {v.name for v in code.variables if v.type != "Real"}
-    sizes = {name: value for name, value in given.values.items() if name in whole}
-    code = compile_model(model, parameters=sizes) if sizes else code
-    values = {name: value for name, value in given.values.items() if name not in whole}
+    values = {name: given.values[key] for name, key in named.items() if name not in whole}
+    weighed = "m" in values and "m" not in free and "m" not in fixed
     starts, told = _starts(parts, code, values, model, quasi_static=any(test.quasi_static for test in tests))
     length = max(float(np.max(np.abs(part.x))) for part in parts)
-    baseline = baseline_of(model, code, {**starts, **values}, given.fixed, weighed=weighed, length=length)
+    start = {**starts, **values}
+    baseline = baseline_of(model, code, start, frozenset(fixed), weighed=weighed, length=length, model=runs)
     problem = Problem(parts, baseline, _scales(parts, baseline))
     refit, nominal = _refit(problem)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
     notes = (*told, *(note for test in tests for note in test.notes))
     return Case(problem, baseline, refit, nominal, tuple(faults), chain.consistency(lags), held, notes)
+
+
+def _compiled(model: str, values: Mapping[str, float]) -> tuple[ModelCode, FmuModel | None]:
+    """Code of a class with its array sizes set, or an FMU."""
+    if is_fmu(model):
+        fmu = FmuModel(model)
+        return fmu.code, fmu
+    code = compile_model(model)
+    whole = {v.name for v in code.variables if v.type != "Real"}
+    sizes = {name: value for name, value in values.items() if name in whole}
+    return compile_model(model, parameters=sizes) if sizes else code, None
+
+
+def _with_mass(names: Iterable[str], code: ModelCode) -> dict[str, str]:
+    """Name in the diagnosis -> name as given; the mass is m whatever the model calls it."""
+    mass = mass_of(code.variables)
+    return {"m" if name == mass else name: name for name in names}
 
 
 def _starts(
@@ -327,7 +367,7 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     answer = Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults)
     found = findings(answer)
     refit = refit_values(answer, choice.after)
-    text = extended_model(case.baseline.name, refit, answer.terms(), answer.remarks(), answer.own_blocks())
+    text = extended_model(_skeleton(case.baseline), refit, answer.terms(), answer.remarks(), answer.own_blocks())
     before, after = _runs(case, choice, text)
     names = [part.name for part in case.problem.parts]
     force = _force_errors(case, choice)
@@ -352,6 +392,14 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     return told, text
 
 
+def _skeleton(baseline: Baseline) -> Skeleton:
+    """What the written model is built around."""
+    file, _, _ = baseline.name.rpartition(":")
+    text = Path(file).read_text(encoding="utf-8") if file.endswith(".mo") else ""
+    kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if baseline.takes_effects else "wraps"
+    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text)
+
+
 def _noise(case: Case) -> float:
     return float(np.mean([part.balance_noise(case.baseline.mass) for part in case.problem.parts]))
 
@@ -374,12 +422,15 @@ def _runs(case: Case, choice: Choice, text: str) -> tuple[tuple[Run, Run], tuple
     """Free runs of the refitted baseline and of the extended model: training and held-out recordings each."""
     groups = (case.problem.parts, case.unseen)
     first, last = choice.before.hypothesis, choice.after.hypothesis
-    base = {**first.values, "m": first.mass()} if "m" in first.values else dict(first.values)
+    base = case.baseline.settings({**first.values, "m": first.mass()} if "m" in first.values else first.values)
     before = [errors(case.baseline.model, parts, base, first.delay) for parts in groups]
     if choice.after is choice.before:
         return (before[0], before[1]), (before[0], before[1])
+    if is_fmu(case.baseline.name):  # the effects act inside the motion, where a closed binary cannot take them up
+        none: tuple[Run, Run] = ([(None, None)] * len(groups[0]), [(None, None)] * len(groups[1]))
+        return (before[0], before[1]), none
     model = CompiledModel(compile_text(text))
-    end = {"m": last.mass()} if "m" in last.values else {}
+    end = {"m": last.mass()} if "m" in {v.name for v in model.code.variables} else {}
     after = [errors(model, parts, end, last.delay) for parts in groups]
     return (before[0], before[1]), (after[0], after[1])
 
@@ -439,7 +490,8 @@ def _written(answer: Diagnosis, extended: str | None, out: str | Path | None) ->
         from hystid.fmu import build
 
         write_text(folder / "extended.mo", extended)
-        build(compile_text(extended), folder / "extended.fmu")
+        if not is_fmu(answer.model):
+            build(compile_text(extended), folder / "extended.fmu")
     write_json(folder / "diagnosis.json", answer.as_dict())
     return replace(answer, folder=folder)
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isfinite
+from pathlib import Path
+from typing import Literal
 
 from hystid.diagnosis.fitting import Term
 from hystid.diagnosis.result import Value
@@ -11,47 +15,100 @@ from hystid.diagnosis.result import Value
 CLASS = "Extended"
 
 
+Kind = Literal["extends", "wraps", "fmu"]
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """The baseline as the written model uses it.
+
+    kind: "extends" a class with a place for effects, "wraps" any other class as a component whose force is F less the
+    effects, "fmu": only the effects are written. mass: name of its parameter, "" where the mass is ``inner_mass`` [kg].
+    text: the file of a user's class, so that the written file is complete in itself.
+    """
+
+    name: str
+    kind: Kind = "extends"
+    mass: str = "m"
+    inner_mass: float = 0.0
+    text: str = ""
+
+
 def extended_model(
-    baseline: str,
+    baseline: Skeleton,
     refit: Mapping[str, Value],
     terms: Sequence[tuple[Term, Mapping[str, Value]]],
     remarks: Sequence[str] = (),
     own: Mapping[str, str] | None = None,
 ) -> str:
-    """Text of a Modelica class that extends the baseline.
+    """Text of the Modelica class ``Extended``: the baseline as refitted, with the effects.
 
-    refit: baseline parameters. terms: effects with their values and standard errors. remarks: sentences for the
-    head, such
-    as faults of the recording, which are no part of a model. own: texts of the user's blocks by class name.
+    refit: baseline parameters. terms: effects with their values and standard errors. remarks: sentences for the head,
+    such as faults of the recording, which are no part of a model. own: texts of the user's blocks by class name.
     """
     names = _instance_names([term for term, _ in terms])
     sums = " + ".join(f"{name}.f" for name in names)
-    changes = [f"{name} = {_number(value.value)}" for name, value in refit.items()]
-    changes += [f"f_effects = {sums}"] if names else []
-    lines = [*(f"// {remark}" for remark in remarks), f'model {CLASS} "{_title(baseline, terms)}"']
-    lines += [f"  extends {_class(baseline)}(", *_joined(changes, "    "), "  );"]
+    head, ports, equations = _frame(baseline, refit, sums)
+    lines = [*(f"// {remark}" for remark in remarks), f'model {CLASS} "{_title(baseline.name, terms)}"', *head]
     lines += [f"  // {name}: {_with_error(value)}" for name, value in refit.items()]
     for name, (term, values) in zip(names, terms, strict=True):
         settings = [f"{key} = {_number(value.value)}" for key, value in values.items()]
         lines += [f"  {_class(term.effect.class_name)} {name}(", *_joined(settings, "    "), "  );"]
         lines += [f"  // {name}.{key}: {_with_error(value)}" for key, value in values.items()]
-    if names:
-        lines.append("equation")
-        lines += [f"  {name}.{port} = {own_name};" for name in names for port, own_name in _PORTS]
-    blocks = [text.strip() for text in (own or {}).values()]
-    return "\n".join([*lines, f"end {CLASS};", *blocks]) + "\n"
+    equations += [f"  {name}.{port} = {signal};" for name in names for port, signal in ports]
+    lines += ["equation", *equations] if equations else []
+    blocks = [text.strip() for text in (baseline.text, *(own or {}).values()) if text]
+    return "\n".join([*lines, f"end {CLASS};", *(_WITHIN.sub("", block) for block in blocks)]) + "\n"
 
 
-_PORTS = (("x", "x"), ("v", "v"), ("a", "a"), ("h", "f_h"))
+def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[list[str], Ports, list[str]]:
+    """Declarations, what the ports of an effect are joined to, and equations, for each kind of baseline."""
+    if baseline.kind == "extends":
+        changes = [f"{name} = {_number(value.value)}" for name, value in refit.items()]
+        changes += [f"f_effects = {sums}"] if sums else []
+        return [f"  extends {_class(baseline.name)}(", *_joined(changes, "    "), "  );"], _PORTS, []
+    if baseline.kind == "fmu":
+        told = "  // The FMU is a closed binary that Modelica cannot extend: take f off its input F."
+        return (
+            [told, *_SIGNALS, '  output Real f(unit = "N") "Force that the FMU lacks";'],
+            _PORTS,
+            [f"  f = {sums or 0};"],
+        )
+    named = {baseline.mass if name == "m" else name: value for name, value in refit.items()}
+    changes = [f"{name} = {_number(value.value)}" for name, value in named.items() if name]
+    mass = f"rig.{baseline.mass}" if baseline.mass else _number(baseline.inner_mass)
+    head = [*_RIG, f"  {_class(baseline.name)} rig(", *_joined(changes, "    "), "  );"]
+    effects = f" - ({sums})" if sums else ""
+    equations = [f"  rig.F = F{effects};", "  x = rig.x;", "  v = rig.v;", "  a = der(rig.v);", f"  {mass}*a + R = F;"]
+    return head, (*_PORTS[:3], ("h", "0")), equations
+
+
+Ports = tuple[tuple[str, str], ...]
+_WITHIN = re.compile(r"^\s*within\b[^;]*;\s*")
+_SIGNALS = (
+    '  input Real x(unit = "m") "Displacement";',
+    '  input Real v(unit = "m/s") "Velocity";',
+    '  input Real a(unit = "m/s2") "Acceleration";',
+    '  input Real f_h(unit = "N") "Hysteretic force of the FMU, 0 where it shows none";',
+)
+_RIG = (
+    '  input Real F(unit = "N") "Excitation";',
+    '  output Real x(unit = "m") "Displacement";',
+    '  output Real v(unit = "m/s") "Velocity";',
+    '  output Real a(unit = "m/s2") "Acceleration";',
+    '  output Real R(unit = "N") "Restoring force";',
+)
+_PORTS: Ports = (("x", "x"), ("v", "v"), ("a", "a"), ("h", "f_h"))
 
 
 def _title(baseline: str, terms: Sequence[tuple[Term, Mapping[str, Value]]]) -> str:
     found = " and ".join(term.effect.id.replace("_", " ") for term, _ in terms)
-    return f"{_class(baseline).rpartition('.')[2]} oscillator as fitted" + (f", with {found}" if found else "")
+    short = _class(baseline).removesuffix(".fmu").rpartition(".")[2]
+    return f"{short} oscillator as fitted" + (f", with {found}" if found else "")
 
 
 def _class(name: str) -> str:
-    return name.rpartition(":")[2]
+    return Path(name).name if name.endswith(".fmu") else name.rpartition(":")[2]
 
 
 def _instance_names(terms: Sequence[Term]) -> list[str]:

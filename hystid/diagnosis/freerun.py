@@ -7,15 +7,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.compiled import CompiledModel
 from hystid.diagnosis.parts import Part, advanced
+from hystid.diagnosis.rig import Model
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
 
 
 def free_run(
-    model: CompiledModel, part: Part, values: Mapping[str, float], delay: float = 0.0, offset: Array | None = None
+    model: Model, part: Part, values: Mapping[str, float], delay: float = 0.0, offset: Array | None = None
 ) -> Array | None:
     """Displacement [m], shape (n,), of the model under the measured force; None where it has no finite answer.
 
@@ -24,9 +24,7 @@ def free_run(
     """
     force = advanced(part.F, delay) if delay else part.F
     force = force if offset is None else force - offset
-    start = {"x_start": float(part.x[0]), "v_start": float(part.v[0])}
-    known = {variable.name for variable in model.code.variables}
-    settings = {**values, **{name: value for name, value in start.items() if name in known}}
+    settings = {**values, **start_of(model, part)}
     try:
         found = model.simulate(
             {"F": force}, part.dt, parameters=settings, outputs=("x",), interpolation="cubic", substeps=2
@@ -35,6 +33,16 @@ def free_run(
         return None
     x = found["x"]
     return x if float(np.max(np.abs(x))) < 1e3 * float(np.max(np.abs(part.x))) else None
+
+
+def start_of(model: Model, part: Part) -> dict[str, float]:
+    """Settings that make a model begin with the measured state: parameters for it, or else the states themselves."""
+    known = {variable.name for variable in model.code.variables}
+    found = {}
+    for name, value in (("x", float(part.x[0])), ("v", float(part.v[0]))):
+        state = next((s for s in model.code.states if s in (name, f"rig.{name}")), name)
+        found[f"{name}_start" if f"{name}_start" in known else state] = value
+    return found
 
 
 def error(simulated: Array | None, part: Part) -> float | None:
@@ -47,7 +55,7 @@ def error(simulated: Array | None, part: Part) -> float | None:
 
 
 def errors(
-    model: CompiledModel | None, parts: Sequence[Part], values: Mapping[str, float], delay: float = 0.0
+    model: Model | None, parts: Sequence[Part], values: Mapping[str, float], delay: float = 0.0
 ) -> list[tuple[Array | None, float | None]]:
     """Free run and its error for several recordings."""
     if model is None or not values.get("m", 1.0):

@@ -1,0 +1,146 @@
+"""What a baseline may be: a Modelica class with or without the interfaces of hystid, or an FMU.
+
+All of them answer the same two questions: which force belongs to a motion, and which motion to a force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hystid.compiled import Interpolation
+from hystid.errors import UsageError
+from hystid.fmu.driver import Driver
+from hystid.modelcode import ModelCode, Variable
+
+Array = NDArray[np.float64]
+_MASSES = ("m", "mass", "M")
+
+
+class Model(Protocol):
+    """What is asked of a model in this process."""
+
+    code: ModelCode
+
+    def clamp(
+        self,
+        states: Mapping[str, ArrayLike],
+        inputs: Mapping[str, ArrayLike],
+        dt: float,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        outputs: Iterable[str],
+    ) -> dict[str, Array]:
+        """Outputs (n,) while the states follow a motion (n,)."""
+
+    def simulate(
+        self,
+        inputs: Mapping[str, ArrayLike],
+        dt: float,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        outputs: Iterable[str],
+        interpolation: Interpolation = "cubic",
+        substeps: int = 1,
+    ) -> dict[str, Array]:
+        """Outputs (n,) under inputs (n,)."""
+
+
+class FmuModel:
+    """An FMU with the calls of a compiled model."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.driver = Driver(path)
+        self.code = self.driver.model
+
+    @property
+    def holds(self) -> bool:
+        """Whether its states can be held to a motion."""
+        return self.driver.is_own or "ModelExchange" in self.driver.kinds
+
+    def clamp(
+        self,
+        states: Mapping[str, ArrayLike],
+        inputs: Mapping[str, ArrayLike],
+        dt: float,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        outputs: Iterable[str],
+    ) -> dict[str, Array]:
+        """``Driver.clamp``."""
+        return self.driver.clamp(states, inputs, dt, parameters=parameters, outputs=outputs)
+
+    def simulate(
+        self,
+        inputs: Mapping[str, ArrayLike],
+        dt: float,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        outputs: Iterable[str],
+        interpolation: Interpolation = "cubic",
+        substeps: int = 1,
+    ) -> dict[str, Array]:
+        """``Driver.simulate`` on the grid of the inputs; the FMU chooses its own steps and runs inputs linearly."""
+        n = len(np.asarray(next(iter(inputs.values()))))
+        return self.driver.simulate(np.arange(n) * dt, inputs, parameters=parameters, outputs=outputs)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How the restoring force is read from a model. force: variable R, or "" where it follows from the acceleration.
+
+    acceleration: variable that holds dv/dt. mass: name of the parameter that is the mass, "" where there is none.
+    """
+
+    force: str
+    acceleration: str
+    mass: str
+
+
+def reading_of(name: str, code: ModelCode) -> Reading:
+    """Find R, or the acceleration, and the mass of a model. Raises UsageError where it is no such thing."""
+    variables = {v.name: v for v in code.variables}
+    force = variables.get("F")
+    if force is None or force.causality != "input" or not {"x", "v"} <= set(code.states):
+        states = ", ".join(code.states) or "none"
+        raise UsageError(
+            f"{name}: a baseline is one mass under a force, with the input F and the states x and v; its states are "
+            f"{states}. Name them so, or extend HystId.Interfaces.PartialOscillator"
+        )
+    mass = mass_of(code.variables)
+    if "R" in variables:
+        return Reading("R", "", mass)
+    rate = next((v.name for v in variables.values() if v.derivative_of == "v"), "a" if "a" in variables else "")
+    if not rate:
+        raise UsageError(f"{name}: neither a restoring force R nor the acceleration a can be read: add an output R")
+    return Reading("", rate, mass)
+
+
+def is_fmu(model: str | Path) -> bool:
+    """Whether a model is named by an FMU file."""
+    return Path(str(model)).suffix.lower() == ".fmu"
+
+
+def mass_of(variables: Sequence[Variable]) -> str:
+    """The parameter that is the mass: m, mass or M, or else the only one in kg; "" where there is none."""
+    parameters = {v.name: v for v in variables if v.causality == "parameter" and v.type == "Real"}
+    named = [name for name in _MASSES if name in parameters]
+    weighed = [v.name for v in parameters.values() if v.unit == "kg"]
+    return named[0] if named else weighed[0] if len(weighed) == 1 else ""
+
+
+def own_mass(name: str, model: Model, reading: Reading) -> float:
+    """Mass [kg] of a model that has no parameter for it: force over the acceleration that it makes."""
+    rest = {"x": np.zeros(3), "v": np.zeros(3)}
+    pulled, free = (
+        model.clamp(rest, {"F": np.full(3, force)}, 1e-6, outputs=(reading.acceleration,))[reading.acceleration][0]
+        for force in (1.0, 0.0)
+    )
+    if not pulled > free:
+        raise UsageError(f"{name}: its acceleration does not grow with the input F, so that it is not one mass under F")
+    return float(1.0 / (pulled - free))
