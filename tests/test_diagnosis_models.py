@@ -1,0 +1,155 @@
+"""Baselines of any kind, start values from the recordings, and inputs that are missing."""
+
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hystid.cli import main
+from hystid.compiled import CompiledModel
+from hystid.diagnosis import Diagnosis, diagnose
+from hystid.errors import UsageError
+from hystid.fmu import build
+from hystid.modelica import compile_model
+from hystid.recording import Recording
+
+DT = 5e-4
+T = DT * np.arange(6000)
+FORCE = 60 * np.sin(2 * np.pi * (3 * T + 2 * T * T)) + 20 * np.sin(2 * np.pi * 7 * T)
+OWN = """
+model {name} "without the interfaces of the library"
+  parameter Real mass(unit="kg") = 2;
+  parameter Real k(unit="N/m") = 9000;
+  parameter Real c(unit="N.s/m") = 6;
+  input Real F(unit="N");
+  output Real x(unit="m", start=0, fixed=true);
+  output Real v(unit="m/s", start=0, fixed=true);
+equation
+  der(x) = v;
+  mass*der(v) = F - k*x - c*v{more};
+end {name};
+"""
+
+
+def own_model(folder: Path, name: str, more: str = "") -> str:
+    path = folder / f"{name}.mo"
+    path.write_text(OWN.format(name=name, more=more))
+    return f"{path}:{name}"
+
+
+def record(model: str, acceleration: str, snr: float = 0.01, **parameters: float) -> Recording:
+    found = CompiledModel(compile_model(model)).simulate(
+        {"F": FORCE}, DT, parameters=parameters, outputs=("x", "v", acceleration), interpolation="cubic", substeps=4
+    )
+    channels = dict(zip("xvaF", (*found.values(), FORCE), strict=True))
+    rng = np.random.default_rng(3)
+    return Recording(
+        "rig", T, **{k: u + snr * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in channels.items()}
+    )
+
+
+@pytest.fixture(scope="module")
+def hardening(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return record(own_model(tmp_path_factory.mktemp("rig"), "Truth", " - 3e9*x^3"), "der(v)")
+
+
+def is_cubic(found: Diagnosis) -> bool:
+    """Found, with the true stiffness within 1 %: three times what 34 dB of noise leaves."""
+    k3 = found.findings[0].parameters["k3"].value if found.findings else 0.0
+    return [f.effect for f in found.findings] == ["cubic_stiffness"] and abs(k3 / 3e9 - 1) < 0.01
+
+
+def test_a_model_without_our_interfaces_is_diagnosed_and_extended(tmp_path: Path, hardening: Recording) -> None:
+    found = diagnose([hardening], model=own_model(tmp_path, "Mine"), parameters={"mass": 2.0}, out=tmp_path / "out")
+    assert is_cubic(found)
+    before, after = found.errors[0].free_run
+    assert before is not None and after is not None and after < 0.1 * before
+    text = (tmp_path / "out" / "extended.mo").read_text()
+    assert "rig.F = F - (cubicStiffness.f)" in text and "model Mine" in text
+    assert (tmp_path / "out" / "extended.fmu").exists()
+
+
+@pytest.mark.parametrize("kind", ["own", "foreign"])
+def test_an_fmu_is_diagnosed(tmp_path: Path, hardening: Recording, kind: str) -> None:
+    path = build_of(tmp_path)
+    path = without_batch_entry(path) if kind == "foreign" else path
+    found = diagnose([hardening], model=str(path), parameters={"mass": 2.0}, out=tmp_path / "out")
+    assert is_cubic(found)
+    assert "closed binary" in (tmp_path / "out" / "extended.mo").read_text()
+    assert not (tmp_path / "out" / "extended.fmu").exists()
+
+
+def without_batch_entry(path: Path) -> Path:
+    """The same FMU, as a tool without our batch entry would have written it."""
+    made = path.with_name("foreign.fmu")
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(made, "w") as new:
+        for item in old.infolist():
+            new.writestr(item, old.read(item).replace(b"hy_run_table", b"xx_run_table"))
+    return made
+
+
+def test_co_simulation_only_compares_the_free_run(tmp_path: Path, hardening: Recording) -> None:
+    path = without_batch_entry(build_of(tmp_path))
+    only = tmp_path / "only.fmu"
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(only, "w") as new:
+        for item in old.infolist():
+            content = old.read(item)
+            if item.filename == "modelDescription.xml":
+                start, end = content.index(b"<ModelExchange"), content.index(b"<CoSimulation")
+                content = content[:start] + content[end:]
+            new.writestr(item, content)
+    found = diagnose([hardening], model=str(only))
+    assert found.verdict == "not_applicable" and "co-simulation only" in found.headline
+    assert found.errors[0].free_run[0] is not None
+
+
+def build_of(folder: Path) -> Path:
+    path = folder / "mine.fmu"
+    build(compile_model(own_model(folder, "Mine")), path)
+    return path
+
+
+def test_values_that_nobody_gave_follow_from_the_recordings() -> None:
+    """A rig stiffer and smaller than the defaults is still found; 5 %: a few samples lie on the sticking branch."""
+    true = {"m": 2.0, "B": 40.0, "Kl": 4e4, "Ks": 2e5, "fc": 20.0}
+    found = diagnose([record("HystId.Oscillators.Jenkins", "a", **true)], model="HystId.Oscillators.Jenkins")
+    assert found.findings == ()
+    assert abs(found.refit["fc"].value / 20.0 - 1) < 0.05 and abs(found.refit["Ks"].value / 2e5 - 1) < 0.05
+    assert any("start values" in note for note in found.notes)
+
+
+def test_a_fixed_mass_is_exact(hardening: Recording) -> None:
+    fixed = {"m": {"value": 2.05, "fixed": True}}
+    assert diagnose([hardening], model="HystId.Oscillators.Linear", parameters=fixed).refit["m"].value == 2.05
+
+
+def test_names_nearly_right_and_held_out_twins_are_refused(hardening: Recording) -> None:
+    with pytest.raises(UsageError, match="did you mean 'Kl'"):
+        diagnose([hardening], model="HystId.Oscillators.Linear", parameters={"KL": 1.0})
+    with pytest.raises(UsageError, match="held out and used"):
+        diagnose([hardening], model="HystId.Oscillators.Linear", holdout=[hardening])
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "word"), [(("x [m]",), 500, "channel F"), (("x [m]", "F [N]"), 3, "3 samples")]
+)
+def test_missing_inputs_are_a_verdict_on_the_command_line(
+    tmp_path: Path, columns: tuple[str, ...], rows: int, word: str
+) -> None:
+    table = np.column_stack([T[:rows], *(np.sin(7 * T[:rows]) for _ in columns)])
+    np.savetxt(tmp_path / "rec.csv", table, delimiter=",", header=",".join(("t [s]", *columns)), comments="")
+    out = tmp_path / "out"
+    with pytest.raises(SystemExit) as stopped:
+        main(["diagnose", str(tmp_path / "rec.csv"), "--model", "HystId.Oscillators.Linear", "-o", str(out)])
+    assert stopped.value.code == 1
+    told = json.loads((out / "diagnosis.json").read_text())
+    assert told["verdict"] == "not_applicable" and word in told["headline"]
+
+
+def test_a_simulation_without_noise_is_consistent_with_its_own_law() -> None:
+    clean = record("HystId.Oscillators.Linear", "a", snr=0.0)
+    found = diagnose([clean], model="HystId.Oscillators.Linear")
+    assert found.verdict in ("consistent", "recalibrated")
+    assert any("holds no noise" in note for note in found.notes)
