@@ -174,6 +174,12 @@ REFUSED = {
     ),
     "range": (model("  parameter Real k(min = 0) = -1;\n  Real x = k*time;\n"), 2, "outside its range"),
     "constant without value": (model("  constant Real c;\n  Real x = c;\n"), 2, "constant 'c' has no value"),
+    "large array": (
+        model("  parameter Integer n = 200000;\n  Real x[n];\nequation\n  x = fill(time, n);\n"),
+        3,
+        "200000 elements",
+    ),
+    "many components": (model("  C c[150, 200];\n", "model C\n  Real y = time;\nend C;\n"), 5, "limit is 20000"),
     "library that is not here": (
         model("  Modelica.Mechanics.Translational.Components.Mass m;\n"), 2, "of the Modelica Standard Library only"
     ),
@@ -189,6 +195,14 @@ def test_refused_with_file_line_and_reason(name, tmp_path):
         compile_model(f"{file}:A")
     assert str(caught.value).startswith(f"{file}:{line}: "), str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_breakdown_of_the_front_end_prints_nothing_of_its_own(tmp_path, capfd):
+    file = tmp_path / "rig.mo"
+    file.write_text(REFUSED["breakdown of the front end"][0])
+    with pytest.raises(ModelicaError, match="broke down"):
+        compile_model(f"{file}:A")
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", REFUSED)

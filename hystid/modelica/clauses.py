@@ -51,7 +51,7 @@ class Clause:
     """A declaration with a list of modifiers: an extends clause, a short class, or one component.
 
     start: offset of the statement. behind: where a list of modifiers would start. limit: name and modifiers of
-    ``constrainedby``, None without one.
+    ``constrainedby``, None without one. sizes: what stands in the brackets of a component's type and name.
     """
 
     owner: Class
@@ -62,6 +62,7 @@ class Clause:
     behind: int
     mods: Modifiers | None
     limit: tuple[str, Modifiers | None] | None = None
+    sizes: tuple[str, ...] = ()
 
 
 def clauses(owner: Class, found: Sequence[Class]) -> Iterator[Clause]:
@@ -120,6 +121,7 @@ def _statement(owner: Class, text: str, start: int, end: int) -> Iterator[Clause
     if not kind:
         return
     at = _behind_sizes(text, kind.end())
+    common = _sizes(text[kind.end() : at])
     while at < end:
         name = re.compile(r"\s*([A-Za-z_]\w*)").match(text, at, end)
         if not name:
@@ -128,16 +130,9 @@ def _statement(owner: Class, text: str, start: int, end: int) -> Iterator[Clause
         mods = _listed(text, behind)
         stop = _next(text, behind, end, ",")
         limit = re.compile(r"\bconstrainedby\b").search(text, behind, stop)
-        yield Clause(
-            owner,
-            "component",
-            start,
-            prefixes,
-            name.group(1),
-            behind,
-            mods,
-            _limit(text, limit.start()) if limit else None,
-        )
+        limited = _limit(text, limit.start()) if limit else None
+        sizes = (*common, *_sizes(text[name.end() : behind]))
+        yield Clause(owner, "component", start, prefixes, name.group(1), behind, mods, limited, sizes)
         at = stop + 1
 
 
@@ -158,6 +153,11 @@ def _behind_sizes(text: str, at: int) -> int:
     """Behind the brackets that follow, if there are any."""
     sizes = re.compile(r"\s*\[").match(text, at)
     return closing(text, sizes.end() - 1) + 1 if sizes else at
+
+
+def _sizes(brackets: str) -> tuple[str, ...]:
+    inside = brackets.strip()[1:-1]
+    return tuple(inside.split(",")) if inside else ()
 
 
 def _listed(text: str, at: int) -> Modifiers | None:

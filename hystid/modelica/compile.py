@@ -15,6 +15,7 @@ from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
 from hystid.modelica.modifiers import refuse_undecided, with_acting_modifiers
+from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
 from hystid.modelica.sources import Source, declaration, library_folder, near, qualified_classes, read, read_tree
 
 # Names of the Modelica Standard Library in a text bring in our small package of its units, constants and functions.
@@ -63,9 +64,11 @@ def flat_from_text(
     everything = [*own, *library_sources()]
     _must_exist(name, files, everything, roots)
     _must_be_complete(name, everything)
+    refuse_large_arrays(name, everything, structure or {})
     texts = with_acting_modifiers(name, everything)
     flat = flatten(name, texts[: len(files)], texts[len(files) :], roots, structure or {})
     refuse_undecided(everything)
+    refuse_many_scalars(flat)
     check_units(flat)
     return flat
 

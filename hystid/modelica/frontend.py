@@ -7,6 +7,7 @@ our own types here. Versions other than the pinned ones are refused, because the
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -84,7 +85,7 @@ def _load(
     name: str, files: Sequence[Source], library: Sequence[Source], roots: Sequence[Path], structure: Mapping[str, float]
 ) -> dict[str, Any]:
     rumoca = _front_end()
-    with _one_root(roots, library) as root, _private_cache():
+    with _one_root(roots, library) as root, _private_cache(), _quiet():
         return _flat_dictionary(rumoca, name, files, library, root, structure)
 
 
@@ -128,6 +129,20 @@ def _private_cache() -> Iterator[None]:
                 del os.environ["XDG_CACHE_HOME"]
             else:
                 os.environ["XDG_CACHE_HOME"] = before
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """A breakdown inside the front end prints its own picture to the process's stderr; the user gets our sentence."""
+    sys.stderr.flush()
+    with tempfile.TemporaryFile() as away:
+        before = os.dup(2)
+        os.dup2(away.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
 
 
 def _flat_dictionary(
