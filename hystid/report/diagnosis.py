@@ -22,6 +22,7 @@ _TONES: dict[str, Tone] = {
 }
 _CELLS = 36
 _HARMONICS = 10
+_TONAL = 0.3  # share of the power in one line above which multiples of it mean something
 
 
 def write_diagnosis(diagnosis: Diagnosis, path: Path, command: str = "hystid diagnose") -> Path:
@@ -29,7 +30,7 @@ def write_diagnosis(diagnosis: Diagnosis, path: Path, command: str = "hystid dia
     page = Page(
         f"Diagnosis of {diagnosis.model}",
         command=command,
-        verdict=Verdict(_TONES[diagnosis.verdict], diagnosis.sentence(), diagnosis.next_experiment),
+        verdict=Verdict(_TONES[diagnosis.verdict], _spoken(diagnosis), _advice(diagnosis)),
         facts=_facts(diagnosis),
     )
     if diagnosis.traces:
@@ -41,21 +42,31 @@ def write_diagnosis(diagnosis: Diagnosis, path: Path, command: str = "hystid dia
     return page.write(path)
 
 
+def _spoken(d: Diagnosis) -> str:
+    """The verdict as it is said, with capital and colon."""
+    return f"{d.verdict.replace('_', ' ').capitalize()}: {d.headline}"
+
+
+def _advice(d: Diagnosis) -> str:
+    return f"Next: {d.next_experiment}" if d.next_experiment else ""
+
+
 def _facts(d: Diagnosis) -> list[Fact]:
+    if not d.traces:
+        return []
+    before, after = (percent(error) for error in d.force_nrmse)
+    told = (f"{before} → {after}", "refitted model → with findings") if d.findings else (before, "refitted model")
     facts = [
-        Fact(
-            "Force error",
-            f"{percent(d.force_nrmse[0])} → {percent(d.force_nrmse[1])}",
-            "refitted model → with findings",
-        ),
+        Fact("Force error", *told),
         Fact("Noise floor", percent(d.noise_floor), "what a perfect model would leave"),
     ]
     listed = d.holdout or d.errors
     runs = [e.free_run for e in listed if e.free_run[0] is not None and e.free_run[1] is not None]
     if runs:
-        before, after = (float(np.mean([run[i] for run in runs])) for i in (0, 1))
+        first, last = (percent(float(np.mean([run[i] for run in runs]))) for i in (0, 1))
         label = "Free run, held out" if d.holdout else "Free run"
-        facts.append(Fact(label, f"{percent(before)} → {percent(after)}", "error of the displacement, NRMSE"))
+        shown = f"{first} → {last}" if d.findings else first
+        facts.append(Fact(label, shown, "error of the displacement, NRMSE"))
     if d.findings:
         facts.append(Fact("How sure", f"{d.findings[0].confidence:.2f}", "1 is certain; look-alikes lower it"))
     return facts
@@ -73,8 +84,10 @@ def _what(page: Page, d: Diagnosis) -> None:
         nominal = d.nominal.get(name)
         change = percent(value.value / nominal - 1) if nominal else "not available"
         moved.append([name, number(nominal, value.unit, 4), with_error(value.value, value.stderr, value.unit), change])
+    scaled = any(note.startswith("start values") for note in d.notes)
     note = "What the refit had to move before anything was called missing."
-    page.table(Table("Baseline", ["parameter", "given", "refitted", "change"], moved, note))
+    note += " What was not given started at values scaled from the recordings." if scaled else ""
+    page.table(Table("Baseline", ["parameter", "start" if scaled else "given", "refitted", "change"], moved, note))
 
 
 def _title(finding: Finding) -> str:
@@ -89,20 +102,26 @@ def _where(page: Page, d: Diagnosis) -> None:
         " map shows the mean residual of the refitted baseline over displacement and velocity.",
     )
     ranked = sorted(d.traces, key=lambda t: -float(np.std(t.residual) / t.noise))
-    page.plots(*(_loops(trace) for trace in ranked[:2]))
-    page.plots(_map(d, "residual"), _map(d, "left"))
-    page.plots(_spectrum_bars(ranked[0]), _levels(d))
-    page.plots(_in_time(ranked[0]), columns=1)
+    named = bool(d.findings)
+    page.plots(*(_loops(trace, named) for trace in ranked[:2]))
+    page.plots(*(_map(d, which) for which in (("residual", "left") if named else ("residual",))))
+    tonal = max(d.traces, key=_tonality)
+    bars = [_spectrum_bars(tonal, named)] if _tonality(tonal) > _TONAL else []
+    beside = [*bars, *([_levels(d, named)] if len(d.traces) > 1 else [])]
+    if beside:
+        page.plots(*beside)
+    page.plots(_in_time(ranked[0], named), columns=1)
 
 
-def _loops(trace: Traces) -> Plot:
+def _loops(trace: Traces, named: bool) -> Plot:
     window = _worst_window(trace)
     x, R = trace.x[window], trace.R[window]
-    lines = (
+    lines: list[Points | Line] = [
         Points(x, R, "measured", "measured", size=2.5, opacity=0.5),
         Line(x, R - trace.residual[window], "baseline", "before"),
-        Line(x, R - trace.left[window], "with findings", "after"),
-    )
+    ]
+    if named:
+        lines.append(Line(x, R - trace.left[window], "with findings", "after"))
     caption = "Window with the largest residual."
     return Plot(f"Loops, {trace.name}", Axis("displacement", "m"), Axis("restoring force", "N"), lines, caption)
 
@@ -116,19 +135,30 @@ def _worst_window(trace: Traces) -> slice:
 
 
 def _map(d: Diagnosis, which: str) -> Plot:
-    """Mean residual in cells of (x, v); cells with fewer than 20 samples stay empty."""
+    """Mean residual in cells of (x, v), fewer for short recordings; cells with next to no samples stay empty."""
     x, v, r = (np.concatenate([getattr(t, name) for t in d.traces]) for name in ("x", "v", which))
-    edges = [np.linspace(np.quantile(u, 0.001), np.quantile(u, 0.999), _CELLS + 1) for u in (x, v)]
+    cells = int(np.clip(np.sqrt(len(x) / 20), 8, _CELLS))
+    least = int(np.clip(len(x) / cells**2 / 4, 2, 20))
+    edges = [np.linspace(np.quantile(u, 0.01), np.quantile(u, 0.99), cells + 1) for u in (x, v)]
     count, _, _ = np.histogram2d(x, v, bins=edges)
     total, _, _ = np.histogram2d(x, v, bins=edges, weights=r)
-    mean = np.where(count >= 20, total / np.maximum(count, 1), np.nan)
+    mean = np.where(count >= least, total / np.maximum(count, 1), np.nan)
     middle = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
     title = "Residual of the baseline" if which == "residual" else "What is left in the end"
     heat = Heat(middle[0], middle[1], mean.T, "mean residual", "N")
-    return Plot(title, Axis("displacement", "m"), Axis("velocity", "m/s"), (heat,), "Empty: fewer than 20 samples.")
+    return Plot(
+        title, Axis("displacement", "m"), Axis("velocity", "m/s"), (heat,), f"Empty: fewer than {least} samples."
+    )
 
 
-def _spectrum_bars(trace: Traces) -> Plot:
+def _tonality(trace: Traces) -> float:
+    """Share of the power of the motion in its strongest line: near 1 for harmonic tests, small for sweeps and noise."""
+    power = np.abs(np.fft.rfft((trace.x - np.mean(trace.x)) * np.hanning(len(trace.x)))) ** 2
+    line = 1 + int(np.argmax(power[1:]))
+    return float(np.sum(power[max(line - 2, 1) : line + 3]) / max(float(np.sum(power[1:])), 1e-300))
+
+
+def _spectrum_bars(trace: Traces, named: bool) -> Plot:
     """Power of the force at multiples of the strongest line, even and odd apart."""
     spectrum = {}
     n = len(trace.t)
@@ -143,7 +173,7 @@ def _spectrum_bars(trace: Traces) -> Plot:
     line = 1 + int(np.argmax(spectrum["measured"][1:]))
     levels = {name: [_near(s, k * line) for k in range(1, _HARMONICS + 1)] for name, s in spectrum.items()}
     top = max(levels["measured"][0], 1e-300)
-    labels = [f"{k} {'even' if k % 2 == 0 else 'odd'}" for k in range(1, _HARMONICS + 1)]
+    labels = [str(k) for k in range(1, _HARMONICS + 1)]
     floor = 80.0
     roles: tuple[tuple[str, str, Role], ...] = (
         ("measured", "measured", "measured"),
@@ -152,10 +182,11 @@ def _spectrum_bars(trace: Traces) -> Plot:
     )
     series = tuple(
         Bars(labels, np.array([floor + 20 * np.log10(max(a / top, 1e-4)) for a in levels[name]]), title, role, base=0.0)
-        for name, title, role in roles
+        for name, title, role in (roles if named else roles[:2])
     )
     caption = (
-        f"Lines at multiples of {line / (n * dt):.4g} Hz, dB above -80 dB of the first; meaningful for harmonic tests."
+        f"Multiples of {line / (n * dt):.4g} Hz, dB above -80 dB of the first. Even ones (2, 4, ...) tell of a law "
+        "that differs between the two directions."
     )
     return Plot(f"Harmonics of the force, {trace.name}", Axis("harmonic"), Axis("level", "dB"), series, caption)
 
@@ -165,7 +196,7 @@ def _near(spectrum: Array, line: int) -> float:
     return float(np.max(part)) if len(part) else 0.0
 
 
-def _levels(d: Diagnosis) -> Plot:
+def _levels(d: Diagnosis, named: bool) -> Plot:
     """Residual in noise units over the amplitude of the recording."""
     amplitude = np.array([np.sqrt(2) * np.std(t.x) for t in d.traces])
     before, after = (
@@ -174,16 +205,16 @@ def _levels(d: Diagnosis) -> Plot:
     names = [t.name for t in d.traces]
     series = (
         Points(amplitude, before, "baseline", "before", names),
-        Points(amplitude, after, "with findings", "after", names),
+        *([Points(amplitude, after, "with findings", "after", names)] if named else []),
     )
     axes = Axis("amplitude, square root of two times rms", "m"), Axis("residual in units of the noise")
     return Plot("Which recordings it touches", *axes, series, "1 is the noise.")
 
 
-def _in_time(trace: Traces) -> Plot:
+def _in_time(trace: Traces, named: bool) -> Plot:
     series = (
         Line(trace.t, trace.residual, "residual of the baseline", "before", width=1.0),
-        Line(trace.t, trace.left, "what is left", "after", width=1.0, opacity=0.8),
+        *([Line(trace.t, trace.left, "what is left", "after", width=1.0, opacity=0.8)] if named else []),
     )
     return Plot(f"Residual in time, {trace.name}", Axis("time", "s"), Axis("force", "N"), series)
 
