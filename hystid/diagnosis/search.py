@@ -7,12 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import qmc
 
 from hystid.diagnosis.blocks import Effect, Signals, grid
-from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term, fit
+from hystid.diagnosis.fitting import Fit, Hypothesis, Key, Problem, Term, Unknown, fit, get, put
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
+_SPREAD = (1.4, 1.8)  # factor either way over which shapes of the law, and of effects, are spread for new starts
 ABSORBED = 0.99  # share of a column that the refit takes over, above which the recordings cannot test the effect
 
 
@@ -132,3 +134,48 @@ def try_fit(problem: Problem, start: Hypothesis, iterations: int = 12, bar: floa
         return fit(problem, start, iterations=iterations, bar=bar)
     except (NumericalError, np.linalg.LinAlgError):
         return None
+
+
+def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) -> list[Hypothesis]:
+    """New starts: shapes of the law and of the effects spread around a fit, everything linear solved at each point.
+
+    A law with corners has side valleys in its shapes, and a refit without the missing effect often ends in one. The
+    points are those of a Sobol sequence, hence the same in every run; the best few are returned.
+    """
+    unknowns = problem.unknowns(fitted.hypothesis)
+    shapes = [u for u in unknowns if u.log]
+    linear = [u for u in unknowns if u.linear]
+    if not any(u.key[0] == "base" for u in shapes):
+        return []
+    spread = np.log([_SPREAD[u.key[0] != "base"] for u in shapes])
+    draws = qmc.Sobol(len(shapes), seed=0).random(points)
+    found = []
+    for draw in (2 * draws - 1) * spread:
+        moved = {
+            u.key: float(np.clip(get(fitted.hypothesis, u.key) * np.exp(step), u.low, u.high))
+            for u, step in zip(shapes, draw, strict=True)
+        }
+        made = _solved(problem, put(fitted.hypothesis, moved), linear)
+        found += [made] if made is not None else []
+    return [hypothesis for _, hypothesis in sorted(found, key=lambda item: item[0])[:kept]]
+
+
+def _solved(problem: Problem, start: Hypothesis, linear: Sequence[Unknown]) -> tuple[float, Hypothesis] | None:
+    """Sum of squares and hypothesis with the linear unknowns at their best; None where nothing is finite."""
+    try:
+        rows, columns = problem.rows(start), problem.jacobian(start, linear)
+    except NumericalError:
+        return None
+    if not (np.all(np.isfinite(rows)) and np.all(np.isfinite(columns))):
+        return None
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    normal = (columns / scale).T @ (columns / scale)
+    normal[np.diag_indices_from(normal)] += 1e-9
+    steps = np.linalg.solve(normal, (columns / scale).T @ rows) / scale
+    changes: dict[Key, float] = {
+        u.key: float(np.clip(get(start, u.key) + step, u.low, u.high)) for u, step in zip(linear, steps, strict=True)
+    }
+    taken = np.array([changes[u.key] - get(start, u.key) for u in linear])
+    left = rows - columns @ taken
+    return float(left @ left), put(start, changes)

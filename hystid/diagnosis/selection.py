@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
-from hystid.diagnosis.search import ABSORBED, Candidate, scan, try_fit, try_term
+from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
 from hystid.diagnosis.sensors import HUM, force_drift, mains_hum
 
 SOUND = 0.09  # excess that smoothing and integration leave in healthy recordings
@@ -25,6 +25,8 @@ _FAMILY, _AHEAD = 0.8, 0.2  # share of the excess that a form of the right id ex
 _HELD = 0.35  # samples of delay: a force that is held is half a sample late, and no shift undoes the steps
 _FAR, _MOST, _MUCH = 30.0, 0.72, 0.4  # excess in floors, share of the first effect, share of the rest of the second
 _FORM = 0.045  # share of the excess that another form of the right law leaves; more may be a second effect
+_HOPEFUL = 0.6  # share of the excess that the best trial may leave to be searched again
+_NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
 MAINS = (50.0, 60.0)  # Hz
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
@@ -106,6 +108,7 @@ def choose(
     freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=baseline.hypothesis.terms, late=False), 25)
     if freed is not None and baseline.chi2 - freed.chi2 > 0.1 * excess:  # the refit was stuck, and the effect a way out
         return choose(problem, freed, effects, progress)
+    first = _searched_again(problem, first, floor, excess)
     chosen = _single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
@@ -182,6 +185,24 @@ def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
     """The best form from its next best grid points: most misses are searches that got stuck."""
     made = [try_term(problem, fitted, term, bar=best.chi2) for term in best.others[:2]]
     return [replace(best, fit=f, others=()) for f in made if f is not None and f.chi2 < best.chi2]
+
+
+def _searched_again(problem: Problem, found: Sequence[Trial], floor: float, excess: float) -> list[Trial]:
+    """The best form of the leading ids from scattered shapes, where the best explains much but not enough.
+
+    A law with corners has side valleys: the refit without the missing effect may stand in one, and no fit that starts
+    there comes out.
+    """
+    left = found[0].chi2 - floor
+    if left < max(SOUND * floor, _FORM * excess) or left > _HOPEFUL * excess:
+        return list(found)
+    again = list(found)
+    for trial in _distinct(found)[:_SEARCHED]:
+        if trial.chi2 - floor < _NEAR * left:
+            starts = scattered(problem, trial.fit)
+            fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
+            again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
+    return sorted(again, key=lambda t: t.chi2)
 
 
 def _trial(candidate: Candidate, made: Fit) -> Trial:
