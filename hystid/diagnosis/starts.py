@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 _ROWS = 20_000  # rows for a coarse fit
 _LIGHT = 0.02  # share of the force below which inertia is not seen
 _ONE_TONE = 0.99  # correlation of x and -a beyond which inertia cannot be told from stiffness
+_CLEAR = 0.5  # a motion of one frequency shows a mass only if it leaves less than this share of the residual
 _STICK = 0.2  # share of the largest displacement over which a contact sticks, as a start
 
 
@@ -27,8 +28,8 @@ _STICK = 0.2  # share of the largest displacement over which a contact sticks, a
 class Sizes:
     """Coarse fit of F = m a + B v + k x + c sign(v) + constant, no coefficient negative; sizes of the motion.
 
-    mass [kg]: 0 where inertia is below 2 % of the force, or the motion has one frequency only. damping [N s/m],
-    stiffness [N/m], friction [N]; length [m] and speed [m/s]: largest absolute values.
+    mass [kg]: 0 where inertia is below 2 % of the force, or the motion has one frequency and the mass explains little.
+    damping [N s/m], stiffness [N/m], friction [N]; length [m] and speed [m/s]: largest absolute values.
     """
 
     mass: float
@@ -49,12 +50,16 @@ def sizes_of(parts: Sequence[Part], mass: float | None, inertial: bool) -> Sizes
     x, v, a, force = (np.concatenate([getattr(p, n) for p in parts]) for n in ("x", "v", "a", "F"))
     step = max(1, len(x) // _ROWS)
     x, v, a, force = x[::step], v[::step], a[::step], force[::step]
-    seeks = mass is None and inertial and abs(_correlation(x, a)) < _ONE_TONE
     force = force - (mass or 0.0) * a
-    columns = np.stack([a * seeks, v, x, np.sign(v), np.ones_like(x), -np.ones_like(x)], axis=1)
+    columns = np.stack([a, v, x, np.sign(v), np.ones_like(x), -np.ones_like(x)], axis=1)
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0] = 1.0
-    found = nnls(columns / scale, force)[0] / scale
+    still, rest = nnls(columns[:, 1:] / scale[1:], force)
+    found = np.concatenate([[0.0], still]) / scale
+    if mass is None and inertial:
+        moving, left = nnls(columns / scale, force)
+        if abs(_correlation(x, a)) < _ONE_TONE or left < _CLEAR * rest:
+            found = moving / scale
     spread = float(np.std(force)) or 1.0
     heavy = found[0] * float(np.std(a)) > _LIGHT * spread
     length, speed = float(np.max(np.abs(x))) or 1.0, float(np.max(np.abs(v))) or 1.0
