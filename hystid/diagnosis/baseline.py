@@ -26,7 +26,7 @@ class Baseline:
     nominal: parameter values as given. free: names that the refit may move. linear: those in which R is linear.
     units: parameter name -> unit. has_h: the model has a variable f_h (hysteretic force).
     reading: where R and the mass stand in the model. inner_mass: mass of a model without a parameter for it [kg].
-    lowest: lowest values that the model allows. weighed: the mass may be off by what weighing and sensors leave.
+    lowest, highest: values that the model allows. weighed: the mass may be off by what weighing and sensors leave.
     """
 
     name: str
@@ -38,6 +38,7 @@ class Baseline:
     positive: frozenset[str]
     has_h: bool
     lowest: Mapping[str, float] = field(default_factory=dict)
+    highest: Mapping[str, float] = field(default_factory=dict)
     weighed: bool = True
     reading: Reading = field(default=Reading("R", "", _MASS))
     inner_mass: float = 0.0
@@ -107,8 +108,9 @@ def baseline_of(
     given = {_MASS if key == reading.mass else key: value for key, value in given.items()}
     _check_names(name, given, [*parameters, *([_MASS] if inner else [])])
     lowest = {key: float(variable.min) for key, variable in parameters.items() if variable.min is not None}
+    highest = {key: float(variable.max) for key, variable in parameters.items() if variable.max is not None}
     nominal = {
-        key: max(float(given.get(key, variable.start or 0.0)), lowest.get(key, -np.inf))
+        key: min(max(float(given.get(key, variable.start or 0.0)), lowest.get(key, -np.inf)), highest.get(key, np.inf))
         for key, variable in parameters.items()
     }
     if inner:
@@ -119,7 +121,7 @@ def baseline_of(
     bare = Baseline(
         name, compiled, nominal, free, (), {key: v.unit for key, v in parameters.items()},
         frozenset(key for key, v in parameters.items() if _is_positive(v, nominal[key])),
-        "f_h" in {v.name for v in code.variables}, lowest, weighed or bool(inner), reading, inner,
+        "f_h" in {v.name for v in code.variables}, lowest, highest, weighed or bool(inner), reading, inner,
     )  # fmt: skip
     linear = tuple(key for key in free if key != _MASS and _is_linear(bare, key, length))
     return replace(bare, linear=linear)

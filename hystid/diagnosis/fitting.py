@@ -331,7 +331,8 @@ class Problem:
         positive = name in self.baseline.positive
         linear = name in self.baseline.linear or name == "m"
         low = max(0.0 if positive else -np.inf, self.baseline.lowest.get(name, -np.inf))
-        return Unknown(("base", name), positive and not linear, low, linear=linear)
+        high = self.baseline.highest.get(name, np.inf)
+        return Unknown(("base", name), positive and not linear, low, high, linear=linear)
 
     def _linear_columns(self) -> dict[str, list[Array]]:
         units = {}

@@ -27,7 +27,7 @@ class Value:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {"value": self.value, "stderr": self.stderr, "unit": self.unit}
+        return {"value": self.value, "stderr": self.stderr if np.isfinite(self.stderr) else None, "unit": self.unit}
 
 
 @dataclass(frozen=True)
