@@ -337,14 +337,11 @@ def _grow(problem: Problem, line: Sequence[Trial], library: Sequence[Effect], ex
 
 
 def _complete(problem: Problem, line: Sequence[Trial], before: Fit, excess: float) -> bool:
-    """Whether several effects reach the floor and each of them counts."""
+    """Whether several effects reach the floor and each of them counts; three must reach it without a rest."""
     end = line[-1].fit
     floor = problem.floor(end.hypothesis)
-    return (
-        len(line) > 1
-        and end.chi2 - floor < max(SOUND * floor, _PAIR_LEFT * excess)
-        and _each_counts(problem, end, excess)
-    )
+    allowed = max(SOUND * floor, _PAIR_LEFT * excess if len(line) < 3 else 0.0)
+    return len(line) > 1 and end.chi2 - floor < allowed and _each_counts(problem, end, excess)
 
 
 def _distinct(found: Sequence[Trial]) -> list[Trial]:
