@@ -17,20 +17,13 @@ MODEL = Path(__file__).parent / "models" / "Assertions.mo"
 
 @pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
-def test_an_assertion_of_level_error_stops_the_run(fmi, kind, tmp_path):
+def test_an_assertion_of_level_error_stops_the_run(fmi, kind, tmp_path, capsys):
     fmu = build_model(f"{MODEL}:Assertions", tmp_path / "a.fmu", fmi=fmi).path
     ramp = np.array([(0.0, 0.0), (1.0, 2.0)], dtype=[("time", float), ("u", float)])
-    said: list[str] = []
+    # no logger of our own: FMPy's proxy for FMI 2 keeps the last one for the whole process, even after it is gone
     with pytest.raises(FMICallException):
-        fmpy.simulate_fmu(
-            str(fmu),
-            fmi_type=kind,
-            stop_time=1.0,
-            output_interval=0.01,
-            input=ramp,
-            logger=lambda *a: said.append(str(a)),
-        )
-    assert any("u is far above its limit" in text for text in said)
+        fmpy.simulate_fmu(str(fmu), fmi_type=kind, stop_time=1.0, output_interval=0.01, input=ramp)
+    assert "u is far above its limit" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
