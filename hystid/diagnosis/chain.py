@@ -111,7 +111,7 @@ def saturated_motion(recordings: Sequence[Recording]) -> Fault | None:
     """A channel of the motion that stops at a level where the other channels show that the motion goes on."""
     for name in "axv":
         if all(set(measured_motion(r)) > {name} for r in recordings):
-            fault = _saturated(recordings, name)
+            fault = _stopped(recordings, name) or _saturated(recordings, name)
             if fault is not None:
                 return fault
     return None
@@ -142,18 +142,23 @@ def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
 
 
 def saturated_force(recordings: Sequence[Recording]) -> Fault | None:
-    """A force channel that takes its exact extreme far more often than any other value: its range is too small."""
-    top = max(float(np.max(np.abs(recording.channel("F")))) for recording in recordings)
+    """A force channel whose range is too small."""
+    return _stopped(recordings, "F")
+
+
+def _stopped(recordings: Sequence[Recording], name: str) -> Fault | None:
+    """A channel that takes its exact extreme far more often than any other value: cut off behind the noise."""
+    channels = [recording.channel(name) for recording in recordings]
+    top = max(float(np.max(np.abs(channel))) for channel in channels)
     touched, usual, total = 0, 1, 0
-    for recording in recordings:
-        force = recording.channel("F")
-        total += len(force)
-        touched += int(np.count_nonzero(np.abs(force) >= top * (1 - 1e-9)))
-        inside = force[np.abs(force) < top * (1 - 1e-9)]
+    for channel in channels:
+        total += len(channel)
+        touched += int(np.count_nonzero(np.abs(channel) >= top * (1 - 1e-9)))
+        inside = channel[np.abs(channel) < top * (1 - 1e-9)]
         usual = max(usual, int(np.max(np.unique(inside, return_counts=True)[1], initial=1)))
     if touched < max(10, 3 * usual):  # a coarse converter repeats every value, a clipped channel only its last one
         return None
-    return Fault("sensor_saturation", "F", top, 1e-3 * top, touched / total)
+    return Fault("sensor_saturation", name, top, 1e-3 * top, touched / total)
 
 
 def consistency(found: Sequence[Lag]) -> Mapping[str, float]:

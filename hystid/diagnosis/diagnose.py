@@ -430,7 +430,7 @@ def _runs(case: Case, choice: Choice, text: str) -> tuple[tuple[Run, Run], tuple
         none: tuple[Run, Run] = ([(None, None)] * len(groups[0]), [(None, None)] * len(groups[1]))
         return (before[0], before[1]), none
     model = CompiledModel(compile_text(text))
-    end = {"m": last.mass()} if "m" in {v.name for v in model.code.variables} else {}
+    end = {} if last.mass() else {"m": 0.0}  # the text holds the mass, with a gain of the force channel in it
     after = [errors(model, parts, end, last.delay) for parts in groups]
     return (before[0], before[1]), (after[0], after[1])
 
