@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from hystid.errors import ModelicaError
@@ -20,6 +23,8 @@ from hystid.modelica.sources import Source, declaration, library_folder, near, q
 
 # Names of the Modelica Standard Library in a text bring in our small package of its units, constants and functions.
 _STANDARD = re.compile(r"(?<![\w.])Modelica\.")
+_STACK = 256 << 20  # bytes, of which only what is used is taken
+_DEPTH = 20_000  # Python calls: expressions nested some 5,000 deep
 
 
 def compile_model(
@@ -32,16 +37,31 @@ def compile_model(
     libraries: further .mo files or package folders that the model uses.
     Raises ModelicaError with file, line, construct and the way around it.
     """
-    values = dict(parameters or {})
+    return _deeply(model, lambda: _compiled(model, dict(parameters or {}), libraries))
+
+
+def _compiled(model: str, values: dict[str, float], libraries: Sequence[Path]) -> ModelCode:
     flat = flat_model(model, libraries=libraries)
     structural = {v.name: v for v in flat.variables if v.structural and v.name in values}
     structure = {n: _typed(v, values.pop(n)) for n, v in structural.items()}
     if structure:
         flat = flat_model(model, libraries=libraries, structure=structure)
+    return model_code(causalise(flat, values))
+
+
+def _deeply(model: str, work: Callable[[], ModelCode]) -> ModelCode:
+    """The work done on a large stack: passes over expressions recurse as deep as these are nested."""
+    before = threading.stack_size(_STACK), sys.getrecursionlimit()
+    threads = ThreadPoolExecutor(1)
     try:
-        return model_code(causalise(flat, values))
+        sys.setrecursionlimit(max(before[1], _DEPTH))
+        return threads.submit(work).result()
     except RecursionError:
         raise ModelicaError(f"{model}: an expression is nested too deeply: name parts of it as variables") from None
+    finally:
+        threads.shutdown()
+        threading.stack_size(before[0])
+        sys.setrecursionlimit(before[1])
 
 
 def flat_model(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from hystid.errors import ModelicaError
 from hystid.modelica.sources import Source, declaration, near
@@ -16,20 +15,21 @@ _QUOTED = re.compile(
 )
 
 
-def located_syntax_error(validate: Callable[..., list[Any]], *groups: Sequence[Source]) -> None:
-    """Raise ModelicaError for the first file that does not parse; the line comes out of the message's picture."""
-    for source in (s for group in groups for s in group):
-        for diagnostic in validate(source.text, filename=str(source.path)):
-            text = str(diagnostic)
-            if ": error:" not in text:
-                continue
-            place = re.search(r"\[[^\[\]\n]*:(\d+):(\d+)\]", text)
-            what = re.search(r"×\s*(.+)", text) or re.search(
-                r": error:\s*(?:parse error:\s*)?(.+?)(?:\s*\(line \d+\))?(?:\s*\[[\w-]+\])?$", text
-            )
-            named = re.search(r"\(line (\d+)\)", text)
-            line = named.group(1) if named else place.group(1) if place else "1"
-            raise ModelicaError(f"{source.path}:{line}: syntax error: {_plain(what.group(1) if what else text)}")
+def located_syntax_error(said: Sequence[tuple[Source, Sequence[str]]]) -> None:
+    """Raise ModelicaError for the first file that does not parse; the line comes out of the message's picture.
+
+    said: what the front end says about each file by itself.
+    """
+    for source, text in ((source, text) for source, texts in said for text in texts):
+        if ": error:" not in text:
+            continue
+        place = re.search(r"\[[^\[\]\n]*:(\d+):(\d+)\]", text)
+        what = re.search(r"×\s*(.+)", text) or re.search(
+            r": error:\s*(?:parse error:\s*)?(.+?)(?:\s*\(line \d+\))?(?:\s*\[[\w-]+\])?$", text
+        )
+        named = re.search(r"\(line (\d+)\)", text)
+        line = named.group(1) if named else place.group(1) if place else "1"
+        raise ModelicaError(f"{source.path}:{line}: syntax error: {_plain(what.group(1) if what else text)}")
 
 
 def explain(message: str, name: str, files: Sequence[Source], library: Sequence[Source]) -> ModelicaError:
@@ -55,6 +55,23 @@ def broken_down(message: str, name: str, sources: Sequence[Source]) -> ModelicaE
         f"{declared_at(name, sources)}: the front end broke down on this model ({message[:80]}): look for der() or "
         "pre() of what is no variable, or leave parts of the model out to find the line"
     )
+
+
+def gave_up(printed: str, how: str, name: str, sources: Sequence[Source]) -> ModelicaError:
+    """One sentence for an end of the front end's process without an answer; printed: its stderr."""
+    for pattern, cause in _CAUSES:
+        if re.search(pattern, printed):
+            how = cause
+    return ModelicaError(
+        f"{declared_at(name, sources)}: the front end gave up on this model ({how}): use smaller arrays and loops, "
+        "less deeply nested expressions, or leave parts of the model out to find the line"
+    )
+
+
+_CAUSES = (
+    (r"stack overflow|overflowed its stack", "something is nested too deeply"),
+    (r"memory allocation|MemoryError", "it ran out of memory"),
+)
 
 
 def _core(message: str) -> str:

@@ -1,12 +1,15 @@
 """The one place that knows the front end: Modelica text in, ``FlatModel`` out.
 
-rumoca parses, resolves inheritance, components and connections, and checks types; its "flat" dictionary is turned into
-our own types here. Versions other than the pinned ones are refused, because the dictionary has no contract.
+rumoca parses, resolves inheritance, components and connections, and checks types, in a process of its own
+(``worker.py``); its "flat" dictionary is turned into our own types here. Versions other than the pinned ones are
+refused, because the dictionary has no contract.
 """
 
 from __future__ import annotations
 
+import json
 import os
+import subprocess
 import sys
 import tempfile
 import threading
@@ -20,12 +23,14 @@ from typing import Any
 from hystid.errors import ModelicaError
 from hystid.modelica.adapter import Adapter
 from hystid.modelica.annotations import description_of, experiment_of
-from hystid.modelica.diagnostics import broken_down, explain, located_syntax_error
+from hystid.modelica.diagnostics import broken_down, explain, gave_up, located_syntax_error
 from hystid.modelica.expr import Num
 from hystid.modelica.flat import FlatModel
 from hystid.modelica.sources import Source, declaration, read
 
 _WRAPPER = "HystidStructure"
+TIME_LIMIT = 120.0  # seconds for one answer: ten times what 10,000 elements take
+_MEMORY = 8 << 30  # bytes
 
 
 def flatten(
@@ -42,14 +47,15 @@ def flatten(
     structure: values of parameters that decide sizes or which equations exist.
     Raises ModelicaError with file and line.
     """
-    dictionary = _load(name, files, library, roots, structure)
-    flat = Adapter(name, (*files, *library)).model(dictionary)
-    if any(relation["indices"] for relation in dictionary["instance_relations"].values()):
+    with _one_root(roots, library) as root, FrontEnd(name, files, library, root) as front_end:
+        dictionary = front_end.flat_dictionary(structure)
+        flat = Adapter(name, (*files, *library)).model(dictionary)
+        if any(relation["indices"] for relation in dictionary["instance_relations"].values()):
 
-        def names(changed: Mapping[str, float]) -> frozenset[str]:
-            return frozenset(_load(name, files, library, roots, {**structure, **changed})["variables"])
+            def names(changed: Mapping[str, float]) -> frozenset[str]:
+                return frozenset(front_end.flat_dictionary({**structure, **changed})["variables"])
 
-        flat = _with_sizes_of_components(flat, names)
+            flat = _with_sizes_of_components(flat, names)
     declared = declaration(name, (*files, *library))
     return replace(flat, description=description_of(declared), experiment=experiment_of(declared))
 
@@ -81,14 +87,6 @@ def _with_sizes_of_components(flat: FlatModel, names: Callable[[Mapping[str, flo
     )
 
 
-def _load(
-    name: str, files: Sequence[Source], library: Sequence[Source], roots: Sequence[Path], structure: Mapping[str, float]
-) -> dict[str, Any]:
-    rumoca = _front_end()
-    with _one_root(roots, library) as root, _private_cache(), _quiet():
-        return _flat_dictionary(rumoca, name, files, library, root, structure)
-
-
 @contextmanager
 def _one_root(packages: Sequence[Path], library: Sequence[Source]) -> Iterator[Path]:
     """A folder that holds the packages: the front end takes one, and reads everything in it.
@@ -110,80 +108,100 @@ def _one_root(packages: Sequence[Path], library: Sequence[Source]) -> Iterator[P
         yield Path(stage)
 
 
-_environment = threading.Lock()
+class FrontEnd:
+    """rumoca in a process of its own, asked about one class as often as wanted; a context manager.
 
-
-@contextmanager
-def _private_cache() -> Iterator[None]:
-    """The front end keeps every file that it ever parsed in the user's cache folder, without end; here it may not.
-
-    Parsing the library anew costs some 30 ms.
+    It keeps every file that it ever parsed in the user's cache folder, without end; here it gets a folder that goes
+    away with it. Parsing the library anew costs some 30 ms.
     """
-    with _environment, tempfile.TemporaryDirectory(prefix="hystid-") as folder:
-        before = os.environ.get("XDG_CACHE_HOME")
-        os.environ["XDG_CACHE_HOME"] = folder
+
+    def __init__(self, name: str, files: Sequence[Source], library: Sequence[Source], root: Path) -> None:
+        _refuse_other_versions()
+        self.name = name
+        self.files = files
+        self.library = library
+        self._folder = tempfile.TemporaryDirectory(prefix="hystid-")
+        self._printed = tempfile.TemporaryFile()  # noqa: SIM115
+        self._process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).with_name("worker.py"))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._printed,
+            encoding="utf-8",
+            env={**os.environ, "XDG_CACHE_HOME": self._folder.name, "PYTHONIOENCODING": "utf-8"},
+        )
+        self._expired = False
+        # names of folders that do not exist: the front end would read what lies beside a real file
+        self._named = {f"hystid-{number}/{source.path.name}": source for number, source in enumerate(files)}
+        self._first = {
+            "path": sys.path,
+            "memory": _memory_limit(),
+            "root": str(root),
+            "files": [[path, source.text] for path, source in self._named.items()],
+            "library": [[str(source.path), source.text] for source in library],
+        }
+
+    def __enter__(self) -> FrontEnd:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+        self._printed.close()
+        self._folder.cleanup()
+
+    def flat_dictionary(self, structure: Mapping[str, float]) -> dict[str, Any]:
+        """The front end's flat dictionary. Raises ModelicaError for its complaints, and where it does not answer."""
+        wrapper = {"class": _WRAPPER, "path": f"hystid/{_WRAPPER}.mo", "text": _wrapper(self.name, structure)}
+        answer: dict[str, Any] = json.loads(self._asked(wrapper))
+        if "breakdown" in answer:
+            raise broken_down(answer["breakdown"], self.name, (*self.files, *self.library))
+        if "error" in answer:
+            located_syntax_error(list(zip((*self.files, *self.library), answer["syntax"], strict=True)))
+            message = answer["error"]
+            for path, source in self._named.items():
+                message = message.replace(path, str(source.path))
+            raise explain(message, self.name, self.files, self.library)
+        return answer
+
+    def _asked(self, wrapper: Mapping[str, str]) -> str:
+        assert self._process.stdin and self._process.stdout
+        timer = threading.Timer(TIME_LIMIT, self._expire)
+        timer.start()
         try:
-            yield
+            for line in ([self._first] if self._first else []), [wrapper]:
+                self._process.stdin.writelines(json.dumps(item) + "\n" for item in line)
+            self._process.stdin.flush()
+            self._first = {}
+            answer = self._process.stdout.readline()
+        except BrokenPipeError:
+            answer = ""
         finally:
-            if before is None:
-                del os.environ["XDG_CACHE_HOME"]
-            else:
-                os.environ["XDG_CACHE_HOME"] = before
+            timer.cancel()
+        if not answer.endswith("\n"):
+            raise self._silent()
+        return answer
+
+    def _expire(self) -> None:
+        self._expired = True
+        self._process.kill()
+
+    def _silent(self) -> ModelicaError:
+        code = self._process.wait()
+        self._printed.seek(0)
+        return gave_up(
+            self._printed.read().decode(errors="replace"),
+            f"it took more than {TIME_LIMIT} s" if self._expired else f"it ended with code {code}",
+            self.name,
+            (*self.files, *self.library),
+        )
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """A breakdown inside the front end prints its own picture to the process's stderr; the user gets our sentence."""
-    sys.stderr.flush()
-    with tempfile.TemporaryFile() as away:
-        before = os.dup(2)
-        os.dup2(away.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(before, 2)
-            os.close(before)
-
-
-def _flat_dictionary(
-    rumoca: Any,
-    name: str,
-    files: Sequence[Source],
-    library: Sequence[Source],
-    root: Path,
-    structure: Mapping[str, float],
-) -> dict[str, Any]:
-    session = rumoca.Session(roots=[str(root)])
-    # names of folders that do not exist: the front end would read what lies beside a real file
-    named = {f"hystid-{number}/{source.path.name}": source for number, source in enumerate(files)}
-    wrapper = _wrapper(name, structure)
-    try:
-        for path, source in named.items():
-            _retain(rumoca, session, source.text, path)
-        model = session.loads(wrapper, model=_WRAPPER, filename=f"hystid/{_WRAPPER}.mo")
-        dictionary: dict[str, Any] = model.to_dict("flat")
-    except rumoca.RumocaError as error:
-        located_syntax_error(rumoca.validate_source, files, library)
-        message = str(error)
-        for path, source in named.items():
-            message = message.replace(path, str(source.path))
-        raise explain(message, name, files, library) from None
-    except BaseException as error:
-        if type(error).__name__ != "PanicException":  # what a breakdown inside the front end raises; it has no base
-            raise
-        raise broken_down(str(error), name, (*files, *library)) from None
-    return dictionary
-
-
-def _retain(rumoca: Any, session: Any, text: str, path: str) -> None:
-    """Adds a file to the session. Compiling it is not wanted here; what is wrong with it shows at the final load."""
-    try:
-        session.loads(text, model=_WRAPPER, filename=path)
-    except rumoca.RumocaError:
-        return
-    except BaseException as error:
-        if type(error).__name__ != "PanicException":
-            raise
+def _memory_limit() -> int:
+    """Bytes of address space for the front end: it stays away from the last quarter of the machine's memory."""
+    if not hasattr(os, "sysconf"):
+        return _MEMORY
+    return min(_MEMORY, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") * 3 // 4)
 
 
 def _wrapper(name: str, structure: Mapping[str, float]) -> str:
@@ -198,15 +216,15 @@ def _literal(value: float) -> str:
     return str(int(value)) if float(value).is_integer() else repr(float(value))
 
 
-def _front_end() -> Any:
+def _refuse_other_versions() -> None:
     try:
-        import rumoca
-    except ImportError:
+        found = sys.modules.get("rumoca", ...) is not None and metadata.version("rumoca")
+    except metadata.PackageNotFoundError:
+        found = False
+    if not found:
         raise ModelicaError(
             "compiling Modelica text needs the front end 'rumoca': pip install 'rumoca>=0.10,<0.11' "
             "(models of the HystId library build without it)"
-        ) from None
-    version = metadata.version("rumoca")
-    if not version.startswith("0.10."):
-        raise ModelicaError(f"front end rumoca {version} is not supported: pip install 'rumoca>=0.10,<0.11'")
-    return rumoca
+        )
+    if not found.startswith("0.10."):
+        raise ModelicaError(f"front end rumoca {found} is not supported: pip install 'rumoca>=0.10,<0.11'")

@@ -1,0 +1,77 @@
+"""The front end in a process of its own, run as a script by ``frontend.py``.
+
+An abort, a hang or a lack of memory inside rumoca ends this process and not the user's.
+One JSON line in with what all questions share, then one line per question: a class text in, one line with the flat
+dictionary or with the complaint out. Nothing of hystid is imported here, so that a start costs some 50 ms.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from typing import Any
+
+_STACK = 256 << 20  # bytes: parentheses nested ten thousand deep fit
+
+
+def main() -> None:
+    """Answers the questions on stdin until it ends."""
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what the front end prints is no answer
+    questions = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
+    shared = json.loads(questions.readline())
+    sys.path[:] = shared["path"]
+    _limit_memory(shared["memory"])
+    for line in questions:
+        answers.write(_answer(shared, json.loads(line)) + "\n")
+        answers.flush()
+
+
+def _limit_memory(limit: int) -> None:
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return
+    _soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    wanted = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_AS, (wanted, hard))
+
+
+def _answer(shared: dict[str, Any], wrapper: dict[str, str]) -> str:
+    """JSON text: the flat dictionary, {"error": words, "syntax": diagnostics of each text}, or {"breakdown": words}."""
+    import rumoca
+
+    session = rumoca.Session(roots=[shared["root"]])
+    try:
+        for path, text in shared["files"]:
+            _retain(rumoca, session, text, path, wrapper["class"])
+        model = session.loads(wrapper["text"], model=wrapper["class"], filename=wrapper["path"])
+        return str(model.to_json("flat")).replace("\n", " ")
+    except rumoca.RumocaError as error:
+        texts = [*shared["files"], *shared["library"]]
+        said = [[str(d) for d in rumoca.validate_source(text, filename=path)] for path, text in texts]
+        return json.dumps({"error": str(error), "syntax": said})
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":  # what a breakdown inside the front end raises; it has no base
+            raise
+        return json.dumps({"breakdown": str(error)})
+
+
+def _retain(rumoca: Any, session: Any, text: str, path: str, name: str) -> None:
+    """Adds a file to the session. Compiling it is not wanted here; what is wrong with it shows at the final load."""
+    try:
+        session.loads(text, model=name, filename=path)
+    except rumoca.RumocaError:
+        return
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":
+            raise
+
+
+if __name__ == "__main__":
+    threading.stack_size(_STACK)
+    thread = threading.Thread(target=main)
+    thread.start()
+    thread.join()
