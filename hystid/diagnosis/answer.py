@@ -99,6 +99,11 @@ class Answer:
             kept.append((term, values(fit, i, term)))
         return kept
 
+    def is_model(self) -> bool:
+        """Whether everything that was found is part of a model, nothing a fault of a channel."""
+        terms = self.choice.after.hypothesis.terms
+        return not self.faults and len(self.terms()) == len(terms)
+
     def remarks(self) -> list[str]:
         """What the model file should say about the recordings."""
         told = ["Written by hystid diagnose. Standard errors stand behind the values."]

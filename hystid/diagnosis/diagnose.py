@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.compiled import CompiledModel
 from hystid.diagnosis import chain, locate
 from hystid.diagnosis.answer import Answer, findings, headline, next_experiment, refit_values
 from hystid.diagnosis.baseline import Baseline, baseline_of, real_parameters
 from hystid.diagnosis.blocks import Scales
-from hystid.diagnosis.extended import CLASS, Kind, Skeleton, extended_model
+from hystid.diagnosis.extended import Kind, Skeleton
 from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, fit
 from hystid.diagnosis.freerun import errors
 from hystid.diagnosis.library import load_effects
@@ -28,6 +27,7 @@ from hystid.diagnosis.noise import noise_level
 from hystid.diagnosis.parts import Part, prepare_part
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
+from hystid.diagnosis.runs import Run, compile_text, free_runs
 from hystid.diagnosis.selection import Choice, choose
 from hystid.diagnosis.starts import scaled, sizes_of
 from hystid.errors import NumericalError, RecordingError, UsageError
@@ -364,11 +364,13 @@ def _band(parts: Sequence[Part]) -> tuple[float, float]:
 
 def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis, str | None]:
     """Findings, extended model and free runs."""
-    answer = Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults)
+    runs = free_runs(
+        Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults),
+        _skeleton(case.baseline),
+        case.unseen,
+    )
+    answer, choice, (before, after) = runs.answer, runs.answer.choice, (runs.before, runs.after)
     found = findings(answer)
-    refit = refit_values(answer, choice.after)
-    text = extended_model(_skeleton(case.baseline), refit, answer.terms(), answer.remarks(), answer.own_blocks())
-    before, after = _runs(case, choice, text)
     names = [part.name for part in case.problem.parts]
     force = _force_errors(case, choice)
     listed = tuple(Errors(n, f, (b[1], a[1])) for n, f, b, a in zip(names, force[0], before[0], after[0], strict=True))
@@ -384,12 +386,12 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     diagnosis = Diagnosis(
         verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
         listed, unseen, choice.untestable, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
-        case.notes,
+        (*case.notes, *runs.notes),
         {"lags": case.consistency, "delay": last.delay, "weighing": last.weighing},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after,
     )  # fmt: skip
     told = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
-    return told, text
+    return told, runs.text
 
 
 def _skeleton(baseline: Baseline) -> Skeleton:
@@ -413,36 +415,6 @@ def _floor(case: Case) -> float:
 
 def _mean(force: Sequence[tuple[float, float]], which: int) -> float:
     return float(np.mean([pair[which] for pair in force]))
-
-
-Run = list[tuple[Array | None, float | None]]
-
-
-def _runs(case: Case, choice: Choice, text: str) -> tuple[tuple[Run, Run], tuple[Run, Run]]:
-    """Free runs of the refitted baseline and of the extended model: training and held-out recordings each."""
-    groups = (case.problem.parts, case.unseen)
-    first, last = choice.before.hypothesis, choice.after.hypothesis
-    base = case.baseline.settings({**first.values, "m": first.mass()} if "m" in first.values else first.values)
-    before = [errors(case.baseline.model, parts, base, first.delay) for parts in groups]
-    if choice.after is choice.before:
-        return (before[0], before[1]), (before[0], before[1])
-    if is_fmu(case.baseline.name):  # the effects act inside the motion, where a closed binary cannot take them up
-        none: tuple[Run, Run] = ([(None, None)] * len(groups[0]), [(None, None)] * len(groups[1]))
-        return (before[0], before[1]), none
-    model = CompiledModel(compile_text(text))
-    end = {} if last.mass() else {"m": 0.0}  # the text holds the mass, with a gain of the force channel in it
-    after = [errors(model, parts, end, last.delay) for parts in groups]
-    return (before[0], before[1]), (after[0], after[1])
-
-
-def compile_text(text: str) -> Any:
-    """ModelCode of the class ``Extended`` in a text."""
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "extended.mo")
-        path.write_text(text, encoding="utf-8")
-        return compile_model(f"{path}:{CLASS}")
 
 
 def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:

@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Literal
 
-from hystid.diagnosis.fitting import Term
+from hystid.diagnosis.fitting import Hypothesis, Term
 from hystid.diagnosis.result import Value
 
 CLASS = "Extended"
@@ -59,6 +59,17 @@ def extended_model(
     lines += ["equation", *equations] if equations else []
     blocks = [text.strip() for text in (baseline.text, *(own or {}).values()) if text]
     return "\n".join([*lines, f"end {CLASS};", *(_WITHIN.sub("", block) for block in blocks)]) + "\n"
+
+
+def settings_of(baseline: Skeleton, hypothesis: Hypothesis) -> dict[str, float]:
+    """Parameters of the class ``Extended`` at a hypothesis without faults of the force channel, by name."""
+    prefix = "rig." if baseline.kind == "wraps" else ""
+    found = {f"{prefix}{name}": value for name, value in hypothesis.values.items() if name != "m"}
+    if "m" in hypothesis.values and baseline.mass:
+        found[f"{prefix}{baseline.mass}"] = hypothesis.mass()
+    for name, term in zip(_instance_names(hypothesis.terms), hypothesis.terms, strict=True):
+        found |= {f"{name}.{key}": value for key, value in term.values.items()}
+    return found
 
 
 def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[list[str], Ports, list[str]]:

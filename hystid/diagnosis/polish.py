@@ -1,0 +1,241 @@
+"""Output-error polish: parameters from the force balance, moved so that the free run meets the measured displacement.
+
+The balance judges every sample by itself, so that small biases of the regressors add up in a free run. Here the whole
+run is compared. The last quarter of every recording is kept back: what does not help there is not taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.fitting import Hypothesis, Unknown, get, put
+from hystid.diagnosis.freerun import free_run, run_from, start_of
+from hystid.diagnosis.parts import Part
+from hystid.diagnosis.rig import Model
+
+Array = NDArray[np.float64]
+Settings = Callable[[Hypothesis], Mapping[str, float]]
+WORK = 1_500_000  # samples that may be simulated: two seconds, counted so that the result is the same on any machine
+_FITTED = 0.75  # share of each recording that is fitted; the rest decides
+_WORTH = 0.8  # error on the rest, over that before, above which the parameters of the balance are kept
+_QUIET = 1.5  # error of the free run in units of the noise of x below which nothing is left to polish
+_LOST = 0.7  # error of the free run beyond which the run tells nothing about the parameters
+_STEP = 1e-4  # step of difference quotients in scaled unknowns
+_CHAIN = 0.1  # scale of a delay [samples] and of a weighing error
+_REACH = 0.5  # largest move of a scaled unknown in one step
+_ROUNDS = 12
+_LEAST = 4  # steps for which there must be work
+_SMALL = 1e-3  # fall of the sum of squares by which a step ends the search
+_SHORTEST = 1000  # samples per recording below which a polish is no longer worth its name
+
+
+@dataclass(frozen=True)
+class Polished:
+    """Outcome. before, after: error of the free run on the samples that were kept back, NRMSE."""
+
+    hypothesis: Hypothesis
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class _Track:
+    """One recording as it is fitted: displacement, its scale, samples that are run, passes, start state."""
+
+    part: Part
+    target: Array
+    scale: float
+    rows: int
+    periods: int
+    start: Mapping[str, float]
+
+    def misfit(self, model: Model, settings: Mapping[str, float], delay: float) -> Array | None:
+        """Simulated less measured displacement over its scale, shape (rows,); None where the run diverges."""
+        run = run_from(model, self.part, {**settings, **self.start}, delay, self.periods, self.rows)
+        return None if run is None else (run - self.target[: self.rows]) / self.scale
+
+    def split(self, misfit: Array) -> tuple[Array, Array]:
+        """What is fitted and what is kept back."""
+        kept = int(_FITTED * len(misfit))
+        return misfit[:kept], misfit[kept:]
+
+
+def polish(
+    model: Model,
+    start: Hypothesis,
+    unknowns: Sequence[Unknown],
+    parts: Sequence[Part],
+    settings: Settings,
+    work: int = WORK,
+) -> Polished | None:
+    """Levenberg-Marquardt on the displacement in free run, None where it does not clearly help on samples kept back.
+
+    model: the extended model. settings: its parameters at a hypothesis. unknowns: what the force balance fitted; every
+    recording has its own start state besides. work: samples that may be simulated; recordings are shortened (to no less
+    than 1000 samples) so that a few steps fit in. Both errors are those of runs from the measured start states.
+    """
+    whole = _tracks(model, start, parts, settings)
+    tracks = _shortened(whole, len(unknowns), work)
+    if not tracks or not unknowns:
+        return None
+    search = _Search(model, unknowns, settings)
+    first = search.errors(start, tracks)
+    if first is None or not _worth_trying(first, tracks):
+        return None
+    end = search.run(start, tracks, work)
+    last = search.errors(end, tracks)
+    if last is None or not np.mean(last) < _WORTH * np.mean(first):
+        return None
+    return Polished(end, float(np.mean(first)), float(np.mean(last)))
+
+
+def _tracks(model: Model, start: Hypothesis, parts: Sequence[Part], settings: Settings) -> list[_Track]:
+    """The recordings, each begun in the way in which it runs closer; none where one of them diverges or lacks x."""
+    found = []
+    for part in parts:
+        if "x" not in part.measured:
+            return []
+        target = part.measured["x"]
+        values = settings(start)
+        best = free_run(model, part, values, start.delay)
+        plain = run_from(model, part, values, start.delay)
+        if best is None or plain is None:
+            return []
+        periods = 1 if np.array_equal(best, plain) else 2
+        at = {} if periods == 2 else start_of(model, part)
+        scale = float(np.std(target)) or 1.0
+        found.append(_Track(part, target, scale, len(part), periods, at))
+    return found
+
+
+def _shortened(tracks: Sequence[_Track], count: int, work: int) -> list[_Track]:
+    """Tracks of a length that leaves work for at least four steps; none where that is too short."""
+    share = work / max(_LEAST * _cost(tracks, count), 1)
+    if share >= 1.0:
+        return list(tracks)
+    if any(track.periods > 1 for track in tracks):  # half a period does not close on itself
+        return []
+    made = [replace(track, rows=int(share * track.rows)) for track in tracks]
+    return made if min(track.rows for track in made) >= _SHORTEST else []
+
+
+def _cost(tracks: Sequence[_Track], count: int) -> int:
+    """Samples that one step simulates: derivatives by the unknowns and the start states, and two trials."""
+    return sum(track.rows * track.periods * (count + len(track.start) + 2) for track in tracks)
+
+
+def _worth_trying(errors: Sequence[float], tracks: Sequence[_Track]) -> bool:
+    noise = [track.part.noise["x"] / track.scale for track in tracks]
+    return max(errors) < _LOST and any(e > _QUIET * n for e, n in zip(errors, noise, strict=True))
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The model and what may move."""
+
+    model: Model
+    moved: Sequence[Unknown]
+    settings: Settings
+
+    def errors(self, at: Hypothesis, tracks: Sequence[_Track]) -> list[float] | None:
+        """Error on the samples kept back, per recording."""
+        misfits = self._misfits(at, tracks)
+        if misfits is None:
+            return None
+        kept = [track.split(misfit)[1] for track, misfit in zip(tracks, misfits, strict=True)]
+        return [float(np.sqrt(np.mean(values**2))) for values in kept]
+
+    def run(self, at: Hypothesis, tracks: Sequence[_Track], work: int) -> Hypothesis:
+        """Parameters that make the fitted samples agree best, start states alongside."""
+        rows = self._rows(at, tracks)
+        damping = 1e-3
+        for _ in range(min(_ROUNDS, work // _cost(tracks, len(self.moved)))):
+            jacobian = None if rows is None else self._jacobian(at, tracks, rows)
+            if rows is None or jacobian is None:
+                break
+            cost = float(rows @ rows)
+            for _ in range(5):
+                there, others = self._moved(at, tracks, _solved(jacobian, rows, damping))
+                tried = self._rows(there, others)
+                if tried is not None and float(tried @ tried) < cost:
+                    break
+                damping *= 10.0
+            else:
+                break
+            at, tracks, rows, damping = there, others, tried, max(damping / 10.0, 1e-9)
+            if rows is not None and float(rows @ rows) > (1 - _SMALL) * cost:
+                break
+        return at
+
+    def _misfits(self, at: Hypothesis, tracks: Sequence[_Track]) -> list[Array] | None:
+        values = self.settings(at)
+        found = []
+        for track in tracks:
+            misfit = track.misfit(self.model, values, at.delay)
+            if misfit is None:
+                return None
+            found.append(misfit)
+        return found
+
+    def _rows(self, at: Hypothesis, tracks: Sequence[_Track]) -> Array | None:
+        misfits = self._misfits(at, tracks)
+        if misfits is None:
+            return None
+        return np.concatenate([track.split(misfit)[0] for track, misfit in zip(tracks, misfits, strict=True)])
+
+    def _jacobian(self, at: Hypothesis, tracks: Sequence[_Track], rows: Array) -> Array | None:
+        """Difference quotients; a start state needs a run of its own recording alone."""
+        columns = []
+        count = len(self.moved)
+        owners = [i for i, track in enumerate(tracks) for _ in track.start]
+        edges = np.cumsum([0, *(int(_FITTED * track.rows) for track in tracks)])
+        for i in range(count + len(owners)):
+            step = np.zeros(count + len(owners))
+            step[i] = _STEP
+            there, others = self._moved(at, tracks, step)
+            own = slice(None) if i < count else slice(owners[i - count], owners[i - count] + 1)
+            tried = self._rows(there, others[own])
+            if tried is None:
+                return None
+            place = slice(edges[own.start or 0], edges[own.stop if own.stop is not None else -1])
+            column = np.zeros(len(rows))
+            column[place] = (tried - rows[place]) / _STEP
+            columns.append(column)
+        return np.stack(columns, axis=1)
+
+    def _moved(self, at: Hypothesis, tracks: Sequence[_Track], step: Array) -> tuple[Hypothesis, list[_Track]]:
+        """Unknowns moved by scaled steps: relative to their own size, start states to the size of the motion."""
+        changes = {}
+        for unknown, move in zip(self.moved, step, strict=False):
+            value = get(at, unknown.key)
+            size = _CHAIN if unknown.key[0] == "chain" else abs(value)
+            target = value * np.exp(move) if unknown.log else value + move * size
+            changes[unknown.key] = float(np.clip(target, unknown.low, unknown.high))
+        others, used = [], len(self.moved)
+        for track in tracks:
+            sizes = {name: _size(track.part, name) for name in track.start}
+            start = {
+                name: track.start[name] + float(step[used + i]) * size for i, (name, size) in enumerate(sizes.items())
+            }
+            used += len(sizes)
+            others.append(replace(track, start=start))
+        return put(at, changes), others
+
+
+def _size(part: Part, name: str) -> float:
+    """Scale of a start state: that of the displacement or of the velocity."""
+    velocity = name.removesuffix("_start").rpartition(".")[2] == "v"
+    return float(np.std(part.v if velocity else part.x)) or 1.0
+
+
+def _solved(jacobian: Array, rows: Array, damping: float) -> Array:
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    scaled = jacobian / scale
+    normal = scaled.T @ scaled
+    normal[np.diag_indices_from(normal)] += damping
+    return np.asarray(np.clip(-np.linalg.solve(normal, scaled.T @ rows) / scale, -_REACH, _REACH))
