@@ -199,7 +199,18 @@ def memory() -> ModelCode:
     return _code("Memory", variables, 10, dependencies={"R": ("x", "v")})
 
 
-EVERY = (jenkins, bouncing, sampled, linear, effect, contact, memory)
+def tuned() -> ModelCode:
+    variables = [
+        _parameter("rate", 1, 2.0),
+        Variable("gain", 2, "parameter", "tunable", initial="exact", start=3.0),
+        Variable("product", 3, "calculatedParameter", "tunable", initial="calculated"),
+        Variable("level", 4, "input", "discrete", "Integer", start=0.0),
+        _output("y", 5),
+    ]
+    return _code("Tuned", variables, 6, dependencies={"y": ("level",)})
+
+
+EVERY = (jenkins, bouncing, sampled, linear, effect, contact, memory, tuned)
 
 
 @cache

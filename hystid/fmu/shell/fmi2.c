@@ -22,46 +22,46 @@ enum {
 };
 
 static const hy_call CALL[] = {
-    [SET_DEBUG_LOGGING] = {"fmi2SetDebugLogging", ANYWHERE},
-    [SETUP_EXPERIMENT] = {"fmi2SetupExperiment", INSTANTIATED},
-    [ENTER_INITIALIZATION] = {"fmi2EnterInitializationMode", INSTANTIATED},
-    [EXIT_INITIALIZATION] = {"fmi2ExitInitializationMode", INITIALIZATION},
-    [TERMINATE] = {"fmi2Terminate", RUNNING | STEP_DISCARDED},
-    [RESET] = {"fmi2Reset", ANYWHERE},
-    [GET_REAL] = {"fmi2GetReal", READABLE},
-    [GET_INTEGER] = {"fmi2GetInteger", READABLE},
-    [GET_BOOLEAN] = {"fmi2GetBoolean", READABLE},
-    [GET_STRING] = {"fmi2GetString", READABLE},
-    [SET_REAL] = {"fmi2SetReal", SETTABLE},
-    [SET_INTEGER] = {"fmi2SetInteger", SETTABLE},
-    [SET_BOOLEAN] = {"fmi2SetBoolean", SETTABLE},
-    [SET_STRING] = {"fmi2SetString", SETTABLE},
-    [GET_STATE] = {"fmi2GetFMUstate", ANYWHERE},
-    [SET_STATE] = {"fmi2SetFMUstate", ANYWHERE},
-    [FREE_STATE] = {"fmi2FreeFMUstate", ANYWHERE},
-    [STATE_SIZE] = {"fmi2SerializedFMUstateSize", ANYWHERE},
-    [WRITE_STATE] = {"fmi2SerializeFMUstate", ANYWHERE},
-    [READ_STATE] = {"fmi2DeSerializeFMUstate", ANYWHERE},
-    [DIRECTIONAL] = {"fmi2GetDirectionalDerivative", READABLE},
-    [ENTER_EVENT] = {"fmi2EnterEventMode", CONTINUOUS},
-    [NEW_DISCRETE_STATES] = {"fmi2NewDiscreteStates", EVENT},
-    [ENTER_CONTINUOUS] = {"fmi2EnterContinuousTimeMode", EVENT},
-    [COMPLETED_STEP] = {"fmi2CompletedIntegratorStep", CONTINUOUS},
-    [SET_TIME] = {"fmi2SetTime", EVENT | CONTINUOUS},
-    [SET_STATES] = {"fmi2SetContinuousStates", CONTINUOUS},
-    [GET_DERIVATIVES] = {"fmi2GetDerivatives", SHOWN},
-    [GET_INDICATORS] = {"fmi2GetEventIndicators", SHOWN},
-    [GET_STATES] = {"fmi2GetContinuousStates", SHOWN},
-    [GET_NOMINALS] = {"fmi2GetNominalsOfContinuousStates", INSTANTIATED | SHOWN},
-    [INPUT_DERIVATIVES] = {"fmi2SetRealInputDerivatives", INSTANTIATED | INITIALIZATION | STEP},
-    [OUTPUT_DERIVATIVES] = {"fmi2GetRealOutputDerivatives", STEPPED},
-    [DO_STEP] = {"fmi2DoStep", STEP},
-    [CANCEL_STEP] = {"fmi2CancelStep", NOWHERE},
-    [GET_STATUS] = {"fmi2GetStatus", STEPPED},
-    [GET_REAL_STATUS] = {"fmi2GetRealStatus", STEPPED},
-    [GET_INTEGER_STATUS] = {"fmi2GetIntegerStatus", STEPPED},
-    [GET_BOOLEAN_STATUS] = {"fmi2GetBooleanStatus", STEPPED},
-    [GET_STRING_STATUS] = {"fmi2GetStringStatus", STEPPED},
+    [SET_DEBUG_LOGGING] = {"fmi2SetDebugLogging", ANYWHERE, 0},
+    [SETUP_EXPERIMENT] = {"fmi2SetupExperiment", INSTANTIATED, 0},
+    [ENTER_INITIALIZATION] = {"fmi2EnterInitializationMode", INSTANTIATED, 0},
+    [EXIT_INITIALIZATION] = {"fmi2ExitInitializationMode", INITIALIZATION, 0},
+    [TERMINATE] = {"fmi2Terminate", RUNNING | STEP_DISCARDED, 0},
+    [RESET] = {"fmi2Reset", ANYWHERE, 0},
+    [GET_REAL] = {"fmi2GetReal", READABLE, 0},
+    [GET_INTEGER] = {"fmi2GetInteger", READABLE, 0},
+    [GET_BOOLEAN] = {"fmi2GetBoolean", READABLE, 0},
+    [GET_STRING] = {"fmi2GetString", READABLE, 0},
+    [SET_REAL] = {"fmi2SetReal", SETTABLE, 0},
+    [SET_INTEGER] = {"fmi2SetInteger", SETTABLE, 0},
+    [SET_BOOLEAN] = {"fmi2SetBoolean", SETTABLE, 0},
+    [SET_STRING] = {"fmi2SetString", SETTABLE, 0},
+    [GET_STATE] = {"fmi2GetFMUstate", ANYWHERE, 0},
+    [SET_STATE] = {"fmi2SetFMUstate", ANYWHERE, 0},
+    [FREE_STATE] = {"fmi2FreeFMUstate", ANYWHERE, 0},
+    [STATE_SIZE] = {"fmi2SerializedFMUstateSize", ANYWHERE, 0},
+    [WRITE_STATE] = {"fmi2SerializeFMUstate", ANYWHERE, 0},
+    [READ_STATE] = {"fmi2DeSerializeFMUstate", ANYWHERE, 0},
+    [DIRECTIONAL] = {"fmi2GetDirectionalDerivative", READABLE, 0},
+    [ENTER_EVENT] = {"fmi2EnterEventMode", EVENT | CONTINUOUS, MODEL_EXCHANGE},
+    [NEW_DISCRETE_STATES] = {"fmi2NewDiscreteStates", EVENT, MODEL_EXCHANGE},
+    [ENTER_CONTINUOUS] = {"fmi2EnterContinuousTimeMode", EVENT, MODEL_EXCHANGE},
+    [COMPLETED_STEP] = {"fmi2CompletedIntegratorStep", CONTINUOUS, MODEL_EXCHANGE},
+    [SET_TIME] = {"fmi2SetTime", EVENT | CONTINUOUS, MODEL_EXCHANGE},
+    [SET_STATES] = {"fmi2SetContinuousStates", CONTINUOUS, MODEL_EXCHANGE},
+    [GET_DERIVATIVES] = {"fmi2GetDerivatives", SHOWN, MODEL_EXCHANGE},
+    [GET_INDICATORS] = {"fmi2GetEventIndicators", SHOWN, MODEL_EXCHANGE},
+    [GET_STATES] = {"fmi2GetContinuousStates", SHOWN, MODEL_EXCHANGE},
+    [GET_NOMINALS] = {"fmi2GetNominalsOfContinuousStates", INSTANTIATED | SHOWN, MODEL_EXCHANGE},
+    [INPUT_DERIVATIVES] = {"fmi2SetRealInputDerivatives", INSTANTIATED | INITIALIZATION | STEP, CO_SIMULATION},
+    [OUTPUT_DERIVATIVES] = {"fmi2GetRealOutputDerivatives", STEPPED, CO_SIMULATION},
+    [DO_STEP] = {"fmi2DoStep", STEP, CO_SIMULATION},
+    [CANCEL_STEP] = {"fmi2CancelStep", NOWHERE, CO_SIMULATION},
+    [GET_STATUS] = {"fmi2GetStatus", STEPPED, CO_SIMULATION},
+    [GET_REAL_STATUS] = {"fmi2GetRealStatus", STEPPED, CO_SIMULATION},
+    [GET_INTEGER_STATUS] = {"fmi2GetIntegerStatus", STEPPED, CO_SIMULATION},
+    [GET_BOOLEAN_STATUS] = {"fmi2GetBooleanStatus", STEPPED, CO_SIMULATION},
+    [GET_STRING_STATUS] = {"fmi2GetStringStatus", STEPPED, CO_SIMULATION},
 };
 
 #define CHECK(which) \
@@ -87,9 +87,7 @@ const char *fmi2GetVersion(void) { return fmi2Version; }
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
 {
     CHECK(SET_DEBUG_LOGGING);
-    if (n && !categories) return status(hy_fail(instance, "fmi2SetDebugLogging: a NULL array was given"));
-    instance->logging = on;
-    return fmi2OK;
+    return status(hy_set_logging(instance, on, n, categories));
 }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String token, fmi2String resources,
@@ -167,15 +165,19 @@ static fmi2Status get_whole(hy_instance *c, int which, const unsigned *vr, size_
     return fmi2OK;
 }
 
+static double whole(int type, int value) { return type == BOOLEAN ? value != 0 : value; }
+
 static fmi2Status set_whole(hy_instance *c, int which, const unsigned *vr, size_t n, int type, const int *value)
 {
-    if (n && !value) return status(hy_fail(c, "%s: a NULL array was given", CALL[which].name));
-    for (size_t i = 0; i < n; i++) {
-        const double number = type == BOOLEAN ? value[i] != 0 : value[i];
-        const int code = hy_set(c, CALL[which].name, vr ? vr + i : NULL, 1, type, &number);
-        if (code) return status(code);
+    fmi2Status worst = fmi2OK;
+    if (n && (!vr || !value)) return status(hy_fail(c, "%s: a NULL array was given", CALL[which].name));
+    for (size_t i = 0; i < n; i++)
+        if (!hy_may_set(c, CALL[which].name, vr[i], type, whole(type, value[i]))) return fmi2Error;
+    for (size_t i = 0; i < n && worst <= fmi2Warning; i++) {
+        const double number = whole(type, value[i]);
+        worst = status(hy_set(c, CALL[which].name, vr + i, 1, type, &number));
     }
-    return fmi2OK;
+    return worst;
 }
 
 fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer value[])

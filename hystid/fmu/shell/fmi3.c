@@ -19,40 +19,40 @@ enum {
 };
 
 static const hy_call CALL[] = {
-    [SET_DEBUG_LOGGING] = {"fmi3SetDebugLogging", ANYWHERE},
-    [ENTER_INITIALIZATION] = {"fmi3EnterInitializationMode", INSTANTIATED},
-    [EXIT_INITIALIZATION] = {"fmi3ExitInitializationMode", INITIALIZATION},
-    [ENTER_EVENT] = {"fmi3EnterEventMode", CONTINUOUS | STEP},
-    [TERMINATE] = {"fmi3Terminate", RUNNING | STEP_DISCARDED},
-    [RESET] = {"fmi3Reset", ANYWHERE},
-    [GET_VALUE] = {"fmi3Get{VariableType}", READABLE},
-    [SET_VALUE] = {"fmi3Set{VariableType}", SETTABLE},
-    [DEPENDENCIES] = {"fmi3GetVariableDependencies", ANYWHERE},
-    [GET_STATE] = {"fmi3GetFMUState", ANYWHERE},
-    [SET_STATE] = {"fmi3SetFMUState", ANYWHERE},
-    [FREE_STATE] = {"fmi3FreeFMUState", ANYWHERE},
-    [STATE_SIZE] = {"fmi3SerializedFMUStateSize", ANYWHERE},
-    [WRITE_STATE] = {"fmi3SerializeFMUState", ANYWHERE},
-    [READ_STATE] = {"fmi3DeserializeFMUState", ANYWHERE},
-    [DIRECTIONAL] = {"fmi3GetDirectionalDerivative", READABLE},
-    [ADJOINT] = {"fmi3GetAdjointDerivative", READABLE},
-    [CONFIGURATION] = {"fmi3EnterConfigurationMode / fmi3ExitConfigurationMode", NOWHERE},
-    [CLOCK] = {"a function of clocks", INITIALIZATION | EVENT},
-    [EVALUATE_DISCRETE] = {"fmi3EvaluateDiscreteStates", EVENT},
-    [UPDATE_DISCRETE] = {"fmi3UpdateDiscreteStates", EVENT},
-    [ENTER_CONTINUOUS] = {"fmi3EnterContinuousTimeMode", EVENT},
-    [COMPLETED_STEP] = {"fmi3CompletedIntegratorStep", CONTINUOUS},
-    [SET_TIME] = {"fmi3SetTime", EVENT | CONTINUOUS},
-    [SET_STATES] = {"fmi3SetContinuousStates", CONTINUOUS},
-    [GET_DERIVATIVES] = {"fmi3GetContinuousStateDerivatives", SHOWN},
-    [GET_INDICATORS] = {"fmi3GetEventIndicators", SHOWN},
-    [GET_STATES] = {"fmi3GetContinuousStates", SHOWN},
-    [GET_NOMINALS] = {"fmi3GetNominalsOfContinuousStates", INSTANTIATED | SHOWN},
-    [COUNT] = {"fmi3GetNumberOf...", ANYWHERE},
-    [ENTER_STEP] = {"fmi3EnterStepMode", EVENT},
-    [OUTPUT_DERIVATIVES] = {"fmi3GetOutputDerivatives", STEP | IN_STEP | TERMINATED},
-    [DO_STEP] = {"fmi3DoStep", STEP},
-    [PARTITION] = {"fmi3ActivateModelPartition", NOWHERE},
+    [SET_DEBUG_LOGGING] = {"fmi3SetDebugLogging", ANYWHERE, 0},
+    [ENTER_INITIALIZATION] = {"fmi3EnterInitializationMode", INSTANTIATED, 0},
+    [EXIT_INITIALIZATION] = {"fmi3ExitInitializationMode", INITIALIZATION, 0},
+    [ENTER_EVENT] = {"fmi3EnterEventMode", CONTINUOUS | STEP, 0},
+    [TERMINATE] = {"fmi3Terminate", RUNNING | STEP_DISCARDED, 0},
+    [RESET] = {"fmi3Reset", ANYWHERE, 0},
+    [GET_VALUE] = {"fmi3Get{VariableType}", INSTANTIATED | READABLE, 0},
+    [SET_VALUE] = {"fmi3Set{VariableType}", SETTABLE, 0},
+    [DEPENDENCIES] = {"fmi3GetVariableDependencies", ANYWHERE, 0},
+    [GET_STATE] = {"fmi3GetFMUState", ANYWHERE, 0},
+    [SET_STATE] = {"fmi3SetFMUState", ANYWHERE, 0},
+    [FREE_STATE] = {"fmi3FreeFMUState", ANYWHERE, 0},
+    [STATE_SIZE] = {"fmi3SerializedFMUStateSize", ANYWHERE, 0},
+    [WRITE_STATE] = {"fmi3SerializeFMUState", ANYWHERE, 0},
+    [READ_STATE] = {"fmi3DeserializeFMUState", ANYWHERE, 0},
+    [DIRECTIONAL] = {"fmi3GetDirectionalDerivative", READABLE, 0},
+    [ADJOINT] = {"fmi3GetAdjointDerivative", READABLE, 0},
+    [CONFIGURATION] = {"fmi3EnterConfigurationMode / fmi3ExitConfigurationMode", NOWHERE, 0},
+    [CLOCK] = {"a function of clocks", INITIALIZATION | EVENT, 0},
+    [EVALUATE_DISCRETE] = {"fmi3EvaluateDiscreteStates", EVENT, 0},
+    [UPDATE_DISCRETE] = {"fmi3UpdateDiscreteStates", EVENT, 0},
+    [ENTER_CONTINUOUS] = {"fmi3EnterContinuousTimeMode", EVENT, MODEL_EXCHANGE},
+    [COMPLETED_STEP] = {"fmi3CompletedIntegratorStep", CONTINUOUS, MODEL_EXCHANGE},
+    [SET_TIME] = {"fmi3SetTime", EVENT | CONTINUOUS, MODEL_EXCHANGE},
+    [SET_STATES] = {"fmi3SetContinuousStates", CONTINUOUS, MODEL_EXCHANGE},
+    [GET_DERIVATIVES] = {"fmi3GetContinuousStateDerivatives", SHOWN, MODEL_EXCHANGE},
+    [GET_INDICATORS] = {"fmi3GetEventIndicators", SHOWN, MODEL_EXCHANGE},
+    [GET_STATES] = {"fmi3GetContinuousStates", SHOWN, MODEL_EXCHANGE},
+    [GET_NOMINALS] = {"fmi3GetNominalsOfContinuousStates", INSTANTIATED | SHOWN, MODEL_EXCHANGE},
+    [COUNT] = {"fmi3GetNumberOf...", ANYWHERE, MODEL_EXCHANGE},
+    [ENTER_STEP] = {"fmi3EnterStepMode", EVENT, CO_SIMULATION},
+    [OUTPUT_DERIVATIVES] = {"fmi3GetOutputDerivatives", STEP | IN_STEP | TERMINATED, CO_SIMULATION},
+    [DO_STEP] = {"fmi3DoStep", STEP, CO_SIMULATION},
+    [PARTITION] = {"fmi3ActivateModelPartition", NOWHERE, 0},
 };
 
 #define CHECK(which) \
@@ -68,21 +68,12 @@ static void forward_log(const hy_instance *c, int code, const char *category, co
     if (logger) logger(c->environment, status(code), category, text);
 }
 
-static int of_kind(hy_instance *c, int kind, const char *call)
-{
-    if (c->engine.status->kind == kind) return 1;
-    hy_fail(c, "%s is a function of %s", call, kind == MODEL_EXCHANGE ? "model exchange" : "co-simulation");
-    return 0;
-}
-
 const char *fmi3GetVersion(void) { return fmi3Version; }
 
 fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n, const fmi3String categories[])
 {
     CHECK(SET_DEBUG_LOGGING);
-    if (n && !categories) REFUSE("fmi3SetDebugLogging: a NULL array was given");
-    c->logging = on;
-    return fmi3OK;
+    return status(hy_set_logging(c, on, n, categories));
 }
 
 static hy_instance *new_instance(fmi3String name, fmi3String token, int kind, fmi3Boolean logging,
@@ -209,14 +200,16 @@ fmi3Status fmi3GetInt32(fmi3Instance instance, const fmi3ValueReference vr[], si
 
 fmi3Status fmi3SetInt32(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Int32 values[], size_t n_values)
 {
+    fmi3Status worst = fmi3OK;
     CHECK(SET_VALUE);
     if (n != n_values || (n && (!vr || !values))) REFUSE("fmi3SetInt32: %zu variables, %zu values", n, n_values);
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0; i < n; i++)
+        if (!hy_may_set(c, "fmi3SetInt32", vr[i], INTEGER, values[i])) return fmi3Error;
+    for (size_t i = 0; i < n && worst <= fmi3Warning; i++) {
         const double number = values[i];
-        const int code = hy_set(c, "fmi3SetInt32", vr + i, 1, INTEGER, &number);
-        if (code) return status(code);
+        worst = status(hy_set(c, "fmi3SetInt32", vr + i, 1, INTEGER, &number));
     }
-    return fmi3OK;
+    return worst;
 }
 
 fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Boolean values[], size_t n_values)
@@ -235,14 +228,16 @@ fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference vr[], 
 fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Boolean values[],
                           size_t n_values)
 {
+    fmi3Status worst = fmi3OK;
     CHECK(SET_VALUE);
     if (n != n_values || (n && (!vr || !values))) REFUSE("fmi3SetBoolean: %zu variables, %zu values", n, n_values);
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0; i < n; i++)
+        if (!hy_may_set(c, "fmi3SetBoolean", vr[i], BOOLEAN, values[i])) return fmi3Error;
+    for (size_t i = 0; i < n && worst <= fmi3Warning; i++) {
         const double number = values[i];
-        const int code = hy_set(c, "fmi3SetBoolean", vr + i, 1, BOOLEAN, &number);
-        if (code) return status(code);
+        worst = status(hy_set(c, "fmi3SetBoolean", vr + i, 1, BOOLEAN, &number));
     }
-    return fmi3OK;
+    return worst;
 }
 
 /* Types that no variable of ours has: legal to call for no variables at all. */
@@ -474,14 +469,12 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *needs_up
 fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance)
 {
     CHECK(ENTER_CONTINUOUS);
-    if (!of_kind(c, MODEL_EXCHANGE, "fmi3EnterContinuousTimeMode")) return fmi3Error;
     return status(hy_enter_continuous(c));
 }
 
 fmi3Status fmi3EnterStepMode(fmi3Instance instance)
 {
     CHECK(ENTER_STEP);
-    if (!of_kind(c, CO_SIMULATION, "fmi3EnterStepMode")) return fmi3Error;
     return status(hy_enter_continuous(c));
 }
 
@@ -500,7 +493,6 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean no_set
 fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time)
 {
     CHECK(SET_TIME);
-    if (!of_kind(c, MODEL_EXCHANGE, "fmi3SetTime")) return fmi3Error;
     return status(hy_set_time(c, time));
 }
 

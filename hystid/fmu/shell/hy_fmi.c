@@ -1,19 +1,20 @@
 #include "hy_fmi.h"
 
-#include <float.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+static const char *const CATEGORY[] = {"logEvents", "logStatusWarning", "logStatusError"};
+enum { N_CATEGORIES = sizeof CATEGORY / sizeof *CATEGORY };
+
 static void engine_log(void *owner, int level, const char *text)
 {
     hy_instance *c = owner;
     static const int status[] = {FMI_OK, FMI_WARNING, FMI_ERROR};
-    static const char *const category[] = {"logEvents", "logStatusWarning", "logStatusError"};
     if (level == HY_WARNING) c->warned = 1;
-    if (level != HY_INFO || c->logging) c->logger(c, status[level], category[level], text);
+    if (level != HY_INFO || c->logging) c->logger(c, status[level], CATEGORY[level], text);
 }
 
 int hy_fail(hy_instance *c, const char *format, ...)
@@ -31,13 +32,13 @@ static const char *mode_name(int mode)
 {
     switch (mode) {
     case INSTANTIATED: return "instantiated";
-    case INITIALIZATION: return "initialization mode";
-    case EVENT: return "event mode";
-    case CONTINUOUS: return "continuous-time mode";
-    case STEP: return "step mode";
+    case INITIALIZATION: return "in initialization mode";
+    case EVENT: return "in event mode";
+    case CONTINUOUS: return "in continuous-time mode";
+    case STEP: return "in step mode";
     case STEP_DISCARDED: return "after a discarded step";
     case TERMINATED: return "terminated";
-    case IN_STEP: return "intermediate update mode";
+    case IN_STEP: return "in intermediate update mode";
     default: return "in error";
     }
 }
@@ -46,9 +47,30 @@ int hy_allowed(hy_instance *c, const hy_call *call)
 {
     if (!c) return 0;
     c->warned = 0;
-    if (c->engine.status->mode & call->modes) return 1;
-    hy_fail(c, "%s is not allowed here: the instance is %s", call->name, mode_name(c->engine.status->mode));
+    if (call->kind && call->kind != c->engine.status->kind)
+        hy_fail(c, "%s is not allowed here: it is a function of %s", call->name,
+                call->kind == MODEL_EXCHANGE ? "model exchange" : "co-simulation");
+    else if (c->engine.status->mode & call->modes)
+        return 1;
+    else
+        hy_fail(c, "%s is not allowed here: the instance is %s", call->name, mode_name(c->engine.status->mode));
     return 0;
+}
+
+/* Warnings and refusals are always told; events where they are asked for, by all categories (n = 0) or by name. */
+int hy_set_logging(hy_instance *c, int on, size_t n, const char *const *categories)
+{
+    int events = !n;
+    if (n && !categories) return hy_fail(c, "set debug logging: a NULL array was given for %zu categories", n);
+    for (size_t i = 0; i < n; i++) {
+        size_t k = 0;
+        while (categories[i] && k < N_CATEGORIES && strcmp(categories[i], CATEGORY[k])) k++;
+        if (!categories[i] || k == N_CATEGORIES)
+            return hy_fail(c, "set debug logging: there is no category '%s'", categories[i] ? categories[i] : "NULL");
+        events |= k == 0;
+    }
+    if (events) c->logging = on;
+    return FMI_OK;
 }
 
 int hy_fmi_status(hy_instance *c, int outcome)
@@ -112,11 +134,12 @@ int hy_setup(hy_instance *c, double start, int stop_defined, double stop)
     return FMI_OK;
 }
 
-/* Initial values are solved when somebody asks for one. */
+/* Initial values are solved when somebody asks for one. After an error the values are shown as they stand. */
 static int present(hy_instance *c)
 {
     hy_engine *e = &c->engine;
     int outcome = HY_OK;
+    if (e->status->mode == FAILED) return HY_OK;
     if (e->status->mode == INITIALIZATION && !e->status->started) outcome = hy_start(e);
     return outcome ? outcome : hy_settle(e);
 }
@@ -158,23 +181,40 @@ static int is_indicator(const hy_instance *c, unsigned vr)
     return vr >= (unsigned)c->engine.model->n_values && vr - (unsigned)c->engine.model->n_values < (unsigned)c->engine.model->n_z;
 }
 
+/* An indicator that was exactly 0 after the last event is shown as "how far from 0", so that leaving 0 either way is a
+ * sign change for importers that count 0 as negative. It has left beyond rounding errors of values of size one: a root
+ * finder gets a slope to work on there, not a jump. */
+static const double LEFT = 1e-15;
+
+static int indicators(hy_instance *c, double *z)
+{
+    const hy_engine *e = &c->engine;
+    const int outcome = e->model->indicators(&c->engine.data, z);
+    for (int i = 0; i < e->model->n_z; i++)
+        if (e->sign[i] == 0) z[i] = LEFT - fabs(z[i]);
+    return outcome;
+}
+
 static int get_indicator(hy_instance *c, unsigned vr, double *value)
 {
-    const int outcome = c->engine.model->indicators(&c->engine.data, c->engine.z);
+    const int outcome = indicators(c, c->engine.z);
+    c->engine.z_stands = 0; /* as shown, which is not what the engine compares */
     *value = c->engine.z[vr - (unsigned)c->engine.model->n_values];
     return hy_fmi_status(c, outcome);
 }
 
 int hy_get(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, double *value)
 {
+    const int instantiated = c->engine.status->mode == INSTANTIATED; /* FMI 3: start values can be read */
+    const double *const v = instantiated ? c->engine.settings : c->engine.data.v;
     int outcome;
     if (n && (!vr || !value)) return hy_fail(c, "%s: a NULL array was given for %zu values", call, n);
-    outcome = present(c);
+    outcome = instantiated ? HY_OK : present(c);
     if (outcome) return hy_fmi_status(c, outcome);
     for (size_t i = 0; i < n; i++) {
         if (vr[i] < (unsigned)c->engine.model->n_values && hy_variables[vr[i]].type == type)
-            value[i] = c->engine.data.v[vr[i]];
-        else if (type == REAL && is_indicator(c, vr[i]) && !get_indicator(c, vr[i], value + i))
+            value[i] = v[vr[i]];
+        else if (type == REAL && !instantiated && is_indicator(c, vr[i]) && !get_indicator(c, vr[i], value + i))
             continue;
         else
             return hy_fail(c, "%s: there is no variable of this type with value reference %u", call, vr[i]);
@@ -184,21 +224,34 @@ int hy_get(hy_instance *c, const char *call, const unsigned *vr, size_t n, int t
 
 static int before_start(const hy_instance *c) { return c->engine.status->mode & (INSTANTIATED | INITIALIZATION); }
 
-static int may_set(hy_instance *c, const char *call, unsigned vr, int type, double value)
+/* Between events an importer sets what its solver moves: continuous inputs and states. A discrete input that stands as it
+ * did is let pass, for some set all their inputs alike. */
+static int settable_between_events(const hy_instance *c, unsigned vr, double value)
+{
+    const hy_model *m = c->engine.model;
+    const int flags = hy_variables[vr].flags;
+    if (flags & IS_INPUT) return !(flags & IS_DISCRETE) || c->engine.data.v[vr] == value;
+    return c->engine.status->mode == CONTINUOUS && vr >= (unsigned)m->x && vr < (unsigned)(m->x + m->n_x);
+}
+
+static int settable_now(const hy_instance *c, unsigned vr, double value)
+{
+    if (before_start(c)) return hy_variables[vr].flags & HAS_START;
+    if (c->engine.status->mode & (CONTINUOUS | IN_STEP)) return settable_between_events(c, vr, value);
+    return hy_variables[vr].flags & (IS_INPUT | IS_TUNABLE);
+}
+
+int hy_may_set(hy_instance *c, const char *call, unsigned vr, int type, double value)
 {
     const hy_variable *variable = vr < (unsigned)c->engine.model->n_values ? hy_variables + vr : NULL;
-    int flags;
-    if (!variable || variable->type != type) {
+    if (!variable || variable->type != type)
         hy_fail(c, "%s: there is no variable of this type with value reference %u", call, vr);
-        return 0;
-    }
-    if (!isfinite(value)) {
+    else if (!isfinite(value))
         hy_fail(c, "%s: %s must be a finite number", call, variable->name);
-        return 0;
-    }
-    flags = before_start(c) ? HAS_START : c->engine.status->mode == CONTINUOUS ? IS_INPUT : IS_INPUT | IS_TUNABLE;
-    if (variable->flags & flags) return 1;
-    hy_fail(c, "%s: %s cannot be set while the instance is %s", call, variable->name, mode_name(c->engine.status->mode));
+    else if (settable_now(c, vr, value))
+        return 1;
+    else
+        hy_fail(c, "%s: %s cannot be set while the instance is %s", call, variable->name, mode_name(c->engine.status->mode));
     return 0;
 }
 
@@ -219,7 +272,7 @@ int hy_set(hy_instance *c, const char *call, const unsigned *vr, size_t n, int t
     int outcome = HY_OK;
     if (n && (!vr || !value)) return hy_fail(c, "%s: a NULL array was given for %zu values", call, n);
     for (size_t i = 0; i < n; i++)
-        if (!may_set(c, call, vr[i], type, value[i])) return FMI_ERROR;
+        if (!hy_may_set(c, call, vr[i], type, value[i])) return FMI_ERROR;
     if (before_start(c)) {
         for (size_t i = 0; i < n; i++) c->engine.settings[vr[i]] = value[i];
         c->engine.status->started = 0;
@@ -281,23 +334,31 @@ int hy_get_derivatives(hy_instance *c, double *dx, size_t n)
     return hy_fmi_status(c, outcome);
 }
 
-/* An indicator that was exactly 0 after the last event is shown as "how far from 0", so that leaving 0 either way is a
- * sign change for importers that count 0 as negative. */
 int hy_get_indicators(hy_instance *c, double *z, size_t n)
 {
     int outcome;
     if (!right_length(c, z, n, c->engine.model->n_z, "event indicators")) return FMI_ERROR;
     outcome = present(c);
-    if (!outcome && n) outcome = c->engine.model->indicators(&c->engine.data, z);
-    for (size_t i = 0; i < n; i++)
-        if (c->engine.sign[i] == 0) z[i] = DBL_MIN - fabs(z[i]);
+    if (!outcome && n) outcome = indicators(c, z);
     return hy_fmi_status(c, outcome);
 }
 
+static int switched(const hy_model *m, const double *before, const double *after)
+{
+    return memcmp(before + m->rel, after + m->rel, sizeof(double) * (size_t)m->n_rel) != 0;
+}
+
+/* In model exchange states count as changed where a relation switched, for then their derivatives jump: importers in wide
+ * use restart their solver for a new state alone, and a multistep solver that goes on over the kink carries the old slope
+ * along. A slider at its limit then trembles about it, and the run ends in the solver's limit of steps. */
 int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_defined, double *next)
 {
     hy_engine *e = &c->engine;
-    const int outcome = hy_event(e, states_changed);
+    double *const before = c->backup;
+    int outcome;
+    memcpy(before, e->data.v, sizeof(double) * (size_t)e->model->n_values);
+    outcome = hy_event(e, states_changed);
+    *states_changed |= e->status->kind == MODEL_EXCHANGE && e->model->n_x && switched(e->model, before, e->data.v);
     *next = e->model->next_time_event ? e->model->next_time_event(&e->data) : INFINITY;
     *next_defined = isfinite(*next);
     if (!*next_defined) *next = 0;
@@ -403,7 +464,8 @@ static int in_range(int slot, int first, int n) { return slot >= first && slot <
 
 static int is_known(const hy_model *m, int slot)
 {
-    return in_range(slot, m->p, m->n_p) || in_range(slot, m->u, m->n_u) || in_range(slot, m->x, m->n_x);
+    return slot == 0 || in_range(slot, m->p, m->n_p) || in_range(slot, m->u, m->n_u) || in_range(slot, m->x, m->n_x)
+        || in_range(slot, m->d, m->n_d);
 }
 
 static int is_unknown(const hy_model *m, int slot)
@@ -417,7 +479,7 @@ static int check_derivative(hy_instance *c, const unsigned *unknown, size_t n_un
     if ((n_unknown && !unknown) || (n_known && !known)) return hy_fail(c, "derivative: a NULL array was given");
     for (size_t i = 0; i < n_known; i++)
         if (known[i] >= (unsigned)m->n_values || hy_variables[known[i]].type != REAL || !is_known(m, (int)known[i]))
-            return hy_fail(c, "derivative: value reference %u is not a real parameter, input or state", known[i]);
+            return hy_fail(c, "derivative: value reference %u is not time, a real parameter, input or state", known[i]);
     for (size_t i = 0; i < n_unknown; i++)
         if (unknown[i] >= (unsigned)m->n_values || hy_variables[unknown[i]].type != REAL || !is_unknown(m, (int)unknown[i]))
             return hy_fail(c, "derivative: value reference %u is not an output or the derivative of a state", unknown[i]);

@@ -19,7 +19,8 @@ enum {
 
 typedef struct {
     const char *name;
-    int modes;
+    int modes; /* in which it is legal */
+    int kind;  /* the one kind that has it, or 0 */
 } hy_call;
 
 /* One slot of the block as FMI sees it; generated from the model's variables. */
@@ -56,7 +57,9 @@ int hy_fmi_status(hy_instance *c, int outcome);       /* an outcome of the engin
 
 int hy_setup(hy_instance *c, double start, int stop_defined, double stop);
 int hy_exit_initialization(hy_instance *c);
+int hy_set_logging(hy_instance *c, int on, size_t n, const char *const *categories);
 int hy_get(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, double *value);
+int hy_may_set(hy_instance *c, const char *call, unsigned vr, int type, double value);
 int hy_set(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, const double *value);
 int hy_set_time(hy_instance *c, double time);
 int hy_set_states(hy_instance *c, const double *x, size_t n);
