@@ -9,7 +9,7 @@ import pytest
 
 from hystid.compiled import CompiledModel
 from hystid.errors import ModelicaError, NumericalError
-from hystid.modelica import compile_model
+from hystid.modelica import compile_model, frontend
 from hystid.modelica.flat import from_json
 
 
@@ -299,3 +299,31 @@ def test_front_end_missing_is_told(tmp_path):
     )
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert "needs the front end 'rumoca': pip install" in out.stdout
+
+
+# What no front end finishes: body of a model, the limit that is lowered to keep the test short, words of the message.
+ENDLESS = {
+    "a hang": (
+        "  Real x[10];\nequation\n  for i in 1:2*5000000 loop\n    x[1] = 1;\n  end for;\n",
+        ("TIME_LIMIT", 1.0),
+        "it took more than 1 s",
+    ),
+    "a hunger for memory": (
+        "  Real x = " + "+".join(["time"] * 10000) + ";\n",
+        ("_MEMORY", 600 << 20),
+        "out of memory",
+    ),
+    "an abort": ("  Real x = " + "(" * 5000 + "1" + ")" * 5000 + ";\n", ("_STACK", 1 << 20), "nested too deeply"),
+}
+
+
+@pytest.mark.parametrize("name", ENDLESS)
+def test_the_front_end_gives_up_with_a_sentence(name, tmp_path, monkeypatch, capfd):
+    body, limit, words = ENDLESS[name]
+    monkeypatch.setattr(frontend, *limit)
+    file = tmp_path / "rig.mo"
+    file.write_text(model(body))
+    with pytest.raises(ModelicaError, match=f"gave up on this model .*{words}") as caught:
+        compile_model(f"{file}:A")
+    assert str(caught.value).startswith(f"{file}:1: ") and "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")

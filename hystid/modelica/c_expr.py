@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import islice
 
-from hystid.modelica.expr import LOGICAL, Expr, Num, Op, Ref
+from hystid.modelica.expr import LOGICAL, Expr, Num, Op, Ref, nodes
 
 # Text of small functions, put into model.c only where they are used.
 HELPERS = {
@@ -35,6 +36,7 @@ _CALLS = {
 }
 _WEIGHT = {"+": 4, "-": 4, "*": 5, "/": 5}
 _CHEAP = frozenset({"neg", "not"})
+_SHORT = 12  # nodes
 
 
 class Printer:
@@ -78,7 +80,11 @@ class Printer:
 
         for v in values:
             visit(v)
-        return [n for n in order if counts[n] > 1 and isinstance(n, Op) and n.name not in _CHEAP | LOGICAL]
+        return [n for n in order if counts[n] > 1 and isinstance(n, Op) and self._worth_a_name(n)]
+
+    def _worth_a_name(self, e: Op) -> bool:
+        """Conditions are printed again where they are short."""
+        return e.name not in _CHEAP and (e.name not in LOGICAL or len(list(islice(nodes(e), _SHORT + 1))) > _SHORT)
 
     def value(self, e: Expr, weight: int = 0) -> str:
         """Text of a number; parentheses where the surroundings bind at least as tightly as ``weight``."""
@@ -120,7 +126,7 @@ class Printer:
         """Text of a condition."""
         if isinstance(e, Num):
             return "1" if e.value else "0"
-        if isinstance(e, Op) and e.name in _TRUTH:
+        if isinstance(e, Op) and e.name in _TRUTH and e not in self._temporaries:
             text, own = _TRUTH[e.name](self, e.args)
             return f"({text})" if own < weight else text
         text = self.value(e, 3)

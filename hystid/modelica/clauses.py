@@ -52,6 +52,7 @@ class Clause:
 
     start: offset of the statement. behind: where a list of modifiers would start. limit: name and modifiers of
     ``constrainedby``, None without one. sizes: what stands in the brackets of a component's type and name.
+    target: the type of a component, the base of an extends clause.
     """
 
     owner: Class
@@ -63,6 +64,7 @@ class Clause:
     mods: Modifiers | None
     limit: tuple[str, Modifiers | None] | None = None
     sizes: tuple[str, ...] = ()
+    target: str = ""
 
 
 def clauses(owner: Class, found: Sequence[Class]) -> Iterator[Clause]:
@@ -114,7 +116,7 @@ def _statement(owner: Class, text: str, start: int, end: int) -> Iterator[Clause
     base = re.compile(rf"extends\s+({_NAME})").match(text, start, end)
     if base:
         mods = _listed(text, base.end())
-        yield Clause(owner, "extends", start, (), base.group(1), base.end(), mods)
+        yield Clause(owner, "extends", start, (), base.group(1), base.end(), mods, target=base.group(1))
         return
     prefixes, at = _prefixes(text, start, end)
     kind = re.compile(rf"\s*{_NAME}").match(text, at, end)
@@ -132,7 +134,9 @@ def _statement(owner: Class, text: str, start: int, end: int) -> Iterator[Clause
         limit = re.compile(r"\bconstrainedby\b").search(text, behind, stop)
         limited = _limit(text, limit.start()) if limit else None
         sizes = (*common, *_sizes(text[name.end() : behind]))
-        yield Clause(owner, "component", start, prefixes, name.group(1), behind, mods, limited, sizes)
+        yield Clause(
+            owner, "component", start, prefixes, name.group(1), behind, mods, limited, sizes, kind.group().strip()
+        )
         at = stop + 1
 
 

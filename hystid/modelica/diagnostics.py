@@ -57,21 +57,12 @@ def broken_down(message: str, name: str, sources: Sequence[Source]) -> ModelicaE
     )
 
 
-def gave_up(printed: str, how: str, name: str, sources: Sequence[Source]) -> ModelicaError:
-    """One sentence for an end of the front end's process without an answer; printed: its stderr."""
-    for pattern, cause in _CAUSES:
-        if re.search(pattern, printed):
-            how = cause
+def gave_up(how: str, name: str, sources: Sequence[Source]) -> ModelicaError:
+    """One sentence for an end of the front end's process without an answer."""
     return ModelicaError(
         f"{declared_at(name, sources)}: the front end gave up on this model ({how}): use smaller arrays and loops, "
         "less deeply nested expressions, or leave parts of the model out to find the line"
     )
-
-
-_CAUSES = (
-    (r"stack overflow|overflowed its stack", "something is nested too deeply"),
-    (r"memory allocation|MemoryError", "it ran out of memory"),
-)
 
 
 def _core(message: str) -> str:

@@ -97,6 +97,7 @@ class _Namer:
         self.assigned = {a.target for w in scalar.whens for b in w.branches for a in b.actions if a.kind == "assign"}
         self.relations: dict[Expr, Relation] = {}
         self.samplers: dict[Expr, Sampler] = {}
+        self.memos: dict[bool, dict[Expr, Expr]] = {True: {}, False: {}}
         self.place = Place()
         self.discrete_names = self._find_discrete()
 
@@ -274,7 +275,6 @@ class _Namer:
 
     def _named(self, expr: Expr, events: bool = True) -> Expr:
         """The expression with derivatives, pre-values, relations and samples replaced by names."""
-        memo: dict[Expr, Expr] = {}
 
         def change(node: Expr) -> Expr | None:
             if not isinstance(node, Op):
@@ -293,7 +293,7 @@ class _Namer:
                 return self._rounding(node)
             return None
 
-        return rebuild(expr, change, memo)
+        return rebuild(expr, change, self.memos[events])
 
     def _of_variable(self, node: Op) -> Expr:
         argument = node.args[0]

@@ -14,7 +14,21 @@ import numpy as np
 import numpy.typing as npt
 
 from hystid.errors import ModelicaError
-from hystid.modelica.expr import FUNCTIONS, LOGICAL, ONE, RELATIONS, ZERO, Expr, Num, Op, Ref, balanced_sum, op, refs
+from hystid.modelica.expr import (
+    FUNCTIONS,
+    LOGICAL,
+    ONE,
+    RELATIONS,
+    ZERO,
+    Expr,
+    Num,
+    Op,
+    Ref,
+    balanced_sum,
+    nodes,
+    op,
+    refs,
+)
 from hystid.modelica.flat import Function, FunctionVariable, Place, Statement
 
 Array = npt.NDArray[np.object_]
@@ -25,6 +39,8 @@ _ELEMENTWISE = {".*": "*", "./": "/", ".^": "^"}
 _EVENTS = RELATIONS | {"floor", "ceil", "integer", "div", "mod", "rem"}
 _LOOP_LIMIT = 100_000
 _CALL_DEPTH = 50
+_WORK_LIMIT = 2_000_000  # operations on scalars: some 20 s
+_CALL_COST, _STATEMENT_COST = 10, 3  # in such operations
 
 
 def element(name: str, index: tuple[int, ...]) -> str:
@@ -66,9 +82,19 @@ class Expander:
         self.functions = functions
         self.place = Place()
         self._depth = 0
+        self._work = 0
 
     def refuse(self, what: str) -> NoReturn:
         raise ModelicaError(f"{self.place}: {what}")
+
+    def spend(self, operations: int) -> None:
+        """Counts what is written out; refuses what would never end."""
+        self._work += operations
+        if self._work > _WORK_LIMIT:
+            self.refuse(
+                f"arrays, loops and function calls need more than {_WORK_LIMIT} operations when they are written out: "
+                "use a coarser discretisation, or fewer steps in functions"
+            )
 
     # -- values
 
@@ -133,6 +159,7 @@ class Expander:
             return self._quiet(op(name, *args))  # type: ignore[arg-type]
         if len(set(shapes)) > 1:
             self.refuse(f"the sizes {' and '.join(map(str, shapes))} do not fit in '{name}'")
+        self.spend(int(np.prod(shapes[0])))
         columns = [_flatten(a) if isinstance(a, np.ndarray) else itertools.repeat(a) for a in args]
         made = [self._quiet(op(name, *row)) for row in zip(*columns, strict=False)]
         return _array(made).reshape(shapes[0])
@@ -149,6 +176,7 @@ class Expander:
             return self._broadcast(name, [a, b])
         if a.shape[-1] != b.shape[0]:
             self.refuse(f"the sizes {a.shape} and {b.shape} do not fit in a product")
+        self.spend(a.size * (b.size // max(b.shape[0], 1)))
         if a.ndim == 1 and b.ndim == 1:
             return _sum(op("*", x, y) for x, y in zip(a, b, strict=True))
         rows = a.reshape(-1, a.shape[-1])
@@ -158,10 +186,12 @@ class Expander:
 
     def _matrix_power(self, a: Value, b: Value) -> Value:
         if isinstance(a, np.ndarray) and isinstance(b, Num) and b.value >= 1 and b.value.is_integer():
-            result: Value = a
-            for _ in range(int(b.value) - 1):
-                result = self._product("*", result, a)
-            return result
+            half, odd = divmod(int(b.value), 2)
+            if not half:
+                return a
+            root = self._matrix_power(a, Num(float(half)))
+            square = self._product("*", root, root)
+            return self._product("*", square, a) if odd else square
         self.refuse("'^' of an array needs a positive whole exponent; use '.^' for each element")
 
     # -- array constructs
@@ -217,6 +247,7 @@ class Expander:
         assert isinstance(name, Ref)
         parts = []
         for v in _flatten(self.value(values, local)):
+            self.spend(1)
             inner = Op("for", (body, *args[3:])) if len(args) > 3 else body
             parts.append(self.value(inner, {**local, name.name: v}))
         return _stacked(parts) if parts and isinstance(parts[0], np.ndarray) else _array(parts)
@@ -248,20 +279,24 @@ class Expander:
 
     def _filled(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         shape = tuple(int(self.number(a, local, "a size")) for a in args[1:])
+        self.spend(int(np.prod(shape)))
         return _array([self.scalar(args[0], local)] * int(np.prod(shape))).reshape(shape)
 
     def _identity(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         n = int(self.number(args[0], local, "a size"))
+        self.spend(n * n)
         return _array([ONE if i == j else ZERO for i in range(n) for j in range(n)]).reshape(n, n)
 
     def _diagonal(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         items = self.flat(args[0], local)
         n = len(items)
+        self.spend(n * n)
         return _array([items[i] if i == j else ZERO for i in range(n) for j in range(n)]).reshape(n, n)
 
     def _linspace(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         a, b = self.scalar(args[0], local), self.scalar(args[1], local)
         n = int(self.number(args[2], local, "the count of linspace()"))
+        self.spend(n)
         span = op("-", b, a)
         return _array([op("+", a, op("/", op("*", span, Num(float(k))), Num(n - 1.0))) for k in range(n)])
 
@@ -314,6 +349,7 @@ class Expander:
         if self._depth >= _CALL_DEPTH:
             self.refuse(f"function '{name}' calls itself more than {_CALL_DEPTH} deep, which cannot be inlined")
         self._depth += 1
+        self.spend(_CALL_COST)
         try:
             results = Call(self, function, [self.value(a, local) for a in args]).run()
         finally:
@@ -398,6 +434,7 @@ class Call:
 
     def _assign(self, s: Statement) -> None:
         assert s.value is not None
+        self.expander.spend(_STATEMENT_COST)
         value = self.expander.value(s.value, self.values)
         if len(s.targets) == 1:
             self._set(s.targets[0], value[0] if isinstance(value, tuple) else value)
@@ -455,7 +492,7 @@ UNSET = Op("unset", ())
 
 
 def _is_unset(expr: Expr) -> bool:
-    return expr is UNSET or (isinstance(expr, Op) and any(_is_unset(a) for a in expr.args[-2:] if expr.name == "if"))
+    return any(node is UNSET for node in nodes(expr))
 
 
 def merge(condition: Expr, a: Value, b: Value) -> Value:

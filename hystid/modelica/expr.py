@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,7 +331,11 @@ class Derivative:
 def gradient(expr: Expr) -> dict[str, Expr]:
     """Derivatives by every variable of the expression that has one; a sum is taken term by term."""
     found: dict[str, Expr] = {}
-    for positive, term in _terms(expr):
+    count = sum(1 for _ in nodes(expr))
+    terms = list(islice(_terms(expr), count + 1))
+    if len(terms) > count:  # sums of shared sums: their terms may be without end
+        terms = [(True, expr)]
+    for positive, term in terms:
         for name in sorted(refs(term)):
             d = Derivative(name)(term)
             if d != ZERO:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -31,6 +33,7 @@ from hystid.modelica.sources import Source, declaration, read
 _WRAPPER = "HystidStructure"
 TIME_LIMIT = 120.0  # seconds for one answer: ten times what 10,000 elements take
 _MEMORY = 8 << 30  # bytes
+_STACK = 256 << 20  # bytes: parentheses nested ten thousand deep fit
 
 
 def flatten(
@@ -136,6 +139,7 @@ class FrontEnd:
         self._first = {
             "path": sys.path,
             "memory": _memory_limit(),
+            "stack": _STACK,
             "root": str(root),
             "files": [[path, source.text] for path, source in self._named.items()],
             "library": [[str(source.path), source.text] for source in library],
@@ -189,12 +193,16 @@ class FrontEnd:
     def _silent(self) -> ModelicaError:
         code = self._process.wait()
         self._printed.seek(0)
-        return gave_up(
-            self._printed.read().decode(errors="replace"),
-            f"it took more than {TIME_LIMIT} s" if self._expired else f"it ended with code {code}",
-            self.name,
-            (*self.files, *self.library),
-        )
+        printed = self._printed.read().decode(errors="replace")
+        if self._expired:
+            how = f"it took more than {TIME_LIMIT:g} s"
+        elif re.search("memory allocation|MemoryError", printed):
+            how = "it ran out of memory"
+        elif code == -signal.SIGSEGV:
+            how = "something is nested too deeply"
+        else:
+            how = f"its process ended with code {code}"
+        return gave_up(how, self.name, (*self.files, *self.library))
 
 
 def _memory_limit() -> int:

@@ -256,9 +256,12 @@ def _sides(residual: Expr, expander: Expander) -> Iterator[tuple[Expr, Expr]]:
     if isinstance(joined.args[0], Op) and joined.args[0].name == "tuple":
         yield from _outputs(joined.args[0].args, joined.args[1], expander)
         return
-    count = max(len(left), len(right))
-    if len(left) not in (1, count) or len(right) not in (1, count):
+    sizes = {len(left), len(right)} - {1}
+    if len(sizes) > 1:
         expander.refuse(f"the sides of an equation have {len(left)} and {len(right)} elements")
+    if sizes == {0}:
+        return
+    count = max(len(left), len(right))
     yield from zip(left * (count // len(left)), right * (count // len(right)), strict=True)
 
 

@@ -9,21 +9,69 @@ from collections.abc import Mapping, Sequence
 from hystid.errors import ModelicaError
 from hystid.modelica.clauses import Clause, clauses
 from hystid.modelica.flat import FlatModel
-from hystid.modelica.reach import reached
+from hystid.modelica.reach import Class, reached
 from hystid.modelica.sources import Source
 
+_SURELY_TOO_MANY = 100_000  # by an estimate that counts components which conditions or redeclarations take away
 MOST = 20_000  # scalars: each becomes lines of C, and passes over them take seconds to minutes beyond
 
 
 def refuse_large_arrays(name: str, sources: Sequence[Source], structure: Mapping[str, float]) -> None:
-    """Raise ModelicaError for a declaration whose sizes, as far as the text shows them, make too many elements."""
-    for source, found in reached(name, sources).items():
-        for owner in found or ():
-            for clause in clauses(owner, found or ()):
-                number = math.prod(_size(text, clause, structure) for text in clause.sizes)
-                if number > MOST:
-                    line = source.plain.count("\n", 0, clause.start) + 1
-                    raise _too_many(f"{source.path}:{line}", clause.name, number)
+    """Raise ModelicaError for sizes and loops that make too many elements, as far as the text shows them."""
+    found = reached(name, sources)
+    declared = [c for classes in found.values() for owner in classes or () for c in clauses(owner, classes or ())]
+    for clause in declared:
+        number = _number(clause, structure)
+        if number > MOST:
+            raise _too_many(_line(clause.owner, clause.start), clause.name, number)
+    counter = _Counter(declared, structure)
+    for clause in declared:
+        number = _number(clause, structure) * counter.elements(clause.target)
+        if clause.kind == "component" and number > _SURELY_TOO_MANY:
+            raise _too_many(_line(clause.owner, clause.start), clause.name, number)
+    for owner in (owner for classes in found.values() for owner in classes or ()):
+        _refuse_long_loops(owner, structure)
+
+
+def _line(owner: Class, offset: int) -> str:
+    return f"{owner.source.path}:{owner.source.plain.count(chr(10), 0, offset) + 1}"
+
+
+class _Counter:
+    """Elements of a class by its short name; of classes with one name the smallest, so that nothing is refused that
+    the front end could read."""
+
+    def __init__(self, declared: Sequence[Clause], structure: Mapping[str, float]) -> None:
+        self._parts: dict[str, dict[Class, list[Clause]]] = {}
+        for clause in declared:
+            self._parts.setdefault(clause.owner.name, {}).setdefault(clause.owner, []).append(clause)
+        self._structure = structure
+        self._known: dict[str, int] = {}
+
+    def elements(self, name: str) -> int:
+        """1 for a type that is not declared in the texts, and inside a class that holds itself."""
+        short = name.rsplit(".", 1)[-1].strip()
+        if short not in self._known:
+            self._known[short] = 1
+            found = [sum(map(self._of, parts)) for parts in self._parts.get(short, {}).values()]
+            self._known[short] = max(min(found, default=1), 1)
+        return self._known[short]
+
+    def _of(self, clause: Clause) -> int:
+        return _number(clause, self._structure) * self.elements(clause.target) if clause.target else 0
+
+
+_LOOP = re.compile(r"\bin\s+(\w+)\s*:\s*(\w+)\b(?!\s*[:*/+.(-])")
+
+
+def _refuse_long_loops(owner: Class, structure: Mapping[str, float]) -> None:
+    for found in _LOOP.finditer(owner.source.plain, owner.body, owner.end):
+        first, last = (_value(text, owner, structure) for text in found.groups())
+        if first is not None and last is not None and last - first >= MOST:
+            raise ModelicaError(
+                f"{_line(owner, found.start())}: a loop of {last - first + 1} steps is too long (limit {MOST}), "
+                "for each is written out in C"
+            )
 
 
 def refuse_many_scalars(flat: FlatModel) -> None:
@@ -41,14 +89,19 @@ def _too_many(place: str, name: str, number: int) -> ModelicaError:
     )
 
 
-def _size(text: str, clause: Clause, structure: Mapping[str, float]) -> int:
-    """A size written as a number, or as a name that the class gives a number; 1 where the text does not show it."""
-    text = text.strip()
+def _number(clause: Clause, structure: Mapping[str, float]) -> int:
+    """Product of the sizes of a declaration; 1 for those that the text does not show."""
+    found = (_value(text.strip(), clause.owner, structure) for text in clause.sizes)
+    return math.prod(1 if size is None else size for size in found)
+
+
+def _value(text: str, owner: Class, structure: Mapping[str, float]) -> int | None:
+    """A number, or a name that the class gives a number."""
     if text.isdigit():
         return int(text)
     if text in structure:
         return int(structure[text])
-    plain = clause.owner.source.plain[clause.owner.start : clause.owner.end]
+    plain = owner.source.plain[owner.start : owner.end]
     named = rf"\bInteger\b[^;]*\b{re.escape(text)}\s*(?:\([^()]*\))?\s*=\s*(\d+)\s*[;,]"
     given = re.search(named, plain) if text else None
-    return int(given.group(1)) if given else 1
+    return int(given.group(1)) if given else None

@@ -11,19 +11,25 @@ import json
 import os
 import sys
 import threading
+from collections.abc import Iterable
 from typing import Any
-
-_STACK = 256 << 20  # bytes: parentheses nested ten thousand deep fit
 
 
 def main() -> None:
     """Answers the questions on stdin until it ends."""
-    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what the front end prints is no answer
     questions = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
     shared = json.loads(questions.readline())
     sys.path[:] = shared["path"]
     _limit_memory(shared["memory"])
+    threading.stack_size(shared["stack"])
+    thread = threading.Thread(target=_answer_all, args=(shared, questions))
+    thread.start()
+    thread.join()
+
+
+def _answer_all(shared: dict[str, Any], questions: Iterable[str]) -> None:
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what the front end prints is no answer
     for line in questions:
         answers.write(_answer(shared, json.loads(line)) + "\n")
         answers.flush()
@@ -71,7 +77,4 @@ def _retain(rumoca: Any, session: Any, text: str, path: str, name: str) -> None:
 
 
 if __name__ == "__main__":
-    threading.stack_size(_STACK)
-    thread = threading.Thread(target=main)
-    thread.start()
-    thread.join()
+    main()
