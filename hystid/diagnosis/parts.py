@@ -188,12 +188,17 @@ class Reduction:
 
     def one(self, index: int, column: Array) -> Array:
         """Rows of one part."""
-        part, filt = self.parts[index], self._filters[index]
+        filt = self._filters[index]
         values = column if filt is None else _filtered(column, filt)
+        return self.plain(index, values) * self._weights[index]
+
+    def plain(self, index: int, column: Array) -> Array:
+        """A column of one part at its rows: trimmed and averaged alike, but neither whitened nor weighted."""
+        part = self.parts[index]
         trim = max(5, len(part) // 200)
-        inner = values[trim : len(values) - trim]
+        inner = column[trim : len(column) - trim]
         rows = len(inner) // self.block
-        means = inner[: rows * self.block].reshape(rows, self.block).mean(axis=1) * self._weights[index]
+        means = inner[: rows * self.block].reshape(rows, self.block).mean(axis=1)
         if part.valid is None:
             return np.asarray(means)
         kept = part.valid[trim : trim + rows * self.block].reshape(rows, self.block).all(axis=1)
