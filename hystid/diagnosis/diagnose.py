@@ -345,7 +345,10 @@ def _refit(problem: Problem) -> tuple[Fit, float]:
 
 def _scales(parts: Sequence[Part], baseline: Baseline) -> Scales:
     x, v = (np.sort(np.concatenate([np.abs(getattr(p, name)) for p in parts])) for name in ("x", "v"))
-    h = [baseline.force(p.x, p.v, p.dt, baseline.nominal)[1] for p in parts]
+    if baseline.has_h:
+        h = [baseline.force(p.x, p.v, p.dt, baseline.nominal)[1] for p in parts]
+    else:  # what an effect may bring is of the size of the restoring force
+        h = [p.F - baseline.mass * p.a for p in parts]
     force = np.sort(np.abs(np.concatenate(h)))
     path = max(float(np.sum(np.abs(p.v)) * p.dt) for p in parts)
     return Scales(x, v, force, max(float(p.t[-1]) for p in parts), parts[0].dt, _band(parts), path)
@@ -399,7 +402,7 @@ def _skeleton(baseline: Baseline) -> Skeleton:
     file, _, _ = baseline.name.rpartition(":")
     text = Path(file).read_text(encoding="utf-8") if file.endswith(".mo") else ""
     kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if baseline.takes_effects else "wraps"
-    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text)
+    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text, baseline.has_h)
 
 
 def _noise(case: Case) -> float:

@@ -190,7 +190,7 @@ class Reduction:
         """Rows of one part."""
         filt = self._filters[index]
         values = column if filt is None else _filtered(column, filt)
-        return self.plain(index, values) * self._weights[index]
+        return np.asarray(self.plain(index, values) * self._weights[index])
 
     def plain(self, index: int, column: Array) -> Array:
         """A column of one part at its rows: trimmed and averaged alike, but neither whitened nor weighted."""
