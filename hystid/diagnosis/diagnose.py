@@ -99,7 +99,8 @@ def diagnose(
     with track("diagnosis", 100) as step, _quiet_models():
         case = _prepare(tests, unseen, str(model), given)
         step(15, "baseline fitted")
-        library = [effect for effect in load_effects(_paths(effects)) if effect.id not in exclude]
+        left_out = {*exclude, *(chain.TIMED if any(test.quasi_static for test in tests) else ())}
+        library = [effect for effect in load_effects(_paths(effects)) if effect.id not in left_out]
         share = max(1, len(library) // 70)
         choice = choose(case.problem, case.refit, library, _every(step, share))
         answer, extended = _conclude(case, choice, out is not None)
@@ -257,6 +258,8 @@ def _not_applicable(tests: Sequence[Recording]) -> str:
 
 
 def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str, given: Given) -> Case:
+    tests, unseen = ([chain.seated(test) for test in group] for group in (tests, unseen))
+    still = any(test.quasi_static for test in tests)
     lags = chain.lags(tests)
     faults: list[chain.Fault] = []
     late = chain.delayed_channel(lags)
@@ -272,10 +275,12 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     whole = {v.name for v in code.variables if v.type != "Real"}
     values = {name: given.values[key] for name, key in named.items() if name not in whole}
     weighed = "m" in values and "m" not in free and "m" not in fixed
-    starts, told = _starts(parts, code, values, model, quasi_static=any(test.quasi_static for test in tests))
+    starts, told = _starts(parts, code, values, model, quasi_static=still)
+    dampers = {v.name for v in real_parameters(code) if v.unit == "N.s/m"} - set(values) if still else set()
+    starts |= dict.fromkeys(dampers, 0.0)
     length = max(float(np.max(np.abs(part.x))) for part in parts)
     start = {**starts, **values}
-    baseline = baseline_of(model, code, start, frozenset(fixed), weighed=weighed, length=length, model=runs)
+    baseline = baseline_of(model, code, start, frozenset(fixed) | dampers, weighed=weighed, length=length, model=runs)
     problem = Problem(parts, baseline, _scales(parts, baseline))
     refit, nominal = _refit(problem)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
