@@ -17,6 +17,7 @@ from hystid.modelica.describe import model_code
 from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
+from hystid.modelica.loops import with_readable_derivatives
 from hystid.modelica.modifiers import refuse_undecided, with_acting_modifiers
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
 from hystid.modelica.sources import Source, declaration, library_folder, near, qualified_classes, read, read_tree
@@ -85,7 +86,7 @@ def flat_from_text(
     _must_exist(name, files, everything, roots)
     _must_be_complete(name, everything)
     refuse_large_arrays(name, everything, structure or {})
-    texts = with_acting_modifiers(name, everything)
+    texts = [with_readable_derivatives(source) for source in with_acting_modifiers(name, everything)]
     flat = flatten(name, texts[: len(files)], texts[len(files) :], roots, structure or {})
     refuse_undecided(everything)
     refuse_many_scalars(flat)
