@@ -343,14 +343,16 @@ int hy_get_indicators(hy_instance *c, double *z, size_t n)
     return hy_fmi_status(c, outcome);
 }
 
+/* Whether the derivatives may jump at this event: a relation or a discrete state is another than before it. */
 static int switched(const hy_model *m, const double *before, const double *after)
 {
-    return memcmp(before + m->rel, after + m->rel, sizeof(double) * (size_t)m->n_rel) != 0;
+    return memcmp(before + m->rel, after + m->rel, sizeof(double) * (size_t)m->n_rel) != 0
+        || memcmp(before + m->d, after + m->d, sizeof(double) * (size_t)m->n_d) != 0;
 }
 
-/* In model exchange states count as changed where a relation switched, for then their derivatives jump: importers in wide
- * use restart their solver for a new state alone, and a multistep solver that goes on over the kink carries the old slope
- * along. A slider at its limit then trembles about it, and the run ends in the solver's limit of steps. */
+/* In model exchange states count as changed where their derivatives may jump: importers in wide use restart their solver
+ * for a new state alone, and a multistep solver that is not told goes on with the old slope, or past the event. The first
+ * event iteration comes before any solver. */
 int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_defined, double *next)
 {
     hy_engine *e = &c->engine;
@@ -358,7 +360,8 @@ int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_define
     int outcome;
     memcpy(before, e->data.v, sizeof(double) * (size_t)e->model->n_values);
     outcome = hy_event(e, states_changed);
-    *states_changed |= e->status->kind == MODEL_EXCHANGE && e->model->n_x && switched(e->model, before, e->data.v);
+    if (e->status->kind == MODEL_EXCHANGE && e->status->sampled && e->model->n_x)
+        *states_changed |= switched(e->model, before, e->data.v);
     *next = e->model->next_time_event ? e->model->next_time_event(&e->data) : INFINITY;
     *next_defined = isfinite(*next);
     if (!*next_defined) *next = 0;
