@@ -34,8 +34,12 @@ REFUSED = {
     "partial": ("partial " + model("  Real x;\nequation\n  x = 1;\n"), 1, "partial"),
     "algorithm": (model("  Real x;\nalgorithm\n  x := 1;\n"), 4, "algorithm section.*write equations"),
     "initial algorithm": (model("  Real x;\ninitial algorithm\n  x := 1;\nequation\n  der(x) = 1;\n"), 3, "algorithm"),
-    "record": (model("  record R\n    Real a;\n  end R;\n  R r;\nequation\n  r.a = 1;\n"), 5, "record"),
-    "string": (model('  parameter String s = "a";\n  Real x = 1;\n'), 2, "String variable"),
+    "record as a whole": (
+        model("  record R\n    Real a;\n  end R;\n  R r, q;\nequation\n  r.a = 1;\n  q = r;\n"), 8,
+        "record 'q' as a whole",
+    ),
+    "string": (model('  String s;\n  Real x = 1;\nequation\n  s = "a";\n'), 2, "String variable"),
+    "string without a value": (model("  parameter String s;\n  Real x = 1;\n"), 2, "value of the String 's'"),
     "external": (
         model(
             "  Real x;\nequation\n  x = f(3);\n",

@@ -24,6 +24,7 @@ from hystid.modelica.expr import (
     Num,
     Op,
     Ref,
+    Text,
     balanced_sum,
     nodes,
     op,
@@ -116,6 +117,8 @@ class Expander:
         """Scalar expression, array, or (of a call with several outputs) tuple."""
         if isinstance(expr, Ref):
             return self._variable(expr.name, local)
+        if isinstance(expr, Text):
+            self.refuse(f'the text "{expr.value}" stands where a number is wanted')
         if not isinstance(expr, Op):
             return expr
         name = expr.name
