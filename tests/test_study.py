@@ -56,6 +56,8 @@ def test_grid_gives_figures_for_every_structure(finished):
         assert len(spread.values) == 3
         assert spread.best <= spread.lower <= spread.median <= spread.upper <= spread.worst
         assert {spread.best, spread.median, spread.worst} == set(spread.values)
+        assert all(sum(reasons.values()) == 3 for reasons in cell.stopped.values())
+        assert all(outcome.seconds > 0 for outcome in cell.outcomes)
         # of three starts a tenth is one: ensemble and best single network are the same
         assert cell.ensemble["force_nrmse"] == pytest.approx(cell.single["force_nrmse"], rel=1e-12)
     assert finished.best.name in finished.reason and "within 10 %" in finished.reason
