@@ -95,3 +95,12 @@ def test_play_in_the_middle_of_a_test_is_no_approach() -> None:
     assert len(cut) < 400 and cut.x is not None and cut.F is not None
     assert np.max(np.abs(cut.F - 1e4 * cut.x)) < 1e-3 * np.max(np.abs(cut.F))
     assert seated(Recording("timed", t[:400], F=once.F, x=once.x)).x is once.x
+
+
+@measured
+def test_damper_that_moves_far_per_sample_keeps_its_short_memory() -> None:
+    """Published for this damper: a Dahl law, 1/20 mm, 210 N, beside a viscous damper of 1314 N s/m."""
+    found = diagnose([DATA / "mr_damper_utfpr" / "mr_damper_third_setting.csv"], model=LINEAR, parameters={"m": 0})
+    assert names(found) == ["hysteretic_friction"]
+    before, after = found.force_nrmse
+    assert after < 0.1 < before

@@ -77,9 +77,10 @@ class Answer:
         return GAIN if self.gain() < 0 or self._gain_is_nearer() else ADDED_MASS
 
     def _vanishing(self) -> float:
-        """Share of the hysteretic force that is missing in the middle of its range."""
+        """Share of the hysteretic force that is missing in the middle of its range, whatever the displacement."""
         term = self.term(PINCHING)
-        return float(term.values[term.effect.amplitudes[0]]) if term is not None else 0.0
+        by_force = term is not None and any(shape.unit == "N" for shape in term.effect.shapes)
+        return float(term.values[term.effect.amplitudes[0]]) if term is not None and by_force else 0.0
 
     def gain(self) -> float:
         """Added mass as a share of the mass."""

@@ -100,6 +100,7 @@ def diagnose(
         case = _prepare(tests, unseen, str(model), given)
         step(15, "baseline fitted")
         left_out = {*exclude, *(chain.TIMED if any(test.quasi_static for test in tests) else ())}
+        left_out |= set() if case.baseline.mass else {"hidden_mode"}  # nothing resonates where nothing is inert
         library = [effect for effect in load_effects(_paths(effects)) if effect.id not in left_out]
         share = max(1, len(library) // 70)
         choice = choose(case.problem, case.refit, library, _every(step, share))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
-from hystid.diagnosis.hysteresis import family
+from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
 from hystid.diagnosis.sensors import HUM, force_drift, mains_hum
 
@@ -330,14 +330,17 @@ def _rough(
     problem: Problem, before: Fit, floor: float, first: Sequence[Trial], library: Sequence[Effect], chosen: Step
 ) -> list[Step]:
     """Names for real structures, whose laws no catalogue meets to the noise: where the mismatch is far above the noise
-    and one effect takes most of it, it is named, and a second one where it takes much of the rest. Empty otherwise."""
+    and one effect takes most of it, it is named; a second one where it takes much of the rest, everywhere in the
+    recordings, and nothing else does as well. Empty otherwise."""
     excess = before.chi2 - floor
     if excess < _FAR * floor or before.chi2 - chosen.trial.chi2 < _MOST * excess:
         return []
     line = _grow(problem, [chosen.trial], library, chosen.trial.chi2 - floor)
     if len(line) < 2 or line[-1].chi2 > (1 - _MUCH) * chosen.trial.chi2:
         return [chosen]
-    return [chosen, Step(line[-1], line[-1].tied, 0.0)]
+    if line[-1].tied or not helps_everywhere(chosen.trial.fit, line[-1].fit):
+        return [chosen]
+    return [chosen, Step(line[-1], (), 0.0)]
 
 
 def _promising(line: Sequence[Trial], before: Fit) -> bool:
