@@ -404,18 +404,24 @@ int hy_input_derivatives(hy_instance *c, const unsigned *vr, size_t n, const int
     return FMI_OK;
 }
 
-static int advance(hy_instance *c, double t, double h, int stop_at_events, int (*between)(hy_instance *), double *reached)
+/* A step is completed by hy_do_step; those inside, here, after the importer has seen them and has not ended the step. */
+static int advance(hy_instance *c, double t, double h, int stop_at_events, double (*between)(hy_instance *), double *reached)
 {
     hy_engine *e = &c->engine;
-    const int n = hy_steps_in(e, h);
+    const int n = e->model->n_x || hy_has_events(e) ? hy_steps_in(e, h) : 1; /* nothing to integrate: one sample */
+    double end = t + h;
     int outcome = HY_OK;
     if (!between) return hy_advance(e, h, n, stop_at_events, reached);
-    for (int i = 0; i < n && !outcome; i++) {
-        outcome = hy_advance(e, h / n, 1, stop_at_events, reached);
-        if (!outcome) *reached = e->data.v[0] = t + h * ((double)(i + 1) / n);
-        if (!outcome && i + 1 < n) outcome = hy_completed(e);
-        if (!outcome && between(c)) break;
-        if (!outcome && i + 1 < n) outcome = hy_inputs_changed(e);
+    for (int i = 0; i < n; i++) {
+        const double next = fmin(t + h * ((double)(i + 1) / n), end);
+        outcome = hy_advance(e, next - e->data.v[0], 1, stop_at_events, reached);
+        if (outcome) break;
+        *reached = e->data.v[0] = next;
+        end = fmin(end, fmax(between(c), next));
+        if (next >= end) break;
+        outcome = hy_completed(e);
+        if (!outcome) outcome = hy_inputs_changed(e);
+        if (outcome) break;
     }
     return outcome;
 }
@@ -431,7 +437,7 @@ static int check_step(hy_instance *c, double t, double h)
     return FMI_OK;
 }
 
-int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, int (*between)(hy_instance *), double *reached,
+int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, double (*between)(hy_instance *), double *reached,
                int *event)
 {
     hy_engine *e = &c->engine;
