@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
-from hystid.diagnosis.chain import seated
+from hystid.diagnosis.chain import one_speed, seated
 from hystid.recording import Recording
 from hystid.recording.types import PSEUDO_TIME
 
@@ -104,3 +104,25 @@ def test_damper_that_moves_far_per_sample_keeps_its_short_memory() -> None:
     assert names(found) == ["hysteretic_friction"]
     before, after = found.force_nrmse
     assert after < 0.1 < before
+
+
+@measured
+def test_pressurised_cylinder_has_preload_and_dry_friction() -> None:
+    """148.6 N of pressure and 7.4 N of friction were read off the file's medians (its README)."""
+    found = diagnose(
+        [DATA / "pneumatic_cylinder_friction" / "pneumatic_Circle_3bar.csv"], model=LINEAR, parameters={"m": 0}
+    )
+    preload, friction = sorted(found.findings, key=lambda finding: finding.effect != "preload")
+    assert preload.effect == "preload"
+    assert preload.parameters["f0"].value == pytest.approx(148.6, rel=0.01)
+    assert "coulomb_friction" in friction.alike
+    assert friction.parameters["Fc"].value == pytest.approx(7.4, rel=0.1)  # the rest is taken as viscous at one speed
+    assert "viscoelastic_relaxation" in found.untestable
+
+
+def test_strokes_at_one_speed_are_told_from_harmonic_motion() -> None:
+    t = np.linspace(0, 10, 5000)
+    triangle = np.interp(t % 2, [0, 0.7, 2], [0.0, 1e-2, 0.0]) + 1e-5 * np.random.default_rng(2).standard_normal(5000)
+    assert one_speed([triangle])
+    assert not one_speed([1e-2 * np.sin(3 * t)])
+    assert not one_speed([triangle, np.interp(t % 5, [0, 2, 5], [0.0, 1e-2, 0.0])])  # slower strokes in another test

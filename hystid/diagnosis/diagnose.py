@@ -99,11 +99,14 @@ def diagnose(
     with track("diagnosis", 100) as step, _quiet_models():
         case = _prepare(tests, unseen, str(model), given)
         step(15, "baseline fitted")
-        left_out = {*exclude, *(chain.TIMED if any(test.quasi_static for test in tests) else ())}
+        timeless = any(test.quasi_static for test in tests) or chain.one_speed([p.x for p in case.problem.parts])
+        left_out = {*exclude, *(chain.TIMED if timeless else ())}
         left_out |= set() if case.baseline.mass else {"hidden_mode"}  # nothing resonates where nothing is inert
         library = [effect for effect in load_effects(_paths(effects)) if effect.id not in left_out]
         share = max(1, len(library) // 70)
         choice = choose(case.problem, case.refit, library, _every(step, share))
+        untestable = {*choice.untestable, *((left_out - {*exclude}) & {effect.id for effect in load_effects()})}
+        choice = replace(choice, untestable=tuple(sorted(untestable)))
         answer, extended = _conclude(case, choice, out is not None)
     return _written(answer, extended, out)
 

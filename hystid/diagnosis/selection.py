@@ -33,6 +33,7 @@ _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 DELAY = "channel_delay"
+PRELOAD = "preload"
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,8 @@ def choose(
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
     left = chosen.trial.chi2 - end_floor
+    if chosen.trial.name == PRELOAD and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
+        return _beside_preload(problem, baseline, chosen, first, effects)
     if alone and left < max(SOUND, _FORM * excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     several = _several(problem, baseline, first, library, excess)
@@ -129,6 +132,18 @@ def choose(
     if rough:
         return _named(problem, baseline, floor, rough, first, untestable)
     return Choice(baseline, baseline, floor, floor, unknown=True, trials=tuple(first), untestable=untestable)
+
+
+def _beside_preload(
+    problem: Problem, before: Fit, chosen: Step, first: Sequence[Trial], effects: Sequence[Effect]
+) -> Choice:
+    """A constant force has one form and no misfit of its own: what it leaves is judged anew, by its own size."""
+    rest = choose(problem, chosen.trial.fit, [effect for effect in effects if effect.id != PRELOAD])
+    alike = tuple(dict.fromkeys((chosen.trial.name, *chosen.tied)))
+    return replace(
+        rest, before=before, floor_before=problem.floor(before.hypothesis), named=(PRELOAD, *rest.named),
+        classes=(alike, *rest.classes), margins=(chosen.margin, *rest.margins), unknown=False, trials=tuple(first),
+    )  # fmt: skip
 
 
 def without_hum(problem: Problem, baseline: Fit) -> Fit:
