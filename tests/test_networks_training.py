@@ -249,7 +249,7 @@ def test_branches_are_divided_the_same_way_for_any_draw_of_samples(sequences):
 
 
 def test_a_draft_sees_few_samples_and_the_answer_fits_all():
-    """2100 training samples, 21 weights: a fifth of the samples in the draft. Errors after it are those of all training samples."""
+    """2100 training samples, 21 weights: a fifth of the samples in the draft; errors after it are those of all."""
     rng = np.random.default_rng(5)
     inputs = rng.uniform(-1, 1, (3, 3000))
     target = np.tanh(2 * inputs[0]) + 0.3 * inputs[1] * inputs[2] + 0.01 * rng.standard_normal(3000)
