@@ -303,7 +303,9 @@ class Adapter:
         if kind == "Assignment":
             yield Statement("assign", place, (self._target(body["comp"]),), self.expr(body["value"]))
         elif kind == "FunctionCall" and body.get("outputs"):
-            targets = tuple(self._lvalue(o) for o in body["outputs"])
+            targets = tuple(
+                self._target(o) if isinstance(o, dict) and "parts" in o else self._lvalue(o) for o in body["outputs"]
+            )
             call = Op("call " + _dotted(body["comp"]), tuple(self.expr(a) for a in body["args"]))
             yield Statement("assign", place, targets, call)
         elif kind == "If":
@@ -486,7 +488,7 @@ def _both(a: Expr | None, b: Expr) -> Expr:
 
 
 def _dotted(comp: Mapping[str, Any]) -> str:
-    return ".".join(part["ident"] for part in comp["parts"])
+    return str(comp["name"]) if "name" in comp else ".".join(part["ident"] for part in comp["parts"])
 
 
 def _spans(node: Any) -> Iterator[Mapping[str, Any]]:

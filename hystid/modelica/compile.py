@@ -11,6 +11,7 @@ from pathlib import Path
 
 from hystid.errors import ModelicaError
 from hystid.modelcode import ModelCode
+from hystid.modelica.bodies import with_readable_functions
 from hystid.modelica.causalise import causalise
 from hystid.modelica.check import check_units
 from hystid.modelica.describe import model_code
@@ -86,7 +87,8 @@ def flat_from_text(
     _must_exist(name, files, everything, roots)
     _must_be_complete(name, everything)
     refuse_large_arrays(name, everything, structure or {})
-    texts = [with_readable_derivatives(source) for source in with_acting_modifiers(name, everything)]
+    acting = with_acting_modifiers(name, everything)
+    texts = [with_readable_derivatives(with_readable_functions(source)) for source in acting]
     flat = flatten(name, texts[: len(files)], texts[len(files) :], roots, structure or {})
     refuse_undecided(everything)
     refuse_many_scalars(flat)
