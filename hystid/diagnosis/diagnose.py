@@ -27,7 +27,7 @@ from hystid.diagnosis.noise import noise_level
 from hystid.diagnosis.parts import Part, prepare_part
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
-from hystid.diagnosis.runs import Run, compile_text, free_runs
+from hystid.diagnosis.runs import Run, compile_text, free_runs, write_beside
 from hystid.diagnosis.selection import Choice, choose
 from hystid.diagnosis.starts import scaled, sizes_of
 from hystid.errors import NumericalError, RecordingError, UsageError
@@ -474,10 +474,21 @@ def _written(answer: Diagnosis, extended: str | None, out: str | Path | None) ->
         from hystid.fmu import build
 
         write_text(folder / "extended.mo", extended)
-        if not is_fmu(answer.model):
+        if is_fmu(answer.model):
+            build(compile_text(extended), folder / "effects.fmu")
+            write_beside(answer.model, _fmu_settings(answer), folder / "effects.fmu", folder / "extended.ssp")
+        else:
             build(compile_text(extended), folder / "extended.fmu")
     write_json(folder / "diagnosis.json", answer.as_dict())
     return replace(answer, folder=folder)
+
+
+def _fmu_settings(answer: Diagnosis) -> Mapping[str, float]:
+    """Parameters of an FMU as they are in the end, by its own names."""
+    if answer.problem is None or answer.final is None:
+        return {}
+    last = answer.final.hypothesis
+    return answer.problem.baseline.settings({**last.values, "m": last.mass()} if "m" in last.values else last.values)
 
 
 def _table(trace: Traces) -> str:
