@@ -418,6 +418,9 @@ class Adapter:
     def _read_Index(self, b: Mapping[str, Any]) -> Expr:
         return Op("[]", (self.expr(b["base"]), *(self._subscript(s) for s in b["subscripts"])))
 
+    def _read_FieldAccess(self, b: Mapping[str, Any]) -> Expr:
+        return Op("field", (self.expr(b["base"]), Text(b["field"])))
+
     def _read_BuiltinCall(self, b: Mapping[str, Any]) -> Expr:
         name = b["function"][0].lower() + b["function"][1:]
         if name in _REFUSED:

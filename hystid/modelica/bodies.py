@@ -93,7 +93,7 @@ def _rewritten(owner: Class, found: Sequence[Class], text: str, numbers: Iterato
         return text
     if not any(s.refused for s in statements):
         return text
-    writer = _Writer(plain, numbers)
+    writer = _Writer(owner.source.text, numbers)
     body = writer.all(statements, section.end(), end, "")
     start = f"protected Boolean {', '.join(writer.names)}; {_NOTHING} algorithm {' '.join(_unset(owner, found))}"
     return f"{text[: section.start()]}{start}{body}{text[end:]}"
@@ -179,8 +179,8 @@ def _until(plain: str, mark: str, at: int) -> int:
 
 
 class _Writer:
-    def __init__(self, plain: str, numbers: Iterator[int]) -> None:
-        self.plain = plain
+    def __init__(self, text: str, numbers: Iterator[int]) -> None:
+        self.text = text
         self.numbers = numbers
         self.names: list[str] = []
 
@@ -188,25 +188,25 @@ class _Writer:
         """The statements between two offsets under a guard ("" for none)."""
         made = []
         for s in statements:
-            made += [self.plain[start : s.start], self._one(s, guard)]
+            made += [self.text[start : s.start], self._one(s, guard)]
             start = s.end
-        return "".join((*made, self.plain[start:end]))
+        return "".join((*made, self.text[start:end]))
 
     def _one(self, s: _Statement, guard: str) -> str:
         if s.kind == "if" and s.loops:
             return self._guarded(s, guard)
         if s.kind in ("for", "while"):
             return self._loop(s, guard)
-        piece = self.plain[s.start : s.end]
+        piece = self.text[s.start : s.end]
         return f"if {guard} then {piece} end if;" if guard else piece
 
     def _loop(self, s: _Statement, guard: str) -> str:
         (branch,) = s.branches
         assert branch.condition is not None
-        condition = self.plain[slice(*branch.condition)]
+        condition = self.text[slice(*branch.condition)]
         if s.kind == "for":
             inside = self.all(branch.body, branch.condition[1] + 4, branch.end, guard)
-            return f"for{condition}loop{inside}{self.plain[branch.end : s.end]}"
+            return f"for{condition}loop{inside}{self.text[branch.end : s.end]}"
         test = self._name(_TEST)
         inside = self.all(branch.body, branch.condition[1] + 4, branch.end, "")
         head = f"for {WHILE}{test.rsplit('_', 1)[-1]} in 1:2 loop {test} := {_and(guard)}({condition});"
@@ -220,7 +220,7 @@ class _Writer:
             terms = [*([guard] if guard else []), *(f"not {b}" for b in before)]
             behind = branch.start + 4
             if branch.condition is not None:
-                terms.append(f"({self.plain[slice(*branch.condition)]})")
+                terms.append(f"({self.text[slice(*branch.condition)]})")
                 behind = branch.condition[1] + 4
             made.append(f"{name} := {' and '.join(terms)};{self.all(branch.body, behind, branch.end, name)}")
             before.append(name)
@@ -231,7 +231,7 @@ class _Writer:
         return self.names[-1]
 
     def _gap(self, start: int, end: int) -> str:
-        return "\n" * self.plain.count("\n", start, end)
+        return "\n" * self.text.count("\n", start, end)
 
 
 def _and(guard: str) -> str:

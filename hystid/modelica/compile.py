@@ -15,10 +15,10 @@ from hystid.modelica.bodies import with_readable_functions
 from hystid.modelica.causalise import causalise
 from hystid.modelica.check import check_units
 from hystid.modelica.describe import model_code
+from hystid.modelica.equations import with_readable_equations
 from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
-from hystid.modelica.loops import with_readable_derivatives
 from hystid.modelica.modifiers import refuse_undecided, with_acting_modifiers
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
 from hystid.modelica.sources import Source, declaration, library_folder, near, qualified_classes, read, read_tree
@@ -88,7 +88,7 @@ def flat_from_text(
     _must_be_complete(name, everything)
     refuse_large_arrays(name, everything, structure or {})
     acting = with_acting_modifiers(name, everything)
-    texts = [with_readable_derivatives(with_readable_functions(source)) for source in acting]
+    texts = with_readable_equations([with_readable_functions(source) for source in acting])
     flat = flatten(name, texts[: len(files)], texts[len(files) :], roots, structure or {})
     refuse_undecided(everything)
     refuse_many_scalars(flat)

@@ -200,6 +200,20 @@ class Expander:
             return self._product("*", square, a) if odd else square
         self.refuse("'^' of an array needs a positive whole exponent; use '.^' for each element")
 
+    def _field(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
+        """A variable of a component whose subscripts are computed: b[i + 1].x."""
+        return self._variable(self._path(Op("field", args), local), local)
+
+    def _path(self, expr: Expr, local: Mapping[str, Value]) -> str:
+        if isinstance(expr, Ref) and expr.name not in local:
+            return expr.name
+        if isinstance(expr, Op) and expr.name == "field" and isinstance(expr.args[1], Text):
+            return f"{self._path(expr.args[0], local)}.{expr.args[1].value}"
+        if isinstance(expr, Op) and expr.name == "[]":
+            numbers = (int(self.number(s, local, "a subscript")) for s in expr.args[1:])
+            return element(self._path(expr.args[0], local), tuple(numbers))
+        self.refuse("a field of what is no component is not supported: give the record's fields names of their own")
+
     # -- array constructs
 
     def _subscripted(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
@@ -372,6 +386,7 @@ class Expander:
 
 _SPECIAL: dict[str, Callable[..., Value]] = {
     "[]": Expander._subscripted,
+    "field": Expander._field,
     "{}": Expander._build,
     "[,]": Expander._horizontal,
     "[;]": Expander._vertical,
