@@ -10,6 +10,9 @@ from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.chain import one_speed, seated
 from hystid.recording import Recording
 from hystid.recording.types import PSEUDO_TIME
+from hystid.report.diagnosis import write_diagnosis
+from hystid.report.evidence import look_alikes, loop_energy, since_turn
+from hystid.report.plots import Bars, Points
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 LINEAR = "HystId.Oscillators.Linear"
@@ -126,3 +129,20 @@ def test_strokes_at_one_speed_are_told_from_harmonic_motion() -> None:
     assert one_speed([triangle])
     assert not one_speed([1e-2 * np.sin(3 * t)])
     assert not one_speed([triangle, np.interp(t % 5, [0, 2, 5], [0.0, 1e-2, 0.0])])  # slower strokes in another test
+
+
+@measured
+def test_the_page_shows_the_evidence(tmp_path: Path) -> None:
+    found = diagnose([DATA / "rc_cyclic" / "ferrocement_wall_bedoya.csv"], model=LINEAR, parameters={"m": 0})
+    energy, alike, turn = loop_energy(found), look_alikes(found), since_turn(found)
+    assert energy is not None and alike is not None and turn is not None
+    measured_loops, after = energy.series[0], energy.series[2]
+    assert isinstance(measured_loops, Points) and isinstance(after, Points)
+    # the spring of the baseline loses nothing; what was found loses what was measured, within the 12 % of force left
+    assert np.sum(after.y) == pytest.approx(np.sum(measured_loops.y), rel=0.12)
+    shares = alike.series[0]
+    assert isinstance(shares, Bars) and np.all(shares.values <= 1.0)
+    page = write_diagnosis(found, tmp_path / "report.html").read_text()
+    for title in ("What else it could be", "Energy lost per loop", "Residual since the last reversal", "Memory of the"):
+        assert title in page
+    assert page.index("Missing physics") < page.index("What was found") < page.index("Evidence")

@@ -103,7 +103,7 @@ def one_speed(motions: Sequence[Array]) -> bool:
     bent, slopes = [], []
     for x in motions:
         thin = x[:: max(1, len(x) // 5000)]
-        at = _turns(thin)
+        at = turns(thin)
         for first, last in pairwise(at):
             if last - first > 8:
                 index = np.arange(first, last + 1)
@@ -115,9 +115,9 @@ def one_speed(motions: Sequence[Array]) -> bool:
     return steady and float(np.median(bent)) < _STRAIGHT
 
 
-def _turns(x: Array) -> list[int]:
-    """Samples at which a displacement turns by more than a quarter of its range."""
-    least = 0.25 * float(np.ptp(x))
+def turns(x: Array, share: float = 0.25) -> list[int]:
+    """Samples at which a displacement turns by more than a share of its range."""
+    least = share * float(np.ptp(x))
     found, best, way = [], 0, 0
     for k in range(1, len(x)):
         if way == 0:
