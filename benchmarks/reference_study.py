@@ -17,6 +17,7 @@ import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,7 @@ class Part:
         self.say(f"\n![{title}](reference-{self.name}{suffix}.svg)\n")
 
 
+@cache
 def engine() -> str:
     """Version and a digest of the sources that the figures depend on."""
     root, digest = Path(hystid.__file__).parent, hashlib.sha256()
@@ -374,6 +376,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int)
     parser.add_argument("--doc", action="store_true")
     given = parser.parse_args()
+    engine()  # of the sources as they are loaded
     unknown = {name.partition(":")[0] for name in given.parts} - set(PARTS)
     if unknown:
         parser.error(f"no such part: {', '.join(sorted(unknown))}")

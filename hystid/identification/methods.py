@@ -28,6 +28,7 @@ _PATIENCE = 25  # iterations without a lower validation error in simulation: lef
 _PROGRESS = 5e-4  # of the training error in 20 iterations in simulation: trainings that gain less are at their end
 _COMPARABLE = 1.5  # times the least error: members above that would spoil the average
 _HOPELESS = 3.0  # times the least validation error: starts above that are not run in closed loop
+_FEW_BRANCHES = 100  # of them 15 for validation: too few to tell the best tenth of the starts from the best third
 _MODEL_ERROR = 3e-3  # of a recording's force: what a good model misses anyhow, however low the noise
 
 
@@ -102,15 +103,18 @@ class Plan:
             finished = refine_ensemble(leaders, sequences, seed=self.seed, rule=rule, share=share, workers=self.workers)
             simulated |= {start.number: start for start in finished}
         everything = [simulated.get(start.number, start) for start in starts]
-        chosen = self._steadiest(list(simulated.values()), recordings)
+        chosen = self._steadiest(list(simulated.values()), recordings, len(sequences.x0))
         return Trained(everything, chosen, drawn, self._shortfall(starts), {"method": "refined"})
 
-    def _steadiest(self, starts: Sequence[Start], recordings: Sequence[Recording]) -> list[Start]:
+    def _steadiest(self, starts: Sequence[Start], recordings: Sequence[Recording], branches: int) -> list[Start]:
         """The starts to be averaged, best first: at most a tenth, none much worse than the best.
 
         Judged by validation error and, where there is a mass, drift in closed loop: a close force and a close run.
+        Where there is none, and few branches, the validation error alone says little: then the best third.
         """
         ranked = best(starts, len(starts))
+        if not self.mass and branches < _FEW_BRANCHES:
+            return ranked[: max(self._tenth, round(len(starts) / 3))]
         if not self.mass:
             return [start for start in ranked[: self._tenth] if start.error <= _COMPARABLE * ranked[0].error]
 
