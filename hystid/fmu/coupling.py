@@ -102,7 +102,8 @@ def simulate_with_effects(
     """Displacement [m], shape (n,), of the rig under a force [N], shape (n,), less that of the effects.
 
     rig: input F, states x and v. effects: None for the rig alone. parameters: of the rig. start: x [m] and v [m/s].
-    The force is a cubic between its samples. Raises FmuError where one of them offers no Model Exchange, NumericalError where the run is not finite.
+    The force is a cubic between its samples. Raises FmuError where one of them offers no Model Exchange,
+    NumericalError where the run is not finite.
     """
     named = {v.name for v in rig.model.variables}
     given = {v.name: v for v in rig.model.variables}
