@@ -8,6 +8,7 @@ import shutil
 import struct
 import subprocess
 import zipfile
+import zlib
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -277,7 +278,8 @@ def test_all_platforms_in_one_fmu(tmp_path, version):
         assert names == {"linux64", "aarch64-linux", "win64", "darwin64"}
     windows = next(data for name, data in binaries.items() if name.endswith(".dll"))
     assert windows[:2] == b"MZ"
-    assert all(len(data) < 250_000 for data in binaries.values())
+    assert all(len(zlib.compress(data)) < 100_000 for data in binaries.values())  # two Macs share a file in FMI 2.0
+    assert len(windows) < 100_000
 
 
 EXPLICIT = """
