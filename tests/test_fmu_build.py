@@ -332,6 +332,14 @@ def test_what_intermediate_update_mode_can_reach():
     assert marked == {"y"}  # neither parameters, nor the discrete input, nor time
 
 
+def test_event_indicators_get_names_of_their_own():
+    code = contact()
+    code = replace(code, variables=(*code.variables, Variable("eventIndicator[1]", 11, "local", "discrete")))
+    root = ET.fromstring(model_description(interface(code), 3, generated=NOW, sources=[]).encode())
+    names = [e.get("name") for e in root.find("ModelVariables")]
+    assert "eventIndicator_[1]" in names and len(set(names)) == len(names)
+
+
 @pytest.mark.parametrize(
     ("entry", "problem"),
     [
