@@ -268,7 +268,7 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     faults: list[chain.Fault] = []
     late = chain.delayed_channel(lags)
     if late is not None:
-        faults.append(late)
+        faults += [] if chain.one_sided(late) else [late]
         tests = [chain.shifted(test, late.channel, late.size) for test in tests]
         unseen = [chain.shifted(test, late.channel, late.size) for test in unseen]
     faults += [f for f in (chain.saturated_motion(tests), chain.saturated_force(tests)) if f is not None]
