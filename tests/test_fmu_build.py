@@ -158,6 +158,19 @@ def test_sources_inside_build_again(tmp_path, version):
         np.testing.assert_array_equal(one[name], two[name])
 
 
+@pytest.mark.skipif(not (shutil.which("nm") and shutil.which("gcc")), reason="needs nm and gcc")
+@BOTH
+def test_functions_get_a_prefix_for_static_linking(tmp_path, version):
+    with zipfile.ZipFile(built(jenkins, version)) as archive:
+        archive.extractall(tmp_path)
+    prefix = f"-DFMI{version}_FUNCTION_PREFIX=Jenkins_"
+    subprocess.run(["gcc", "-c", "-O0", prefix, f"fmi{version}.c", "-o", "one.o"], cwd=tmp_path / "sources", check=True)
+    command = ["nm", "--defined-only", "--extern-only", tmp_path / "sources" / "one.o"]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    names = [line.split()[-1] for line in lines]
+    assert len(names) > 40 and all(name.startswith(f"Jenkins_fmi{version}") for name in names)
+
+
 @pytest.mark.skipif(not shutil.which("nm"), reason="needs nm")
 @BOTH
 def test_only_fmi_and_the_batch_entry_are_visible(tmp_path, version):
