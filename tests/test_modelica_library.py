@@ -205,6 +205,17 @@ def test_energy_of_a_closed_loop_is_what_is_lost(law):
     assert heat == pytest.approx(work, rel=1e-3)  # the loss jumps where slip begins: one step of a trapezoid
 
 
+def test_loss_of_pecorari_solodov_is_the_work_of_a_loop_at_full_amplitude():
+    t, x, v = cycles(amplitude=2e-2 * (1 - 1e-9), frequency=1.0, count=2.0, dt=1e-3)
+    got = model("Forces.PecorariSolodov").simulate({"x": x, "v": v}, 1e-3, outputs=["f", "loss"])
+    last = t >= t[-1] - 1 - 1e-9
+    work, heat = (np.trapezoid(p[last], t[last]) for p in (got["f"] * v, got["loss"]))
+    assert got["loss"].min() >= 0
+    # 25 N over the 0.03 m that slip on each way, from -x1 to x0; slip begins inside a sample of 1 ms at up to 0.13 m/s
+    assert heat == pytest.approx(25 * 0.06, abs=2 * 25 * 0.13e-3)
+    assert heat == pytest.approx(work, abs=2 * 25 * 0.13e-3)
+
+
 def test_loops_of_bouc_wen_with_bulging_branches_still_lose_energy():
     t, x, v = cycles(count=6)
     f = motion(x, v, "Forces.BoucWen")["f"]
