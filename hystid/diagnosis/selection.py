@@ -10,8 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
+from hystid.diagnosis.independence import is_noise
 from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
 from hystid.diagnosis.sensors import HUM, force_drift, mains_hum
 
@@ -20,6 +23,7 @@ WORTH = 0.05  # fall of the mean square below which no effect is named
 EXPLAINED = 0.93  # share of the excess that a right law explains
 PAIR_SHARE = 0.045  # share of the excess that each of several effects must cost when it is taken away
 _CLEAR_MASS, _SURE = 0.02, 8.0  # share of the mass, and its multiple of the standard error
+_ALL = 5.0  # what a small added mass explains over what it leaves: laws of inertia that it only mimics leave more
 _PAIR_LEFT = 0.05  # share of the excess that several right effects may leave
 _FAMILY, _AHEAD = 0.8, 0.2  # share of the excess that a form of the right id explains, and its lead over other ids
 _HELD = 0.35  # samples of delay: a force that is held is half a sample late, and no shift undoes the steps
@@ -27,10 +31,13 @@ _FAR, _MOST, _MUCH = 30.0, 0.72, 0.4  # excess in floors, share of the first eff
 _FORM = 0.045  # share of the excess that another form of the right law leaves; more may be a second effect
 _HOPEFUL = 0.6  # share of the excess that the best trial may leave to be searched again
 _NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
+_RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
 MAINS = (50.0, 60.0)  # Hz
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
+_SAME = 0.4  # share of that within which the simpler law is preferred
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
+_IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 DELAY = "channel_delay"
 
 
@@ -100,7 +107,8 @@ def choose(
     candidates = scan(problem, baseline, library, progress)
     untestable = _untestable(candidates)
     chain = chain_trials(problem, baseline, effects)
-    if excess < sound(problem, baseline.hypothesis.delay) * max(1.0, floor):
+    idle = not candidates or candidates[0].gain < _IDLE * excess * len(baseline.residual)
+    if excess < sound(problem, baseline.hypothesis.delay) * max(1.0, floor) or (idle and is_noise(problem, baseline)):
         return _quiet(problem, baseline, floor, chain, untestable, effects)
     first = trials(problem, baseline, candidates, excess, chain)
     if not first:
@@ -108,7 +116,7 @@ def choose(
     freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=baseline.hypothesis.terms, late=False), 25)
     if freed is not None and baseline.chi2 - freed.chi2 > 0.1 * excess:  # the refit was stuck, and the effect a way out
         return choose(problem, freed, effects, progress)
-    first = _searched_again(problem, first, floor, excess)
+    first = _exchanged(problem, _searched_again(problem, first, floor, excess), baseline)
     chosen = _single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
@@ -118,7 +126,7 @@ def choose(
     several = _several(problem, baseline, first, library, excess)
     if several is not None:
         return _named(problem, baseline, floor, several, first, untestable)
-    if alone:
+    if alone or (baseline.chi2 - chosen.trial.chi2 > 0.5 * excess and is_noise(problem, chosen.trial.fit)):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     if _stands_out(first, chosen, baseline, excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
@@ -151,7 +159,7 @@ def _quiet(
     for trial in chain:
         if baseline.chi2 - trial.chi2 > _LIMIT_GAIN:
             return _named(problem, baseline, floor, [Step(trial, (), 1.0)], chain, untestable)
-    heavier = _clear_weighing(problem, baseline, effects)
+    heavier = _clear_weighing(problem, baseline, floor, effects)
     if heavier is not None:
         return _named(problem, baseline, floor, [Step(heavier, (), 1.0)], [heavier], untestable)
     return Choice(baseline, baseline, floor, floor, untestable=untestable)
@@ -205,6 +213,31 @@ def _searched_again(problem: Problem, found: Sequence[Trial], floor: float, exce
     return sorted(again, key=lambda t: t.chi2)
 
 
+def _exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Trial]:
+    """Look-alikes of the best trial, fitted again from where its baseline stands.
+
+    The refit without any effect leans to one side, and a fit that starts there may never come to where the best one is:
+    it would lose for that and not for its law.
+    """
+    best = found[0]
+    here = best.fit.hypothesis
+    if len(here.terms) == len(before.hypothesis.terms):
+        return list(found)
+    near = best.chi2 + _RIVAL * (before.chi2 - best.chi2)
+    forms = {t.fit.hypothesis.terms[-1].effect.class_name: t for t in reversed(found) if t.chi2 < near and t.size}
+    forms.pop(here.terms[-1].effect.class_name, None)
+    bare = replace(here, terms=here.terms[:-1])
+    rows = problem.rows(bare)
+    start = Fit(bare, rows, float(np.mean(rows**2)), problem.unknowns(bare))
+    effects = [t.fit.hypothesis.terms[-1].effect for t in forms.values() if t.fit.hypothesis.terms]
+    again = list(found)
+    for candidate in scan(problem, start, effects)[:_EXCHANGED]:
+        made = try_term(problem, start, candidate.term, bar=best.chi2)
+        if made is not None and made.chi2 < forms[candidate.effect.class_name].chi2:
+            again.append(replace(forms[candidate.effect.class_name], fit=made, others=()))
+    return sorted(again, key=lambda t: t.chi2)
+
+
 def _trial(candidate: Candidate, made: Fit) -> Trial:
     effect = candidate.effect
     return Trial(effect.id, effect.form, effect.size, made, candidate.absorbed, candidate.others)
@@ -224,12 +257,16 @@ def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> li
     return found
 
 
-def _clear_weighing(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
-    """An added mass within what weighing explains: worth a name only where it is clear and nothing else is found."""
-    share = abs(fitted.hypothesis.weighing)
-    if share < _CLEAR_MASS or share < _SURE * fitted.stderr(("chain", "weighing")):
+def _clear_weighing(problem: Problem, fitted: Fit, floor: float, effects: Sequence[Effect]) -> Trial | None:
+    """An added mass within what weighing explains: worth a name only where it is clear and nothing else is found.
+
+    What it explains must also be more than what is left: any law of inertia or gain has a mass that mimics it a little.
+    """
+    share, spread = abs(fitted.hypothesis.weighing), fitted.stderr(("chain", "weighing"))
+    if share < _CLEAR_MASS or share < _SURE * spread:
         return None
-    return _added_mass(problem, fitted, effects)
+    explained = fitted.chi2 * (share / spread) ** 2 / len(fitted.residual)
+    return _added_mass(problem, fitted, effects) if explained > _ALL * (fitted.chi2 - floor) else None
 
 
 def _added_mass(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
@@ -249,7 +286,7 @@ def _single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float
     tie = _tie(best, excess)
     simple = best
     for trial in sorted(found, key=lambda t: (t.size, t.chi2)):
-        if trial.chi2 - best.chi2 < tie * max(1, best.size - trial.size):
+        if trial.chi2 - best.chi2 < _SAME * tie * max(1, best.size - trial.size):
             simple = trial
             break
     tied = tuple(dict.fromkeys(t.name for t in found if t.chi2 - simple.chi2 < tie and t.name != simple.name))
