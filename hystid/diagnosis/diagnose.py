@@ -28,6 +28,7 @@ from hystid.diagnosis.parts import Part, prepare_part
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.runs import Run, compile_text, free_runs
+from hystid.diagnosis.search import scattered, try_fit
 from hystid.diagnosis.selection import Choice, choose
 from hystid.diagnosis.starts import scaled, sizes_of
 from hystid.errors import NumericalError, RecordingError, UsageError
@@ -46,7 +47,8 @@ _CLOSE = 0.02  # error of a free run that integration and interpolation alone ma
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 _GOOD_RIG = 2e-3  # noise over spread, 54 dB
 _LIBRARY = "HystId."
-_STARTS = (1.0, 0.5, 2.0)  # factors on the nominal shapes of the law, for the multi-start refit
+_STARTS = (0.5, 2.0)  # factors on the nominal shapes of the law, for further starts of the refit
+_LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
 
 @dataclass(frozen=True)
@@ -321,26 +323,38 @@ def _starts(
 
 
 def _refit(problem: Problem) -> tuple[Fit, float]:
-    """The baseline from several starts, and the mean square at the nominal values."""
+    """The baseline from several starts, and the mean square at the nominal values.
+
+    Further starts only while something is left: the nominal shapes made smaller and larger, then shapes scattered
+    around the best, since a law with corners has side valleys.
+    """
     nominal = Hypothesis(dict(problem.baseline.nominal))
     rows = problem.rows(nominal)
-    fits = []
-    for factor in _STARTS:
+    best = try_fit(problem, nominal, 25)
+    for factor in _STARTS if problem.baseline.shapes else ():
+        if best is not None and _sits(problem, best):
+            break
         values = dict(problem.baseline.nominal)
         for name in problem.baseline.shapes:
             values[name] *= factor if name in problem.baseline.positive else 1.0
-        try:
-            fits.append(fit(problem, Hypothesis(values)))
-        except (NumericalError, np.linalg.LinAlgError):
-            continue
-        if not problem.baseline.shapes or fits[-1].chi2 < 1.3:
-            break
-    if not fits:
+        best = _better(best, try_fit(problem, Hypothesis(values), 25))
+    if best is None:
         raise NumericalError("the baseline has no finite force on these recordings; check its nominal parameters")
-    best = min(fits, key=lambda f: f.chi2)
+    if not _sits(problem, best):
+        for start in scattered(problem, best):
+            best = _better(best, try_fit(problem, start, 25, bar=best.chi2)) or best
     if problem.distrust(best.hypothesis):
         best, rows = fit(problem, best.hypothesis), problem.rows(nominal)
     return best, float(np.mean(rows**2))
+
+
+def _sits(problem: Problem, fitted: Fit) -> bool:
+    """Whether a refit leaves hardly more than noise."""
+    return fitted.chi2 < problem.floor(fitted.hypothesis) + _LEFT
+
+
+def _better(one: Fit | None, other: Fit | None) -> Fit | None:
+    return min((f for f in (one, other) if f is not None), key=lambda f: f.chi2, default=None)
 
 
 def _scales(parts: Sequence[Part], baseline: Baseline) -> Scales:

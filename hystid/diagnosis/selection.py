@@ -233,7 +233,7 @@ def _exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Tr
     again = list(found)
     for candidate in scan(problem, start, effects)[:_EXCHANGED]:
         made = try_term(problem, start, candidate.term, bar=best.chi2)
-        if made is not None and made.chi2 < forms[candidate.effect.class_name].chi2:
+        if made is not None and made.chi2 < forms[candidate.effect.class_name].chi2 - _TIE[0]:
             again.append(replace(forms[candidate.effect.class_name], fit=made, others=()))
     return sorted(again, key=lambda t: t.chi2)
 
