@@ -56,7 +56,7 @@ class ModelCode:
 
     sources: file name -> C text; the one named ``model.c`` defines ``hy_the_model``.
     states: names of the continuous states in block order. n_indicators: number of event indicators.
-    dependencies: name of an output or derivative -> names of inputs and states that it depends on.
+    dependencies: name of an output or derivative -> names of what it depends on: inputs, states, parameters, "time".
     has_memory: the model has a ``completed_step``, which must be called once per accepted step.
     resources: path below ``resources/`` -> bytes.
     reinit: names of the states that events may set anew; None where that is not known.

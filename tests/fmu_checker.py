@@ -1,7 +1,8 @@
 """A strict static checker of FMUs, written from the standards' text: rules that FMPy's validation leaves out.
 
-Rules come from FMI 2.0.4 (2.2) and FMI 3.0.1 (2.4): schema, dates, legal combinations of attributes, aliases, complete
-and ordered ModelStructure, units, existing sources. Every problem is returned as a sentence.
+Rules come from FMI 2.0.4 (2.2, 2.3) and FMI 3.0.2 (2.4, 2.5): schema, dates, names, legal combinations of attributes,
+aliases, complete and ordered ModelStructure, units, layout of the zip file, sources, token of the binaries. Every
+problem is returned as a sentence.
 """
 
 from __future__ import annotations
@@ -35,6 +36,17 @@ _INITIAL = {
     ("output", "constant"): {"exact"},
     ("local", "constant"): {"exact"},
 }
+_B_NAME = r"(?:[A-Za-z_][A-Za-z0-9_]*|'(?:[^'\\\x00-\x1f]|\\['\"?\\abfnrtv])+')"
+_IDENTIFIER = rf"{_B_NAME}(?:\[\d+(?:,\d+)*\])?(?:\.{_B_NAME}(?:\[\d+(?:,\d+)*\])?)*"
+_STRUCTURED = re.compile(rf"{_IDENTIFIER}|der\({_IDENTIFIER}(?:,\d+)?\)")
+_PLATFORMS = {
+    2: re.compile(r"(linux|win|darwin)(32|64)|aarch64-linux"),  # the last is no name of FMI 2.0, and harmless
+    3: re.compile(r"(x86|x86_64|aarch32|aarch64|riscv32|riscv64|ppc32|ppc64)-(linux|windows|darwin)"),
+}
+_SUFFIX = {"linux": ".so", "windows": ".dll", "win": ".dll", "darwin": ".dylib"}
+_TOP = {"modelDescription.xml", "icon.png", "model.png", "terminalsAndIcons", "documentation", "licenses", "sources",
+        "binaries", "resources", "extra"}  # fmt: skip
+_TEXTS = {"name", "description", "modelName", "generationTool", "author"}
 _SCHEMAS = Path(fmpy.__file__).parent / "schema"
 
 
@@ -42,8 +54,10 @@ def problems(path: Path) -> list[str]:
     """All findings, none for an FMU without fault."""
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
+        packing = [*_packing(archive)]
         root = etree.fromstring(archive.read("modelDescription.xml"))
         version = 2 if root.get("fmiVersion") == "2.0" else 3
+        packing += _binaries(archive, root, version)
         found = [*_schema(root, f"fmi{version}/fmi{version}ModelDescription.xsd"), *_header(root, version)]
         if version == 3 and "sources/buildDescription.xml" in names:
             found += _schema(
@@ -56,7 +70,57 @@ def problems(path: Path) -> list[str]:
         *_files(root, names, version),
     ]
     duplicates = [name for name, count in Counter(names).items() if count > 1]
+    found += [*packing, *_names(root, variables)]
     return found + [f"the zip file holds {name} twice" for name in duplicates]
+
+
+def _packing(archive: zipfile.ZipFile) -> Iterator[str]:
+    """What unzip programs of importers stumble over, and names that the standards do not know."""
+    for entry in archive.infolist():
+        name, top = entry.filename, entry.filename.split("/")[0]
+        if "\\" in name or name.startswith("/") or ":" in name or ".." in name.split("/") or not name.isascii():
+            yield f"the path {name} is not plain and relative"
+        if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            yield f"{name} is neither stored nor deflated"
+        if entry.flag_bits & 0b1001 or entry.extra:
+            yield f"{name} is encrypted, or has a data descriptor or extra fields"
+        if top not in _TOP:
+            yield f"{top} is no name of the standard at the top of the FMU"
+        if name.startswith("extra/") and not re.fullmatch(r"[a-z0-9-]+(\.[a-z0-9-]+)+", name.split("/")[1]):
+            yield f"{name.split('/')[1]} is no reversed domain name"
+        if entry.filename.endswith((".xml", ".c", ".h")) and archive.read(entry).startswith(b"\xef\xbb\xbf"):
+            yield f"{name} starts with a byte order mark"
+    documented = any(n.startswith("documentation/") for n in archive.namelist())
+    if documented and "documentation/index.html" not in archive.namelist():
+        yield "documentation has no index.html"
+    if archive.comment:
+        yield "the zip file has a comment"
+
+
+def _binaries(archive: zipfile.ZipFile, root: Any, version: int) -> Iterator[str]:
+    token = root.get("guid" if version == 2 else "instantiationToken", "").encode()
+    for name in (n for n in archive.namelist() if n.startswith("binaries/")):
+        platform = name.split("/")[1]
+        if not _PLATFORMS[version].fullmatch(platform):
+            yield f"{platform} is no platform of FMI {version}"
+        system = next((s for s in _SUFFIX if s in platform), "")
+        if not name.endswith(_SUFFIX.get(system, "")):
+            yield f"{name} has not the suffix of its platform"
+        if token not in archive.read(name):
+            yield f"{name} does not hold the token of the description"
+
+
+def _names(root: Any, variables: list[dict[str, Any]]) -> Iterator[str]:
+    names = [name for v in variables for name in (v["name"], *v["aliases"])]
+    if root.get("variableNamingConvention") == "structured":
+        yield from (f"the name {name} is not structured" for name in names if not _STRUCTURED.fullmatch(name))
+    for element in root.iter():
+        for key, text in element.attrib.items():
+            if key in _TEXTS and (text != " ".join(text.split()) or not text.isprintable()):
+                yield f"{element.tag}: the text of {key} has line ends, tabs or spaces at its ends"
+    categories = [c.get("name") for c in root.iterfind("LogCategories/Category")]
+    if len(set(categories)) != len(categories):
+        yield "a log category is listed twice"
 
 
 def _schema(root: Any, name: str) -> Iterator[str]:
@@ -77,7 +141,12 @@ def _header(root: Any, version: int) -> Iterator[str]:
             yield f"modelIdentifier '{kind.get('modelIdentifier')}' is not a C identifier"
         if any(value == "false" for value in kind.attrib.values()):
             yield "a capability is spelled out as false"
+    if version == 2 and root.get("numberOfEventIndicators") is None:
+        yield "numberOfEventIndicators is missing"
     experiment = root.find("DefaultExperiment")
+    for key in ("stepSize", "tolerance"):
+        if experiment is not None and float(experiment.get(key, 1)) <= 0:
+            yield f"{key} of the default experiment is not positive"
     if experiment is not None and float(experiment.get("stopTime", 1)) <= float(experiment.get("startTime", 0)):
         yield "the default experiment ends before it starts"
 
@@ -123,6 +192,18 @@ def _combination(v: dict[str, Any]) -> Iterator[str]:
             yield "start lies outside min and max"
     if "nominal" in v and float(v["nominal"]) <= 0:
         yield "nominal must be positive"
+    if float(v.get("min", "-inf")) > float(v.get("max", "inf")):
+        yield "min lies above max"
+    if v.get("intermediateUpdate") == "true" and (variability != "continuous" or causality == "independent"):
+        yield "only variables in continuous time are accessible in intermediate update mode"
+    if "derivative" in v and variability != "continuous":
+        yield "a derivative must be continuous"
+    if v["type"] in ("Integer", "Int32"):
+        for key in ("start", "min", "max"):
+            if key in v and not (re.fullmatch(r"-?\d+", v[key]) and -(2**31) <= int(v[key]) < 2**31):
+                yield f"{key} {v[key]} is no 32-bit whole number"
+    if v["type"] == "Boolean" and v.get("start", "true") not in ("true", "false"):
+        yield f"start {v['start']} is no Boolean"
 
 
 def _aliases(variables: list[dict[str, Any]], version: int) -> Iterator[str]:
@@ -224,9 +305,14 @@ def _structure3(root: Any, variables: list[dict[str, Any]]) -> Iterator[str]:
     needed = {vr for vr in needed if by_reference[vr].get("initial") in ("approx", "calculated")}
     if set(lists["InitialUnknown"]) != needed:
         yield f"InitialUnknown lists {lists['InitialUnknown']}, needed are {sorted(needed)}"
-    known = {v["valueReference"] for v in variables if v["causality"] in ("input", "independent")} | set(states)
+    causalities = ("input", "independent", "parameter")
+    known = {v["valueReference"] for v in variables if v["causality"] in causalities} | set(states)
+    known |= {v["valueReference"] for v in variables if v.get("variability") == "discrete"}
     for unknown in structure:
         given = set(unknown.get("dependencies", "").split())
+        kinds = unknown.get("dependenciesKind", "").split()
+        if kinds and len(kinds) != len(unknown.get("dependencies", "").split()):
+            yield f"{unknown.get('valueReference')} has kinds for another number of dependencies"
         if not given <= known:
             yield f"the dependencies of {unknown.get('valueReference')} are not knowns: {sorted(given - known)}"
     if sum(v["causality"] == "independent" for v in variables) != 1:

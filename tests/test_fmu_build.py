@@ -17,7 +17,7 @@ import fmpy.validation
 import fmu_checker
 import numpy as np
 import pytest
-from fmu_models import EVERY, built, contact, jenkins, linear, memory
+from fmu_models import EVERY, built, contact, jenkins, linear, memory, tuned
 
 from hystid.errors import FmuError, UsageError
 from hystid.fmu import Driver, build, build_model
@@ -278,3 +278,91 @@ def test_all_platforms_in_one_fmu(tmp_path, version):
     windows = next(data for name, data in binaries.items() if name.endswith(".dll"))
     assert windows[:2] == b"MZ"
     assert all(len(data) < 250_000 for data in binaries.values())
+
+
+EXPLICIT = """
+model Explicit "what depends on time and parameters, and a second name that declares no unit"
+  parameter Real k = 2;
+  parameter Real unused = 3;
+  parameter Real T(unit = "s") = 1;
+  input Real u;
+  Real w(unit = "rad/s", start = 1, fixed = true);
+  output Real speed = w;
+  output Real y = k*sin(time);
+  output Boolean high(start = false, fixed = true);
+  output Real held;
+equation
+  der(w) = (u - w)/T;
+  when w > 2 then
+    high = not pre(high);
+  end when;
+  held = if high then y else 0;
+end Explicit;
+"""
+
+
+@BOTH
+def test_dependencies_and_units_of_a_modelica_model(tmp_path, version):
+    """Time is a known like any other (FMI 2.0.4, 2.2.8); in FMI 3.0 parameters and discrete states are, too (2.4.8)."""
+    (tmp_path / "Explicit.mo").write_text(EXPLICIT)
+    path = build_model(f"{tmp_path / 'Explicit.mo'}:Explicit", tmp_path / "explicit.fmu", fmi=version).path
+    assert fmu_checker.problems(path) == []
+    with zipfile.ZipFile(path) as archive:
+        root = ET.fromstring(archive.read("modelDescription.xml"))
+    elements = list(root.find("ModelVariables"))
+    if version == 2:
+        name = {str(i + 1): e.get("name") for i, e in enumerate(elements)}
+        units = {e.get("name"): e[0].get("unit") for e in elements}
+        rows = [(u.get("index"), u) for u in root.iterfind("ModelStructure/Outputs/Unknown")]
+        assert units["speed"] == units["w"] == "rad/s"
+    else:
+        name = {e.get("valueReference"): e.get("name") for e in elements}
+        rows = [(u.get("valueReference"), u) for u in root.iterfind("ModelStructure/Output")]
+        assert {e.get("name"): e.get("unit") for e in elements}["speed"] == "rad/s"
+    found = {name[key]: {name[i] for i in u.get("dependencies").split()} for key, u in rows}
+    assert found["y"] == ({"time"} if version == 2 else {"time", "k"})
+    assert found["held"] == ({"time"} if version == 2 else {"time", "k", "high"})
+
+
+def test_what_intermediate_update_mode_can_reach():
+    root = ET.fromstring(model_description(interface(tuned()), 3, generated=NOW, sources=[]).encode())
+    marked = {e.get("name") for e in root.find("ModelVariables") if e.get("intermediateUpdate") == "true"}
+    assert marked == {"y"}  # neither parameters, nor the discrete input, nor time
+
+
+@pytest.mark.parametrize(
+    ("entry", "problem"),
+    [
+        ("documentation/page.html", "no index.html"),
+        ("extra/ours/x.txt", "no reversed domain name"),
+        ("/absolute.txt", "not plain and relative"),
+        ("sources\\x.c", "not plain and relative"),
+        ("readme.txt", "no name of the standard"),
+        ("binaries/amiga/x.so", "no platform"),
+        ("binaries/linux64/Linear.dll", "suffix"),
+    ],
+)
+def test_the_checker_knows_the_layout(tmp_path, entry, problem):
+    path = tmp_path / "changed.fmu"
+    path.write_bytes(built(linear, 2).read_bytes())
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr(zipfile.ZipInfo(entry), b"linear")
+    assert any(problem in found for found in fmu_checker.problems(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "good"),
+    [
+        ("a.b[1,2].c", True),
+        ("der(a[1].b)", True),
+        ("der(x,2)", True),
+        ("'a b'.c", True),
+        ("a[i]", False),
+        ("a-b", False),
+        ("state[Rh[1]]", False),
+        ("1a", False),
+        ("", False),
+    ],
+)
+def test_the_checker_knows_structured_names(name, good):
+    assert bool(fmu_checker._STRUCTURED.fullmatch(name)) is good

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 
 import pytest
-from fmu_models import EVERY, FOLDER, bouncing, jenkins
+from fmu_models import EVERY, FOLDER, bouncing, jenkins, linear
 
 from hystid.fmu.build import fmu_sources
 from hystid.fmu.interface import interface
@@ -16,9 +16,10 @@ STRICT = ("-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror", "
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 
 
-def program(folder, make, *flags):
-    """Executable that exercises the FMI 2.0 functions of a model."""
-    sources = {**fmu_sources(interface(make()), 2), "exercise.c": (FOLDER / "exercise.c").read_text()}
+def program(folder, make, version, *flags):
+    """Executable that exercises the FMI functions of a model, with right and wrong calls."""
+    driver = "exercise.c" if version == 2 else "exercise3.c"
+    sources = {**fmu_sources(interface(make()), version), driver: (FOLDER / driver).read_text()}
     for name, text in sources.items():
         (folder / name).write_text(text)
     main = [name for name in sources if name.endswith(".c")]
@@ -37,18 +38,19 @@ def test_no_warnings(tmp_path, make, version):
     assert run.returncode == 0, run.stderr
 
 
-@pytest.mark.parametrize("make", [jenkins, bouncing])
-def test_sanitizers_find_nothing(tmp_path, make):
+@pytest.mark.parametrize(("make", "version"), [(jenkins, 2), (bouncing, 2), (bouncing, 3), (linear, 3)])
+def test_sanitizers_find_nothing(tmp_path, make, version):
     flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
-    executable = program(tmp_path, make, *STRICT, *flags)
+    executable = program(tmp_path, make, version, *STRICT, *flags)
     token = make().token
     run = subprocess.run([executable, "500", token], capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
 
 
 @pytest.mark.skipif(not shutil.which("valgrind"), reason="needs valgrind")
-def test_valgrind_finds_nothing_and_steps_allocate_nothing(tmp_path):
-    executable = program(tmp_path, bouncing, "-g", "-O1")
+@pytest.mark.parametrize("version", [2, 3])
+def test_valgrind_finds_nothing_and_steps_allocate_nothing(tmp_path, version):
+    executable = program(tmp_path, bouncing, version, "-g", "-O1")
     allocations = []
     for n in ("10", "1000"):
         command = ["valgrind", "--leak-check=full", "--error-exitcode=9", executable, n, bouncing().token]

@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 import threading
-from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_void_p
+from ctypes import byref, c_bool, c_double, c_size_t, c_void_p
 from pathlib import Path
 
 import numpy as np

@@ -21,6 +21,8 @@ from hystid.diagnosis.sensors import HUM, ChannelEffect
 Array = NDArray[np.float64]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
 GAIN = "force_gain"
+PINCHING, BACKLASH = "pinching", "backlash"
+_SLACK = 0.97  # share of the hysteretic force beyond which pinching is free play
 _EXACT = (frozenset({"two_sided_stop", "backlash"}), frozenset({ADDED_MASS, GAIN}))
 _RECALIBRATED = 1.15  # mean square at the nominal values over that of the refit
 
@@ -64,10 +66,20 @@ class Answer:
         return tuple(self.rename(name) for name in self.choice.named)
 
     def rename(self, name: str) -> str:
-        """Added mass or gain of the force channel: negative is a gain; else what keeps the refit nearer to nominal."""
+        """Added mass or gain of the force channel: negative is a gain; else what keeps the refit nearer to nominal.
+
+        Pinching of friction that leaves nothing of it is slack.
+        """
+        if name == PINCHING and not self.baseline.has_h and self._vanishing() > _SLACK:
+            return BACKLASH
         if name != ADDED_MASS or not self.baseline.mass:  # without a mass there is nothing that a gain could scale
             return name
         return GAIN if self.gain() < 0 or self._gain_is_nearer() else ADDED_MASS
+
+    def _vanishing(self) -> float:
+        """Share of the hysteretic force that is missing in the middle of its range."""
+        term = self.term(PINCHING)
+        return float(term.values[term.effect.amplitudes[0]]) if term is not None else 0.0
 
     def gain(self) -> float:
         """Added mass as a share of the mass."""
@@ -133,7 +145,7 @@ class Answer:
         if not self.choice.named and not self.faults:
             return None
         problem, hypothesis = self.problem, self.choice.after.hypothesis
-        signals = problem.signals(hypothesis.values)
+        signals = problem.signals(hypothesis)
         total = [np.zeros(len(part)) for part in problem.parts]
         for term in hypothesis.terms:
             if term.effect.id == HUM:
@@ -197,7 +209,7 @@ def findings(answer: Answer) -> tuple[Finding, ...]:
     """Everything that was found, strongest first."""
     made = [_fault_finding(answer, fault) for fault in answer.faults]
     weights = [1e300] * len(made)
-    signals = answer.problem.signals(answer.choice.after.hypothesis.values)
+    signals = answer.problem.signals(answer.choice.after.hypothesis)
     for name, alike, margin in zip(answer.choice.named, answer.choice.classes, answer.choice.margins, strict=True):
         finding, weight = _finding(answer, name, alike, margin, signals)
         made.append(finding)
@@ -236,6 +248,8 @@ def _finding(answer: Answer, name: str, alike: tuple[str, ...], margin: float, s
 def _equivalents(name: str, answer: Answer) -> tuple[str, ...]:
     """Ids that are the same by algebra."""
     if name == GAIN and answer.gain() < 0:
+        return ()
+    if name == BACKLASH and PINCHING in answer.choice.named:  # slack behind friction is no free play of a spring
         return ()
     return tuple(sorted(other for group in _EXACT if name in group for other in group))
 

@@ -24,7 +24,7 @@ class Baseline:
     """An oscillator m a + R = F with states x and v clamped to the measured motion.
 
     nominal: parameter values as given. free: names that the refit may move. linear: those in which R is linear.
-    units: parameter name -> unit. has_h: the model has a variable f_h (hysteretic force).
+    units: parameter name -> unit. has_h: the model has a hysteretic force f_h that is not zero.
     reading: where R and the mass stand in the model. inner_mass: mass of a model without a parameter for it [kg].
     lowest, highest: values that the model allows. weighed: the mass may be off by what weighing and sensors leave.
     """
@@ -123,6 +123,7 @@ def baseline_of(
         frozenset(key for key, v in parameters.items() if _is_positive(v, nominal[key])),
         "f_h" in {v.name for v in code.variables}, lowest, highest, weighed or bool(inner), reading, inner,
     )  # fmt: skip
+    bare = replace(bare, has_h=bare.has_h and _has_hysteresis(bare, length))
     linear = tuple(key for key in free if key != _MASS and _is_linear(bare, key, length))
     return replace(bare, linear=linear)
 
@@ -144,12 +145,25 @@ def _is_positive(variable: Variable, value: float) -> bool:
     return value > 0 and (variable.min is None or variable.min >= 0)
 
 
-def _is_linear(baseline: Baseline, key: str, size: float) -> bool:
-    """Whether R changes with the parameter by the same column, wherever the parameters stand."""
+def _probe(size: float) -> tuple[Array, Array, Array]:
+    """Time, displacement [m] of a size, and velocity of a motion with several frequencies."""
     t = np.linspace(0.0, 1.0, 301)
     size = 0.6 * size  # the sum below reaches 1.7 of it
     x = size * np.sin(9 * t) * (0.4 + t) + 0.3 * size * np.cos(31 * t)
-    v = np.gradient(x, t)
+    return t, x, np.gradient(x, t)
+
+
+def _has_hysteresis(baseline: Baseline, size: float) -> bool:
+    t, x, v = _probe(size)
+    try:
+        return bool(np.any(baseline.force(x, v, t[1], baseline.nominal)[1]))
+    except NumericalError:
+        return True
+
+
+def _is_linear(baseline: Baseline, key: str, size: float) -> bool:
+    """Whether R changes with the parameter by the same column, wherever the parameters stand."""
+    t, x, v = _probe(size)
     base = dict(baseline.nominal)
     moved = {name: value * 1.3 for name, value in base.items()}
     step = base[key] or 1.0

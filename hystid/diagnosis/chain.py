@@ -22,6 +22,12 @@ from hystid.recording import Recording
 
 Array = NDArray[np.float64]
 _ORDER = {"x": 0, "v": 1, "a": 2}
+_TOUCH = 0.01  # share of the largest force (or stroke) that counts as nothing
+_RISE = 0.3  # share of the largest force over which the first rise is taken as a line
+_STEP, _SEAT = 0.002, 0.2  # shares of the stroke between which an approach lies
+# What needs a measured time: without one these laws mean nothing.
+TIMED = frozenset({"added_mass", "displacement_dependent_damping", "hidden_mode", "impact", "quadratic_damping",
+                   "stribeck_friction", "viscoelastic_relaxation"})  # fmt: skip
 _SHIFTED = 0.25  # samples: differences below this come from filters and rounding
 
 
@@ -53,6 +59,41 @@ def shifted(recording: Recording, channel: str, samples: float) -> Recording:
     """Copy with one channel moved earlier by a number of samples (band-limited interpolation, mirrored ends)."""
     moved = {channel: advanced(np.asarray(getattr(recording, channel)), samples)}
     return replace(recording, **moved)  # type: ignore[arg-type]  # the keys are channels
+
+
+def seated(recording: Recording) -> Recording:
+    """A quasi-static test on one side of zero, from the contact on: x counts from there.
+
+    Testing machines begin a little before they touch. Where the force stays at nothing over the first (and last) few
+    per cent of a stroke that starts at zero, these samples say nothing about the structure and are left out. Play that
+    is run through in the middle of a test belongs to the structure and stays.
+    """
+    if not recording.quasi_static or recording.x is None or recording.F is None:
+        return recording
+    x, force = recording.x, recording.F
+    top, load = float(np.max(np.abs(x))), float(np.max(np.abs(force)))
+    side = 1.0 if np.max(x) > -np.min(x) else -1.0
+    loaded = np.abs(force) > _TOUCH * load
+    if np.min(side * x) < -_TOUCH * top or not np.any(loaded):
+        return recording
+    first, last = int(np.argmax(loaded)), len(loaded) - int(np.argmax(loaded[::-1]))
+    gap = _contact(side * x[first:last], np.abs(force[first:last]), load)
+    if not _STEP * top < gap < _SEAT * top or first < 2 or not np.all(loaded[first:last]):
+        return recording
+    kept = slice(first, last)
+    cut = {name: getattr(recording, name)[kept] for name in "Fxva" if getattr(recording, name) is not None}
+    cut["x"] = cut["x"] - side * gap
+    note = f"{recording.name}: no force over the first {1e3 * gap:.3g} mm, left out as approach; x counts from contact"
+    extra = {name: values[kept] for name, values in recording.extra.items()}
+    R = None if recording.R is None else recording.R[kept]
+    return replace(recording, t=recording.t[kept], R=R, extra=extra, notes=(*recording.notes, note), **cut)
+
+
+def _contact(x: Array, force: Array, load: float) -> float:
+    """Displacement at which a line through the first part of the rising force has no force."""
+    rising = force < _RISE * load
+    slope, level = np.polyfit(x[rising], force[rising], 1) if np.count_nonzero(rising) > 4 else (0.0, 0.0)
+    return float(-level / slope) if slope > 0 else 0.0
 
 
 def lags(recordings: Sequence[Recording]) -> list[Lag]:

@@ -101,7 +101,8 @@ def diagnose(
     with track("diagnosis", 100) as step, _quiet_models():
         case = _prepare(tests, unseen, str(model), given)
         step(15, "baseline fitted")
-        library = [effect for effect in load_effects(_paths(effects)) if effect.id not in exclude]
+        left_out = {*exclude, *(chain.TIMED if any(test.quasi_static for test in tests) else ())}
+        library = [effect for effect in load_effects(_paths(effects)) if effect.id not in left_out]
         share = max(1, len(library) // 70)
         choice = choose(case.problem, case.refit, library, _every(step, share))
         answer, extended = _conclude(case, choice, out is not None)
@@ -259,6 +260,8 @@ def _not_applicable(tests: Sequence[Recording]) -> str:
 
 
 def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str, given: Given) -> Case:
+    tests, unseen = ([chain.seated(test) for test in group] for group in (tests, unseen))
+    still = any(test.quasi_static for test in tests)
     lags = chain.lags(tests)
     faults: list[chain.Fault] = []
     late = chain.delayed_channel(lags)
@@ -274,10 +277,12 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     whole = {v.name for v in code.variables if v.type != "Real"}
     values = {name: given.values[key] for name, key in named.items() if name not in whole}
     weighed = "m" in values and "m" not in free and "m" not in fixed
-    starts, told = _starts(parts, code, values, model, quasi_static=any(test.quasi_static for test in tests))
+    starts, told = _starts(parts, code, values, model, quasi_static=still)
+    dampers = {v.name for v in real_parameters(code) if v.unit == "N.s/m"} - set(values) if still else set()
+    starts |= dict.fromkeys(dampers, 0.0)
     length = max(float(np.max(np.abs(part.x))) for part in parts)
     start = {**starts, **values}
-    baseline = baseline_of(model, code, start, frozenset(fixed), weighed=weighed, length=length, model=runs)
+    baseline = baseline_of(model, code, start, frozenset(fixed) | dampers, weighed=weighed, length=length, model=runs)
     problem = Problem(parts, baseline, _scales(parts, baseline))
     refit, nominal = _refit(problem)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
@@ -359,7 +364,10 @@ def _better(one: Fit | None, other: Fit | None) -> Fit | None:
 
 def _scales(parts: Sequence[Part], baseline: Baseline) -> Scales:
     x, v = (np.sort(np.concatenate([np.abs(getattr(p, name)) for p in parts])) for name in ("x", "v"))
-    h = [baseline.force(p.x, p.v, p.dt, baseline.nominal)[1] for p in parts]
+    if baseline.has_h:
+        h = [baseline.force(p.x, p.v, p.dt, baseline.nominal)[1] for p in parts]
+    else:  # what an effect may bring is of the size of the restoring force
+        h = [p.F - baseline.mass * p.a for p in parts]
     force = np.sort(np.abs(np.concatenate(h)))
     path = max(float(np.sum(np.abs(p.v)) * p.dt) for p in parts)
     return Scales(x, v, force, max(float(p.t[-1]) for p in parts), parts[0].dt, _band(parts), path)
@@ -413,7 +421,7 @@ def _skeleton(baseline: Baseline) -> Skeleton:
     file, _, _ = baseline.name.rpartition(":")
     text = Path(file).read_text(encoding="utf-8") if file.endswith(".mo") else ""
     kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if baseline.takes_effects else "wraps"
-    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text)
+    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text, baseline.has_h)
 
 
 def _noise(case: Case) -> float:

@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Literal
 
-from hystid.diagnosis.fitting import Hypothesis, Term
+from hystid.diagnosis.fitting import Hypothesis, Term, is_source
 from hystid.diagnosis.result import Value
 
 CLASS = "Extended"
@@ -24,7 +24,7 @@ class Skeleton:
 
     kind: "extends" a class with a place for effects, "wraps" any other class as a component whose force is F less the
     effects, "fmu": only the effects are written. mass: name of its parameter, "" where the mass is ``inner_mass`` [kg].
-    text: the file of a user's class, so that the written file is complete in itself.
+    text: the file of a user's class, so that the written file is complete in itself. has_h: it has hysteresis.
     """
 
     name: str
@@ -32,6 +32,7 @@ class Skeleton:
     mass: str = "m"
     inner_mass: float = 0.0
     text: str = ""
+    has_h: bool = True
 
 
 def extended_model(
@@ -55,7 +56,12 @@ def extended_model(
         settings = [f"{key} = {_number(value.value)}" for key, value in values.items()]
         lines += [f"  {_class(term.effect.class_name)} {name}(", *_joined(settings, "    "), "  );"]
         lines += [f"  // {name}.{key}: {_with_error(value)}" for key, value in values.items()]
-    equations += [f"  {name}.{port} = {signal};" for name in names for port, signal in ports]
+    sources = [] if baseline.has_h else [n for n, (t, _) in zip(names, terms, strict=True) if is_source(t.effect)]
+    for name in names:
+        hysteresis = " + ".join(f"{source}.f" for source in sources) if name not in sources else ""
+        equations += [
+            f"  {name}.{port} = {hysteresis if port == 'h' and hysteresis else signal};" for port, signal in ports
+        ]
     lines += ["equation", *equations] if equations else []
     blocks = [text.strip() for text in (baseline.text, *(own or {}).values()) if text]
     return "\n".join([*lines, f"end {CLASS};", *(_WITHIN.sub("", block) for block in blocks)]) + "\n"

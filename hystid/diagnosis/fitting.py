@@ -21,6 +21,7 @@ from hystid.errors import NumericalError
 Array = NDArray[np.float64]
 DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fault
 LATE_LIMIT = 8.0  # samples
+HYSTERESIS = "hysteretic_friction"
 ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
 WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _TURN = 0.03  # share of the peak speed over which a contact may turn
@@ -92,6 +93,11 @@ class Fit:
         return float("nan")
 
 
+def is_source(effect: Effect) -> bool:
+    """Whether an effect is hysteresis itself, which others weaken or pinch."""
+    return effect.id == HYSTERESIS
+
+
 def get(hypothesis: Hypothesis, key: Key) -> float:
     """Value of an unknown."""
     kind, name = key
@@ -141,18 +147,25 @@ class Problem:
             for i, (R, h) in enumerate(self._memory[shapes])
         ]
 
-    def signals(self, values: Mapping[str, float]) -> list[Signals]:
-        """What the effects see."""
-        return [
+    def signals(self, hypothesis: Hypothesis) -> list[Signals]:
+        """What the effects see. Where the baseline has no hysteresis, h is that of the effects that bring one."""
+        found = [
             Signals(p.x, p.v, p.a, h, p.dt, i)
-            for i, (p, (_, h)) in enumerate(zip(self.parts, self.law(values), strict=True))
+            for i, (p, (_, h)) in enumerate(zip(self.parts, self.law(hypothesis.values), strict=True))
         ]
+        return [self._with_h(signals, hypothesis.terms) for signals in found]
+
+    def _with_h(self, signals: Signals, terms: Sequence[Term]) -> Signals:
+        sources = [] if self.baseline.has_h else [term for term in terms if is_source(term.effect)]
+        if not sources:
+            return signals
+        return replace(signals, h=sum((term.effect.force(signals, term.values) for term in sources), signals.h))
 
     def predicted(self, hypothesis: Hypothesis) -> list[Array]:
         """R and the effects, without inertia, per part [N]."""
         forces = [R for R, _ in self.law(hypothesis.values)]
         if hypothesis.terms:
-            signals = self.signals(hypothesis.values)
+            signals = self.signals(hypothesis)
             for term in hypothesis.terms:
                 forces = [f + term.effect.force(s, term.values) for f, s in zip(forces, signals, strict=True)]
         return forces
@@ -216,7 +229,7 @@ class Problem:
             dx, dv, da = part.jitter[draw]
             x, v, a = part.x + dx, part.v + dv, part.a + da
             force, h = self.baseline.force(x, v, part.dt, hypothesis.values)
-            signals = Signals(x, v, a, h, part.dt, i)
+            signals = self._with_h(Signals(x, v, a, h, part.dt, i), hypothesis.terms)
             forces.append(force + sum(term.effect.force(signals, term.values) for term in hypothesis.terms))
         return forces
 
@@ -264,7 +277,7 @@ class Problem:
         """Derivative of the predicted rows by each unknown (by its logarithm where it is fitted so); (rows,
         unknowns)."""
         here = self.predicted(hypothesis)
-        signals = self.signals(hypothesis.values)
+        signals = self.signals(hypothesis)
         return np.stack([self._column(hypothesis, u, here, signals) for u in unknowns], axis=1)
 
     def _column(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array], signals: list[Signals]) -> Array:
@@ -280,6 +293,8 @@ class Problem:
             return self._unit_rows[name]
         elif kind == "base":
             columns = self._law_column(hypothesis, name, signals)
+        elif self._is_read(hypothesis, int(kind)):
+            columns = self._source_column(hypothesis, unknown, here)
         elif unknown.linear:
             term = hypothesis.terms[int(kind)]
             only = {**term.values, **dict.fromkeys(term.effect.amplitudes, 0.0), name: 1.0}
@@ -288,6 +303,19 @@ class Problem:
             columns = self._shape_column(hypothesis, unknown, signals)
         factor = get(hypothesis, unknown.key) if unknown.log else 1.0
         return self.reduce(columns) * factor
+
+    def _is_read(self, hypothesis: Hypothesis, index: int) -> bool:
+        """Whether other effects read the force of this one."""
+        others = (term for i, term in enumerate(hypothesis.terms) if i != index)
+        source = not self.baseline.has_h and is_source(hypothesis.terms[index].effect)
+        return source and any(term.effect.uses_h for term in others)
+
+    def _source_column(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array]) -> list[Array]:
+        """Derivative by a parameter of an effect that others read: directly, and through them."""
+        value = get(hypothesis, unknown.key)
+        step = _STEP * (abs(value) or 1.0) * (-1.0 if value * (1 + _STEP) > unknown.high else 1.0)
+        there = self.predicted(put(hypothesis, {unknown.key: value + step}))
+        return [(moved - force) / step for moved, force in zip(there, here, strict=True)]
 
     def _shape_column(self, hypothesis: Hypothesis, unknown: Unknown, signals: list[Signals]) -> list[Array]:
         value = get(hypothesis, unknown.key)

@@ -24,7 +24,7 @@ _SHOCKS = 3.6  # kurtosis; 3 for Gaussian noise
 
 def is_noise(problem: Problem, fitted: Fit) -> bool:
     """Whether the rest of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks."""
-    signals = problem.signals(fitted.hypothesis.values)
+    signals = problem.signals(fitted.hypothesis)
     motion = [
         [problem.reduce.plain(i, column) for column in (s.x, s.v, s.a, s.h, np.arange(len(s.x)) * s.dt)]
         for i, s in enumerate(signals)

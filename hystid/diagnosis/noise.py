@@ -27,16 +27,27 @@ def noise_level(channel: Array) -> float:
     floor = _RESOLUTION * float(np.std(channel))
     if len(channel) < 64:
         return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
-    steps, spectrum = _by_differences(channel), _by_spectrum(channel)
-    return max(floor, _by_steps(channel), steps if steps < _APART * spectrum else spectrum)
+    differences, spectrum = _by_differences(channel), _by_spectrum(channel)
+    return max(floor, _by_steps(channel), differences if differences < _APART * spectrum else spectrum)
+
+
+def steps(channel: Array) -> NDArray[np.intp] | None:
+    """Number of the step that each sample of a staircase stands on, shape (n,); None where the channel does not rest.
+
+    Coarse resolution or a slow display: the error of such a channel is the same over a whole step.
+    """
+    resting = np.diff(channel) == 0.0
+    if np.mean(resting) < _RESTING or np.all(resting):
+        return None
+    return np.concatenate([[0], np.cumsum(~resting)])
 
 
 def _by_steps(channel: Array) -> float:
-    """Error of a channel that rests between steps (coarse resolution, slow display); 0 where it does not."""
+    """Error of a channel that rests between steps; 0 where it does not."""
+    if steps(channel) is None:
+        return 0.0
     change = np.diff(channel)
     resting = change == 0.0
-    if np.mean(resting) < _RESTING or np.all(resting):
-        return 0.0
     return float(np.sqrt(np.mean(change[~resting] ** 2) / 3.0))
 
 

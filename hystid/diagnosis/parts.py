@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from hystid.diagnosis.noise import noise_level
+from hystid.diagnosis.noise import noise_level, steps
 from hystid.diagnosis.smoothing import Smoothed, smooth
 from hystid.recording import Recording
 
@@ -142,8 +142,11 @@ def _jitter(
     """The smoother is linear, so that smoothed noise is the error that noise leaves."""
     rng = np.random.default_rng(seed)
     draws = []
+    stairs = {name: steps(values) for name, values in measured.items()}
     for _ in range(DRAWS):
-        only_noise = {name: noise[name] * rng.standard_normal(len(values)) for name, values in measured.items()}
+        drawn = {name: rng.standard_normal(len(values)) for name, values in measured.items()}
+        held = {name: values if (at := stairs[name]) is None else values[at] for name, values in drawn.items()}
+        only_noise = {name: noise[name] * values for name, values in held.items()}
         error = smooth(only_noise, noise, dt, motion.roughness)
         draws.append((error.x, error.v, error.a))
     return tuple(draws)
@@ -190,7 +193,7 @@ class Reduction:
         """Rows of one part."""
         filt = self._filters[index]
         values = column if filt is None else _filtered(column, filt)
-        return self.plain(index, values) * self._weights[index]
+        return np.asarray(self.plain(index, values) * self._weights[index])
 
     def plain(self, index: int, column: Array) -> Array:
         """A column of one part at its rows: trimmed and averaged alike, but neither whitened nor weighted."""

@@ -61,7 +61,7 @@ def scan(
 ) -> list[Candidate]:
     """The best grid point of every form, the largest gain first. Forms without any finite column are left out."""
     outside = complement(problem, fitted)
-    signals = problem.signals(fitted.hypothesis.values)
+    signals = problem.signals(fitted.hypothesis)
     found = []
     for effect in effects:
         points = _points(problem, fitted, effect, outside, signals)

@@ -14,6 +14,7 @@ import numpy as np
 
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
+from hystid.diagnosis.hysteresis import family
 from hystid.diagnosis.independence import is_noise
 from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
 from hystid.diagnosis.sensors import HUM, force_drift, mains_hum
@@ -43,7 +44,7 @@ DELAY = "channel_delay"
 
 @dataclass(frozen=True)
 class Trial:
-    """One hypothesis that was fitted: what was added last, and how it went."""
+    """One hypothesis that was fitted: what was added last, how it went, and the ids that it was not told from."""
 
     name: str
     form: str
@@ -51,6 +52,7 @@ class Trial:
     fit: Fit = field(repr=False)
     absorbed: float = 0.0
     others: tuple[Term, ...] = field(repr=False, default=())
+    tied: tuple[str, ...] = ()
 
     @property
     def chi2(self) -> float:
@@ -124,8 +126,9 @@ def choose(
     if alone and left < max(SOUND, _FORM * excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     several = _several(problem, baseline, first, library, excess)
-    if several is not None:
-        return _named(problem, baseline, floor, several, first, untestable)
+    worn = _worn(problem, baseline, floor, library, several) if several or not alone else []
+    if worn or several is not None:
+        return _named(problem, baseline, floor, worn or several or [], first, untestable)
     if alone or (baseline.chi2 - chosen.trial.chi2 > 0.5 * excess and is_noise(problem, chosen.trial.fit)):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     if _stands_out(first, chosen, baseline, excess):
@@ -333,7 +336,22 @@ def _several(
     best = min(line[-1].chi2 for line in reached)
     tied = [line for line in reached if line[-1].chi2 - best < _tie(line[-1], excess)]
     simplest = min(tied, key=lambda line: sum(trial.size for trial in line))
-    return [Step(trial, (), 0.0) for trial in simplest]
+    return [Step(trial, trial.tied, 0.0) for trial in simplest]
+
+
+def _worn(
+    problem: Problem, before: Fit, floor: float, library: Sequence[Effect], several: Sequence[Step] | None
+) -> list[Step]:
+    """Hysteretic friction that wears or is pinched, far above the noise; empty where it is not that, or no better than
+    the effects that were found."""
+    reached = several[-1].trial.chi2 if several else before.chi2
+    if before.chi2 - floor < _FAR * floor or reached < 2 * floor:
+        return []
+    links = family(problem, before, library, floor)
+    if not links or links[-1].fit.chi2 > 0.8 * reached:
+        return []
+    trials = [(Trial(link.effect.id, link.effect.form, link.effect.size, link.fit), link.tied) for link in links]
+    return [Step(trial, tied, 0.0) for trial, tied in trials]
 
 
 def _stands_out(first: Sequence[Trial], chosen: Step, before: Fit, excess: float) -> bool:
@@ -356,7 +374,7 @@ def _rough(
     line = _grow(problem, [chosen.trial], library, chosen.trial.chi2 - floor)
     if len(line) < 2 or line[-1].chi2 > (1 - _MUCH) * chosen.trial.chi2:
         return [chosen]
-    return [chosen, Step(line[-1], (), 0.0)]
+    return [chosen, Step(line[-1], line[-1].tied, 0.0)]
 
 
 def _promising(line: Sequence[Trial], before: Fit) -> bool:
@@ -370,7 +388,10 @@ def _grow(problem: Problem, line: Sequence[Trial], library: Sequence[Effect], ex
     used = {trial.name for trial in line}
     candidates = [c for c in scan(problem, end.fit, library) if c.effect.id not in used]
     found = trials(problem, end.fit, candidates, excess, chain_trials(problem, end.fit, library), most=6)
-    return [*line, _single(problem, found, end.fit, excess).trial] if found else list(line)
+    if not found:
+        return list(line)
+    step = _single(problem, found, end.fit, excess)
+    return [*line, replace(step.trial, tied=tuple(name for name in step.tied if name not in used))]
 
 
 def _complete(problem: Problem, line: Sequence[Trial], before: Fit, excess: float) -> bool:

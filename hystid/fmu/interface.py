@@ -81,13 +81,19 @@ class Interface:
             if computed and wanted:
                 yield variable
 
-    def known(self, variable: Variable) -> tuple[int, ...] | None:
-        """Slots of inputs and states that an output or derivative depends on; None where that is not known."""
+    def known(self, variable: Variable, version: int) -> tuple[int, ...] | None:
+        """Slots of the knowns that an output or derivative depends on; None where that is not known.
+
+        Knowns are inputs, continuous states and time; in FMI 3.0 parameters and discrete states, too.
+        """
         names = self.code.dependencies.get(variable.name)
         if names is None:
             return None
-        allowed = {v.slot for v in self.inputs} | set(self.state_slots)
-        return tuple(sorted({slot for slot in (self.named(name).slot for name in names) if slot in allowed}))
+        allowed = {0, *(v.slot for v in self.inputs), *self.state_slots}
+        if version == 3:
+            allowed |= {v.slot for v in self.variables if v.causality == "parameter" or _is_discrete_state(v)}
+        slots = {v.slot for v in self.variables if v.name in names} | ({0} if "time" in names else set())
+        return tuple(sorted(slots & allowed))
 
     def reinitialised(self, state: str) -> bool:
         """Whether an event may set the state anew; taken as possible where the generator does not say."""
@@ -103,7 +109,11 @@ def interface(code: ModelCode) -> Interface:
     time = Variable(named_time.name if named_time else "time", 0, "independent", "continuous", unit="s")
     if any(v.name == time.name for v in variables):
         time = replace(time, name="time_of_the_simulation")
-    return Interface(code, (time, *_one_start_per_slot(variables)))
+    return Interface(code, (time, *_one_unit_per_slot(_one_start_per_slot(variables))))
+
+
+def _is_discrete_state(v: Variable) -> bool:
+    return v.variability == "discrete" and v.causality in ("local", "output")
 
 
 def _rank(variable: Variable) -> tuple[int, bool]:
@@ -147,6 +157,14 @@ def _one_start_per_slot(variables: list[Variable]) -> list[Variable]:
         else _computed(v, keeper[v.slot])
         for v in variables
     ]
+
+
+def _one_unit_per_slot(variables: list[Variable]) -> list[Variable]:
+    """Several names of one value have one unit, of the first in rank that has one: ``Real y = w`` declares none."""
+    units: dict[int, str] = {}
+    for variable in sorted(variables, key=_rank):
+        units[variable.slot] = units.get(variable.slot) or variable.unit
+    return [replace(v, unit=units[v.slot]) for v in variables]
 
 
 def _computed(v: Variable, keeper: Variable) -> Variable:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NoReturn
 
@@ -67,8 +69,8 @@ class Adapter:
             name=self.name,
             description="",
             variables=tuple(self._variable(v, d, structural) for v in d["variables"].values()),
-            equations=self._equations(d["equations"]),
-            initial=self._equations(d["initial_equations"]),
+            equations=self._equations(d["equations"], d["structured_equations"]),
+            initial=self._equations(d["initial_equations"], d["initial_structured_equations"]),
             whens=tuple(self._when(w) for w in d["when_chains"]),
             assertions=tuple(self._assertion(a) for a in d["assert_equations"]),
             functions=tuple(self._function(f) for f in d["functions"].values()),
@@ -180,13 +182,35 @@ class Adapter:
 
     # -- equations
 
-    def _equations(self, items: Sequence[Mapping[str, Any]]) -> tuple[Equation, ...]:
-        result = []
-        for item in items:
-            place = self._equation_place(item)
-            self._here = place
-            result.append(Equation(self.expr(item["residual"]), place))
+    def _equations(
+        self, items: Sequence[Mapping[str, Any]], families: Sequence[Mapping[str, Any]]
+    ) -> tuple[Equation, ...]:
+        """families: what came of for-equations. Of some the front end fills in the first rows only, the others hold 0:
+        these are made from the family's template."""
+        result = [self._equation(item["residual"], item) for item in items]
+        for family in families:
+            if not family["interiors_materialized"]:
+                first = family["first_equation_index"]
+                rows = list(self._rows(family))
+                result[first : first + len(rows)] = rows
         return tuple(result)
+
+    def _equation(self, residual: Any, item: Mapping[str, Any]) -> Equation:
+        self._here = self._equation_place(item)
+        return Equation(self.expr(residual), self._here)
+
+    def _rows(self, family: Mapping[str, Any]) -> Iterator[Equation]:
+        """The equations of a family, one for each body at each point of its domain, the last index running fastest."""
+        body = family["template"]["body"]
+        if len(body) != family["equations_per_point"]:
+            self._refuse(family, "this for-equation", "write its equations out")
+        templates = [self._equation(residual, residual) for residual in body]
+        binders = family["domain"]["binders"]
+        names = [b["display_name"] for b in binders]
+        ranges = (range(b["lower"], b["upper"] + (1 if b["step"] > 0 else -1), b["step"]) for b in binders)
+        for point in itertools.product(*ranges):
+            values = dict(zip(names, (Num(float(k)) for k in point), strict=True))
+            yield from (replace(e, residual=_at(e.residual, values)) for e in templates)
 
     def _equation_place(self, item: Mapping[str, Any]) -> Place:
         """The first line of an equation; connections report the line of a connected variable."""
@@ -409,6 +433,22 @@ def _added(binary: Mapping[str, Any]) -> list[Any]:
         terms.append(node["Binary"]["rhs"])
         node = node["Binary"]["lhs"]
     return [node, *reversed(terms)]
+
+
+def _at(expr: Expr, values: Mapping[str, Expr]) -> Expr:
+    """The expression with loop indices replaced, nothing else changed; a comprehension's own indices are its own."""
+    if isinstance(expr, Ref):
+        return values.get(expr.name, expr)
+    if not isinstance(expr, Op):
+        return expr
+    if expr.name == "for":
+        own = {name.name for name in expr.args[1::2] if isinstance(name, Ref)}
+        inside = {name: value for name, value in values.items() if name not in own}
+        ranges = (
+            part for name, r in zip(expr.args[1::2], expr.args[2::2], strict=True) for part in (name, _at(r, values))
+        )
+        return Op("for", (_at(expr.args[0], inside), *ranges))
+    return Op(expr.name, tuple(_at(a, values) for a in expr.args))
 
 
 def _tag(value: Any) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hystid.modelica.reach import Class
 
@@ -52,7 +52,8 @@ class Clause:
 
     start: offset of the statement. behind: where a list of modifiers would start. limit: name and modifiers of
     ``constrainedby``, None without one. sizes: what stands in the brackets of a component's type and name.
-    target: the type of a component, the base of an extends clause.
+    target: the type of a component, the base of an extends clause or of a short class, and its offset ``typed``.
+    names: how many components the statement declares.
     """
 
     owner: Class
@@ -65,6 +66,8 @@ class Clause:
     limit: tuple[str, Modifiers | None] | None = None
     sizes: tuple[str, ...] = ()
     target: str = ""
+    typed: int = 0
+    names: int = 1
 
 
 def clauses(owner: Class, found: Sequence[Class]) -> Iterator[Clause]:
@@ -91,7 +94,9 @@ def _short(owner: Class, plain: str) -> Iterator[Clause]:
     mods = _listed(plain, behind)
     at = mods.closing + 1 if mods else behind
     start = owner.start - len(words)
-    yield Clause(owner, "short", start, tuple(words.split()), owner.name, behind, mods, _limit(plain, at))
+    yield Clause(
+        owner, "short", start, tuple(words.split()), owner.name, behind, mods, _limit(plain, at), (), base.group(1)
+    )
 
 
 def _statements(text: str, start: int, end: int) -> Iterator[tuple[int, int]]:
@@ -124,20 +129,23 @@ def _statement(owner: Class, text: str, start: int, end: int) -> Iterator[Clause
         return
     at = _behind_sizes(text, kind.end())
     common = _sizes(text[kind.end() : at])
+    found: list[Clause] = []
     while at < end:
         name = re.compile(r"\s*([A-Za-z_]\w*)").match(text, at, end)
         if not name:
-            return
+            break
         behind = _behind_sizes(text, name.end())
         mods = _listed(text, behind)
         stop = _next(text, behind, end, ",")
         limit = re.compile(r"\bconstrainedby\b").search(text, behind, stop)
         limited = _limit(text, limit.start()) if limit else None
         sizes = (*common, *_sizes(text[name.end() : behind]))
-        yield Clause(
-            owner, "component", start, prefixes, name.group(1), behind, mods, limited, sizes, kind.group().strip()
-        )
+        target = kind.group().strip()
+        typed = kind.end() - len(target)
+        made = Clause(owner, "component", start, prefixes, name.group(1), behind, mods, limited, sizes, target, typed)
+        found.append(made)
         at = stop + 1
+    yield from (replace(clause, names=len(found)) for clause in found)
 
 
 def _limit(text: str, at: int) -> tuple[str, Modifiers | None] | None:

@@ -211,14 +211,14 @@ def _running_names(model: HybridModel) -> frozenset[str]:
 
 
 def _dependencies(model: HybridModel) -> dict[str, tuple[str, ...]]:
-    """Which inputs and states each output and derivative needs, directly."""
-    known: dict[str, frozenset[str]] = {n: frozenset({n}) for n in (*model.inputs, *model.states)}
-    for step in (*model.derivatives, *_discrete_steps(model)):
+    """Which inputs, states, parameters (and whether time) each output and derivative needs, directly or not."""
+    order = ["time", *model.settable, *model.computed, *model.inputs, *model.states, *model.discrete]
+    known: dict[str, frozenset[str]] = {n: frozenset({n}) for n in order}
+    for step in (*model.dependent, *model.derivatives, *_discrete_steps(model)):
         needs = frozenset(k for n in sources(step) for k in known.get(n, frozenset()))
         for t in targets(step):
             known[t] = needs
     wanted = [n for n, v in model.variables.items() if _role_is_output(n, v)]
-    order = [*model.inputs, *model.states]
     named = {n: known.get(model.aliases.get(n, n), frozenset()) for n in wanted}
     named |= {der(n): known.get(der(n), frozenset()) for n in model.states}
     return {n: tuple(k for k in order if k in needs) for n, needs in named.items()}

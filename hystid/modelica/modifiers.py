@@ -8,12 +8,13 @@ refusal. Only classes that the model may depend on count; lines of the text stay
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 
 from hystid.errors import ModelicaError
 from hystid.modelica.clauses import Clause, Modifier, Modifiers, clauses
+from hystid.modelica.overridden import Key, forgotten, key
 from hystid.modelica.reach import KEYWORD, Class, classes, reached
 from hystid.modelica.sources import Source
 
@@ -31,7 +32,10 @@ def with_acting_modifiers(name: str, sources: Sequence[Source]) -> list[Source]:
     declared = [c for found in used.values() for owner in found or () for c in clauses(owner, found or ())]
     _refuse_extending_redeclarations([c for found in used.values() for c in found or ()])
     _refuse(declared, [s.plain for s in sources])
-    return [_rewritten(s, {_path(c) for c in used[s] or ()}) for s in sources]
+    lost = forgotten(declared)
+    _refuse_moved_variables(declared, lost, [s.plain for s in sources])
+    kinds = {c.name: c.kind for found in used.values() for c in found or ()}
+    return [_rewritten(s, {_path(c) for c in used[s] or ()}, lost, kinds) for s in sources]
 
 
 def refuse_undecided(sources: Sequence[Source]) -> None:
@@ -61,6 +65,22 @@ def _refuse(declared: Sequence[Clause], texts: Sequence[str]) -> None:
     for clause in declared:
         for offset, message in sorted(_problems(clause, again, texts)):
             raise ModelicaError(f"{_place(clause.owner.source, offset)}: {message}")
+
+
+def _refuse_moved_variables(
+    declared: Sequence[Clause], lost: Mapping[Key, Mapping[str, str]], texts: Sequence[str]
+) -> None:
+    """What moves into a class must be constant there."""
+    for clause in declared:
+        for name, text in lost.get(key(clause), {}).items():
+            for found in _FREE_NAME.finditer(text, text.find("=") + 1):
+                word = found.group(1)
+                if word not in _BUILT_IN and not _is_constant(word, texts):
+                    raise ModelicaError(
+                        f"{_place(clause.owner.source, clause.start)}: '{word}' in the modifiers of "
+                        f"'{clause.name}.{name}', which an extends clause modifies again, is not supported: give all "
+                        "modifiers of it in one place"
+                    )
 
 
 def _refuse_extending_redeclarations(found: Iterable[Class]) -> None:
@@ -182,7 +202,9 @@ class _Edit:
     text: str
 
 
-def _rewritten(source: Source, used: set[tuple[str, ...]]) -> Source:
+def _rewritten(
+    source: Source, used: set[tuple[str, ...]], lost: Mapping[Key, Mapping[str, str]], kinds: Mapping[str, str]
+) -> Source:
     """One change at a time, so that each sees the text as the last one left it."""
     for number in count(1):
         found = classes(source)
@@ -191,7 +213,7 @@ def _rewritten(source: Source, used: set[tuple[str, ...]]) -> Source:
             for owner in found or ()
             if _path(owner) in used or owner.name.startswith("hystid_")
             for clause in clauses(owner, found or ())
-            if (edits := _edits(clause, source, number))
+            if (edits := _edits(clause, source, number) or _joined(clause, lost.get(key(clause), {}), kinds, number))
         )
         edits = next(changes, [])
         if not edits:
@@ -239,6 +261,27 @@ def _one_line(text: str) -> str:
     """A list without comments and line ends; strings stay."""
     found = re.sub(r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/', lambda m: m.group(1) or " ", text, flags=re.DOTALL)
     return re.sub(r"\s*\n\s*", " ", found)
+
+
+def _joined(clause: Clause, lost: Mapping[str, str], kinds: Mapping[str, str], number: int) -> list[_Edit]:
+    """``P p(m = 3)`` becomes ``model hystid_p_1 = P(m = 3); hystid_p_1 p``."""
+    inside = clause.mods.elements if clause.mods and clause.kind == "component" else ()
+    moved = [element.name for element in inside if element.name in lost]
+    if not moved:
+        return []
+    text = clause.owner.source.text
+    name = f"hystid_{clause.name}_{number}"
+    kind = kinds.get(clause.target.rsplit(".", 1)[-1].strip(), "model")
+    made = f"{kind} {name} = {clause.target}({', '.join(_one_line(lost[m]) for m in moved)})"
+    rest = ", ".join(_one_line(text[m.start : m.end]) for m in inside if m.name not in moved)
+    before = text[clause.start : clause.typed]
+    assert clause.mods
+    opening, closing = clause.mods.opening, clause.mods.closing + 1
+    gap = "\n" * text.count("\n", opening, closing)
+    return [
+        _Edit(clause.start, clause.typed + len(clause.target), f"{made}; {before}{name}"),
+        _Edit(opening, closing, (f"({rest})" if rest else "") + gap),
+    ]
 
 
 def _moved(clause: Clause, limit: Modifiers, source: Source) -> list[_Edit]:

@@ -120,6 +120,6 @@ def _add_unknowns(
     }
     elements = add(structure, tag)
     for variable in variables:
-        slots = model.known(variable) if with_dependencies else None
+        slots = model.known(variable, 2) if with_dependencies else None
         known = None if slots is None else sorted(index_of[slot] for slot in slots)
         add(elements, "Unknown", {"index": str(_index(model, variable)), "dependencies": joined(known)})

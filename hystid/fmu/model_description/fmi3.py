@@ -83,6 +83,7 @@ def _add_variable(parent: ET.Element, model: Interface, group: tuple[Variable, .
         "causality": v.causality,
         "variability": v.variability,
         "initial": None if v.causality in ("input", "independent") else v.initial,
+        "intermediateUpdate": flag(v.variability == "continuous" and v.causality != "independent"),
     }
     if v.type == "Real":
         attributes["unit"] = v.unit or None
@@ -142,5 +143,5 @@ def _add_structure(root: ET.Element, model: Interface) -> None:
 
 def _add_unknowns(structure: ET.Element, tag: str, model: Interface, variables: Sequence[Variable]) -> None:
     for variable in variables:
-        known = next((k for k in map(model.known, model.groups[variable.slot]) if k is not None), None)
+        known = next((k for v in model.groups[variable.slot] if (k := model.known(v, 3)) is not None), None)
         add(structure, tag, {"valueReference": str(variable.slot), "dependencies": joined(known)})
