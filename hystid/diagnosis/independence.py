@@ -26,7 +26,10 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     """Whether the rest of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks."""
     signals = problem.signals(fitted.hypothesis)
     motion = [
-        [problem.reduce.plain(i, column) for column in (s.x, s.v, s.a, s.h, np.arange(len(s.x)) * s.dt)]
+        [
+            problem.reduce.plain(i, column)
+            for column in (s.x, s.v, s.a, s.h, s.dt * np.arange(len(s.x), dtype=np.float64))
+        ]
         for i, s in enumerate(signals)
     ]
     ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
@@ -37,7 +40,7 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     return all(_independent(rests, [_cells(m[one], m[other]) for m in motion]) for one, other in pairs)
 
 
-def _cells(one: Array, other: Array) -> Array:
+def _cells(one: Array, other: Array) -> NDArray[np.int64]:
     """Number of the cell of each sample in a table of equal counts."""
     rows = _ranks(one, _CELLS)
     found = np.zeros(len(one), dtype=np.int64)
@@ -54,7 +57,7 @@ def _ranks(values: Array, bins: int) -> NDArray[np.int64]:
     return found
 
 
-def _independent(rests: Sequence[Array], cells: Sequence[Array]) -> bool:
+def _independent(rests: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> bool:
     """Whether mean and power of the rest differ between the cells no more than when the rest is moved in time."""
     shares = np.random.default_rng(0).uniform(0.05, 0.95, (_SHIFTS, len(rests)))
     for powers in (rests, [rest**2 - 1.0 for rest in rests]):
@@ -67,7 +70,7 @@ def _independent(rests: Sequence[Array], cells: Sequence[Array]) -> bool:
     return True
 
 
-def _between(values: Sequence[Array], cells: Sequence[Array]) -> float:
+def _between(values: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> float:
     """Power between the cells, summed over the recordings."""
     total = 0.0
     for value, cell in zip(values, cells, strict=True):

@@ -66,4 +66,4 @@ def _by_spectrum(channel: Array) -> float:
     # The quietest band alone would be too quiet by chance: all that may be as quiet (3 standard errors) count.
     alike = min(levels) * (1.0 + 3.0 * _SPREAD / np.sqrt(len(bands[0])))
     quiet = np.concatenate([band for band, level in zip(bands, levels, strict=True) if level <= alike])
-    return float(np.sqrt(np.median(quiet) / np.log(2.0)))  # the median of an exponential variable is ln 2 times its mean
+    return float(np.sqrt(np.median(quiet) / np.log(2.0)))  # the median of an exponential variable is ln 2 of its mean

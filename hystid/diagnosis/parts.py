@@ -35,7 +35,7 @@ class Part:
 
     x, v, a: smoothed motion. F: force as measured. inertia: unbiased acceleration, for the balance F - m a
     (the channel itself, or a plain derivative of the best one). noise: standard deviation per channel.
-    jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing.
+    jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Part:
     noise: dict[str, float]
     measured: dict[str, Array]
     valid: Array | None = field(repr=False, default=None)
-    jitter: tuple[tuple[Array, Array, Array], ...] = field(repr=False, default=())
+    jitter: tuple[tuple[Array, Array, Array, Array], ...] = field(repr=False, default=())
 
     def __len__(self) -> int:
         return len(self.t)
@@ -138,7 +138,7 @@ def stencil(values: Array, weights: Array) -> Array:
 
 def _jitter(
     measured: dict[str, Array], noise: dict[str, float], dt: float, motion: Smoothed, seed: int
-) -> tuple[tuple[Array, Array, Array], ...]:
+) -> tuple[tuple[Array, Array, Array, Array], ...]:
     """The smoother is linear, so that smoothed noise is the error that noise leaves."""
     rng = np.random.default_rng(seed)
     draws = []
@@ -148,7 +148,7 @@ def _jitter(
         held = {name: values if (at := stairs[name]) is None else values[at] for name, values in drawn.items()}
         only_noise = {name: noise[name] * values for name, values in held.items()}
         error = smooth(only_noise, noise, dt, motion.roughness)
-        draws.append((error.x, error.v, error.a))
+        draws.append((error.x, error.v, error.a, _inertia(only_noise, dt)[0]))
     return tuple(draws)
 
 

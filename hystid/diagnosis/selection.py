@@ -19,7 +19,7 @@ from hystid.diagnosis.independence import is_noise
 from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
 from hystid.diagnosis.sensors import HUM, force_drift, mains_hum
 
-SOUND = 0.09  # excess that smoothing and integration leave in healthy recordings
+SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
 WORTH = 0.05  # fall of the mean square below which no effect is named
 EXPLAINED = 0.93  # share of the excess that a right law explains
 PAIR_SHARE = 0.045  # share of the excess that each of several effects must cost when it is taken away
@@ -305,7 +305,7 @@ def _tie(best: Trial, excess: float) -> float:
 
 def sound(problem: Problem, delay: float) -> float:
     """Excess that healthy recordings may show; more where a law jumps or the force was held between samples."""
-    return SOUND * (1.0 if problem.reduce.level == 1.0 else 2.5) * (2.0 if abs(delay) > _HELD else 1.0)
+    return SOUND * (1.0 if problem.reduce.level == 1.0 else 1.5) * (2.0 if abs(delay) > _HELD else 1.0)
 
 
 def _explains(problem: Problem, fit: Fit, floor: float, before: Fit, excess: float) -> bool:
