@@ -24,7 +24,7 @@ from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, fit
 from hystid.diagnosis.freerun import errors
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.noise import noise_level
-from hystid.diagnosis.parts import Part, prepare_part
+from hystid.diagnosis.parts import HiddenMotion, Part, prepare_part, visible
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.runs import Run, compile_text, free_runs
@@ -99,12 +99,15 @@ def diagnose(
     if is_fmu(model) and not (fmu := FmuModel(model)).holds:
         return _written(_free_run_only(fmu, [*tests, *unseen], str(model), given.values), None, out)
     with track("diagnosis", 100) as step, _quiet_models():
-        case = _prepare(tests, unseen, str(model), given)
+        try:
+            case = _prepare(tests, unseen, str(model), given)
+        except HiddenMotion as hidden:
+            return not_applicable(f"{hidden}; record x or v as well", str(model), given.values, out)
         step(15, "baseline fitted")
         left_out = {*exclude, *(chain.TIMED if any(test.quasi_static for test in tests) else ())}
         library = [effect for effect in load_effects(_paths(effects)) if effect.id not in left_out]
         share = max(1, len(library) // 70)
-        choice = choose(case.problem, case.refit, library, _every(step, share))
+        choice = choose(case.problem, case.refit, library, _every(step, share), repaired=bool(case.faults))
         answer, extended = _conclude(case, choice, out is not None)
     return _written(answer, extended, out)
 
@@ -271,7 +274,7 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
         unseen = [chain.shifted(test, late.channel, late.size) for test in unseen]
     faults += [f for f in (chain.saturated_motion(tests), chain.saturated_force(tests)) if f is not None]
     stopped = {fault.channel: fault.size for fault in faults if fault.id == "sensor_saturation"}
-    parts = [prepare_part(test, seed, stopped) for seed, test in enumerate(tests)]
+    parts, hidden = visible([prepare_part(test, seed, stopped) for seed, test in enumerate(tests)])
     code, runs = _compiled(model, given.values)
     named, fixed, free = (_with_mass(names, code) for names in (given.values, given.fixed, given.free))
     whole = {v.name for v in code.variables if v.type != "Real"}
@@ -286,7 +289,7 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     problem = Problem(parts, baseline, _scales(parts, baseline))
     refit, nominal = _refit(problem)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
-    notes = (*told, *(note for test in tests for note in test.notes))
+    notes = (*told, *hidden, *(note for test in tests for note in test.notes))
     return Case(problem, baseline, refit, nominal, tuple(faults), chain.consistency(lags), held, notes)
 
 

@@ -22,17 +22,17 @@ from hystid.diagnosis.sensors import HUM, force_drift, mains_hum
 SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
 WORTH = 0.05  # fall of the mean square below which no effect is named
 EXPLAINED = 0.93  # share of the excess that a right law explains
+_PAIR_WORTH = 0.08  # fall of the mean square that each of several effects must be worth
 PAIR_SHARE = 0.045  # share of the excess that each of several effects must cost when it is taken away
-_CLEAR_MASS, _SURE = 0.02, 8.0  # share of the mass, and its multiple of the standard error
-_ALL = 5.0  # what a small added mass explains over what it leaves: laws of inertia that it only mimics leave more
 _PAIR_LEFT = 0.05  # share of the excess that several right effects may leave
-_FAMILY, _AHEAD = 0.8, 0.2  # share of the excess that a form of the right id explains, and its lead over other ids
+_FAMILY, _AHEAD = 0.85, 0.2  # share of the excess that a form of the right id explains, and its lead over other ids
 _HELD = 0.35  # samples of delay: a force that is held is half a sample late, and no shift undoes the steps
 _FAR, _MOST, _MUCH = 30.0, 0.72, 0.4  # excess in floors, share of the first effect, share of the rest of the second
 _FORM = 0.045  # share of the excess that another form of the right law leaves; more may be a second effect
 _HOPEFUL = 0.6  # share of the excess that the best trial may leave to be searched again
 _NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
 _RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
+_REPAIRED = 2.0  # excess that is sound after a repair, over that of a sound recording
 MAINS = (50.0, 60.0)  # Hz
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
@@ -99,9 +99,17 @@ class Step:
 
 
 def choose(
-    problem: Problem, baseline: Fit, effects: Sequence[Effect], progress: Callable[[], None] = lambda: None
+    problem: Problem,
+    baseline: Fit,
+    effects: Sequence[Effect],
+    progress: Callable[[], None] = lambda: None,
+    *,
+    repaired: bool = False,
 ) -> Choice:
-    """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there."""
+    """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there.
+
+    repaired: a channel was shifted or cut before; what the repair missed is no further finding.
+    """
     baseline = without_hum(problem, baseline)
     floor = problem.floor(baseline.hypothesis)
     excess = baseline.chi2 - floor
@@ -110,14 +118,15 @@ def choose(
     untestable = _untestable(candidates)
     chain = chain_trials(problem, baseline, effects)
     idle = not candidates or candidates[0].gain < _IDLE * excess * len(baseline.residual)
-    if excess < sound(problem, baseline.hypothesis.delay) * max(1.0, floor) or (idle and is_noise(problem, baseline)):
-        return _quiet(problem, baseline, floor, chain, untestable, effects)
+    healthy = sound(problem, baseline.hypothesis.delay) * max(1.0, floor) * (_REPAIRED if repaired else 1.0)
+    if excess < healthy or (idle and is_noise(problem, baseline)):
+        return _quiet(problem, baseline, floor, chain, untestable)
     first = trials(problem, baseline, candidates, excess, chain)
     if not first:
         return Choice(baseline, baseline, floor, floor, unknown=True, untestable=untestable)
     freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=baseline.hypothesis.terms, late=False), 25)
     if freed is not None and baseline.chi2 - freed.chi2 > 0.1 * excess:  # the refit was stuck, and the effect a way out
-        return choose(problem, freed, effects, progress)
+        return choose(problem, freed, effects, progress, repaired=repaired)
     first = _exchanged(problem, _searched_again(problem, first, floor, excess), baseline)
     chosen = _single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
@@ -156,15 +165,11 @@ def _quiet(
     floor: float,
     chain: Sequence[Trial],
     untestable: tuple[str, ...],
-    effects: Sequence[Effect],
 ) -> Choice:
     """Nothing to explain, but for a correction of the chain that ran into its limit."""
     for trial in chain:
         if baseline.chi2 - trial.chi2 > _LIMIT_GAIN:
             return _named(problem, baseline, floor, [Step(trial, (), 1.0)], chain, untestable)
-    heavier = _clear_weighing(problem, baseline, floor, effects)
-    if heavier is not None:
-        return _named(problem, baseline, floor, [Step(heavier, (), 1.0)], [heavier], untestable)
     return Choice(baseline, baseline, floor, floor, untestable=untestable)
 
 
@@ -260,18 +265,6 @@ def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> li
     return found
 
 
-def _clear_weighing(problem: Problem, fitted: Fit, floor: float, effects: Sequence[Effect]) -> Trial | None:
-    """An added mass within what weighing explains: worth a name only where it is clear and nothing else is found.
-
-    What it explains must also be more than what is left: any law of inertia or gain has a mass that mimics it a little.
-    """
-    share, spread = abs(fitted.hypothesis.weighing), fitted.stderr(("chain", "weighing"))
-    if share < _CLEAR_MASS or share < _SURE * spread:
-        return None
-    explained = fitted.chi2 * (share / spread) ** 2 / len(fitted.residual)
-    return _added_mass(problem, fitted, effects) if explained > _ALL * (fitted.chi2 - floor) else None
-
-
 def _added_mass(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
     """The weighing error as an effect without a limit."""
     here = fitted.hypothesis
@@ -305,7 +298,7 @@ def _tie(best: Trial, excess: float) -> float:
 
 def sound(problem: Problem, delay: float) -> float:
     """Excess that healthy recordings may show; more where a law jumps or the force was held between samples."""
-    return SOUND * (1.0 if problem.reduce.level == 1.0 else 1.5) * (2.0 if abs(delay) > _HELD else 1.0)
+    return SOUND * (2.5 if problem.reduce.jumps else 1.0) * (2.0 if abs(delay) > _HELD else 1.0)
 
 
 def _explains(problem: Problem, fit: Fit, floor: float, before: Fit, excess: float) -> bool:
@@ -418,7 +411,7 @@ def _each_counts(problem: Problem, fit: Fit, excess: float) -> bool:
             continue
         rest = replace(hypothesis, terms=tuple(t for k, t in enumerate(hypothesis.terms) if k != i))
         made = try_fit(problem, rest, iterations=6)
-        if made is None or made.chi2 - fit.chi2 < max(WORTH, PAIR_SHARE * excess):
+        if made is None or made.chi2 - fit.chi2 < max(_PAIR_WORTH, PAIR_SHARE * excess):
             return False
     return True
 
