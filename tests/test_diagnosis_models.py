@@ -6,12 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy.ssp.simulation import simulate_ssp
+from fmpy.ssp.ssd import read_ssv
 
 from hystid.cli import main
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.errors import UsageError
 from hystid.fmu import build
+from hystid.fmu.build import Version
 from hystid.modelica import compile_model
 from hystid.recording import Recording
 
@@ -71,14 +74,35 @@ def test_a_model_without_our_interfaces_is_diagnosed_and_extended(tmp_path: Path
     assert (tmp_path / "out" / "extended.fmu").exists()
 
 
-@pytest.mark.parametrize("kind", ["own", "foreign"])
-def test_an_fmu_is_diagnosed(tmp_path: Path, hardening: Recording, kind: str) -> None:
-    path = build_of(tmp_path)
+@pytest.mark.parametrize(("kind", "fmi"), [("own", 2), ("foreign", 2), ("foreign", 3)])
+def test_an_fmu_is_diagnosed_and_runs_with_the_findings(
+    tmp_path: Path, hardening: Recording, kind: str, fmi: Version
+) -> None:
+    path = build_of(tmp_path, fmi)
     path = without_batch_entry(path) if kind == "foreign" else path
     found = diagnose([hardening], model=str(path), parameters={"mass": 2.0}, out=tmp_path / "out")
     assert is_cubic(found)
     assert "closed binary" in (tmp_path / "out" / "extended.mo").read_text()
     assert not (tmp_path / "out" / "extended.fmu").exists()
+    before, after = found.errors[0].free_run
+    assert before is not None and after is not None and after < 0.1 * before
+
+
+def test_an_fmu_with_its_effects_runs_as_a_system(tmp_path: Path, hardening: Recording) -> None:
+    """FMPy takes the .ssp. Its master is a step late with the force, which takes damping k dt away: short steps."""
+    path = build_of(tmp_path)
+    diagnose([hardening], model=str(path), parameters={"mass": 2.0}, out=tmp_path / "out")
+    system = str(tmp_path / "out" / "extended.ssp")
+    errors = []
+    assert hardening.x is not None
+    for finer in (10, 20):
+        rows = simulate_ssp(
+            system, stop_time=0.6, step_size=DT / finer, parameter_set=read_ssv(system, "resources/parameters.ssv"),
+            input={"F": lambda t: float(np.interp(t, T, FORCE))},
+        )  # fmt: skip
+        x = np.interp(T[T < 0.6], rows["time"], rows["x"])
+        errors.append(float(np.sqrt(np.mean((x - hardening.x[: len(x)]) ** 2)) / np.std(hardening.x)))
+    assert errors[0] < 0.15 and errors[1] < 0.6 * errors[0]  # first order in the step
 
 
 def without_batch_entry(path: Path) -> Path:
@@ -105,9 +129,9 @@ def test_co_simulation_only_compares_the_free_run(tmp_path: Path, hardening: Rec
     assert found.errors[0].free_run[0] is not None
 
 
-def build_of(folder: Path) -> Path:
+def build_of(folder: Path, fmi: Version = 2) -> Path:
     path = folder / "mine.fmu"
-    build(compile_model(own_model(folder, "Mine")), path)
+    build(compile_model(own_model(folder, "Mine")), path, fmi=fmi)
     return path
 
 

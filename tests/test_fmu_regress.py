@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -11,9 +12,11 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from fmu_models import EVERY, built, effect, jenkins, linear
+from fmu_models import FOLDER as MODELS
 
 from hystid.errors import FmuError
-from hystid.fmu import build, regress
+from hystid.fmu import Driver, build, regress
+from hystid.fmu.platforms import host
 from hystid.fmu.reference import FOLDER, NAMESPACE, read_table, reference_entries, table_text
 
 
@@ -146,3 +149,67 @@ def test_the_fixture_in_a_suite_of_ones_own(tmp_path):
     ET.parse(picture)
     assert run_pytest(tmp_path, "--fmu-update").returncode == 0
     assert run_pytest(tmp_path).returncode == 0
+
+
+ENDING = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Ending" guid="{ending}">
+  <CoSimulation modelIdentifier="Ending" canHandleVariableCommunicationStepSize="true"/>
+  <ModelVariables>
+    <ScalarVariable name="x" valueReference="0" causality="output" variability="continuous" initial="calculated">
+      <Real/></ScalarVariable>
+    <ScalarVariable name="n" valueReference="1" causality="output" variability="discrete" initial="calculated">
+      <Integer/></ScalarVariable>
+    <ScalarVariable name="text" valueReference="2" causality="output" variability="discrete" initial="calculated">
+      <String/></ScalarVariable>
+  </ModelVariables>
+  <ModelStructure><Outputs><Unknown index="1"/><Unknown index="2"/><Unknown index="3"/></Outputs></ModelStructure>
+</fmiModelDescription>
+"""
+
+
+@pytest.fixture
+def ending(tmp_path):
+    """An FMU of another tool, which asks for the end of the simulation at 0.5 s."""
+    if host() != "x86_64-linux" or not shutil.which("gcc"):
+        pytest.skip("needs gcc on Linux, x86_64")
+    command = ["gcc", "-shared", "-fPIC", MODELS / "ending.c", "-o", tmp_path / "Ending.so"]
+    subprocess.run(command, check=True)
+    with zipfile.ZipFile(tmp_path / "ending.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", ENDING)
+        archive.write(tmp_path / "Ending.so", "binaries/linux64/Ending.so")
+    return tmp_path / "ending.fmu"
+
+
+def test_an_fmu_may_end_the_simulation(ending):
+    driver = Driver(ending)
+    np.testing.assert_allclose(driver.simulate(np.arange(6) * 0.1, outputs=["x"])["x"], np.arange(6) * 0.2)
+    with pytest.raises(
+        FmuError, match=r"asked for the end .* at t = 0\.5 s, before the last time 0\.7 s"
+    ):
+        driver.simulate(np.arange(8) * 0.1)
+
+
+def test_texts_and_discrete_signals_in_a_reference_are_named(ending):
+    rows = [f"{0.1 * k!r},{0.2 * k!r},{k},some text" for k in range(6)]
+    beside = ending.with_name("ending_out.csv")
+    beside.write_text("\n".join(["time,x,n,text", *rows]))
+    result = regress(ending)
+    assert [signal.name for signal in result.signals] == ["x"] and result.skipped == ("n", "text") and result.passed
+    assert "not compared, being discrete or no plain numbers: n, text" in result.text()
+    with pytest.raises(FmuError, match="cannot be written anew"):
+        regress(ending, update=True)
+    beside.write_text("\n".join(["time,n", *(f"{0.1 * k!r},{k}" for k in range(6))]))
+    assert [signal.name for signal in regress(ending).signals] == ["n"]  # there is nothing else to compare
+    beside.write_text("\n".join(["time,n", *(f"{0.1 * k!r},{k + 2}" for k in range(6))]))
+    assert not regress(ending).passed
+    for text, sentence in (("time,text\n0,a", "no numbers that could be compared"), ("time,y\n0,1", "no variable"),
+                           ("time,x\n0,1\n1", "rows differ in length")):  # fmt: skip
+        beside.write_text(text)
+        with pytest.raises(FmuError, match=sentence):
+            regress(ending)
+
+
+def test_truth_values_are_numbers():
+    t, columns = read_table("time,b,s,a\n0,false,x,1 2\n1,true,y,3 4\n")
+    assert t.tolist() == [0.0, 1.0] and columns["b"].tolist() == [0.0, 1.0]
+    assert columns["s"] is None and columns["a"] is None

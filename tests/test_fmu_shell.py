@@ -431,47 +431,77 @@ def test_fmi3_returns_early_at_events_and_leaves_them_to_event_mode():
         np.testing.assert_allclose(instants, expected, rtol=1e-12)
 
 
-def test_fmi3_intermediate_update_may_set_inputs_and_stop_the_step():
-    """The callback gives F = t at each internal step and asks to stop at 5 ms."""
-    calls = []
-    callback_type = ctypes.CFUNCTYPE(
-        None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, ctypes.POINTER(c_bool), ctypes.POINTER(c_double)
-    )
+UPDATE = ctypes.CFUNCTYPE(
+    None, c_void_p, c_double, c_bool, c_bool, c_bool, c_bool, ctypes.POINTER(c_bool), ctypes.POINTER(c_double)
+)
 
-    def update(_environment, t, _set, _get, finished, can_stop, stop, stop_time):
+
+class Updated(Instance):
+    """FMI 3 co-simulation with early return and an intermediate update: at(t) sets inputs and may say when to end."""
+
+    def __init__(self, make, at):
+        self.at, self.calls = at, []
+        super().__init__(unpacked(make, 3), "CoSimulation")
+
+    def _update(self, _environment, t, _set, _get, finished, can_stop, stop, stop_time):
         assert finished and can_stop
-        calls.append((t, write(instance, linear, F=t)))
-        if t >= 0.005 - 1e-9:
-            stop[0], stop_time[0] = True, t
+        self.calls.append(t)
+        answer = self.at(t)
+        if answer is not None:
+            stop[0], stop_time[0] = True, answer
 
-    keep = callback_type(update)
+    def _instantiate(self, fmu, kind):
+        make = self._library.fmi3InstantiateCoSimulation
+        make.restype = c_void_p
+        self._keep = UPDATE(self._update)
+        no, yes = c_bool(False), c_bool(True)
+        name, token = fmu.model.name.encode(), fmu.model.token.encode()
+        return make(name, token, b"", no, no, no, yes, None, c_size_t(0), None, self._logger, self._keep)
 
-    class Updated(Instance):
-        def _instantiate(self, fmu, kind):
-            make = self._library.fmi3InstantiateCoSimulation
-            make.restype = c_void_p
-            return make(
-                fmu.model.name.encode(),
-                fmu.model.token.encode(),
-                b"",
-                c_bool(False),
-                c_bool(False),
-                c_bool(False),
-                c_bool(True),
-                None,
-                c_size_t(0),
-                None,
-                self._logger,
-                keep,
-            )
 
-    with Updated(unpacked(linear, 3), "CoSimulation") as instance:
+@pytest.mark.parametrize(("wanted", "ends"), [(0.005, 0.005), (0.0052, 0.0052), (0.5, 0.01), (0.001, 0.004)])
+def test_fmi3_intermediate_update_may_set_inputs_and_stop_the_step(wanted, ends):
+    """The callback gives F = t at each internal step, and at 4 ms or after asks for an end: there, further on within an
+    internal step, beyond the step, or in the past, which is at once."""
+
+    def at(t):
+        assert write(instance, linear, F=t) == 0
+        return wanted if t >= 0.004 - 1e-9 else None
+
+    with Updated(linear, at) as instance:
         instance.initialise(0.0, [])
         event, early, reached = do_step3(instance, 0.0, 0.01)
-        assert (event, early) == (False, True) and reached == pytest.approx(0.005)
-        assert [status for _, status in calls] == [0] * 5
-        np.testing.assert_allclose([t for t, _ in calls], np.arange(1, 6) * 1e-3)
-        assert read(instance, linear, "F")[0] == pytest.approx(0.005)
+        assert (event, early) == (False, ends < 0.01) and reached == pytest.approx(ends, rel=1e-12)
+        whole = np.arange(1, 11) * 1e-3
+        np.testing.assert_allclose(instance.calls, np.unique([*whole[whole < ends - 1e-9], ends]))
+        assert read(instance, linear, "F")[0] == pytest.approx(ends)
+        _, early, reached = do_step3(instance, reached, 0.02 - reached)  # and on from there
+        assert reached == pytest.approx(0.02) or early
+
+
+def test_memory_moves_once_a_step_whatever_the_callback_asks():
+    """One doStep of a block without states is one sample, with and without intermediate update and early return."""
+
+    def run(at):
+        with Updated(memory, at) as instance:
+            instance.initialise(0.0, [])
+            forces = []
+            for k in range(60):
+                write(instance, memory, x=np.sin(0.4 * k), v=np.cos(0.4 * k))
+                _, early, reached = do_step3(instance, 0.01 * k, 0.01)
+                assert not early and reached == pytest.approx(0.01 * (k + 1))
+                forces.append(read(instance, memory, "R")[0])
+            assert len(instance.calls) == 60
+            return np.array(forces)
+
+    with start(memory, 3) as instance:
+        stepper, plain = Stepper(instance), []
+        for k in range(60):
+            write(instance, memory, x=np.sin(0.4 * k), v=np.cos(0.4 * k))
+            stepper.step(0.01 * k, 0.01)
+            plain.append(read(instance, memory, "R")[0])
+    np.testing.assert_array_equal(run(lambda t: None), plain)
+    np.testing.assert_array_equal(run(lambda t: t), plain)
 
 
 @BOTH

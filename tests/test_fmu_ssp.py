@@ -6,16 +6,22 @@ import zipfile
 from pathlib import Path
 
 import fmpy
+import fmu_checker
 import numpy as np
 import pytest
 from fmpy.ssp.simulation import simulate_ssp
+from fmpy.validation import validate_fmu
 from fmu_models import built, linear, memory
 from lxml import etree
+from surrogate_harness import smooth_slider
 
-from hystid.errors import HystidError
-from hystid.fmu import Connection, build_model, write_ssp
+from hystid.errors import HystidError, UsageError
+from hystid.fmu import Connection, Driver, build, build_model, write_rig, write_ssp
 from hystid.fmu.door import open_fmu
 from hystid.fmu.native import Access, Instance, Stepper
+from hystid.fmu.rig import mass_code
+from hystid.networks import onnx as exchange
+from hystid.surrogate import surrogate_code
 
 MASS = """model Mass "m a + R = F"
   parameter Real m(unit="kg") = 2 "Mass";
@@ -123,3 +129,71 @@ def test_what_does_not_fit_gets_one_sentence(tmp_path, components, connections, 
     with pytest.raises(HystidError, match=sentence) as error:
         write_ssp(tmp_path / "no.ssp", "no", components, connections, inputs=["F"])
     assert "\n" not in str(error.value) and list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def surrogate(tmp_path_factory):
+    """surrogate.fmu of a network with turning points, and a reference oscillator."""
+    folder = tmp_path_factory.mktemp("surrogate")
+    exchange.write(smooth_slider(), folder / "surrogate.onnx")
+    force = build(surrogate_code(folder / "surrogate.onnx"), folder / "surrogate.fmu").path
+    return force, build_model("HystId.Oscillators.Jenkins", folder / "jenkins.fmu").path
+
+
+def test_a_surrogate_on_its_mass_beside_the_reference(tmp_path, surrogate):
+    """FMPy's runner, and a loop written here over the same FMUs: the same numbers."""
+    force, reference = surrogate
+    path = write_rig(tmp_path / "rig.ssp", force, 1.5, reference=reference)
+    etree.XMLSchema(file=str(SCHEMA)).assertValid(etree.fromstring(zipfile.ZipFile(path).read("SystemStructure.ssd")))
+    step, n = 1e-4, 1500
+
+    def excitation(t):
+        return 30 * np.sin(2 * np.pi * 20 * t)
+
+    rows = simulate_ssp(str(path), stop_time=n * step, step_size=step, input={"F": excitation})
+    with zipfile.ZipFile(path) as archive:
+        (tmp_path / "mass.fmu").write_bytes(archive.read("resources/mass.fmu"))
+    opened = {"force": open_fmu(force), "mass": open_fmu(tmp_path / "mass.fmu"), "reference": open_fmu(reference)}
+    instances = {name: Instance(fmu, "CoSimulation") for name, fmu in opened.items()}
+    for instance in instances.values():
+        instance.initialise(0.0, [])
+    steppers = {name: Stepper(instance) for name, instance in instances.items()}
+
+    def put(component, variable, value):
+        held = np.array([value])
+        Access(instances[component], [opened[component].model.variable(variable)]).set(held.ctypes.data)
+
+    def get(component, variable):
+        held = np.zeros(1)
+        Access(instances[component], [opened[component].model.variable(variable)]).get(held.ctypes.data)
+        return held[0]
+
+    x, x_reference, t = [], [], 0.0
+    for _ in range(n):
+        for name in opened:
+            steppers[name].step(t, step)
+        R = get("force", "R")  # of the sample stepped, before new inputs change it
+        put("force", "x", get("mass", "x"))
+        put("force", "v", get("mass", "v"))
+        put("mass", "R", R)
+        put("mass", "F", excitation(t))
+        put("reference", "F", excitation(t))
+        x.append(get("mass", "x"))
+        x_reference.append(get("reference", "x"))
+        t += step
+    for instance in instances.values():
+        instance.close()
+    count = min(len(x), len(rows["x"]))
+    assert count >= n - 1 and np.ptp(x) > 1e-5 and np.ptp(x_reference) > 1e-5
+    np.testing.assert_allclose(rows["x"][:count], x[:count], rtol=1e-12)
+    np.testing.assert_allclose(rows["x_reference"][:count], x_reference[:count], rtol=1e-12)
+
+
+def test_the_mass_is_a_valid_fmu_with_exact_derivatives(tmp_path):
+    path = build(mass_code(2.0, step=1e-3), tmp_path / "mass.fmu", fmi=3).path
+    assert validate_fmu(str(path)) == [] and fmu_checker.problems(path) == []
+    t = np.linspace(0, 1, 1001)
+    rows = Driver(path).simulate(t, {"F": np.full(1001, 6.0), "R": np.full(1001, 2.0)}, start={"v_start": 1.0})
+    np.testing.assert_allclose(rows["x"], t + t**2, rtol=1e-12)  # a = (6 - 2)/2
+    with pytest.raises(UsageError, match="must be positive"):
+        mass_code(0.0)

@@ -69,9 +69,10 @@ def test_refined_is_better_than_published_in_simulation(identified):
     assert refined < published
 
 
-def test_result_is_the_same_for_any_number_of_workers(recordings):
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_result_is_the_same_for_any_number_of_workers(recordings, precision):
     results = [
-        identify(recordings[:1], mass=MASS, layers=(2,), ensemble=3, samples=2000, workers=workers)
+        identify(recordings[:1], mass=MASS, layers=(2,), ensemble=3, samples=2000, workers=workers, precision=precision)
         for workers in (1, 3)
     ]
     first, second = (json.dumps(plain(result.summary())) for result in results)

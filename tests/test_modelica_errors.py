@@ -34,8 +34,12 @@ REFUSED = {
     "partial": ("partial " + model("  Real x;\nequation\n  x = 1;\n"), 1, "partial"),
     "algorithm": (model("  Real x;\nalgorithm\n  x := 1;\n"), 4, "algorithm section.*write equations"),
     "initial algorithm": (model("  Real x;\ninitial algorithm\n  x := 1;\nequation\n  der(x) = 1;\n"), 3, "algorithm"),
-    "record": (model("  record R\n    Real a;\n  end R;\n  R r;\nequation\n  r.a = 1;\n"), 5, "record"),
-    "string": (model('  parameter String s = "a";\n  Real x = 1;\n'), 2, "String variable"),
+    "record as a whole": (
+        model("  record R\n    Real a;\n  end R;\n  R r, q;\nequation\n  r.a = 1;\n  q = r;\n"), 8,
+        "record 'q' as a whole",
+    ),
+    "string": (model('  String s;\n  Real x = 1;\nequation\n  s = "a";\n'), 2, "String variable"),
+    "string without a value": (model("  parameter String s;\n  Real x = 1;\n"), 2, "value of the String 's'"),
     "external": (
         model(
             "  Real x;\nequation\n  x = f(3);\n",
@@ -51,7 +55,7 @@ REFUSED = {
             "  while y > 1 loop\n    y := y - 1;\n  end while;\nend f;\n",
         ),
         6,
-        "unroll while-loops",
+        "condition of a while-loop depends on a variable.*use for and if",
     ),
     "delay": (model("  Real x;\nequation\n  x = delay(time, 1.0);\n"), 4, r"delay\(\) is not supported"),
     "homotopy": (model("  Real x;\nequation\n  x = homotopy(time, 1.0);\n"), 4, r"homotopy\(\).*first argument"),

@@ -228,3 +228,38 @@ def test_picked_samples_keep_the_memory_of_all(sequences, pair):
     w, order = joint.parameters_of(pair), np.random.default_rng(0).permutation(len(sequences.x))
     halves = [joint.JointNormal(pair, sequences.pick(part)).squares(w) for part in (order[:500], order[500:])]
     assert sum(halves) == pytest.approx(joint.JointNormal(pair, sequences).squares(w), rel=1e-12)
+
+
+def test_weights_multiply_errors_and_their_derivatives(sequences, pair):
+    """Weights 2 and 3 on two recordings: J'e and e'e are those of either recording, times 4 and 9."""
+    w, weight = joint.parameters_of(pair), np.repeat([2.0, 3.0], 600)
+    whole = joint.JointNormal(pair, replace(sequences, weight=weight))
+    parts = [joint.JointNormal(pair, sequences.pick(np.arange(600) + begin)) for begin in (0, 600)]
+    squares = [part.build(w) for part in parts]
+    assert whole.build(w) == pytest.approx(4 * squares[0] + 9 * squares[1], rel=1e-12)
+    expected = 4 * parts[0].gradient() + 9 * parts[1].gradient()
+    np.testing.assert_allclose(whole.gradient(), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_branches_are_divided_the_same_way_for_any_draw_of_samples(sequences):
+    """Else a training that goes on with other samples would be stopped by branches that it was trained on."""
+    few = sequences.pick(np.arange(0, len(sequences.x), 3))
+    for name, chosen in sequences.split(1).items():
+        assert set(few.segment[few.split(1)[name]]) <= set(sequences.segment[chosen])
+
+
+def test_a_draft_sees_few_samples_and_the_answer_fits_all():
+    """2100 training samples, 21 weights: a fifth of the samples in the draft; errors after it are those of all."""
+    rng = np.random.default_rng(5)
+    inputs = rng.uniform(-1, 1, (3, 3000))
+    target = np.tanh(2 * inputs[0]) + 0.3 * inputs[1] * inputs[2] + 0.01 * rng.standard_normal(3000)
+    data, rule = training.Data.split(inputs, target, 0), training.RULES["fast"]
+    (few, draft), (every, last) = training.stages(len(data.parts["train"][1]), 21, rule)
+    assert few == 420 and every == 2100 and draft.max_iterations + last.max_iterations == rule.max_iterations
+    w = training.initial_weights((3, 4, 1), np.random.default_rng(0))
+    with_draft, without = (training.train(data, (4,), w, rule=r) for r in (rule, replace(rule, draft=0.0)))
+    whole = CompiledNormal((3, 4, 1), *data.parts["train"])
+    assert whole.squares(with_draft.w) / 2100 == pytest.approx(with_draft.train[with_draft.iteration], rel=1e-9)
+    assert with_draft.validation[with_draft.iteration] == with_draft.best
+    assert with_draft.best < 1.1 * without.best  # another path, an answer as good
+    assert training.stages(400, 21, rule) == [(400, rule)]  # ten samples per weight would be more than half of them

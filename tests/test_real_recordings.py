@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
-from hystid.diagnosis.chain import seated
+from hystid.diagnosis.chain import one_speed, seated
 from hystid.recording import Recording
 from hystid.recording.types import PSEUDO_TIME
+from hystid.report.diagnosis import write_diagnosis
+from hystid.report.evidence import look_alikes, loop_energy, since_turn
+from hystid.report.plots import Bars, Points
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 LINEAR = "HystId.Oscillators.Linear"
@@ -95,3 +98,51 @@ def test_play_in_the_middle_of_a_test_is_no_approach() -> None:
     assert len(cut) < 400 and cut.x is not None and cut.F is not None
     assert np.max(np.abs(cut.F - 1e4 * cut.x)) < 1e-3 * np.max(np.abs(cut.F))
     assert seated(Recording("timed", t[:400], F=once.F, x=once.x)).x is once.x
+
+
+@measured
+def test_damper_that_moves_far_per_sample_keeps_its_short_memory() -> None:
+    """Published for this damper: a Dahl law, 1/20 mm, 210 N, beside a viscous damper of 1314 N s/m."""
+    found = diagnose([DATA / "mr_damper_utfpr" / "mr_damper_third_setting.csv"], model=LINEAR, parameters={"m": 0})
+    assert names(found) == ["hysteretic_friction"]
+    before, after = found.force_nrmse
+    assert after < 0.1 < before
+
+
+@measured
+def test_pressurised_cylinder_has_preload_and_dry_friction() -> None:
+    """148.6 N of pressure and 7.4 N of friction were read off the file's medians (its README)."""
+    found = diagnose(
+        [DATA / "pneumatic_cylinder_friction" / "pneumatic_Circle_3bar.csv"], model=LINEAR, parameters={"m": 0}
+    )
+    preload, friction = sorted(found.findings, key=lambda finding: finding.effect != "preload")
+    assert preload.effect == "preload"
+    assert preload.parameters["f0"].value == pytest.approx(148.6, rel=0.01)
+    assert "coulomb_friction" in friction.alike
+    assert friction.parameters["Fc"].value == pytest.approx(7.4, rel=0.1)  # the rest is taken as viscous at one speed
+    assert "viscoelastic_relaxation" in found.untestable
+
+
+def test_strokes_at_one_speed_are_told_from_harmonic_motion() -> None:
+    t = np.linspace(0, 10, 5000)
+    triangle = np.interp(t % 2, [0, 0.7, 2], [0.0, 1e-2, 0.0]) + 1e-5 * np.random.default_rng(2).standard_normal(5000)
+    assert one_speed([triangle])
+    assert not one_speed([1e-2 * np.sin(3 * t)])
+    assert not one_speed([triangle, np.interp(t % 5, [0, 2, 5], [0.0, 1e-2, 0.0])])  # slower strokes in another test
+
+
+@measured
+def test_the_page_shows_the_evidence(tmp_path: Path) -> None:
+    found = diagnose([DATA / "rc_cyclic" / "ferrocement_wall_bedoya.csv"], model=LINEAR, parameters={"m": 0})
+    energy, alike, turn = loop_energy(found), look_alikes(found), since_turn(found)
+    assert energy is not None and alike is not None and turn is not None
+    measured_loops, after = energy.series[0], energy.series[2]
+    assert isinstance(measured_loops, Points) and isinstance(after, Points)
+    # the spring of the baseline loses nothing; what was found loses what was measured, within the 12 % of force left
+    assert np.sum(after.y) == pytest.approx(np.sum(measured_loops.y), rel=0.12)
+    shares = alike.series[0]
+    assert isinstance(shares, Bars) and np.all(shares.values <= 1.0)
+    page = write_diagnosis(found, tmp_path / "report.html").read_text()
+    for title in ("What else it could be", "Energy lost per loop", "Residual since the last reversal", "Memory of the"):
+        assert title in page
+    assert page.index("Missing physics") < page.index("What was found") < page.index("Evidence")

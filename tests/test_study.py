@@ -56,6 +56,8 @@ def test_grid_gives_figures_for_every_structure(finished):
         assert len(spread.values) == 3
         assert spread.best <= spread.lower <= spread.median <= spread.upper <= spread.worst
         assert {spread.best, spread.median, spread.worst} == set(spread.values)
+        assert all(sum(reasons.values()) == 3 for reasons in cell.stopped.values())
+        assert all(outcome.seconds > 0 for outcome in cell.outcomes)
         # of three starts a tenth is one: ensemble and best single network are the same
         assert cell.ensemble["force_nrmse"] == pytest.approx(cell.single["force_nrmse"], rel=1e-12)
     assert finished.best.name in finished.reason and "within 10 %" in finished.reason
@@ -110,6 +112,26 @@ def test_killed_at_any_time_it_goes_on_and_ends_the_same(finished, recordings, t
     fresh = textwrap.dedent(script).replace('folder / "out"', 'folder / "fresh"')
     subprocess.run([sys.executable, "-c", fresh], check=True)
     assert (tmp_path / "out" / "study.json").read_bytes() == (tmp_path / "fresh" / "study.json").read_bytes()
+
+
+def test_ctrl_c_keeps_what_was_finished(recordings, tmp_path):
+    """SIGINT ends the running trainings at their next iteration: whole files, none half written, no study.json."""
+    train, test = recordings
+    write_csv(train[0], tmp_path / "train.csv")
+    write_csv(test[0], tmp_path / "test.csv")
+    arguments = ["study", "grid", "train.csv", "--holdout", "test.csv", "--mass", "1", "--workers", "1", "-o", "out"]
+    command = [sys.executable, "-c", f"from hystid.cli import main; main({arguments!r})"]
+    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    trainings, deadline = tmp_path / "out" / "trainings", time.monotonic() + 60
+    while len(list(trainings.glob("[!.]*.npz"))) < 2 and run.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    run.send_signal(signal.SIGINT)
+    message = run.communicate(timeout=60)[1]
+    assert run.returncode == 130 and "what had been finished is kept" in message
+    files = sorted(trainings.iterdir())
+    assert 2 <= len(files) < 450 and all(path.suffix == ".npz" and path.name[0] != "." for path in files)
+    assert all(np.load(path)["restoring_w"].size == 11 for path in files)  # the first structure: one layer of two
+    assert not (tmp_path / "out" / "study.json").exists()
 
 
 def dask(kind, *arguments):

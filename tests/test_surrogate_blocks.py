@@ -15,7 +15,7 @@ from hystid.compiled import SHELL, CompiledModel
 from hystid.errors import NetworkError, UsageError
 from hystid.networks import TwoNetworkModel
 from hystid.networks import onnx as exchange
-from hystid.surrogate import model_code, network_code, oscillator_code, surrogate_code
+from hystid.surrogate import emit, model_code, network_code, oscillator_code, surrogate_code
 from hystid.toolchain import compiler
 
 DT = 1e-4
@@ -264,3 +264,18 @@ def test_generated_code_is_clean(tmp_path: Path, kind: str) -> None:
     program = "./checked" if checked.returncode == 0 else "./plain"  # not every compiler brings the sanitisers
     run = subprocess.run([program], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_large_ensembles_are_compiled_apart_to_the_same_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond some size matrix products are functions of their own: far less compiler time, the same answer."""
+    path = tmp_path / "surrogate.onnx"
+    exchange.write(random_model(3, 3), path)
+    x, v = motion(400)
+    answers, texts = [], []
+    for many in (0, 10**9):
+        monkeypatch.setattr(emit, "MANY", many)
+        code = surrogate_code(path)
+        texts.append(code.sources["model.c"])
+        answers.append(CompiledModel(code).simulate({"x": x, "v": v}, DT, outputs=["R"])["R"])
+    assert "noinline" in texts[0] and "noinline" not in texts[1]
+    np.testing.assert_array_equal(*answers)

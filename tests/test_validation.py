@@ -230,3 +230,25 @@ def test_a_surrogate_of_another_make_is_compared_by_its_force(tmp_path: Path) ->
     R, linear = record.channel("F") - record.channel("a"), 1e4 * record.channel("x") + 20 * record.channel("v")
     assert result.cases[0].force_nrmse == pytest.approx(np.sqrt(np.mean((linear - R) ** 2)) / np.std(R), rel=1e-9)
     assert result.cases[0].free_run is None and "carries no network" in result.notes[0]
+
+
+@pytest.mark.parametrize("name", ["surrogate.onnx", "surrogate.fmu", "oscillator.fmu"])
+def test_a_slider_dissipates_in_every_cycle_and_forgets_its_start(folder: Path, name: str) -> None:
+    found = validate(folder / name, [recorded()]).stability
+    assert found is not None and len(found.cycles) >= 8
+    assert not found.feeding and found.least.loss >= 0
+    # memory is renewed from the model's own force at every turning point: after four full cycles nothing else is left
+    assert found.remembered < 1e-3
+
+
+def test_a_force_that_feeds_energy_in_is_found(tmp_path: Path) -> None:
+    """The slider with the wrong sign: every cycle that took energy out now puts as much in."""
+    exchange.write(smooth_slider(), tmp_path / "right.onnx")
+    exchange.write(heavier(smooth_slider(), -1.0), tmp_path / "wrong.onnx")
+    right, wrong = (validate(tmp_path / f"{name}.onnx", [recorded()], out=tmp_path) for name in ("right", "wrong"))
+    assert right.stability is not None and wrong.stability is not None
+    largest = max(right.stability.cycles, key=lambda cycle: cycle.energy)
+    assert min(cycle.energy for cycle in wrong.stability.cycles) == pytest.approx(-largest.energy, rel=1e-6)
+    assert wrong.stability.feeding and wrong.stability.least.loss < 0
+    written = json.loads((tmp_path / "validation.json").read_text())["stability"]
+    assert written["feeding"] == len(wrong.stability.feeding) and min(written["loss"]) < 0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis.baseline import Baseline
 from hystid.diagnosis.chain import Fault
-from hystid.diagnosis.fitting import ADDED_MASS, Fit, Problem, Term
+from hystid.diagnosis.fitting import ADDED_MASS, HYSTERESIS, Fit, Problem, Term
 from hystid.diagnosis.locate import where_term
 from hystid.diagnosis.result import Diagnosis, Finding, Value, Verdict, Where
 from hystid.diagnosis.selection import DELAY, Choice
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
 GAIN = "force_gain"
 PINCHING, BACKLASH = "pinching", "backlash"
+_FEW = 4.0  # samples at full speed over which friction must build up to be told from one without memory
 _SLACK = 0.97  # share of the hysteretic force beyond which pinching is free play
 _EXACT = (frozenset({"two_sided_stop", "backlash"}), frozenset({ADDED_MASS, GAIN}))
 _RECALIBRATED = 1.15  # mean square at the nominal values over that of the refit
@@ -37,6 +38,7 @@ _SPLITS = {
     frozenset({"viscoelastic_relaxation", "hidden_mode"}): "hold a step and watch the force; sweep further up",
     frozenset({"stiffness_drift", "cyclic_degradation"}): "let it rest between two tests: time passes without a path",
     frozenset({"coulomb_friction", "stribeck_friction"}): "record slow cycles through zero velocity",
+    frozenset({"coulomb_friction", "hysteretic_friction"}): "record slow reversals with more samples per millimetre",
 }  # fmt: skip
 
 
@@ -77,9 +79,10 @@ class Answer:
         return GAIN if self.gain() < 0 or self._gain_is_nearer() else ADDED_MASS
 
     def _vanishing(self) -> float:
-        """Share of the hysteretic force that is missing in the middle of its range."""
+        """Share of the hysteretic force that is missing in the middle of its range, whatever the displacement."""
         term = self.term(PINCHING)
-        return float(term.values[term.effect.amplitudes[0]]) if term is not None else 0.0
+        by_force = term is not None and any(shape.unit == "N" for shape in term.effect.shapes)
+        return float(term.values[term.effect.amplitudes[0]]) if term is not None and by_force else 0.0
 
     def gain(self) -> float:
         """Added mass as a share of the mass."""
@@ -220,7 +223,7 @@ def findings(answer: Answer) -> tuple[Finding, ...]:
 def _finding(answer: Answer, name: str, alike: tuple[str, ...], margin: float, signals: Any) -> tuple[Finding, float]:
     choice, fit = answer.choice, answer.choice.after
     shown = answer.rename(name)
-    together = tuple(dict.fromkeys((shown, *alike, *_equivalents(shown, answer))))
+    together = tuple(dict.fromkeys((shown, *alike, *_equivalents(shown, answer), *_too_short(answer, name))))
     evidence = {
         "explained": choice.explained, "chi2_before": choice.before.chi2, "chi2_after": fit.chi2,
         "floor": choice.floor_after, "margin": margin,
@@ -252,6 +255,15 @@ def _equivalents(name: str, answer: Answer) -> tuple[str, ...]:
     if name == BACKLASH and PINCHING in answer.choice.named:  # slack behind friction is no free play of a spring
         return ()
     return tuple(sorted(other for group in _EXACT if name in group for other in group))
+
+
+def _too_short(answer: Answer, name: str) -> tuple[str, ...]:
+    """Friction that builds up within a few samples might as well be without memory, behind a slow sensor."""
+    term = answer.term(name)
+    if name != HYSTERESIS or term is None:
+        return ()
+    path = max(float(np.max(np.abs(part.v))) * part.dt for part in answer.problem.parts)
+    return ("coulomb_friction",) if term.values.get("x_c", np.inf) < _FEW * path else ()
 
 
 def confidence(choice: Choice, alike: tuple[str, ...], margin: float) -> float:

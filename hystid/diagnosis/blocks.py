@@ -20,6 +20,8 @@ from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
 
 Array = NDArray[np.float64]
+_SUBSTEPS = 24  # most steps per sample: a memory shorter than a 24th of the path per sample is friction without memory
+_SHORT = (0.003, 0.012)  # shares of the stroke over which friction may build up, below those of its distribution
 _PROBE = 2001  # samples of the signal on which linearity is tested
 
 
@@ -82,8 +84,16 @@ class Effect:
         """Force f [N] over one recording, shape (n,)."""
         assert self.model is not None
         inputs = {"x": signals.x, "v": signals.v, "a": signals.a, "h": signals.h}
-        found = self.model.clamp({}, inputs, signals.dt, parameters=dict(parameters), outputs=("f",))
+        steps = self._substeps(signals, parameters)
+        found = self.model.clamp({}, inputs, signals.dt, parameters=dict(parameters), outputs=("f",), substeps=steps)
         return np.asarray(found["f"])
+
+    def _substeps(self, signals: Signals, parameters: Mapping[str, float]) -> int:
+        """Steps per sample with which a memory over a short path stays stable, however far a sample moves."""
+        lengths = [parameters.get(s.name, 0.0) for s in self.shapes if s.unit == "m"] if self.remembers else []
+        shortest = min((length for length in lengths if length > 0), default=np.inf)
+        path = float(np.max(np.abs(signals.v))) * signals.dt
+        return int(np.clip(np.ceil(path / shortest), 1, _SUBSTEPS))
 
     def columns(self, signals: Signals, shapes: Mapping[str, float]) -> list[Array]:
         """Force per unit of each amplitude, at given shapes and choices."""
@@ -164,6 +174,9 @@ def _reads_h(effect: Effect, linear: Sequence[str]) -> bool:
 def grid(effect: Effect, scales: Scales) -> list[dict[str, float]]:
     """Starting points for the shapes and choices of an effect: the first shape in fine steps, the others coarsely."""
     axes = {shape.name: shape_values(shape, scales, fine=i == 0) for i, shape in enumerate(effect.shapes)}
+    for shape in effect.shapes[:1]:
+        if effect.remembers and shape.unit == "m" and not _is_path(shape):  # memories are often far below the stroke
+            axes[shape.name] = np.concatenate([np.array(_SHORT) * scales.x[-1], axes[shape.name]])
     names = [*axes, *effect.choices]
     values: list[Sequence[float]] = [list(map(float, axis)) for axis in axes.values()]
     values += [list(map(float, choice)) for choice in effect.choices.values()]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,9 @@ _ORDER = {"x": 0, "v": 1, "a": 2}
 _TOUCH = 0.01  # share of the largest force (or stroke) that counts as nothing
 _RISE = 0.3  # share of the largest force over which the first rise is taken as a line
 _STEP, _SEAT = 0.002, 0.2  # shares of the stroke between which an approach lies
-# What needs a measured time: without one these laws mean nothing.
+_SAME_SPEED = 1.4  # fastest over slowest stroke of one direction
+_STRAIGHT = 0.02  # deviation of a stroke from a line over its length: a sine has 0.042, a triangle less than 0.01
+# What needs a measured time and several speeds: without them these laws cannot be told from dry friction.
 TIMED = frozenset({"added_mass", "displacement_dependent_damping", "hidden_mode", "impact", "quadratic_damping",
                    "stribeck_friction", "viscoelastic_relaxation"})  # fmt: skip
 _SHIFTED = 0.25  # samples: differences below this come from filters and rounding
@@ -94,6 +96,39 @@ def _contact(x: Array, force: Array, load: float) -> float:
     rising = force < _RISE * load
     slope, level = np.polyfit(x[rising], force[rising], 1) if np.count_nonzero(rising) > 4 else (0.0, 0.0)
     return float(-level / slope) if slope > 0 else 0.0
+
+
+def one_speed(motions: Sequence[Array]) -> bool:
+    """Whether displacements (n,) run along straight lines, at one speed each way: nothing tells rate from direction."""
+    bent, slopes = [], []
+    for x in motions:
+        thin = x[:: max(1, len(x) // 5000)]
+        at = turns(thin)
+        for first, last in pairwise(at):
+            if last - first > 8:
+                index = np.arange(first, last + 1)
+                line = np.polyfit(index, thin[first : last + 1], 1)
+                bent.append(float(np.std(thin[first : last + 1] - np.polyval(line, index))) / abs(np.ptp(thin[index])))
+                slopes.append(float(line[0]) * len(thin) / len(x))
+    each_way = [[abs(s) for s in slopes if s * way > 0] for way in (1.0, -1.0)]
+    steady = all(speeds and max(speeds) < _SAME_SPEED * min(speeds) for speeds in each_way)
+    return steady and float(np.median(bent)) < _STRAIGHT
+
+
+def turns(x: Array, share: float = 0.25) -> list[int]:
+    """Samples at which a displacement turns by more than a share of its range."""
+    least = share * float(np.ptp(x))
+    found, best, way = [], 0, 0
+    for k in range(1, len(x)):
+        if way == 0:
+            way = int(np.sign(x[k] - x[0])) if abs(x[k] - x[0]) > least else 0
+            best = k
+        elif way * (x[k] - x[best]) > 0:
+            best = k
+        elif way * (x[best] - x[k]) > least:
+            found.append(best)
+            way, best = -way, k
+    return found
 
 
 def lags(recordings: Sequence[Recording]) -> list[Lag]:

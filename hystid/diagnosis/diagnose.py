@@ -27,7 +27,7 @@ from hystid.diagnosis.noise import noise_level
 from hystid.diagnosis.parts import HiddenMotion, Part, prepare_part, visible
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
-from hystid.diagnosis.runs import Run, compile_text, free_runs
+from hystid.diagnosis.runs import Run, compile_text, free_runs, write_beside
 from hystid.diagnosis.search import scattered, try_fit
 from hystid.diagnosis.selection import Choice, choose
 from hystid.diagnosis.starts import scaled, sizes_of
@@ -104,10 +104,14 @@ def diagnose(
         except HiddenMotion as hidden:
             return not_applicable(f"{hidden}; record x or v as well", str(model), given.values, out)
         step(15, "baseline fitted")
-        left_out = {*exclude, *(chain.TIMED if any(test.quasi_static for test in tests) else ())}
+        timeless = any(test.quasi_static for test in tests) or chain.one_speed([p.x for p in case.problem.parts])
+        left_out = {*exclude, *(chain.TIMED if timeless else ())}
+        left_out |= set() if case.baseline.mass else {"hidden_mode"}  # nothing resonates where nothing is inert
         library = [effect for effect in load_effects(_paths(effects)) if effect.id not in left_out]
         share = max(1, len(library) // 70)
         choice = choose(case.problem, case.refit, library, _every(step, share), repaired=bool(case.faults))
+        untestable = {*choice.untestable, *((left_out - {*exclude}) & {effect.id for effect in load_effects()})}
+        choice = replace(choice, untestable=tuple(sorted(untestable)))
         answer, extended = _conclude(case, choice, out is not None)
     return _written(answer, extended, out)
 
@@ -487,10 +491,21 @@ def _written(answer: Diagnosis, extended: str | None, out: str | Path | None) ->
         from hystid.fmu import build
 
         write_text(folder / "extended.mo", extended)
-        if not is_fmu(answer.model):
+        if is_fmu(answer.model):
+            build(compile_text(extended), folder / "effects.fmu")
+            write_beside(answer.model, _fmu_settings(answer), folder / "effects.fmu", folder / "extended.ssp")
+        else:
             build(compile_text(extended), folder / "extended.fmu")
     write_json(folder / "diagnosis.json", answer.as_dict())
     return replace(answer, folder=folder)
+
+
+def _fmu_settings(answer: Diagnosis) -> Mapping[str, float]:
+    """Parameters of an FMU as they are in the end, by its own names."""
+    if answer.problem is None or answer.final is None:
+        return {}
+    last = answer.final.hypothesis
+    return answer.problem.baseline.settings({**last.values, "m": last.mass()} if "m" in last.values else last.values)
 
 
 def _table(trace: Traces) -> str:

@@ -85,12 +85,8 @@ def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[l
         changes += [f"f_effects = {sums}"] if sums else []
         return [f"  extends {_class(baseline.name)}(", *_joined(changes, "    "), "  );"], _PORTS, []
     if baseline.kind == "fmu":
-        told = "  // The FMU is a closed binary that Modelica cannot extend: take f off its input F."
-        return (
-            [told, *_SIGNALS, '  output Real f(unit = "N") "Force that the FMU lacks";'],
-            _PORTS,
-            [f"  f = {sums or 0};"],
-        )
+        told = "  // The FMU is a closed binary that Modelica cannot extend: connect F_rig to its input F."
+        return [told, *_SIGNALS], _PORTS, [f"  f = {sums or 0};", "  F_rig = F - f;"]
     named = {baseline.mass if name == "m" else name: value for name, value in refit.items()}
     changes = [f"{name} = {_number(value.value)}" for name, value in named.items() if name]
     mass = f"rig.{baseline.mass}" if baseline.mass else _number(baseline.inner_mass)
@@ -103,10 +99,13 @@ def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[l
 Ports = tuple[tuple[str, str], ...]
 _WITHIN = re.compile(r"^\s*within\b[^;]*;\s*")
 _SIGNALS = (
+    '  input Real F(unit = "N") "Excitation";',
     '  input Real x(unit = "m") "Displacement";',
     '  input Real v(unit = "m/s") "Velocity";',
     '  input Real a(unit = "m/s2") "Acceleration";',
     '  input Real f_h(unit = "N") "Hysteretic force of the FMU, 0 where it shows none";',
+    '  output Real f(unit = "N") "Force that the FMU lacks";',
+    '  output Real F_rig(unit = "N") "What the FMU gets: the excitation less the force that it lacks";',
 )
 _RIG = (
     '  input Real F(unit = "N") "Excitation";',

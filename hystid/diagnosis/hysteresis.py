@@ -23,6 +23,7 @@ _FORMS, _NEAR = 3, 1.5  # forms of friction that are followed, and their mean sq
 _CANDIDATES = 4  # further effects that are compared
 _SHORT, _LONG = 10, 40  # iterations for the comparison, and for the best
 _BLOCKS, _GAINING = 12, 0.75  # of these blocks of rows, the share in which a further effect must help
+_REGION = 0.6  # share of the stroke, or of the force, that a pinched region may take
 _TIE = 0.03  # share of the mean square below which the claim with fewer parameters wins
 
 
@@ -77,12 +78,24 @@ def _next(problem: Problem, line: Sequence[Link], readers: Sequence[Effect]) -> 
     least = min(f.chi2 for _, f in fits)
     near = [(e, f) for e, f in fits if f.chi2 < (1 + _TIE) * least]
     effect, fit = min(near, key=lambda item: (item[0].size, item[1].chi2))
-    if fit.chi2 > (1 - MUCH) * end.chi2 or not _helps_everywhere(end, fit):
+    if fit.chi2 > (1 - MUCH) * end.chi2 or not helps_everywhere(end, fit) or not _is_local(problem, fit):
         return None
     return Link(effect, fit, tuple(dict.fromkeys(e.id for e, _ in near if e.id != effect.id)))
 
 
-def _helps_everywhere(before: Fit, after: Fit) -> bool:
+def _is_local(problem: Problem, fit: Fit) -> bool:
+    """Whether a pinched region is a region: not wider than most of the stroke, or of the hysteretic force."""
+    term = fit.hypothesis.terms[-1]
+    signals = problem.signals(fit.hypothesis)
+    tops = {
+        "m": max(float(np.max(np.abs(s.x))) for s in signals),
+        "N": max(float(np.max(np.abs(s.h))) for s in signals),
+    }
+    widths = [(term.values[s.name], tops[s.unit]) for s in term.effect.shapes if s.unit in tops]
+    return term.effect.remembers or all(width < _REGION * top for width, top in widths)
+
+
+def helps_everywhere(before: Fit, after: Fit) -> bool:
     """Whether the residual falls in most parts of the recordings, not in a few."""
     pairs = zip(np.array_split(before.residual, _BLOCKS), np.array_split(after.residual, _BLOCKS), strict=True)
     return float(np.mean([float(b @ b) > float(a @ a) for b, a in pairs])) >= _GAINING

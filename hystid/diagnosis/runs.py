@@ -14,13 +14,19 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis.answer import Answer, refit_values
 from hystid.diagnosis.extended import CLASS, Skeleton, extended_model, settings_of
 from hystid.diagnosis.fitting import Hypothesis
-from hystid.diagnosis.freerun import errors
-from hystid.diagnosis.parts import Part
+from hystid.diagnosis.freerun import error, errors
+from hystid.diagnosis.parts import Part, advanced
 from hystid.diagnosis.polish import polish
+from hystid.errors import NumericalError
+from hystid.fmu import build
+from hystid.fmu.coupling import simulate_with_effects
+from hystid.fmu.door import OpenedFmu, open_fmu
+from hystid.fmu.ssp import Connection, write_ssp
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
 
 Array = NDArray[np.float64]
+_LONGEST = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
 _BALANCE = 1.3  # rise of the balance's mean square beyond which a polish contradicts the measured forces
 Run = list[tuple[Array | None, float | None]]
 
@@ -49,9 +55,10 @@ def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Run
     text = written(answer, skeleton)
     if choice.after is choice.before:
         return Runs(answer, text, before, before)
-    if skeleton.kind == "fmu":  # the effects act inside the motion, where a closed binary cannot take them up
-        none: tuple[Run, Run] = ([(None, None)] * len(groups[0]), [(None, None)] * len(groups[1]))
-        return Runs(answer, text, before, none)
+    if skeleton.kind == "fmu":
+        last = choice.after.hypothesis
+        end = base.settings({**last.values, "m": last.mass()} if "m" in last.values else last.values)
+        return Runs(answer, text, before, _beside_fmu(skeleton.name, text, groups, end, last.delay))
     model = CompiledModel(compile_text(text))
     notes: tuple[str, ...] = ()
     if base.mass and answer.is_model():
@@ -61,6 +68,37 @@ def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Run
     at = settings_of(skeleton, last) if notes else {}
     after = errors(model, groups[0], at, last.delay), errors(model, groups[1], at, last.delay)
     return Runs(answer, text, before, after, notes)
+
+
+def _beside_fmu(
+    path: str, text: str, groups: tuple[Sequence[Part], Sequence[Part]], values: Mapping[str, float], delay: float
+) -> tuple[Run, Run]:
+    """An FMU in free run with the effects beside it, both as Model Exchange; nothing where the run is too long."""
+    none: tuple[Run, Run] = [(None, None)] * len(groups[0]), [(None, None)] * len(groups[1])
+    samples = sum(len(part) for part in (*groups[0], *groups[1]))
+    rig = open_fmu(Path(path))
+    if rig.model_exchange is None or samples > _LONGEST or not values.get("m", 1.0):
+        return none
+    with tempfile.TemporaryDirectory() as folder:
+        build(compile_text(text), Path(folder, "effects.fmu"))
+        effects = open_fmu(Path(folder, "effects.fmu"))
+        found = []
+        for parts in groups:
+            runs = [_coupled_run(rig, effects, part, values, delay) for part in parts]
+            found.append([(run, error(run, part)) for run, part in zip(runs, parts, strict=True)])
+    return found[0], found[1]
+
+
+def _coupled_run(
+    rig: OpenedFmu, effects: OpenedFmu, part: Part, values: Mapping[str, float], delay: float
+) -> Array | None:
+    force = advanced(part.F, delay) if delay else part.F
+    start = float(part.x[0]), float(part.v[0])
+    try:
+        x = simulate_with_effects(rig, effects, force, part.dt, parameters=values, start=start)
+    except NumericalError:
+        return None
+    return x if float(np.max(np.abs(x))) < 1e3 * float(np.max(np.abs(part.x))) else None
 
 
 def _polished(answer: Answer, skeleton: Skeleton, model: CompiledModel) -> tuple[Answer, tuple[str, ...]]:
@@ -97,3 +135,22 @@ def compile_text(text: str) -> ModelCode:
         path = Path(folder, "extended.mo")
         path.write_text(text, encoding="utf-8")
         return compile_model(f"{path}:{CLASS}")
+
+
+def write_beside(rig: str, refit: Mapping[str, float], effects: Path, out: Path) -> Path | None:
+    """``extended.ssp``: an FMU with the effects beside it and its parameters as refitted (by the FMU's names).
+
+    None where the FMU does not show x and v as outputs.
+
+    An importer's master exchanges forces and motion once per step, which takes damping away: stiffness of the effects
+    times the step. Steps must be short against that.
+    """
+    shown = {v.name for v in open_fmu(Path(rig)).model.variables if v.causality == "output"}
+    if not {"x", "v"} <= shown:
+        return None
+    ways = [Connection("F", "effects.F"), Connection("effects.F_rig", "rig.F")]
+    ways += [Connection(f"rig.{name}", f"effects.{name}") for name in ("x", "v", "a", "f_h") if name in shown]
+    ways += [Connection(f"rig.{name}", name) for name in ("x", "v")]
+    values = {f"rig.{name}": value for name, value in refit.items()}
+    parts = {"rig": Path(rig), "effects": effects}
+    return write_ssp(out, "Extended", parts, ways, inputs=("F",), outputs=("x", "v"), parameters=values)

@@ -14,7 +14,7 @@ import numpy as np
 
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
-from hystid.diagnosis.hysteresis import family
+from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
 from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
 from hystid.diagnosis.sensors import HUM, force_drift, mains_hum
@@ -40,6 +40,7 @@ _SAME = 0.4  # share of that within which the simpler law is preferred
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 DELAY = "channel_delay"
+PRELOAD = "preload"
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,8 @@ def choose(
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
     left = chosen.trial.chi2 - end_floor
+    if chosen.trial.name == PRELOAD and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
+        return _beside_preload(problem, baseline, chosen, first, effects)
     if alone and left < max(SOUND, _FORM * excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     several = _several(problem, baseline, first, library, excess)
@@ -146,6 +149,18 @@ def choose(
     if rough:
         return _named(problem, baseline, floor, rough, first, untestable)
     return Choice(baseline, baseline, floor, floor, unknown=True, trials=tuple(first), untestable=untestable)
+
+
+def _beside_preload(
+    problem: Problem, before: Fit, chosen: Step, first: Sequence[Trial], effects: Sequence[Effect]
+) -> Choice:
+    """A constant force has one form and no misfit of its own: what it leaves is judged anew, by its own size."""
+    rest = choose(problem, chosen.trial.fit, [effect for effect in effects if effect.id != PRELOAD])
+    alike = tuple(dict.fromkeys((chosen.trial.name, *chosen.tied)))
+    return replace(
+        rest, before=before, floor_before=problem.floor(before.hypothesis), named=(PRELOAD, *rest.named),
+        classes=(alike, *rest.classes), margins=(chosen.margin, *rest.margins), unknown=False, trials=tuple(first),
+    )  # fmt: skip
 
 
 def without_hum(problem: Problem, baseline: Fit) -> Fit:
@@ -360,14 +375,17 @@ def _rough(
     problem: Problem, before: Fit, floor: float, first: Sequence[Trial], library: Sequence[Effect], chosen: Step
 ) -> list[Step]:
     """Names for real structures, whose laws no catalogue meets to the noise: where the mismatch is far above the noise
-    and one effect takes most of it, it is named, and a second one where it takes much of the rest. Empty otherwise."""
+    and one effect takes most of it, it is named; a second one where it takes much of the rest, everywhere in the
+    recordings, and nothing else does as well. Empty otherwise."""
     excess = before.chi2 - floor
     if excess < _FAR * floor or before.chi2 - chosen.trial.chi2 < _MOST * excess:
         return []
     line = _grow(problem, [chosen.trial], library, chosen.trial.chi2 - floor)
     if len(line) < 2 or line[-1].chi2 > (1 - _MUCH) * chosen.trial.chi2:
         return [chosen]
-    return [chosen, Step(line[-1], line[-1].tied, 0.0)]
+    if line[-1].tied or not helps_everywhere(chosen.trial.fit, line[-1].fit):
+        return [chosen]
+    return [chosen, Step(line[-1], (), 0.0)]
 
 
 def _promising(line: Sequence[Trial], before: Fit) -> bool:

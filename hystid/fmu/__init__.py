@@ -7,6 +7,7 @@ from hystid.fmu.driver import Driver
 from hystid.fmu.modelica import build_model
 from hystid.fmu.network import build_network
 from hystid.fmu.regress import RegressionResult, regress
+from hystid.fmu.rig import write_rig
 from hystid.fmu.ssp import Connection, write_ssp
 
 __all__ = [
@@ -18,5 +19,6 @@ __all__ = [
     "build_model",
     "build_network",
     "regress",
+    "write_rig",
     "write_ssp",
 ]

@@ -20,7 +20,7 @@ from hystid.fmu.native import Access, Instance
 Array = NDArray[np.float64]
 
 
-class _Motion:
+class Motion:
     """A signal between its samples: cubic Hermite with slopes, or a straight line without."""
 
     def __init__(self, samples: Array, dt: float, slopes: Array | None) -> None:
@@ -48,10 +48,10 @@ class _Clamped:
         self._z, self._signs = np.zeros(fmu.model.n_indicators), np.zeros(fmu.model.n_indicators)
         self._count, self._n_z = c_size_t(n), c_size_t(fmu.model.n_indicators)
         self._addresses = c_void_p(self._x.ctypes.data), c_void_p(self._dx.ctypes.data), c_void_p(self._z.ctypes.data)
-        self._clamped = [(order.index(name), _Motion(x, dt, _slope(name, states, dt))) for name, x in states.items()]
+        self._clamped = [(order.index(name), Motion(x, dt, _slope(name, states, dt))) for name, x in states.items()]
         self._free = [i for i, name in enumerate(order) if name not in states]
         variables = {v.name: v for v in fmu.model.variables}
-        self._inputs = [(Access(instance, [variables[name]]), _Motion(u, dt, None)) for name, u in inputs.items()]
+        self._inputs = [(Access(instance, [variables[name]]), Motion(u, dt, None)) for name, u in inputs.items()]
         self._value = np.zeros(1)
         self._dt = dt
         self._derivatives = "GetDerivatives" if instance.version == 2 else "GetContinuousStateDerivatives"

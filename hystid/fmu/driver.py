@@ -45,6 +45,10 @@ class Driver:
         """Whether the FMU offers our batch entry."""
         return self._own is not None
 
+    def lists(self, name: str) -> bool:
+        """Whether the description lists this name, of whatever type; ``model`` has those that are plain numbers."""
+        return any(v.name == name for v in self._fmu.raw.modelVariables)
+
     def simulate(
         self,
         t: ArrayLike,
@@ -170,8 +174,13 @@ class Driver:
                 inputs.set(k)
                 if slopes:
                     slopes.set(k)
-                stepper.step(times[k], times[k + 1] - times[k])
+                ended = stepper.step(times[k], times[k + 1] - times[k])
                 readings.get(k + 1)
+                if ended and k + 2 < len(times):
+                    raise FmuError(
+                        f"{self._fmu.name}: it asked for the end of the simulation at t = {times[k + 1]:.9g} s, "
+                        f"before the last time {times[-1]:.9g} s"
+                    )
             return readings.columns()
 
     def _model_exchange(

@@ -26,6 +26,7 @@ _TYPE_SUFFIX = {2: {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"},
                 3: {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}}  # fmt: skip
 _DTYPE: dict[int, dict[str, type[np.generic]]] = {2: {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32},
           3: {"Real": np.float64, "Integer": np.int32, "Boolean": np.bool_}}  # fmt: skip
+_DISCARD = 2
 
 
 class _Callbacks(ctypes.Structure):
@@ -149,6 +150,11 @@ class Instance:
             self.call("EnterInitializationMode", *nothing, c_double(start_time), *nothing)
         self.call("ExitInitializationMode")
 
+    def terminated(self) -> bool:
+        """FMI 2.0: whether a discarded step is the end that the FMU asks for."""
+        answer = c_int()
+        return self.function("GetBooleanStatus")(self.component, 3, ctypes.byref(answer)) == 0 and bool(answer.value)
+
     def new_discrete_states(self) -> tuple[bool, float]:
         """Event iteration to its end: whether states changed, and the next time event (infinity without one)."""
         changed, next_time = False, np.inf
@@ -228,7 +234,13 @@ class Stepper:
             addresses = [ctypes.byref(self._flags, i) for i in range(3)]
             self._rest = (c_bool(True), *addresses, ctypes.byref(self._reached))
 
-    def step(self, t: float, h: float) -> None:
-        """From t to t + h."""
-        if self._step(self._instance.component, c_double(t), c_double(h), *self._rest) > 1:
+    def step(self, t: float, h: float) -> bool:
+        """From t to t + h; whether the FMU then asks for the end of the simulation."""
+        status = self._step(self._instance.component, c_double(t), c_double(h), *self._rest)
+        if self._instance.version == 3 and status <= 1:
+            return bool(self._flags[1])
+        if status == _DISCARD and self._instance.version == 2 and self._instance.terminated():
+            return True
+        if status > 1:
             self._instance.fail(f"the step from t = {t:.9g} s to {t + h:.9g} s")
+        return False

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from xml.etree import ElementTree as ET
 
@@ -29,6 +29,7 @@ _PURPOSE = "Layered Standard providing information on related files included in 
 RESULT_ROLE, INPUT_ROLE = "result", "testcase"
 _MOST_ROWS = 251
 _DIGITS = 7  # of each number: far finer than any tube, and a third of the size
+_TRUTH = {"false": 0.0, "true": 1.0}
 _CYCLES = 5.0  # of the reference input within the experiment
 
 
@@ -119,13 +120,25 @@ def table_text(t: Array, columns: Mapping[str, Array]) -> str:
     return out.getvalue()
 
 
-def read_table(text: str) -> tuple[Array, dict[str, Array]]:
-    """Times and columns of such a table. Raises ValueError where it is none."""
+def read_table(text: str) -> tuple[Array, dict[str, Array | None]]:
+    """Times and columns of such a table; None for a column of texts or arrays. Raises ValueError where it is none.
+
+    true and false count as 1 and 0.
+    """
     rows = list(csv.reader(io.StringIO(text)))
     if len(rows) < 2 or rows[0][:1] != ["time"]:
         raise ValueError("the first column is not named time, or there are no rows")
-    values = np.array([[float(x) for x in row] for row in rows[1:]])
-    return values[:, 0], {name: values[:, i] for i, name in enumerate(rows[0][1:], 1)}
+    if len({len(row) for row in rows}) > 1:
+        raise ValueError("its rows differ in length")
+    times, *columns = zip(*rows[1:], strict=True)
+    return np.array([float(x) for x in times]), dict(zip(rows[0][1:], map(_numbers, columns), strict=True))
+
+
+def _numbers(cells: Sequence[str]) -> Array | None:
+    try:
+        return np.array([_TRUTH[cell] if cell in _TRUTH else float(cell) for cell in cells])
+    except ValueError:
+        return None
 
 
 def _manifest(stem: str, has_input: bool) -> str:

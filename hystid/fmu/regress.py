@@ -38,11 +38,13 @@ class SignalResult:
 
 @dataclass(frozen=True)
 class RegressionResult:
-    """What a replay showed. Signals in the order of the reference; updated: whether the reference was written anew."""
+    """What a replay showed. Signals in the order of the reference; skipped: names in the reference that were not
+    compared; updated: whether the reference was written anew."""
 
     path: Path
     t: Array
     signals: tuple[SignalResult, ...]
+    skipped: tuple[str, ...] = ()
     updated: bool = False
 
     @property
@@ -61,6 +63,8 @@ class RegressionResult:
             if first is not None:
                 state = f"leaves the tube at t = {self.t[first]:.6g} s, by up to {signal.tube.worst:.3g}"
             lines.append(f"  {signal.name}: {state}")
+        if self.skipped and not self.updated:
+            lines.append(f"  not compared, being discrete or no plain numbers: {', '.join(self.skipped)}")
         return "\n".join(lines)
 
     def picture(self) -> str:
@@ -73,21 +77,30 @@ def regress(path: Path, *, update: bool = False, relative: float = 1e-3, samples
 
     The reference lies in the FMU (``extra/org.fmi-standard.fmi-ls-ref``) or beside it as ``<file>_out.csv`` (and
     ``<file>_in.csv``). Tube: half height relative * range of the signal, half width ``samples`` rows; discrete signals
-    are not compared, for tools may order simultaneous events differently without being wrong.
+    are compared only where there are no others: tools may order simultaneous events differently without being wrong.
     update: write the new result in place of the old. Raises FmuError where there is nothing to compare with.
     """
     path = Path(path)
     driver = Driver(path)
     kept = _Kept.of(path)
-    t, reference = _table(path, kept.result_text)
-    inputs = _table(path, kept.input_text)[1] if kept.input_text else {}
+    t, columns = _table(path, kept.result_text)
+    reference = {name: values for name, values in columns.items() if values is not None}
+    inputs = _inputs(path, kept.input_text)
     known = {v.name: v for v in driver.model.variables}
-    names = [name for name in reference if name in known and known[name].variability == "continuous"]
-    unknown = [name for name in reference if name not in known]
+    unknown = [name for name in columns if not driver.lists(name)]
     if unknown:
         raise FmuError(f"{path.name}: its reference names '{unknown[0]}', which is no variable of the FMU")
+    for name in known.keys() & (columns.keys() - reference.keys()):
+        raise FmuError(f"{path.name}: its reference results cannot be read: the column '{name}' holds no numbers")
+    usable = [name for name in reference if name in known]
+    names = [name for name in usable if known[name].variability == "continuous"] or usable
+    if not names:
+        raise FmuError(f"{path.name}: its reference holds no numbers that could be compared ({', '.join(columns)})")
+    skipped = tuple(name for name in columns if name not in names)
     if update:
-        names = list(reference)
+        names = list(columns)
+        if len(usable) < len(columns):
+            raise FmuError(f"{path.name}: its reference holds texts or arrays, which cannot be written anew")
     results = driver.simulate(t, inputs, outputs=names)
     signals = tuple(
         SignalResult(name, results[name], reference[name], _tube(results[name], reference[name], relative, samples))
@@ -95,7 +108,15 @@ def regress(path: Path, *, update: bool = False, relative: float = 1e-3, samples
     )
     if update:
         kept.replace(path, table_text(t, results))
-    return RegressionResult(path, t, signals, updated=update)
+    return RegressionResult(path, t, signals, skipped, updated=update)
+
+
+def _inputs(path: Path, text: str) -> dict[str, Array]:
+    found = _table(path, text)[1] if text else {}
+    for name, values in found.items():
+        if values is None:
+            raise FmuError(f"{path.name}: the input '{name}' that it carries holds texts or arrays")
+    return {name: values for name, values in found.items() if values is not None}
 
 
 def _tube(values: Array, reference: Array, relative: float, samples: int) -> Tube:
@@ -149,7 +170,7 @@ def _related(path: Path, manifest: bytes) -> list[tuple[str, str]]:
     return [(role, str(PurePosixPath(FOLDER, source))) for role, source in found]
 
 
-def _table(path: Path, text: str) -> tuple[Array, Mapping[str, Array]]:
+def _table(path: Path, text: str) -> tuple[Array, Mapping[str, Array | None]]:
     try:
         return read_table(text)
     except ValueError as error:

@@ -16,7 +16,9 @@ from hystid.units import exponents
 
 _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
+_SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 _FMU = "application/x-fmu-sharedlibrary"
+_VALUES = "application/x-ssp-parameter-set"
 _TYPES = {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"}
 
 
@@ -37,12 +39,14 @@ def write_ssp(
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
     experiment: Experiment | None = None,
+    parameters: Mapping[str, float] | None = None,
 ) -> Path:
     """Write an ``.ssp`` file with the FMUs inside.
 
     components: name -> FMU. inputs, outputs: connectors of the system; connections lead from and to them by their bare
     names. A loop of FMUs without delay is solved by the importer's master as co-simulation does: with the last step's
-    outputs. Raises UsageError for a connection that does not fit, FmuError for an FMU that cannot be opened.
+    outputs. parameters: ``component.variable`` -> value, bound to the system from ``resources/parameters.ssv``.
+    Raises UsageError for a connection or a parameter that does not fit, FmuError for an FMU that cannot be opened.
     """
     opened = {component: open_fmu(path) for component, path in components.items()}
     ends = [_ends(opened, connection, inputs, outputs) for connection in connections]
@@ -54,8 +58,10 @@ def write_ssp(
     for connector in (*inputs, *outputs):
         if connector not in own:
             raise UsageError(f"the connector '{connector}' of the system is not connected")
-    root = _description(name, opened, connections, own, experiment or Experiment())
+    root = _description(name, opened, connections, own, experiment or Experiment(), bool(parameters))
     content = {"SystemStructure.ssd": text_of(root).encode()}
+    if parameters:
+        content["resources/parameters.ssv"] = text_of(_values(opened, parameters)).encode()
     content |= {f"resources/{component}.fmu": Path(path).read_bytes() for component, path in components.items()}
     write_zip(Path(out), content)
     return Path(out)
@@ -112,6 +118,7 @@ def _description(
     connections: Sequence[Connection],
     own: Mapping[str, tuple[str, Variable]],
     experiment: Experiment,
+    bound: bool,
 ) -> ET.Element:
     ET.register_namespace("ssd", _SSD)
     ET.register_namespace("ssc", _SSC)
@@ -122,6 +129,9 @@ def _description(
     for connector, (kind, variable) in own.items():
         assert connectors is not None
         units |= _add_connector(connectors, connector, kind, variable)
+    if bound:
+        bindings = _sub(system, "ParameterBindings")
+        _sub(bindings, "ParameterBinding", {"type": _VALUES, "source": "resources/parameters.ssv"})
     elements = _sub(system, "Elements")
     for component, fmu in opened.items():
         element = _sub(elements, "Component", {"name": component, "type": _FMU, "source": f"resources/{component}.fmu"})
@@ -134,6 +144,21 @@ def _description(
         _sub(lines, "Connection", {**_place("start", connection.start), **_place("end", connection.end)})
     _add_units(root, units)
     _sub(root, "DefaultExperiment", {"startTime": number(experiment.start), "stopTime": number(experiment.stop)})
+    return root
+
+
+def _values(opened: Mapping[str, OpenedFmu], parameters: Mapping[str, float]) -> ET.Element:
+    """A parameter set. Raises UsageError for a name that is no parameter of a component."""
+    ET.register_namespace("ssv", _SSV)
+    root = ET.Element(f"{{{_SSV}}}ParameterSet", {"version": "1.0", "name": "parameters"})
+    listed = ET.SubElement(root, f"{{{_SSV}}}Parameters")
+    for path, value in parameters.items():
+        component, _, name = path.partition(".")
+        known = [v.name for v in opened[component].model.variables] if component in opened else []
+        if name not in known:
+            raise UsageError(f"'{path}' is no variable of a component")
+        parameter = ET.SubElement(listed, f"{{{_SSV}}}Parameter", {"name": path})
+        ET.SubElement(parameter, f"{{{_SSV}}}Real", {"value": number(value)})
     return root
 
 

@@ -11,14 +11,14 @@ import numpy as np
 
 from hystid import processing
 from hystid.comparison import mse, nrmse
-from hystid.errors import NumericalError, UsageError
+from hystid.errors import UsageError
 from hystid.identification import data, export
 from hystid.identification.methods import Plan, Recipe, Trained
+from hystid.identification.prediction import drift, predict
 from hystid.identification.result import Comparison, Identification, Prediction, Role
 from hystid.networks import TwoNetworkModel
-from hystid.networks.ensemble import draw
 from hystid.networks.normal_equations import Precision
-from hystid.networks.training import Mode, rule_of, split_indices
+from hystid.networks.training import Mode, draw, rule_of, split_indices
 from hystid.recording import Recording
 
 Method = Literal["published", "refined"]
@@ -60,7 +60,7 @@ def identify(
     Raises UsageError, RecordingError, NumericalError. After Ctrl-C it goes on with the trainings that had finished.
     """
     _check(mass, layers, ensemble, samples, method)
-    plan = Plan(tuple(layers), ensemble, seed, rule_of(mode), precision, samples, workers, device)
+    plan = Plan(mass, tuple(layers), ensemble, seed, rule_of(mode), precision, samples, workers, device)
     recipe = Recipe(band, decimate, mass, smoothing=method == "refined")
     used, unseen = ([recipe.apply(recording) for recording in group] for group in (recordings, holdout))
     data.check(used, unseen)
@@ -107,43 +107,20 @@ def _compare(models: Mapping[str, TwoNetworkModel], recording: Recording, role: 
     return Comparison(recording, role, **{name: predict(model, recording) for name, model in models.items()})
 
 
-def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
-    """The model on one recording: R on the measured motion, and the free run where there is a mass."""
-    x, v, R = (recording.channel(name) for name in ("x", "v", "R"))
-    start = model.initial_state(float(R[0]))
-    force, _ = model.response(x, v, start)
-    open_loop = Prediction(force, nrmse(force, R))
-    if not model.mass:
-        return open_loop
-    try:
-        run = model.free_run(recording.channel("F"), recording.dt, float(x[0]), float(v[0]), start)
-    except NumericalError as error:
-        return replace(open_loop, diverged=str(error))
-    errors = {"x_nrmse": nrmse(run["x"], x), "R_nrmse": nrmse(run["R"], R), "R_mse": mse(run["R"], R)}
-    return replace(open_loop, free_run=run, **errors)  # type: ignore[arg-type]
-
-
 def _unsteady(comparisons: Sequence[Comparison]) -> str:
     """Why the refined model is not to be used, "" where it is: judged by free runs of the training recordings alone.
 
     A closer fit of the force need not run better: without a spring, small errors of the force add up to any motion.
     """
     training = [item for item in comparisons if item.role == "training"]
-    refined = float(np.median([_drift(item.network) for item in training]))
-    plain = float(np.median([_drift(_given(item.published)) for item in training]))
+    refined = float(np.median([drift(item.network) for item in training]))
+    plain = float(np.median([drift(_given(item.published)) for item in training]))
     if refined <= plain:
         return ""
     return (
         f"the refined networks run worse in closed loop on the training recordings (displacement NRMSE {refined:.3g} "
         f"against {plain:.3g}), so those of the published method are returned"
     )
-
-
-def _drift(prediction: Prediction) -> float:
-    """NRMSE of the displacement in free run: 0 where there is none to judge, infinite where it diverged."""
-    if prediction.diverged:
-        return np.inf
-    return prediction.x_nrmse or 0.0
 
 
 def _given(prediction: Prediction | None) -> Prediction:

@@ -6,18 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from hystid import processing
 from hystid.identification import data
-from hystid.identification.denoise import smooth
-from hystid.networks.ensemble import Samples, Start, best, draw, refine_ensemble, train_ensemble
+from hystid.identification.denoise import noise_level, smooth
+from hystid.identification.prediction import drift, predict
+from hystid.networks import TwoNetworkModel
+from hystid.networks.ensemble import Samples, Start, best, refine_ensemble, train_ensemble
 from hystid.networks.joint import Sequences
 from hystid.networks.normal_equations import Precision
-from hystid.networks.training import Rule
-from hystid.recording import Recording
+from hystid.networks.training import Rule, draw
+from hystid.recording import Array, Recording
 from hystid.turning_points import TurningPoints
 
 _FIRST_ITERATIONS = 60  # of a refined training by itself: enough to rank the starts, the rest is done in simulation
+_HEAT = 60  # iterations in simulation of every start, on a share of the samples: then their order hardly changes
+_HEAT_SHARE = 0.2
+_LAST_ITERATIONS = 600  # in simulation, of the best sixth: the best still gain after 400
 _PATIENCE = 25  # iterations without a lower validation error in simulation: left-out branches make that error uneven
+_PROGRESS = 5e-4  # of the training error in 20 iterations in simulation: trainings that gain less are at their end
+_COMPARABLE = 1.5  # times the least error: members above that would spoil the average
+_HOPELESS = 3.0  # times the least validation error: starts above that are not run in closed loop
+_FEW_BRANCHES = 100  # of them 15 for validation: too few to tell the best tenth of the starts from the best third
+_MODEL_ERROR = 3e-3  # of a recording's force: what a good model misses anyhow, however low the noise
 
 
 @dataclass(frozen=True)
@@ -50,6 +62,7 @@ class Trained:
 class Plan:
     """How to train: see the arguments of ``identify``."""
 
+    mass: float
     layers: tuple[int, ...]
     ensemble: int
     seed: int
@@ -66,20 +79,53 @@ class Plan:
         return Trained(starts, best(starts, self._tenth), drawn, self._shortfall(starts), {"method": "published"})
 
     def refined(self, recordings: Sequence[Recording]) -> Trained:
-        """As ``published``, shorter; then the best third goes on in simulation, and of that the best are averaged."""
-        rule = TurningPoints()
-        drawn = data.samples(recordings, rule).subset(self.samples, self.seed)
+        """As ``published``, shorter; then all starts go on in simulation, the best sixth of them to the end.
+
+        Averaged is a tenth of all starts, those that do best both by validation error and by running the training
+        recordings in closed loop. Errors in simulation are weighted by what each recording
+        can be fitted to: its noise and a share of its own force. Unweighted, the loudest one alone would decide.
+        """
+        memory = TurningPoints()
+        drawn = data.samples(recordings, memory).subset(self.samples, self.seed)
         first = replace(self.rule, max_iterations=min(_FIRST_ITERATIONS, self.rule.max_iterations))
         starts = self._starts(drawn, first)
-        sequences = Sequences.of([(r.channel("x"), r.channel("v"), r.channel("R")) for r in recordings], rule)
+        motions = [(r.channel("x"), r.channel("v"), r.channel("R")) for r in recordings]
+        sequences = Sequences.of(motions, memory, _weights([R for _, _, R in motions]))
         sequences = sequences.pick(draw(len(sequences.x), self.samples, self.seed))
-        leaders = best(starts, max(self._tenth, round(len(starts) / 3)))
-        patient = replace(self.rule, max_fails=max(_PATIENCE, self.rule.max_fails))
-        finished = refine_ensemble(leaders, sequences, seed=self.seed, rule=patient, workers=self.workers)
-        refined = {start.number: start for start in finished}
-        everything = [refined.get(start.number, start) for start in starts]
-        chosen = best(finished, self._tenth)
+        patient = replace(self.rule, max_fails=max(_PATIENCE, self.rule.max_fails), progress=_PROGRESS)
+        finished: Sequence[Start] = starts
+        simulated: dict[int, Start] = {}
+        for count, share, rule in (
+            (len(starts), _HEAT_SHARE, replace(patient, max_iterations=_HEAT)),
+            (max(self._tenth, round(len(starts) / 6)), 1.0, replace(patient, max_iterations=_LAST_ITERATIONS)),
+        ):
+            leaders = best(finished, count)
+            finished = refine_ensemble(leaders, sequences, seed=self.seed, rule=rule, share=share, workers=self.workers)
+            simulated |= {start.number: start for start in finished}
+        everything = [simulated.get(start.number, start) for start in starts]
+        chosen = self._steadiest(list(simulated.values()), recordings, len(sequences.x0))
         return Trained(everything, chosen, drawn, self._shortfall(starts), {"method": "refined"})
+
+    def _steadiest(self, starts: Sequence[Start], recordings: Sequence[Recording], branches: int) -> list[Start]:
+        """The starts to be averaged, best first: at most a tenth, none much worse than the best.
+
+        Judged by validation error and, where there is a mass, drift in closed loop: a close force and a close run.
+        Where there is none, and few branches, the validation error alone says little: then the best third.
+        """
+        ranked = best(starts, len(starts))
+        if not self.mass and branches < _FEW_BRANCHES:
+            return ranked[: max(self._tenth, round(len(starts) / 3))]
+        if not self.mass:
+            return [start for start in ranked[: self._tenth] if start.error <= _COMPARABLE * ranked[0].error]
+
+        def both_errors(start: Start) -> float:
+            model = TwoNetworkModel((start.member,), self.mass, recordings[0].sample_rate, {})
+            return start.error * float(np.median([drift(predict(model, recording)) for recording in recordings]))
+
+        marks = {start.number: both_errors(start) for start in ranked if start.error <= _HOPELESS * ranked[0].error}
+        steady = sorted((start for start in ranked if start.number in marks), key=lambda start: marks[start.number])
+        limit = _COMPARABLE**2 * marks[steady[0].number]
+        return [start for start in steady[: self._tenth] if marks[start.number] <= limit]
 
     @property
     def _tenth(self) -> int:
@@ -101,3 +147,10 @@ class Plan:
         if len(starts) == self.ensemble:
             return ()
         return (f"interrupted: {len(starts)} of {self.ensemble} trainings had finished",)
+
+
+def _weights(forces: Sequence[Array]) -> Array:
+    """Weight of the errors of each recording's R: inverse of its attainable error, 1 in the mean square."""
+    attainable = np.array([np.hypot(noise_level(R), _MODEL_ERROR * np.std(R)) for R in forces])
+    weights = 1 / attainable
+    return np.asarray(weights / np.sqrt(np.mean(weights**2)))

@@ -57,18 +57,24 @@ class Adapter:
         self._origin: dict[int, Source | None] = {}
         self._enumerations: dict[str, float] = {}
         self._pieces: dict[int, dict[tuple[int, int], str]] = {}
+        self._records: frozenset[str] = frozenset()
+        self._texts: dict[str, Text] = {}
         self._here: Place | None = None
 
     def model(self, d: Mapping[str, Any]) -> FlatModel:
         """The flat model. Raises ModelicaError for what the subset leaves out."""
         self._note_pieces(d)
         self._enumerations = {k: float(v) for k, v in d["enum_literal_ordinals"].items()}
+        self._records = frozenset(d["record_instances"])
         self._refuse_sections(d)
         structural = _structural(d)
+        texts = [v for v in d["variables"].values() if self._is_text(v, d)]
+        for v in texts:
+            self._note_text(v)
         return FlatModel(
             name=self.name,
             description="",
-            variables=tuple(self._variable(v, d, structural) for v in d["variables"].values()),
+            variables=tuple(self._variable(v, d, structural) for v in d["variables"].values() if v not in texts),
             equations=self._equations(d["equations"], d["structured_equations"]),
             initial=self._equations(d["initial_equations"], d["initial_structured_equations"]),
             whens=tuple(self._when(w) for w in d["when_chains"]),
@@ -121,7 +127,6 @@ class Adapter:
         table = {
             "algorithms": ("an algorithm section in a model", "write equations, or put the algorithm into a function"),
             "initial_algorithms": ("an initial algorithm", "write initial equations"),
-            "record_instances": ("a record component", "declare its fields as variables or parameters"),
             "initial_assert_equations": ("assert in an initial equation", "put the assert among the equations"),
             "branches": ("an overconstrained connector", "use plain connectors"),
         }
@@ -164,20 +169,25 @@ class Adapter:
             place=place,
         )
 
+    def _is_text(self, v: Mapping[str, Any], d: Mapping[str, Any]) -> bool:
+        """Whether it is a String parameter or constant: its value is built in."""
+        return _predefined(v, d) == "string" and _tag(v["variability"]) in ("parameter", "constant")
+
+    def _note_text(self, v: Mapping[str, Any]) -> None:
+        self._here = self._place(v)
+        value = self._attribute(v, "binding")
+        if not isinstance(value, Text):
+            self._refuse(v, f"the value of the String '{v['name']}'", "write it as one text in quotes")
+        self._texts[v["name"]] = value
+
     def _attribute(self, v: Mapping[str, Any], key: str) -> Expr | None:
         return self.expr(v[key]) if v[key] is not None else None
 
     def _type(self, v: Mapping[str, Any], d: Mapping[str, Any]) -> Any:
-        number = v["type_id"]
-        effective = d["effective_types"].get(str(number))
-        canonical = effective["canonical_type"] if effective else number
-        if canonical in d["enumeration_types"] or number in d["enumeration_types"]:
-            return "Integer"
-        names = {n: k for k, n in d["predefined_types"].items()}
-        kind = names.get(canonical)
+        kind = _predefined(v, d)
         if kind in ("real", "integer", "boolean"):
             return kind.capitalize()
-        what = {"string": "a String variable", "clock": "a Clock"}.get(kind or "", "a variable of this type")
+        what = {"string": "a String variable", "clock": "a Clock"}.get(kind, "a variable of this type")
         self._refuse(v, f"{what} ('{v['name']}')", "use Real, Integer or Boolean")
 
     # -- equations
@@ -293,7 +303,9 @@ class Adapter:
         if kind == "Assignment":
             yield Statement("assign", place, (self._target(body["comp"]),), self.expr(body["value"]))
         elif kind == "FunctionCall" and body.get("outputs"):
-            targets = tuple(self._lvalue(o) for o in body["outputs"])
+            targets = tuple(
+                self._target(o) if isinstance(o, dict) and "parts" in o else self._lvalue(o) for o in body["outputs"]
+            )
             call = Op("call " + _dotted(body["comp"]), tuple(self.expr(a) for a in body["args"]))
             yield Statement("assign", place, targets, call)
         elif kind == "If":
@@ -347,6 +359,10 @@ class Adapter:
         name = b["name"]["name"] if isinstance(b["name"], dict) else b["name"]
         if name in self._enumerations:
             return Num(self._enumerations[name])
+        if name in self._texts:
+            return self._texts[name]
+        if name in self._records:
+            self._refuse(b, f"the record '{name}' as a whole", "use its fields, in equations and as arguments")
         if not b["subscripts"]:
             return Ref(name)
         return Op("[]", (Ref(name), *(self._subscript(s) for s in b["subscripts"])))
@@ -365,6 +381,8 @@ class Adapter:
         if b["op"] == "Add":
             return balanced_sum([self.expr(term) for term in _added(b)])
         lhs, rhs = self.expr(b["lhs"]), self.expr(b["rhs"])
+        if isinstance(lhs, Text) and isinstance(rhs, Text) and b["op"] in ("Eq", "Neq", "Ne"):
+            return ONE if (lhs == rhs) == (b["op"] == "Eq") else ZERO
         return Op(_BINARY[b["op"]], (lhs, rhs))
 
     def _read_Unary(self, b: Mapping[str, Any]) -> Expr:
@@ -400,6 +418,9 @@ class Adapter:
     def _read_Index(self, b: Mapping[str, Any]) -> Expr:
         return Op("[]", (self.expr(b["base"]), *(self._subscript(s) for s in b["subscripts"])))
 
+    def _read_FieldAccess(self, b: Mapping[str, Any]) -> Expr:
+        return Op("field", (self.expr(b["base"]), Text(b["field"])))
+
     def _read_BuiltinCall(self, b: Mapping[str, Any]) -> Expr:
         name = b["function"][0].lower() + b["function"][1:]
         if name in _REFUSED:
@@ -416,6 +437,16 @@ class Adapter:
 
     def _read_StringConversion(self, b: Mapping[str, Any]) -> Expr:
         return Op("String", (self.expr(b["value"]),))
+
+
+def _predefined(v: Mapping[str, Any], d: Mapping[str, Any]) -> str:
+    """Name of the predefined type of a variable; an enumeration counts as an Integer, "" for any other type."""
+    number = v["type_id"]
+    effective = d["effective_types"].get(str(number))
+    canonical = effective["canonical_type"] if effective else number
+    if canonical in d["enumeration_types"] or number in d["enumeration_types"]:
+        return "integer"
+    return next((k for k, n in d["predefined_types"].items() if n == canonical), "")
 
 
 def _last_name(node: Mapping[str, Any]) -> str:
@@ -460,7 +491,7 @@ def _both(a: Expr | None, b: Expr) -> Expr:
 
 
 def _dotted(comp: Mapping[str, Any]) -> str:
-    return ".".join(part["ident"] for part in comp["parts"])
+    return str(comp["name"]) if "name" in comp else ".".join(part["ident"] for part in comp["parts"])
 
 
 def _spans(node: Any) -> Iterator[Mapping[str, Any]]:

@@ -11,9 +11,11 @@ from pathlib import Path
 
 from hystid.errors import ModelicaError
 from hystid.modelcode import ModelCode
+from hystid.modelica.bodies import with_readable_functions
 from hystid.modelica.causalise import causalise
 from hystid.modelica.check import check_units
 from hystid.modelica.describe import model_code
+from hystid.modelica.equations import with_readable_equations
 from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
@@ -85,7 +87,8 @@ def flat_from_text(
     _must_exist(name, files, everything, roots)
     _must_be_complete(name, everything)
     refuse_large_arrays(name, everything, structure or {})
-    texts = with_acting_modifiers(name, everything)
+    acting = with_acting_modifiers(name, everything)
+    texts = with_readable_equations([with_readable_functions(source) for source in acting])
     flat = flatten(name, texts[: len(files)], texts[len(files) :], roots, structure or {})
     refuse_undecided(everything)
     refuse_many_scalars(flat)

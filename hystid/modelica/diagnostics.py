@@ -96,7 +96,7 @@ def _search(message: str, core: str, name: str, sources: Sequence[Source]) -> st
 _CONSTRUCTS = (
     (r"derivative expression", r"\bder\s*\(\s*(?![\w.\[\], ]+\))"),
     (r"history operator|change\(|edge\(", r"\b(?:change|edge|pre)\s*\(\s*(?![\w.\[\], ]+\))"),
-    (r"function statement", r"\b(?:while|return|break)\b"),
+    (r"function (?:statement|return|break|loop)", r"\b(?:while|return|break)\b"),
     (r"external function", r"\bexternal\b"),
     (r"initial algorithm", r"\binitial\s+algorithm\b"),
     (r"branches have mismatched", r"(?m)^\s*if\b"),
@@ -127,7 +127,10 @@ def declared_at(name: str, sources: Sequence[Source]) -> str:
 _ADVICE = (
     (r"unbalanced model", "; give every unknown one equation"),
     (r"derivative expression", "; der() takes one variable: give the expression a name and derive that"),
-    (r"function statement", "; functions may hold assignments, if and for: unroll while-loops and leave out return"),
+    (
+        r"function (?:statement|return|break|loop)",
+        "; functions may hold assignments, if, for and while-loops over numbers: say with 'if' what return or break do",
+    ),
     (r"external function", "; external functions are not supported: write the function in Modelica"),
     (r"only be applied to state variables", "; reinit() takes a scalar state: name array elements as scalars"),
     (r"history operator|edge\(|change\(", "; give the operand a name: Boolean b = <condition>, then change(b)"),

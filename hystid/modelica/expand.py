@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hystid.errors import ModelicaError
+from hystid.modelica.bodies import ELSE, NOTHING, WHILE
 from hystid.modelica.expr import (
     FUNCTIONS,
     LOGICAL,
@@ -24,9 +25,11 @@ from hystid.modelica.expr import (
     Num,
     Op,
     Ref,
+    Text,
     balanced_sum,
     nodes,
     op,
+    rebuild,
     refs,
 )
 from hystid.modelica.flat import Function, FunctionVariable, Place, Statement
@@ -38,6 +41,7 @@ _KEPT = frozenset({"der", "pre", "edge", "change", "sample", "initial", "termina
 _ELEMENTWISE = {".*": "*", "./": "/", ".^": "^"}
 _EVENTS = RELATIONS | {"floor", "ceil", "integer", "div", "mod", "rem"}
 _LOOP_LIMIT = 100_000
+_WHILE_LIMIT = 10_000
 _CALL_DEPTH = 50
 _WORK_LIMIT = 2_000_000  # operations on scalars: some 20 s
 _CALL_COST, _STATEMENT_COST = 10, 3  # in such operations
@@ -113,16 +117,18 @@ class Expander:
         return _flatten(value)
 
     def value(self, expr: Expr, local: Mapping[str, Value]) -> Value:
-        """Scalar expression, array, or (of a call with several outputs) tuple."""
+        """Scalar expression, array, or tuple of them; of a call with several outputs the first."""
         if isinstance(expr, Ref):
             return self._variable(expr.name, local)
+        if isinstance(expr, Text):
+            self.refuse(f'the text "{expr.value}" stands where a number is wanted')
         if not isinstance(expr, Op):
             return expr
         name = expr.name
         if name in _SPECIAL:
             return _SPECIAL[name](self, expr.args, local)
         if name.startswith("call "):
-            return self._call(name[5:], expr.args, local)
+            return self.outputs(expr, local)[0]
         if name in ("der", "pre", "edge", "change"):
             return _map(lambda a: Op(name, (a,)), self.value(expr.args[0], local))
         args = [self.value(a, local) for a in expr.args]
@@ -193,6 +199,20 @@ class Expander:
             square = self._product("*", root, root)
             return self._product("*", square, a) if odd else square
         self.refuse("'^' of an array needs a positive whole exponent; use '.^' for each element")
+
+    def _field(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
+        """A variable of a component whose subscripts are computed: b[i + 1].x."""
+        return self._variable(self._path(Op("field", args), local), local)
+
+    def _path(self, expr: Expr, local: Mapping[str, Value]) -> str:
+        if isinstance(expr, Ref) and expr.name not in local:
+            return expr.name
+        if isinstance(expr, Op) and expr.name == "field" and isinstance(expr.args[1], Text):
+            return f"{self._path(expr.args[0], local)}.{expr.args[1].value}"
+        if isinstance(expr, Op) and expr.name == "[]":
+            numbers = (int(self.number(s, local, "a subscript")) for s in expr.args[1:])
+            return element(self._path(expr.args[0], local), tuple(numbers))
+        self.refuse("a field of what is no component is not supported: give the record's fields names of their own")
 
     # -- array constructs
 
@@ -342,19 +362,20 @@ class Expander:
 
     # -- functions
 
-    def _call(self, name: str, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
+    def outputs(self, call: Op, local: Mapping[str, Value]) -> list[Value]:
+        """Values of all outputs of a function call."""
+        name, args = call.name.removeprefix("call "), call.args
         function = self.functions.get(name)
         if function is None or name.startswith("Modelica.Math."):
-            return self._library_function(name, args, local)
+            return [self._library_function(name, args, local)]
         if self._depth >= _CALL_DEPTH:
             self.refuse(f"function '{name}' calls itself more than {_CALL_DEPTH} deep, which cannot be inlined")
         self._depth += 1
         self.spend(_CALL_COST)
         try:
-            results = Call(self, function, [self.value(a, local) for a in args]).run()
+            return Call(self, function, [self.value(a, local) for a in args]).run()
         finally:
             self._depth -= 1
-        return results[0] if len(results) == 1 else tuple(results)
 
     def _library_function(self, name: str, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         short = name.rsplit(".", 1)[-1]
@@ -365,6 +386,7 @@ class Expander:
 
 _SPECIAL: dict[str, Callable[..., Value]] = {
     "[]": Expander._subscripted,
+    "field": Expander._field,
     "{}": Expander._build,
     "[,]": Expander._horizontal,
     "[;]": Expander._vertical,
@@ -421,6 +443,8 @@ class Call:
         return self.expander.value(variable.default, self.values)
 
     def _initial(self, variable: FunctionVariable) -> Value:
+        if variable.name.startswith(NOTHING):
+            return UNSET
         if variable.default is not None:
             return self.expander.value(variable.default, self.values)
         if not variable.dims:
@@ -435,11 +459,11 @@ class Call:
     def _assign(self, s: Statement) -> None:
         assert s.value is not None
         self.expander.spend(_STATEMENT_COST)
-        value = self.expander.value(s.value, self.values)
         if len(s.targets) == 1:
-            self._set(s.targets[0], value[0] if isinstance(value, tuple) else value)
+            self._set(s.targets[0], self.expander.value(s.value, self.values))
             return
-        for target, part in zip(s.targets, value if isinstance(value, tuple) else (value,), strict=False):
+        assert isinstance(s.value, Op)
+        for target, part in zip(s.targets, self.expander.outputs(s.value, self.values), strict=False):
             self._set(target, part)
 
     def _set(self, target: Expr | None, value: Value) -> None:
@@ -472,10 +496,17 @@ class Call:
         self._statements(branches[0][1])
         taken, self.values = self.values, before
         self._choose(branches[1:])
-        self.values = {k: merge(condition, taken.get(k, v), v) for k, v in self.values.items()}
+        last = isinstance(branches[0][0], Ref) and branches[0][0].name.startswith(ELSE)
+        join = _filled_in if last else merge
+        self.values = {k: join(condition, taken.get(k, v), v) for k, v in self.values.items()}
 
     def _loop(self, s: Statement) -> None:
         assert s.value is not None
+        if s.name.startswith(WHILE):
+            outside, self.expander.place = self.expander.place, s.place
+            self._while(s.branches[0][1])
+            self.expander.place = outside
+            return
         outer = self.values.get(s.name)
         for v in _flatten(self.expander.value(s.value, self.values)):
             self.values[s.name] = v
@@ -484,6 +515,23 @@ class Call:
             self.values.pop(s.name, None)
         else:
             self.values[s.name] = outer
+
+    def _while(self, body: tuple[Statement, ...]) -> None:
+        """The first statement tests the condition."""
+        test = body[0].targets[0]
+        assert isinstance(test, Ref)
+        for _ in range(_WHILE_LIMIT):
+            self._assign(body[0])
+            condition = self.expander.scalar(test, self.values)
+            if not isinstance(condition, Num):
+                self.expander.refuse(
+                    "the condition of a while-loop depends on a variable, which cannot be written out: let it count by "
+                    "numbers, or use for and if"
+                )
+            if not condition.value:
+                return
+            self._statements(body[1:])
+        self.expander.refuse(f"a while-loop takes more than {_WHILE_LIMIT} steps, which cannot be written out")
 
 
 _RUN: dict[str, Callable[[Call, Statement], None]] = {"assign": Call._assign, "if": Call._branch, "for": Call._loop}
@@ -504,6 +552,19 @@ def merge(condition: Expr, a: Value, b: Value) -> Value:
         made = [op("if", condition, p, q) for p, q in zip(x.flat, y.flat, strict=True)]
         return _array(made).reshape(x.shape)
     return a if a is b else op("if", condition, a, b)  # type: ignore[arg-type]
+
+
+def _filled_in(condition: Expr, last: Value, before: Value) -> Value:
+    """The value of the last branch where no other has set one."""
+    if any(_is_unset(e) for e in _flatten(before)):
+        x, y = np.broadcast_arrays(_boxed(last), _boxed(before))
+        made = [rebuild(q, _instead_of_nothing(p)) for p, q in zip(x.flat, y.flat, strict=True)]
+        return _array(made).reshape(x.shape) if x.shape else made[0]
+    return merge(condition, last, before)
+
+
+def _instead_of_nothing(value: Expr) -> Callable[[Expr], Expr | None]:
+    return lambda node: value if node is UNSET else None
 
 
 def _stacked(parts: list[Value]) -> Array:

@@ -48,9 +48,15 @@ class Op:
         return self.key
 
     def __eq__(self, other: object) -> bool:
-        return self is other or (
-            isinstance(other, Op) and self.key == other.key and self.name == other.name and self.args == other.args
-        )
+        if self is other:
+            return True
+        if not isinstance(other, Op) or self.key != other.key or self.name != other.name:
+            return False
+        if self.args is not other.args:
+            if self.args != other.args:
+                return False
+            object.__setattr__(other, "args", self.args)  # the same from now on: shared parts are compared once
+        return True
 
 
 Expr = Num | Ref | Op | Text

@@ -83,7 +83,7 @@ def _outline(plain: str) -> list[_Open] | None:
                 opened.end, opened.short = (close + 1 or len(plain)), True
             else:
                 stack.append(opened)
-    return stack[0].inner if len(stack) == 1 and depth == 0 and "'" not in plain else None
+    return stack[0].inner if len(stack) == 1 and depth == 0 else None
 
 
 def innermost(found: Sequence[Class], offset: int) -> Class | None:

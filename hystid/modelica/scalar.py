@@ -267,9 +267,9 @@ def _sides(residual: Expr, expander: Expander) -> Iterator[tuple[Expr, Expr]]:
 
 def _outputs(targets: tuple[Expr, ...], call: Expr, expander: Expander) -> Iterator[tuple[Expr, Expr]]:
     """(a, , c) = f(...): pairs of wanted outputs, nothing for those left out."""
-    values = expander.value(call, {})
-    parts = values if isinstance(values, tuple) else (values,)
-    for target, part in zip(targets, parts, strict=False):
+    if not (isinstance(call, Op) and call.name.startswith("call ")):
+        expander.refuse("a list of outputs takes a function call")
+    for target, part in zip(targets, expander.outputs(call, {}), strict=False):
         if target == Op("nothing", ()):
             continue
         names = expander.flat(target)

@@ -110,12 +110,18 @@ def _nested(source: Source, names: list[str]) -> Declaration | None:
 
 
 def blanked(text: str) -> str:
-    """The text with comments and strings turned into blanks, lines and columns kept."""
+    """The text with comments and strings turned into blanks, lines and columns kept.
+
+    A name in quotes is turned into a plain one of the same length, 'a b' into Qa_bQ.
+    """
 
     def blank(match: re.Match[str]) -> str:
+        if match.group().startswith("'"):
+            return f"Q{re.sub(r'[^A-Za-z0-9]', '_', match.group()[1:-1])}Q"
         return re.sub(r"[^\n]", " ", match.group())
 
-    return re.sub(r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', blank, text, flags=re.DOTALL)
+    pattern = r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/|\'(?:\\.|[^\'\\\n])+\''
+    return re.sub(pattern, blank, text, flags=re.DOTALL)
 
 
 def read(path: Path) -> Source:

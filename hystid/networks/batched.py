@@ -15,7 +15,7 @@ import numpy as np
 
 from hystid.errors import UsageError
 from hystid.networks.normal_equations import parameter_count
-from hystid.networks.training import Data, Reason, Rule, Training
+from hystid.networks.training import Data, Reason, Rule, Training, stages
 from hystid.recording import Array
 
 _CHUNK = 2_000_000  # elements of one chunk of the Jacobian, all networks together
@@ -111,16 +111,24 @@ def train_batch(
         raise UsageError(f"device {device!r} cannot be used: {str(error).splitlines()[0]}") from None
     sizes = (len(data[0].inputs.gain), *hidden, 1)
     fit, check, test = (_Batch(sizes, *_tensors(data, name, w)) for name in ("train", "validation", "test"))
-    state = _start(fit, check, w, rule)
-    for iteration in range(1, rule.max_iterations + 1):
-        if not state.running:
-            break
-        _iterate(fit, check, state, iteration, rule)
-    final = (test.squares(state.best) / max(test.samples, 1)).tolist()
+    results: list[Training] = []
+    for count, limited in stages(fit.samples, w.shape[1], rule):
+        part = _Batch(sizes, fit.inputs[..., :count], fit.target[..., :count])
+        state = _start(part, check, w, limited)
+        for iteration in range(1, limited.max_iterations + 1):
+            if not state.running:
+                break
+            _iterate(part, check, state, iteration, limited)
+        w, ended = state.best, _trainings(state, (test.squares(state.best) / max(test.samples, 1)).tolist())
+        results = [stage.after(earlier) for stage, earlier in zip(ended, results, strict=True)] if results else ended
+    return results
+
+
+def _trainings(state: _Progress, test: list[float]) -> list[Training]:
     return [
         Training(best, reason or "iterations", at, np.array(train), np.array(validation), error)
         for best, reason, at, train, validation, error in zip(
-            state.best.cpu().numpy(), state.reason, state.best_at, state.train, state.validation, final, strict=True
+            state.best.cpu().numpy(), state.reason, state.best_at, state.train, state.validation, test, strict=True
         )
     ]
 

@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.errors import NumericalError
 from hystid.networks.batched import train_batch
 from hystid.networks.joint import Sequences, train_jointly
 from hystid.networks.network import Member, Network
 from hystid.networks.normal_equations import Precision
-from hystid.networks.training import RULES, Data, Rule, Training, initial_weights, train
+from hystid.networks.training import RULES, Data, Rule, Training, draw, initial_weights, train
 from hystid.progress import track
 from hystid.recording import Array
 
@@ -44,13 +43,6 @@ class Samples:
         """The samples of ``draw``."""
         pick = draw(len(self.x), count, seed)
         return Samples(*(getattr(self, name)[pick] for name in ("x", "v", "x0", "R0", "R")))
-
-
-def draw(total: int, count: int, seed: int) -> NDArray[np.intp]:
-    """At most ``count`` of ``total`` sample numbers, drawn without replacement, ascending."""
-    if total <= count:
-        return np.arange(total)
-    return np.sort(np.random.default_rng(seed).choice(total, count, replace=False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,14 +169,24 @@ def _train_on(device: str, samples: Samples, hidden: Sequence[int], count: int, 
 
 
 def refine_ensemble(
-    starts: Sequence[Start], data: Sequences, *, seed: int = 0, rule: Rule, workers: int | None = None
+    starts: Sequence[Start],
+    data: Sequences,
+    *,
+    seed: int = 0,
+    rule: Rule,
+    share: float = 1.0,
+    workers: int | None = None,
 ) -> list[Start]:
-    """The starts after training in simulation, in their order; fewer after Ctrl-C, then those finished."""
+    """The starts after training in simulation, in their order; fewer after Ctrl-C, then those finished.
+
+    A start that was trained in simulation before goes on from there; its ``joint`` then tells of both trainings. share:
+    see ``train_jointly``.
+    """
 
     def job(start: Start) -> Callable[[threading.Event], Start]:
         def run(stop: threading.Event) -> Start:
-            member, joint = train_jointly(start.member, data, rule, seed=seed, stop=stop)
-            return replace(start, member=member, joint=joint)
+            member, joint = train_jointly(start.member, data, rule, seed=seed, share=share, stop=stop)
+            return replace(start, member=member, joint=joint.after(start.joint) if start.joint else joint)
 
         return run
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hystid.networks.network import Member, Network
 from hystid.networks.normal_equations import KernelSums, aligned, chunked, parameter_count, pointer, unflatten
-from hystid.networks.training import Rule, Training, minimise, split_indices
+from hystid.networks.training import Rule, Training, draw, minimise, split_indices
 from hystid.recording import Array
 from hystid.turning_points import TurningPoints
 
@@ -32,7 +32,7 @@ class Sequences:
 
     Segments, shape (s,): x0 displacement at its turning point [m], before: displacement one sample earlier [m], fresh:
     where a recording begins, start: force [N] that the memory begins with there.
-    Samples, shape (n,), sorted by segment: x, v, R, and segment, the number of each one's segment.
+    Samples, shape (n,), sorted by segment: x, v, R; segment, the number of each one's segment; weight of its error.
     """
 
     x0: Array
@@ -43,10 +43,13 @@ class Sequences:
     v: Array
     R: Array
     segment: NDArray[np.int32]
+    weight: Array
 
     @staticmethod
-    def of(motions: Sequence[tuple[Array, Array, Array]], rule: TurningPoints) -> Sequences:
-        """All samples of recordings (x, v, R)."""
+    def of(
+        motions: Sequence[tuple[Array, Array, Array]], rule: TurningPoints, weights: Array | None = None
+    ) -> Sequences:
+        """All samples of recordings (x, v, R). weights: of each recording's errors [1/N], 1 where it is not given."""
         parts: list[tuple[Array, ...]] = []
         numbers, count = [], 0
         for x, v, R in motions:
@@ -59,14 +62,16 @@ class Sequences:
             count += len(at)
         x0, before, fresh, start = (np.concatenate(columns) for columns in zip(*parts, strict=True))
         x, v, R = (np.concatenate(columns) for columns in zip(*motions, strict=True))
-        return Sequences(x0, before, fresh.astype(bool), start, x, v, R, np.concatenate(numbers).astype(np.int32))
+        segment = np.concatenate(numbers).astype(np.int32)
+        weight = np.repeat(np.ones(len(motions)) if weights is None else weights, [len(x) for x, _, _ in motions])
+        return Sequences(x0, before, fresh.astype(bool), start, x, v, R, segment, weight)
 
     def pick(self, samples: NDArray[np.intp]) -> Sequences:
         """The same segments with some of the samples (sample numbers in any order)."""
         rows = np.sort(samples)
-        return Sequences(
-            self.x0, self.before, self.fresh, self.start, self.x[rows], self.v[rows], self.R[rows], self.segment[rows]
-        )
+        motion = (self.x[rows], self.v[rows], self.R[rows])
+        memory = (self.x0, self.before, self.fresh, self.start)
+        return Sequences(*memory, *motion, self.segment[rows], self.weight[rows])
 
     def split(self, seed: int) -> dict[str, NDArray[np.intp]]:
         """Sample numbers of the parts "train", "validation", "test": 70, 15, 15 % of the branches, drawn at random.
@@ -74,11 +79,11 @@ class Sequences:
         Whole branches between turning points go to one part. Neighbours in time resemble each other, so that single
         samples left out would not show whether a model carries over to another cycle; branches left out do.
         """
-        present = np.unique(self.segment)
-        if len(present) < _FEWEST_BRANCHES:
+        branches = len(self.x0)
+        if branches < _FEWEST_BRANCHES:
             return split_indices(len(self.x), seed)
-        parts = split_indices(len(present), seed)
-        return {name: np.flatnonzero(np.isin(self.segment, present[chosen])) for name, chosen in parts.items()}
+        parts = split_indices(branches, seed)
+        return {name: np.flatnonzero(np.isin(self.segment, chosen)) for name, chosen in parts.items()}
 
 
 def _scaled(network: Network, column: int, values: Array) -> Array:
@@ -108,7 +113,9 @@ class JointNormal(KernelSums):
         self._fresh = data.fresh.astype(np.int32)
         self._h0 = _scaled(g, 2, data.start)
         self._slope: Array | None = None  # d h0 / d weights of g, shape (segments, weights): only where it is built
-        rows = np.stack([_scaled(f, 0, data.x), _scaled(f, 1, data.v), (data.R - f.output_offset) / f.output_gain])
+        rows = np.stack(
+            [_scaled(f, 0, data.x), _scaled(f, 1, data.v), (data.R - f.output_offset) / f.output_gain, data.weight]
+        )
         self._data = chunked(rows, _LENGTH, "float64")
         self._segment = np.zeros(len(self._data) * _LENGTH, dtype=np.int32)
         self._segment[: self.samples] = data.segment
@@ -148,10 +155,20 @@ def with_parameters(pair: Member, w: Array) -> Member:
 
 
 def train_jointly(
-    pair: Member, data: Sequences, rule: Rule, *, seed: int = 0, stop: threading.Event | None = None
+    pair: Member,
+    data: Sequences,
+    rule: Rule,
+    *,
+    seed: int = 0,
+    share: float = 1.0,
+    stop: threading.Event | None = None,
 ) -> tuple[Member, Training]:
-    """Lower the error of the simulated R from a trained pair; stops early on branches left out."""
+    """Lower the error of the simulated R from a trained pair; stops early on branches left out.
+
+    share: of the training samples that are used, drawn at random; the validation branches are always whole.
+    """
     parts = data.split(seed)
+    parts["train"] = parts["train"][draw(len(parts["train"]), round(share * len(parts["train"])), seed)]
     fit, check, test = (JointNormal(pair, data.pick(parts[name])) for name in ("train", "validation", "test"))
     result = minimise(fit, check, parameters_of(pair), rule, stop)
     return with_parameters(pair, result.w), replace(result, test=test.squares(result.w) / test.samples)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis import Diagnosis, Finding, Traces
+from hystid.report import evidence
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent, with_error
 from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
 
@@ -22,6 +23,8 @@ _TONES: dict[str, Tone] = {
 }
 _CELLS = 36
 _HARMONICS = 10
+_LOOPS = 4  # recordings whose loops are shown
+_SHORT = 3000  # samples up to which loops are shown as a whole
 _TONAL = 0.3  # share of the power in one line above which multiples of it mean something
 
 
@@ -103,11 +106,14 @@ def _where(page: Page, d: Diagnosis) -> None:
     )
     ranked = sorted(d.traces, key=lambda t: -float(np.std(t.residual) / t.noise))
     named = bool(d.findings)
-    page.plots(*(_loops(trace, named) for trace in ranked[:2]))
+    shown = sorted(ranked[:_LOOPS], key=lambda t: float(np.ptp(t.x)))
+    page.plots(*(_loops(trace, named) for trace in shown))
     page.plots(*(_map(d, which) for which in (("residual", "left") if named else ("residual",))))
+    page.plots(*(plot for plot in (evidence.both_ways(d), evidence.since_turn(d)) if plot is not None))
     tonal = max(d.traces, key=_tonality)
     bars = [_spectrum_bars(tonal, named)] if _tonality(tonal) > _TONAL else []
-    beside = [*bars, *([_levels(d, named)] if len(d.traces) > 1 else [])]
+    energy = evidence.loop_energy(d)
+    beside = [*bars, *([_levels(d, named)] if len(d.traces) > 1 else []), *([energy] if energy else [])]
     if beside:
         page.plots(*beside)
     page.plots(_in_time(ranked[0], named), columns=1)
@@ -122,12 +128,14 @@ def _loops(trace: Traces, named: bool) -> Plot:
     ]
     if named:
         lines.append(Line(x, R - trace.left[window], "with findings", "after"))
-    caption = "Window with the largest residual."
+    caption = "The whole recording." if len(trace.t) < _SHORT else "Window with the largest residual."
     return Plot(f"Loops, {trace.name}", Axis("displacement", "m"), Axis("restoring force", "N"), lines, caption)
 
 
 def _worst_window(trace: Traces) -> slice:
-    """A tenth of the recording around the largest local residual."""
+    """A tenth of the recording around the largest local residual; a short one as a whole."""
+    if len(trace.t) < _SHORT:
+        return slice(None)
     width = max(50, len(trace.t) // 10)
     level = np.convolve(trace.residual**2, np.ones(width), mode="valid")
     first = int(np.argmax(level))
@@ -237,7 +245,22 @@ def _how_good(page: Page, d: Diagnosis) -> None:
                 Line(trace.t[window], trace.free_after[window], "with findings", "after"),
             )
             page.plots(Plot(f"Free run, {trace.name}", Axis("time", "s"), Axis("displacement", "m"), series), columns=1)
+            page.plots(_free_errors(trace), columns=1)
             break
+    worst = max(d.traces, key=lambda t: float(np.std(t.left) / t.noise))
+    page.plots(evidence.spectrum(worst, bool(d.findings)), evidence.autocorrelation(worst, bool(d.findings)))
+
+
+def _free_errors(trace: Traces) -> Plot:
+    """Error of the free run over the whole recording, in the unit of the displacement."""
+    runs = ((trace.free_before, "baseline", "before"), (trace.free_after, "with findings", "after"))
+    series = tuple(
+        Line(trace.t, run - trace.x, name, role, width=1.0)  # type: ignore[arg-type]  # roles of the table above
+        for run, name, role in runs
+        if run is not None
+    )
+    title = f"Error of the free run, {trace.name}"
+    return Plot(title, Axis("time", "s"), Axis("displacement", "m"), series, "Simulated less measured.", height=260)
 
 
 def _evidence(page: Page, d: Diagnosis) -> None:
@@ -259,6 +282,9 @@ def _evidence(page: Page, d: Diagnosis) -> None:
             f"Baseline {choice.before.chi2:.4g}, floor {choice.floor_after:.4g}; explained {percent(choice.explained)}."
         )
         page.table(Table("Candidates", columns, rows, note))
+    alike = evidence.look_alikes(d)
+    if alike is not None:
+        page.plots(alike, columns=1)
     for finding in d.findings:
         others = [name for name in finding.alike if name != finding.effect]
         if others:
@@ -266,7 +292,8 @@ def _evidence(page: Page, d: Diagnosis) -> None:
                 f"{finding.effect} cannot be told from {', '.join(others)} by these recordings. {d.next_experiment}"
             )
     if d.untestable:
-        page.text(f"Not testable with these recordings, as a refit takes them over: {', '.join(d.untestable)}.")
+        listed = ", ".join(name.replace("_", " ") for name in d.untestable)
+        page.text(f"Not testable with these recordings, as the refit or their lack of rates hides them: {listed}.")
     if d.unknown:
         page.text(d.unknown.text + ".")
     if d.notes:

@@ -105,7 +105,9 @@ def _facts(result: Identification) -> list[Fact]:
         )
     )
     facts.append(
-        Fact("Averaged networks", f"{len(result.chosen)} of {len(result.starts)}", "the best by validation error")
+        Fact(
+            "Averaged networks", f"{len(result.chosen)} of {len(result.starts)}", "the best on the training recordings"
+        )
     )
     return facts
 

@@ -42,6 +42,8 @@ def write_grid(result: GridResult, path: Path, command: str) -> Path:
         " the start of the least validation error. Neither choice knows the held-out recordings.",
     )
     page.plots(_ensembles(result.cells))
+    page.section("Why the trainings ended", "Both networks of every start, counted.")
+    page.table(_endings(result.cells))
     page.reproduce(command, {name: str(value) for name, value in result.settings.items()})
     return page.write(path)
 
@@ -91,6 +93,16 @@ def _spreads(title: str, named: Sequence[tuple[str, Cell]], kind: str) -> Table:
     return Table(
         title, columns, rows, "Quartiles over the starts; each start's value is its median over the held-out tests."
     )
+
+
+def _endings(cells: Sequence[Cell]) -> Table:
+    rows = [
+        [cell.name, network, str(count), reason]
+        for cell in cells
+        for network, reasons in cell.stopped.items()
+        for reason, count in reasons.items()
+    ]
+    return Table("Endings", ["structure", "network", "trainings", "because"], rows)
 
 
 def _share(value: float) -> str:

@@ -10,7 +10,7 @@ from hystid.recording import Array
 from hystid.report.curves import R_AXIS, X_AXIS, Curve, highest_frequency, loops, over_time, spectra, window_of
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent
 from hystid.report.plots import Axis, Bars, Plot
-from hystid.validation import Case, Levels, Validation
+from hystid.validation import Case, Levels, Stability, Validation
 
 _GOOD, _FAIR = 0.06, 0.15  # force NRMSE at worst: the demo's target, and what is still of use
 _SHOWN = 8
@@ -30,6 +30,8 @@ def write_validation(result: Validation, path: Path, command: str) -> Path:
     add_errors(page, result)
     for case in _worst_first(result)[:_SHOWN]:
         _case(page, case)
+    if result.stability:
+        _stability(page, result.stability)
     _validity(page, result)
     page.reproduce(command)
     return page.write(path)
@@ -46,6 +48,9 @@ def verdict(result: Validation) -> Verdict:
     diverged = [case.name for case in result.cases if case.diverged]
     if diverged:
         tone, closed = "bad", f"In closed loop it diverges in {_count(len(diverged), 'case')}: {', '.join(diverged)}. "
+    if result.stability and result.stability.feeding:
+        tone = "warn" if tone == "good" else tone
+        closed += "Within its training range there are motions into which it feeds energy. "
     outside = max(case.outside for case in result.cases)
     if outside > 0.01:
         closed += f"Up to {percent(outside)} of a case lies outside the range that it was trained on."
@@ -186,6 +191,30 @@ def _harmonics(levels: Levels) -> Plot:
     axis = Axis("Level re fundamental", "dB", bounds=(_FLOOR_DB, 0), prefix=False)
     caption = "By least squares over the second half. Friction and hysteresis give odd harmonics only."
     return Plot(title, Axis("Harmonic order"), axis, series, caption)
+
+
+def _stability(page: Page, found: Stability) -> None:
+    feeding = len(found.feeding)
+    sentence = f"All {len(found.cycles)} cycles dissipate, or keep their energy."
+    if feeding:
+        sentence = (
+            f"In {feeding} of {len(found.cycles)} cycles the surrogate feeds energy in: it may drive an oscillator."
+        )
+    memory = ""
+    if np.isfinite(found.remembered):
+        memory = f" After four cycles {percent(found.remembered)} is left of a difference of its starting force."
+    page.section("Dissipation", f"The surrogate alone, on harmonic motions over its training range. {sentence}{memory}")
+    rows: list[list[str | Cell]] = [
+        [
+            number(cycle.amplitude, "m", 3),
+            number(cycle.frequency, "Hz", 3),
+            number(cycle.energy, "J", 3),
+            Cell(percent(cycle.loss, 3), "bad" if cycle in found.feeding else "neutral"),
+        ]
+        for cycle in found.cycles
+    ]
+    note = "Loss: energy re pi x amplitude x greatest force; 0 % for a spring, 100 % for a damper, negative: fed in."
+    page.table(Table("Energy taken out per cycle", ["amplitude", "frequency", "energy", "loss"], rows, note))
 
 
 def _validity(page: Page, result: Validation) -> None:

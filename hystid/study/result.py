@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -65,6 +66,12 @@ class Cell:
         return 2 * parameter_count((3, *self.layers, 1))
 
     @property
+    def stopped(self) -> dict[str, dict[str, int]]:
+        """For each network of the pair: why its trainings ended, and how many of them for that reason."""
+        reasons = {name: [outcome.stopped[name] for outcome in self.outcomes] for name in ("hysteresis", "restoring")}
+        return {name: dict(sorted(Counter(texts).items())) for name, texts in reasons.items()}
+
+    @property
     def name(self) -> str:
         """Such as 5-5."""
         return "-".join(map(str, self.layers))
@@ -79,6 +86,7 @@ class Cell:
             "free_run_x_nrmse": self.free_run.summary(),
             "ensemble": dict(self.ensemble),
             "single": dict(self.single),
+            "stopped": self.stopped,
         }
 
 

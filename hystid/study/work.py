@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -68,7 +69,8 @@ def _drawn(payload: Payload, mass: float) -> Samples:
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """A finished task. errors: for each held-out recording {"name", "force_nrmse", "x_nrmse"}; x_nrmse is NaN without a
-    mass, infinity where the free run diverged. validation: least validation error of the restoring network (scaled)."""
+    mass, infinity where the free run diverged. validation: least validation error of the restoring network (scaled).
+    stopped: why each network's training ended. seconds: processor time of training and testing."""
 
     task: Task
     member: Member
@@ -76,6 +78,7 @@ class Outcome:
     errors: tuple[Mapping[str, Any], ...]
     stopped: Mapping[str, str]
     curves: Mapping[str, Array]
+    seconds: float = float("nan")
 
     @property
     def force(self) -> float:
@@ -105,7 +108,8 @@ def errors_of(model: TwoNetworkModel, recordings: Sequence[Recording]) -> tuple[
 
 
 def run(payload: Payload, task: Task) -> Outcome:
-    """Train one pair and test it on the held-out recordings. Depends on its arguments only."""
+    """Train one pair and test it on the held-out recordings. All but its ``seconds`` depends on the arguments only."""
+    begin = time.thread_time()
     start = train_pair(
         payload.drawn(task.mass),
         task.layers,
@@ -117,7 +121,8 @@ def run(payload: Payload, task: Task) -> Outcome:
     model = model_of([start.member], task.mass, payload)
     errors = errors_of(model, payload.tested(task.mass))
     stopped = {"hysteresis": REASONS[start.hysteresis.reason], "restoring": REASONS[start.restoring.reason]}
-    return Outcome(task, start.member, start.error, errors, stopped, _curves(start))
+    seconds = time.thread_time() - begin
+    return Outcome(task, start.member, start.error, errors, stopped, _curves(start), seconds)
 
 
 def _curves(start: Start) -> dict[str, Array]:
@@ -139,7 +144,7 @@ def save(outcome: Outcome, folder: Path) -> None:
         arrays[f"{name}_w"] = np.concatenate([part.ravel() for layer in network.layers for part in layer])
         arrays[f"{name}_inputs"] = np.stack([network.input_offset, network.input_gain])
         arrays[f"{name}_output"] = np.array([network.output_offset, network.output_gain])
-    rest = {"validation": outcome.validation, "stopped": dict(outcome.stopped)}
+    rest = {"validation": outcome.validation, "stopped": dict(outcome.stopped), "seconds": outcome.seconds}
     arrays["errors"] = np.array([[error["force_nrmse"], error["x_nrmse"]] for error in outcome.errors])
     arrays["names"] = np.array([error["name"] for error in outcome.errors])
     arrays["rest"] = np.array(json.dumps(plain(rest)))
@@ -168,7 +173,8 @@ def _outcome(task: Task, values: Mapping[str, Any]) -> Outcome:
         for name, (force, free) in zip(values["names"], values["errors"], strict=True)
     )
     curves = {name: array for name, array in values.items() if name.endswith(("_train", "_validation"))}
-    return Outcome(task, Member(*networks), float(rest["validation"]), errors, rest["stopped"], curves)
+    validation, seconds = float(rest["validation"]), float(rest["seconds"])
+    return Outcome(task, Member(*networks), validation, errors, rest["stopped"], curves, seconds)
 
 
 def _network(task: Task, values: Mapping[str, Any], name: str) -> Network:

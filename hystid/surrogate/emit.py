@@ -22,6 +22,21 @@ from hystid.surrogate.program import Elementwise, MatMul, Program, Reduce, State
 from hystid.surrogate.tensors import Buffer, View
 
 STACK_LIMIT = 4096  # doubles in locals of one function; beyond, the instance's own memory is used
+MANY = 60  # statements, as of two members of an ensemble; beyond, a compiler's time matters more than its inlining
+_APART = """\
+/* A large network is compiled in good time: its matrix products are called, and what joins them is not polished. */
+#if defined(__clang__)
+#define NN_APART __attribute__((noinline))
+#define NN_PLAIN
+#elif defined(__GNUC__)
+#define NN_APART __attribute__((noinline, noclone))
+#define NN_PLAIN __attribute__((optimize("O1")))
+#else
+#define NN_APART
+#define NN_PLAIN
+#endif
+
+"""
 _INDEX = "ijklmnop"
 _OPERANDS = "abc"
 Lines = list[str]
@@ -55,7 +70,15 @@ def functions(program: Program, name: str) -> Functions:
     adjoint = _Writer(program, name, active, "adjoint")
     texts = (value.text(), forward.text(), adjoint.text())
     used = "".join(texts)
-    return Functions(_helpers(used) + _tables(program, used), *texts, max(w.work for w in (value, forward, adjoint)))
+    helpers = _helpers(used)
+    if len(program.statements) > MANY:
+        helpers = _APART + helpers.replace("static void nn_", "NN_APART static void nn_")
+        texts = (_plain(texts[0]), _plain(texts[1]), _plain(texts[2]))
+    return Functions(helpers + _tables(program, used), *texts, max(w.work for w in (value, forward, adjoint)))
+
+
+def _plain(text: str) -> str:
+    return text.replace("static void", "NN_PLAIN static void", 1)
 
 
 def active_buffers(program: Program) -> frozenset[Buffer]:

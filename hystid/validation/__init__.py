@@ -2,5 +2,6 @@
 
 from hystid.validation.cases import validate
 from hystid.validation.result import Case, FreeRun, Levels, Validation
+from hystid.validation.stability import Cycle, Stability
 
-__all__ = ["Case", "FreeRun", "Levels", "Validation", "validate"]
+__all__ = ["Case", "Cycle", "FreeRun", "Levels", "Stability", "Validation", "validate"]

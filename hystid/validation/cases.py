@@ -17,6 +17,7 @@ from hystid.processing import Band, prepare
 from hystid.recording import Array, Recording
 from hystid.simulation import force_of, simulate
 from hystid.validation.result import Case, FreeRun, Levels, Validation
+from hystid.validation.stability import stability
 from hystid.validation.surrogate import Surrogate, open_surrogate
 
 SHORTEST = 50
@@ -60,7 +61,15 @@ def validate(
         prepared = [prepare(recording, band=band, decimate=decimate, mass=model.mass) for recording in recordings]
     cases = tuple(compare(model, record) for record in prepared)
     result = Validation(
-        Path(surrogate), model.kind, reference, model.mass, model.sample_rate, model.training_range, cases, model.notes
+        Path(surrogate),
+        model.kind,
+        reference,
+        model.mass,
+        model.sample_rate,
+        model.training_range,
+        cases,
+        model.notes,
+        stability(model),
     )
     if out is None:
         return result

@@ -11,12 +11,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from hystid.comparison import Harmonics, Spectrum, loop_energy, spectrum
 from hystid.recording import Array, Recording
+
+if TYPE_CHECKING:
+    from hystid.validation.stability import Stability
 
 AUDIBLE_DB = -60.0
 """Harmonics of the reference below this level are noise, not something that a surrogate is to match."""
@@ -132,6 +135,7 @@ class Validation:
 
     surrogate: the file; kind of it. against: the reference FMU, None for recordings. mass [kg], 0 where there is none.
     sample_rate [Hz] and training_range (least, greatest; by signal) are None and empty where the file does not tell.
+    stability: see ``Stability``; None where the file tells no range.
     """
 
     surrogate: Path
@@ -142,6 +146,7 @@ class Validation:
     training_range: Mapping[str, tuple[float, float]]
     cases: tuple[Case, ...]
     notes: tuple[str, ...] = ()
+    stability: Stability | None = None
     files: Mapping[str, Path] = field(default_factory=dict)
 
     def figures(self, which: Literal["force_nrmse", "x_nrmse", "R_nrmse"]) -> Array:
@@ -164,6 +169,7 @@ class Validation:
             "training_range": self.training_range,
             "metrics": {key: _median_and_worst(self.figures(key)) for key in keys},
             "cases": [case.summary() for case in self.cases],
+            "stability": self.stability.summary() if self.stability else None,
             "notes": list(self.notes),
         }
 

@@ -553,8 +553,8 @@ fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance, const fmi3ValueRefere
     return fmi3OK;
 }
 
-/* The importer may set inputs for the next internal step and may end the step here. */
-static int intermediate_update(hy_instance *c)
+/* The importer may set inputs for the next internal step and may end the step, here or further on. */
+static double intermediate_update(hy_instance *c)
 {
     fmi3IntermediateUpdateCallback update = (fmi3IntermediateUpdateCallback)c->update;
     const double now = c->engine.data.v[0];
@@ -563,7 +563,7 @@ static int intermediate_update(hy_instance *c)
     c->engine.status->mode = IN_STEP;
     update(c->environment, now, true, true, true, c->early_return_allowed, &stop, &stop_time);
     if (c->engine.status->mode == IN_STEP) c->engine.status->mode = STEP;
-    return stop && c->early_return_allowed && stop_time <= now;
+    return stop && c->early_return_allowed ? stop_time : INFINITY;
 }
 
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h, fmi3Boolean no_set_state,

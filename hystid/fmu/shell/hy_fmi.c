@@ -343,14 +343,16 @@ int hy_get_indicators(hy_instance *c, double *z, size_t n)
     return hy_fmi_status(c, outcome);
 }
 
+/* Whether the derivatives may jump at this event: a relation or a discrete state is another than before it. */
 static int switched(const hy_model *m, const double *before, const double *after)
 {
-    return memcmp(before + m->rel, after + m->rel, sizeof(double) * (size_t)m->n_rel) != 0;
+    return memcmp(before + m->rel, after + m->rel, sizeof(double) * (size_t)m->n_rel) != 0
+        || memcmp(before + m->d, after + m->d, sizeof(double) * (size_t)m->n_d) != 0;
 }
 
-/* In model exchange states count as changed where a relation switched, for then their derivatives jump: importers in wide
- * use restart their solver for a new state alone, and a multistep solver that goes on over the kink carries the old slope
- * along. A slider at its limit then trembles about it, and the run ends in the solver's limit of steps. */
+/* In model exchange states count as changed where their derivatives may jump: importers in wide use restart their solver
+ * for a new state alone, and a multistep solver that is not told goes on with the old slope, or past the event. The first
+ * event iteration comes before any solver. */
 int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_defined, double *next)
 {
     hy_engine *e = &c->engine;
@@ -358,7 +360,8 @@ int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_define
     int outcome;
     memcpy(before, e->data.v, sizeof(double) * (size_t)e->model->n_values);
     outcome = hy_event(e, states_changed);
-    *states_changed |= e->status->kind == MODEL_EXCHANGE && e->model->n_x && switched(e->model, before, e->data.v);
+    if (e->status->kind == MODEL_EXCHANGE && e->status->sampled && e->model->n_x)
+        *states_changed |= switched(e->model, before, e->data.v);
     *next = e->model->next_time_event ? e->model->next_time_event(&e->data) : INFINITY;
     *next_defined = isfinite(*next);
     if (!*next_defined) *next = 0;
@@ -401,18 +404,24 @@ int hy_input_derivatives(hy_instance *c, const unsigned *vr, size_t n, const int
     return FMI_OK;
 }
 
-static int advance(hy_instance *c, double t, double h, int stop_at_events, int (*between)(hy_instance *), double *reached)
+/* A step is completed by hy_do_step; those inside, here, after the importer has seen them and has not ended the step. */
+static int advance(hy_instance *c, double t, double h, int stop_at_events, double (*between)(hy_instance *), double *reached)
 {
     hy_engine *e = &c->engine;
-    const int n = hy_steps_in(e, h);
+    const int n = e->model->n_x || hy_has_events(e) ? hy_steps_in(e, h) : 1; /* nothing to integrate: one sample */
+    double end = t + h;
     int outcome = HY_OK;
     if (!between) return hy_advance(e, h, n, stop_at_events, reached);
-    for (int i = 0; i < n && !outcome; i++) {
-        outcome = hy_advance(e, h / n, 1, stop_at_events, reached);
-        if (!outcome) *reached = e->data.v[0] = t + h * ((double)(i + 1) / n);
-        if (!outcome && i + 1 < n) outcome = hy_completed(e);
-        if (!outcome && between(c)) break;
-        if (!outcome && i + 1 < n) outcome = hy_inputs_changed(e);
+    for (int i = 0; i < n; i++) {
+        const double next = fmin(t + h * ((double)(i + 1) / n), end);
+        outcome = hy_advance(e, next - e->data.v[0], 1, stop_at_events, reached);
+        if (outcome) break;
+        *reached = e->data.v[0] = next;
+        end = fmin(end, fmax(between(c), next));
+        if (next >= end) break;
+        outcome = hy_completed(e);
+        if (!outcome) outcome = hy_inputs_changed(e);
+        if (outcome) break;
     }
     return outcome;
 }
@@ -428,7 +437,7 @@ static int check_step(hy_instance *c, double t, double h)
     return FMI_OK;
 }
 
-int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, int (*between)(hy_instance *), double *reached,
+int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, double (*between)(hy_instance *), double *reached,
                int *event)
 {
     hy_engine *e = &c->engine;

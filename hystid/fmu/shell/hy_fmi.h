@@ -76,8 +76,9 @@ int hy_adjoint(hy_instance *c, const unsigned *unknown, size_t n_unknown, const 
                const double *seed, double *sensitivity);
 
 /* From the last communication point by h. stop_at_events: FMI 3 event mode; *reached tells how far, *event whether an
- * event waits there. between is called after each internal step and asks to stop by a nonzero answer; it may be NULL. */
-int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, int (*between)(hy_instance *), double *reached,
+ * event waits there. between is called after each internal step and says when the step shall end at the latest; it may
+ * be NULL. */
+int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, double (*between)(hy_instance *), double *reached,
                int *event);
 
 int hy_get_state(hy_instance *c, void **state);

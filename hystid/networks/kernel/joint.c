@@ -6,7 +6,8 @@
  * is that of the simulated output. For a sample of segment j: h = g(x, x0[j], h0[j]), R = f(x, v, h).
  * The value h of g enters again as scale[0] h + scale[1] in g and as scale[2] h + scale[3] in f.
  *
- * Samples are sorted by segment and come in chunks data[chunk][x, v, target][length], zero-padded. Double precision. */
+ * Samples are sorted by segment and come in chunks data[chunk][x, v, target, weight][length], zero-padded: the residual is
+ * weight (R - target), and padding weighs nothing. Double precision. */
 #include "perceptron.h"
 
 typedef struct {
@@ -39,6 +40,16 @@ static void remember(const network *g, const double *scale, const segments *s, i
     }
 }
 
+/* residual = weight (y - target); returns its sum of squares. */
+static double residuals(int count, const vec *y, const vec *target, const vec *weight, vec *residual) {
+    vec squares = {0};
+    for (int c = 0; c < count; c++) {
+        residual[c] = weight[c] * (y[c] - target[c]);
+        squares += residual[c] * residual[c];
+    }
+    return lane_sum(squares);
+}
+
 /* Rows of Z: weights of g, weights of f, residual. Arguments as in hystid_normal; segment[k]: that of sample k. */
 API double hystid_joint(int layers_g, const int *sizes_g, int layers_f, const int *sizes_f, const double *weights,
                         const double *scale, long n_segments, const double *x0, const double *xb, const int *fresh,
@@ -55,7 +66,7 @@ API double hystid_joint(int layers_g, const int *sizes_g, int layers_f, const in
     vec *delta = acts_f + rows_of(&f) * count, *spare = delta + width, *chain = spare + width;
     if (S) memset(S, 0, sizeof(double) * stride * stride), memset(Z, 0, sizeof(vec) * stride * count);
     double total = 0;
-    for (long begin = 0; begin < n; begin += length, data += 3L * length, segment += length) {
+    for (long begin = 0; begin < n; begin += length, data += 4L * length, segment += length) {
         long valid = n - begin < length ? n - begin : length;
         memset(acts_g, 0, sizeof(vec) * 3 * count);
         memcpy(acts_g, data, sizeof(double) * length);
@@ -67,9 +78,10 @@ API double hystid_joint(int layers_g, const int *sizes_g, int layers_f, const in
         memcpy(acts_f, data, sizeof(double) * 2 * length);
         for (int c = 0; c < count; c++) acts_f[2 * count + c] = scale[2] * h[c] + scale[3];
         const vec *y = forward(&f, acts_f);
-        total += residuals(count, y, (const vec *)(data + 2L * length), valid, Z + (pg + pf) * count);
+        const vec *target = (const vec *)(data + 2L * length), *weight = (const vec *)(data + 3L * length);
+        total += residuals(count, y, target, weight, Z + (pg + pf) * count);
         if (!S) continue;
-        for (long k = 0; k < length; k++) ((double *)delta)[k] = k < valid;
+        memcpy(delta, weight, sizeof(vec) * count);
         const vec *first = jacobian(&f, pf, y, delta, spare, Z + pg * count);
         for (int c = 0; c < count; c++) chain[c] = scale[2] * input_derivative(&f, first, 2, c);
         memcpy(delta, chain, sizeof(vec) * count);

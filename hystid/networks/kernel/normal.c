@@ -6,6 +6,15 @@
 #include <math.h>
 #include "perceptron.h"
 
+/* residual = y - target on the first `valid` samples, 0 on the padding; returns its sum of squares. */
+static double residuals(long count, const vec *y, const vec *target, long valid, vec *residual) {
+    vec squares = {0};
+    for (long c = 0; c < count; c++) residual[c] = y[c] - target[c];
+    for (long k = valid; k < count * LANES; k++) ((REAL *)residual)[k] = 0;
+    for (long c = 0; c < count; c++) squares += residual[c] * residual[c];
+    return lane_sum(squares);
+}
+
 /* Returns the sum of squares. S: NULL, or stride x stride (stride a multiple of BLOCK, above the number of parameters).
  * work: stride + rows of activations + 2 * widest rows, and the parameters. length: samples per chunk, a multiple of
  * LANES. All arrays 64-byte aligned. */

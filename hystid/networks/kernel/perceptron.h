@@ -123,15 +123,6 @@ static inline double lane_sum(vec value) {
     return sum;
 }
 
-/* residual = y - target on the first `valid` samples, 0 on the padding; returns its sum of squares. */
-static double residuals(long count, const vec *y, const vec *target, long valid, vec *residual) {
-    vec squares = {0};
-    for (long c = 0; c < count; c++) residual[c] = y[c] - target[c];
-    for (long k = valid; k < count * LANES; k++) ((REAL *)residual)[k] = 0;
-    for (long c = 0; c < count; c++) squares += residual[c] * residual[c];
-    return lane_sum(squares);
-}
-
 /* S[i][j] += z_i . z_j over one chunk, for the lower triangle of blocks. */
 static void accumulate(const vec *Z, int blocks, int count, double *S, long stride) {
     for (int bi = 0; bi < blocks; bi++)

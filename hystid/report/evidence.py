@@ -1,0 +1,169 @@
+"""Figures of a diagnosis that show what kind of force is missing, and how sure its name is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from hystid.diagnosis import Diagnosis, Traces
+from hystid.diagnosis.chain import turns
+from hystid.diagnosis.selection import Trial
+from hystid.report.plots import Axis, Bars, Line, Mark, Plot, Points, Role, Series
+
+Array = NDArray[np.float64]
+_BINS = 30
+_LEAST, _FEW = 8, 3  # samples in a bin below which it is left out, in long and in short recordings
+_CLOSED = 0.2  # gap of a loop over its range beyond which it has no energy of its own
+_LAGS = 200
+_CANDIDATES = 10
+
+_STAGES: tuple[tuple[str, str, Role], ...] = (("residual", "baseline", "before"), ("left", "with findings", "after"))
+
+
+def stages(named: bool) -> tuple[tuple[str, str, Role], ...]:
+    """Attribute of the traces, name and role of what is shown: the second only where something was named."""
+    return _STAGES if named else _STAGES[:1]
+
+
+def both_ways(d: Diagnosis) -> Plot:
+    """Mean residual over displacement, forward and backward apart."""
+    x, v = (np.concatenate([getattr(t, name) for t in d.traces]) for name in ("x", "v"))
+    edges = np.linspace(np.min(x), np.max(x), _BINS + 1)
+    series: list[Series] = []
+    for attribute, name, role in stages(bool(d.findings)):
+        r = np.concatenate([getattr(t, attribute) for t in d.traces])
+        for way, side in ((1.0, "forward"), (-1.0, "backward")):
+            middle, mean = _binned(x, r, edges, way * v > 0)
+            series.append(Line(middle, mean, f"{name}, {side}", role, "solid" if way > 0 else "dash"))
+    caption = (
+        "The mean of the two curves is conservative or constant, half their distance is dissipative. "
+        "Both bend at a threshold of displacement."
+    )
+    return Plot("Residual over displacement", Axis("displacement", "m"), Axis("force", "N"), tuple(series), caption)
+
+
+def since_turn(d: Diagnosis) -> Plot | None:
+    """Mean residual in the direction of motion over the distance from the last turning point; None without turns."""
+    distance, way = [], []
+    for trace in d.traces:
+        at = np.array([0, *turns(trace.x, 0.05)])
+        last = at[np.searchsorted(at, np.arange(len(trace.x)), side="right") - 1]
+        known = last > 0
+        distance.append(np.where(known, np.abs(trace.x - trace.x[last]), np.nan))
+        way.append(np.sign(trace.x - trace.x[last]))
+    far, sign = np.concatenate(distance), np.concatenate(way)
+    known = np.isfinite(far)
+    if np.count_nonzero(known) < 10 * _LEAST:
+        return None
+    edges = np.linspace(0.0, float(np.nanmax(far)), _BINS + 1)
+    series = []
+    for attribute, name, role in stages(bool(d.findings)):
+        r = np.concatenate([getattr(t, attribute) for t in d.traces]) * sign
+        series.append(Line(*_binned(far, r, edges, known), name, role))
+    caption = "Along the motion. A law with memory rises over the first part; one without memory jumps."
+    axes = Axis("distance from the turn", "m"), Axis("force", "N")
+    return Plot("Residual since the last reversal", *axes, tuple(series), caption)
+
+
+def loop_energy(d: Diagnosis) -> Plot | None:
+    """Energy per loop over its amplitude, measured and modelled; None with fewer than two loops."""
+    found = [loop for trace in d.traces for loop in _loops(trace)]
+    if len(found) < 2:
+        return None
+    amplitude, *energies = (np.array(column) for column in zip(*found, strict=True))
+    names: tuple[tuple[str, Role], ...] = (("measured", "measured"), ("baseline", "before"), ("with findings", "after"))
+    series = []
+    for energy, (name, role) in zip(energies, names if d.findings else names[:2], strict=False):
+        good = energy > 0
+        series.append(Points(amplitude[good], energy[good], name, role, size=6.0))
+    caption = "Slopes: 1 dry friction, 2 a viscous damper at one frequency, 3 micro-slip or quadratic damping."
+    axes = Axis("amplitude", "m", log=True, prefix=False), Axis("energy per loop", "J", log=True, prefix=False)
+    return Plot("Energy lost per loop", *axes, tuple(series), caption)
+
+
+def spectrum(trace: Traces, named: bool) -> Plot:
+    """Spectral density of the residual and the level of the noise."""
+    rate = 1.0 / float(trace.t[1] - trace.t[0])
+    series: list[Series] = []
+    for attribute, name, role in stages(named):
+        frequency, power = welch(getattr(trace, attribute), rate, nperseg=min(1024, len(trace.t) // 2))
+        series.append(Line(frequency[1:], np.sqrt(power[1:]), name, role))
+    noise = trace.noise * np.sqrt(2.0 / rate)
+    series.append(Line(frequency[[1, -1]], np.full(2, noise), "noise", "muted", "dot"))
+    axes = Axis("frequency", "Hz", log=True, prefix=False), Axis("density, N per root Hz", log=True)
+    return Plot(f"Spectrum of the residual, {trace.name}", *axes, tuple(series), "White noise is the dotted line.")
+
+
+def autocorrelation(trace: Traces, named: bool) -> Plot:
+    """How long the residual remembers itself: noise does not."""
+    n = len(trace.t)
+    lags = np.arange(min(_LAGS, n // 4))
+    series = []
+    for attribute, name, role in stages(named):
+        r = getattr(trace, attribute) - np.mean(getattr(trace, attribute))
+        power = np.abs(np.fft.rfft(r, 2 * n)) ** 2
+        series.append(Line(lags * (trace.t[1] - trace.t[0]), _unit(np.fft.irfft(power)[: len(lags)]), name, role))
+    bound = 2.0 / np.sqrt(n)
+    marks = tuple(Mark(at, axis="y") for at in (-bound, bound))
+    caption = "Outside the grey lines something other than white noise is left."
+    return Plot(f"Memory of the residual, {trace.name}", Axis("lag", "s"), Axis("correlation"), tuple(series), caption,
+                marks=marks)  # fmt: skip
+
+
+def look_alikes(d: Diagnosis) -> Plot | None:
+    """How much of the same mismatch each candidate explains, and how alike its explanation is to that of the name."""
+    choice = d.choice
+    if choice is None or not choice.trials or not d.findings:
+        return None
+    before = choice.before
+    excess = before.chi2 - choice.floor_before
+    best: dict[str, Trial] = {}
+    for trial in choice.trials:
+        best.setdefault(trial.name, trial)
+    first = before.residual - choice.after.residual
+    shown = list(best.values())[:_CANDIDATES]
+    share = np.array([max(0.0, 1.0 - (t.chi2 - choice.floor_before) / excess) for t in shown])
+    alike = np.array([_cosine(first, before.residual - t.fit.residual) for t in shown])
+    labels = [t.name.replace("_", " ") for t in shown]
+    series = (
+        Bars(labels, share, "mismatch explained alone", "after", horizontal=True),
+        Bars(labels, alike, "likeness to what was named", "muted", horizontal=True),
+    )
+    caption = (
+        "Both near 1: these recordings can hardly tell the two apart. Likeness is the cosine of what they explain."
+    )
+    return Plot("What else it could be", Axis("share", bounds=(0.0, 1.0)), Axis(" "), series, caption)
+
+
+def _binned(at: Array, values: Array, edges: Array, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Means of the chosen values in bins, NaN where there are too few."""
+    count, _ = np.histogram(at[chosen], edges)
+    total, _ = np.histogram(at[chosen], edges, weights=values[chosen])
+    least = _LEAST if len(at) > 100 * len(edges) else _FEW
+    return (edges[1:] + edges[:-1]) / 2, np.where(count >= least, total / np.maximum(count, 1), np.nan)
+
+
+def _loops(trace: Traces) -> list[tuple[float, float, float, float]]:
+    """Amplitude, and energy measured, of the baseline and of the extended model, per closed loop."""
+    at: Sequence[int] = turns(trace.x, 0.05)
+    found = []
+    for first, last in zip(at, at[2:], strict=False):
+        span = slice(first, last + 1)
+        x, R = trace.x[span], trace.R[span]
+        if abs(x[-1] - x[0]) < _CLOSED * np.ptp(x):
+            forces = R, R - trace.residual[span], R - trace.left[span]
+            measured, before, after = (float(np.trapezoid(force, x)) for force in forces)
+            found.append((float(np.ptp(x)) / 2, measured, before, after))
+    return found
+
+
+def _unit(values: Array) -> Array:
+    return np.asarray(values / values[0]) if values[0] > 0 else values
+
+
+def _cosine(one: Array, other: Array) -> float:
+    size = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return abs(float(one @ other)) / size if size > 0 else 0.0
