@@ -183,7 +183,7 @@ def visible(parts: Sequence[Part]) -> tuple[list[Part], list[str]]:
     """
     hidden = [part for part in parts if part.corner and part.hidden() > _HIDDEN]
     told = [
-        f"{part.name}: {100 * part.hidden():.0f} % of the force is below {part.first_Hz:.3g} Hz, where the noise of the "
+        f"{part.name}: {100 * part.hidden():.0f} % of the force is below {part.first_Hz:.3g} Hz, where the noise of "
         f"channel {'v' if 'v' in part.noise else 'a'} hides the motion"
         for part in hidden
     ]
