@@ -48,6 +48,7 @@ _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 _GOOD_RIG = 2e-3  # noise over spread, 54 dB
 _LIBRARY = "HystId."
 _STARTS = (0.5, 2.0)  # factors on the nominal shapes of the law, for further starts of the refit
+_APART = 0.01  # relative difference of mean squares that makes two optima of the refit
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
 
@@ -109,7 +110,9 @@ def diagnose(
         left_out |= set() if case.baseline.mass else {"hidden_mode"}  # nothing resonates where nothing is inert
         library = [effect for effect in load_effects(_paths(effects)) if effect.id not in left_out]
         share = max(1, len(library) // 70)
-        choice = choose(case.problem, case.refit, library, _every(step, share), repaired=bool(case.faults))
+        choice = choose(
+            case.problem, case.refit, library, _every(step, share), repaired=bool(case.faults), valleys=case.valleys
+        )
         untestable = {*choice.untestable, *((left_out - {*exclude}) & {effect.id for effect in load_effects()})}
         choice = replace(choice, untestable=tuple(sorted(untestable)))
         answer, extended = _conclude(case, choice, out is not None)
@@ -196,6 +199,7 @@ class Case:
     problem: Problem
     baseline: Baseline
     refit: Fit
+    valleys: tuple[Fit, ...]
     nominal_chi2: float
     faults: tuple[chain.Fault, ...]
     consistency: Mapping[str, float]
@@ -291,10 +295,10 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     start = {**starts, **values}
     baseline = baseline_of(model, code, start, frozenset(fixed) | dampers, weighed=weighed, length=length, model=runs)
     problem = Problem(parts, baseline, _scales(parts, baseline))
-    refit, nominal = _refit(problem)
+    refit, valleys, nominal = _refit(problem)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
     notes = (*told, *hidden, *(note for test in tests for note in test.notes))
-    return Case(problem, baseline, refit, nominal, tuple(faults), chain.consistency(lags), held, notes)
+    return Case(problem, baseline, refit, valleys, nominal, tuple(faults), chain.consistency(lags), held, notes)
 
 
 def _compiled(model: str, values: Mapping[str, float]) -> tuple[ModelCode, FmuModel | None]:
@@ -334,39 +338,39 @@ def _starts(
     return starts, notes if starts else []
 
 
-def _refit(problem: Problem) -> tuple[Fit, float]:
-    """The baseline from several starts, and the mean square at the nominal values.
+def _refit(problem: Problem) -> tuple[Fit, tuple[Fit, ...], float]:
+    """The baseline from several starts, other optima that were met, and the mean square at the nominal values.
 
     Further starts only while something is left: the nominal shapes made smaller and larger, then shapes scattered
     around the best, since a law with corners has side valleys.
     """
     nominal = Hypothesis(dict(problem.baseline.nominal))
     rows = problem.rows(nominal)
-    best = try_fit(problem, nominal, 25)
+    fits = [made for made in (try_fit(problem, nominal, 25),) if made is not None]
     for factor in _STARTS if problem.baseline.shapes else ():
-        if best is not None and _sits(problem, best):
+        if fits and _sits(problem, fits[0]):
             break
         values = dict(problem.baseline.nominal)
         for name in problem.baseline.shapes:
             values[name] *= factor if name in problem.baseline.positive else 1.0
-        best = _better(best, try_fit(problem, Hypothesis(values), 25))
-    if best is None:
+        fits += [made for made in (try_fit(problem, Hypothesis(values), 25),) if made is not None]
+        fits.sort(key=lambda f: f.chi2)
+    if not fits:
         raise NumericalError("the baseline has no finite force on these recordings; check its nominal parameters")
-    if not _sits(problem, best):
-        for start in scattered(problem, best):
-            best = _better(best, try_fit(problem, start, 25, bar=best.chi2)) or best
+    if not _sits(problem, fits[0]):
+        starts = scattered(problem, fits[0])
+        fits += [made for h in starts if (made := try_fit(problem, h, 25, bar=fits[0].chi2)) is not None]
+        fits.sort(key=lambda f: f.chi2)
+    best, *others = fits
     if problem.distrust(best.hypothesis):
-        best, rows = fit(problem, best.hypothesis), problem.rows(nominal)
-    return best, float(np.mean(rows**2))
+        best, rows, others = fit(problem, best.hypothesis), problem.rows(nominal), []
+    valleys = [f for f in others if f.chi2 > (1 + _APART) * best.chi2]
+    return best, tuple(valleys[:2]), float(np.mean(rows**2))
 
 
 def _sits(problem: Problem, fitted: Fit) -> bool:
     """Whether a refit leaves hardly more than noise."""
     return fitted.chi2 < problem.floor(fitted.hypothesis) + _LEFT
-
-
-def _better(one: Fit | None, other: Fit | None) -> Fit | None:
-    return min((f for f in (one, other) if f is not None), key=lambda f: f.chi2, default=None)
 
 
 def _scales(parts: Sequence[Part], baseline: Baseline) -> Scales:

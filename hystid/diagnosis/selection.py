@@ -33,6 +33,7 @@ _HOPEFUL = 0.6  # share of the excess that the best trial may leave to be search
 _NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
 _RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
 _REPAIRED = 2.0  # excess that is sound after a repair, over that of a sound recording
+_FORMS = 3  # forms of the leading id that are searched again
 MAINS = (50.0, 60.0)  # Hz
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
@@ -59,6 +60,12 @@ class Trial:
     def chi2(self) -> float:
         """Mean square of the residual, noise units."""
         return self.fit.chi2
+
+    @property
+    def form_of(self) -> Effect | None:
+        """The form that was added; None where the trial is a correction of the chain."""
+        terms = self.fit.hypothesis.terms
+        return terms[-1].effect if terms and terms[-1].effect.id == self.name else None
 
 
 @dataclass(frozen=True)
@@ -106,10 +113,12 @@ def choose(
     progress: Callable[[], None] = lambda: None,
     *,
     repaired: bool = False,
+    valleys: Sequence[Fit] = (),
 ) -> Choice:
     """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there.
 
-    repaired: a channel was shifted or cut before; what the repair missed is no further finding.
+    valleys: other local optima of the refit. repaired: a channel was shifted or cut before; what the repair missed is
+    no further finding.
     """
     baseline = without_hum(problem, baseline)
     floor = problem.floor(baseline.hypothesis)
@@ -127,8 +136,8 @@ def choose(
         return Choice(baseline, baseline, floor, floor, unknown=True, untestable=untestable)
     freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=baseline.hypothesis.terms, late=False), 25)
     if freed is not None and baseline.chi2 - freed.chi2 > 0.1 * excess:  # the refit was stuck, and the effect a way out
-        return choose(problem, freed, effects, progress, repaired=repaired)
-    first = _exchanged(problem, _searched_again(problem, first, floor, excess), baseline)
+        return choose(problem, freed, effects, progress, repaired=repaired, valleys=(baseline, *valleys))
+    first = _exchanged(problem, _searched_again(problem, first, floor, excess, valleys), baseline)
     chosen = _single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
@@ -218,21 +227,31 @@ def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
     return [replace(best, fit=f, others=()) for f in made if f is not None and f.chi2 < best.chi2]
 
 
-def _searched_again(problem: Problem, found: Sequence[Trial], floor: float, excess: float) -> list[Trial]:
-    """The best form of the leading ids from scattered shapes, where the best explains much but not enough.
+def _searched_again(
+    problem: Problem, found: Sequence[Trial], floor: float, excess: float, valleys: Sequence[Fit]
+) -> list[Trial]:
+    """The leading ids from other starts, where the best explains much but not enough.
 
     A law with corners has side valleys: the refit without the missing effect may stand in one, and no fit that starts
-    there comes out.
+    there comes out. Other starts are other valleys that the refit has seen, and scattered shapes.
     """
     left = found[0].chi2 - floor
     if left < max(SOUND * floor, _FORM * excess) or left > _HOPEFUL * excess:
         return list(found)
     again = list(found)
-    for trial in _distinct(found)[:_SEARCHED]:
-        if trial.chi2 - floor < _NEAR * left:
-            starts = scattered(problem, trial.fit)
-            fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
-            again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
+    leading = [trial for trial in _distinct(found)[:_SEARCHED] if trial.chi2 - floor < _NEAR * left]
+    forms = {t.form_of.class_name: t for t in reversed(found) if t.form_of and t.name in {one.name for one in leading}}
+    for valley in valleys:
+        for candidate in scan(problem, valley, [t.form_of for t in forms.values() if t.form_of])[:_FORMS]:
+            made = try_term(problem, valley, candidate.term, bar=again[0].chi2)
+            known = forms[candidate.effect.class_name]
+            again += [replace(known, fit=made, others=())] if made is not None and made.chi2 < known.chi2 else []
+    if min(t.chi2 for t in again) - floor < max(SOUND * floor, _FORM * excess):
+        return sorted(again, key=lambda t: t.chi2)
+    for trial in leading:
+        starts = scattered(problem, trial.fit)
+        fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
+        again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
     return sorted(again, key=lambda t: t.chi2)
 
 
@@ -247,12 +266,12 @@ def _exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Tr
     if len(here.terms) == len(before.hypothesis.terms):
         return list(found)
     near = best.chi2 + _RIVAL * (before.chi2 - best.chi2)
-    forms = {t.fit.hypothesis.terms[-1].effect.class_name: t for t in reversed(found) if t.chi2 < near and t.size}
+    forms = {t.form_of.class_name: t for t in reversed(found) if t.chi2 < near and t.form_of}
     forms.pop(here.terms[-1].effect.class_name, None)
     bare = replace(here, terms=here.terms[:-1])
     rows = problem.rows(bare)
     start = Fit(bare, rows, float(np.mean(rows**2)), problem.unknowns(bare))
-    effects = [t.fit.hypothesis.terms[-1].effect for t in forms.values() if t.fit.hypothesis.terms]
+    effects = [t.form_of for t in forms.values() if t.form_of]
     again = list(found)
     for candidate in scan(problem, start, effects)[:_EXCHANGED]:
         made = try_term(problem, start, candidate.term, bar=best.chi2)
