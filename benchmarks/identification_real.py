@@ -1,19 +1,22 @@
 """Identification on recordings that are not ours: held-out errors beside a linear fit and the published figures.
 
-    python benchmarks/identification_real.py [DATA] [emps brfd mr_damper boucwen]
+    python benchmarks/identification_real.py [DATA] [emps brfd mr_damper boucwen] [--pictures DIR]
 
-DATA: folder of the shared recordings (default: ../shared/data beside the project). Prints one table per case.
+DATA: folder of the shared recordings (default: ../shared/data beside the project). Prints one table per case; DIR gets
+loops of measured and modelled force.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import oracle
+from pictures import Panel, write
 from scipy.signal import resample, resample_poly
 
 from hystid.identification import Comparison, Identification, Prediction, identify
@@ -42,6 +45,25 @@ def show(title: str, result: Identification, seconds: float, note: str) -> None:
         print(f"| {c.recording.name} | {c.role} | {force} | {free} |", flush=True)
 
 
+PICTURES: Path | None = None
+
+
+def loops(name: str, title: str, comparisons: Sequence[Comparison], labels: Sequence[str], over: str = "x") -> None:
+    """Picture of R over displacement or velocity, measured and as the models give it on the measured motion."""
+    if PICTURES is None:
+        return
+    panels = []
+    for c, label in zip(comparisons, labels, strict=True):
+        panel = Panel(label, {"x": "x [mm]", "v": "v [mm/s]"}[over], "R [N]")
+        across = 1e3 * c.recording.channel(over)
+        panel.line(across, c.recording.R, "measured", "measured")
+        panel.line(across, (c.published or c.network).R, "published", "published")
+        if c.published is not None:
+            panel.line(across, c.network.R, "refined", "refined")
+        panels.append(panel)
+    write(PICTURES / f"identification-{name}.svg", title, panels, min(len(panels), 3), (320, 260) if panels[1:] else (480, 300))
+
+
 def timed(*args, **kwargs) -> tuple[Identification, float]:
     begin = time.perf_counter()
     result = identify(*args, **kwargs)
@@ -67,6 +89,8 @@ def emps() -> None:
         seconds,
         "Low-pass 100 Hz and every 10th sample, as its authors.",
     )
+    held = [c for c in result.comparisons if c.role == "holdout"]
+    loops("emps", "EMPS, pulses (held out): friction force over velocity", held, ["low-pass 100 Hz, every 10th"], "v")
     print(
         "\nInverse-model force error [%] (authors: 4.08 symmetric, 3.11 asymmetric on the estimation record; "
         "5.98 on pulses):"
@@ -89,15 +113,23 @@ def brfd() -> None:
         train = [records.pop(name) for name in names]
         result, seconds = timed(train, mass=0.0, layers=(8, 8), holdout=list(records.values()))
         show(f"brfd_friction_backlash, {len(names)} recording(s)", result, seconds, note)
+        if len(names) == 1:
+            wanted = ("brfd2022_1Hz35lbtension", "brfd2023_0.5Hz30lbtension1amplitude", "brfd2022_0.5Hz20lbtension")
+            shown = [next(c for c in result.comparisons if c.recording.name == name) for name in wanted]
+            labels = ("1 Hz, 35 lb as trained", "other rig, 30 lb", "20 lb: friction never seen")
+            loops("brfd", "Friction with backlash, trained on one record: held-out records", shown, labels)
 
 
 def mr_damper() -> None:
     records = [read(path) for path in sorted((DATA / "mr_damper_utfpr").glob("*.csv"))]
+    held = []
     for train in records:
         count = len(train) // 2
         halves = [part(train, 0, count, "first half"), part(train, count, len(train), "second half")]
         result, seconds = timed(halves[:1], mass=0.0, layers=(5, 5), holdout=halves[1:])
         show(f"mr_damper_utfpr, {train.name}", result, seconds, "First half trained on, second half held out.")
+        held.append(result.comparisons[-1])
+    loops("mr-damper", "MR damper: second halves, held out", held, [c.recording.name.split(",")[0] for c in held])
 
 
 def part(recording: Recording, start: int, stop: int, label: str) -> Recording:
@@ -146,6 +178,10 @@ def boucwen() -> None:
 
 if __name__ == "__main__":
     arguments = sys.argv[1:]
+    if "--pictures" in arguments:
+        at = arguments.index("--pictures")
+        PICTURES = Path(arguments[at + 1])
+        del arguments[at : at + 2]
     if arguments and Path(arguments[0]).is_dir():
         DATA = Path(arguments.pop(0))
     cases = {"emps": emps, "brfd": brfd, "mr_damper": mr_damper, "boucwen": boucwen}

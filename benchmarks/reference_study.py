@@ -37,7 +37,7 @@ from hystid.processing import prepare
 from hystid.recording import Recording
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "reference-study.md"
-MASS_STARTS = 10
+MASS_STARTS = 5
 ENGINE = ("networks", "identification", "turning_points.py", "processing.py")
 
 

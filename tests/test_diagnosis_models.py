@@ -15,8 +15,10 @@ from hystid.diagnosis import Diagnosis, diagnose
 from hystid.errors import UsageError
 from hystid.fmu import build
 from hystid.fmu.build import Version
+from hystid.fmu.platforms import host
 from hystid.modelica import compile_model
 from hystid.recording import Recording
+from hystid.toolchain import shared_library
 
 DT = 5e-4
 T = DT * np.arange(6000)
@@ -103,6 +105,26 @@ def test_an_fmu_with_its_effects_runs_as_a_system(tmp_path: Path, hardening: Rec
         x = np.interp(T[T < 0.6], rows["time"], rows["x"])
         errors.append(float(np.sqrt(np.mean((x - hardening.x[: len(x)]) ** 2)) / np.std(hardening.x)))
     assert errors[0] < 0.15 and errors[1] < 0.6 * errors[0]  # first order in the step
+
+
+def test_an_fmu_of_another_hand_is_diagnosed(tmp_path: Path, hardening: Recording) -> None:
+    """FMI 3.0, Model Exchange only, without an output R, a parameter named m, or functions that nobody calls."""
+    path = handmade(tmp_path)
+    found = diagnose([hardening], model=str(path), parameters={"mass": 2.0}, out=tmp_path / "out")
+    assert is_cubic(found)
+    before, after = found.errors[0].free_run
+    assert before is not None and after is not None and after < 0.1 * before
+    assert (tmp_path / "out" / "effects.fmu").exists() and (tmp_path / "out" / "extended.ssp").exists()
+
+
+def handmade(folder: Path) -> Path:
+    """``tests/foreign_fmu`` compiled and zipped."""
+    here = Path(__file__).parent / "foreign_fmu"
+    library = shared_library({"oscillator.c": (here / "oscillator.c").read_text()}, main=["oscillator.c"])
+    with zipfile.ZipFile(folder / "oscillator.fmu", "w") as made:
+        made.write(here / "modelDescription.xml", "modelDescription.xml")
+        made.write(library, f"binaries/{host()}/oscillator{library.suffix}")
+    return folder / "oscillator.fmu"
 
 
 def without_batch_entry(path: Path) -> Path:

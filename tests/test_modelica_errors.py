@@ -184,6 +184,37 @@ REFUSED = {
         "200000 elements",
     ),
     "many components": (model("  C c[150, 200];\n", "model C\n  Real y = time;\nend C;\n"), 5, "limit is 20000"),
+    "components in components": (
+        model("  D d[100];\n", "model C\n  Real y = time;\nend C;\nmodel B C c[100]; end B;\n"
+              "model D B b[100]; end D;\n"),
+        7,
+        "1000000 elements",
+    ),
+    "long loop": (
+        model("  Real x;\nequation\n  for k in 1:10000000 loop\n    x = 1;\n  end for;\n"),
+        4,
+        "a loop of 10000000 steps",
+    ),
+    "expansion without end": (model("  Real x = sum(fill(time, 999, 999)*fill(time, 999, 999));\n"), 2, "operations"),
+    "derivative of a function": (
+        model("  Real x = g(time);\n", "function f\n  input Real u;\n  output Real y = u^2;\nalgorithm\nend f;\n"
+              "function g = der(f, u);\n"),
+        6,
+        "write the derivative as a function of its own",
+    ),
+    "break": (
+        model("  Real x = f(time);\n", "function f\n  input Real u;\n  output Real y;\nalgorithm\n  y := 0;\n"
+              "  for k in 1:9 loop\n    y := y + u;\n    if k > 3 then\n      break;\n    end if;\n"
+              "  end for;\nend f;\n"),
+        9,
+        "say with 'if' what return or break do",
+    ),
+    "modifiers that cannot be joined": (
+        model("  extends C(p(m(max = 6)));\n", "model P\n  parameter Real m = 1;\n  Real x = m;\nend P;\n"
+              "model B P p(m = 3); end B;\nmodel C extends B(p(m(min = 0.2))); end C;\n"),
+        8,
+        "cannot be joined",
+    ),
     "library that is not here": (
         model("  Modelica.Mechanics.Translational.Components.Mass m;\n"), 2, "of the Modelica Standard Library only"
     ),

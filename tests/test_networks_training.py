@@ -249,17 +249,18 @@ def test_branches_are_divided_the_same_way_for_any_draw_of_samples(sequences):
 
 
 def test_a_draft_sees_few_samples_and_the_answer_fits_all():
-    """2100 training samples, 21 weights: a fifth of the samples in the draft; errors after it are those of all."""
+    """10,500 training samples, 21 weights: a fifth of the samples in the draft; errors after it are those of all."""
     rng = np.random.default_rng(5)
-    inputs = rng.uniform(-1, 1, (3, 3000))
-    target = np.tanh(2 * inputs[0]) + 0.3 * inputs[1] * inputs[2] + 0.01 * rng.standard_normal(3000)
+    inputs = rng.uniform(-1, 1, (3, 15_000))
+    target = np.tanh(2 * inputs[0]) + 0.3 * inputs[1] * inputs[2] + 0.01 * rng.standard_normal(15_000)
     data, rule = training.Data.split(inputs, target, 0), training.RULES["fast"]
     (few, draft), (every, last) = training.stages(len(data.parts["train"][1]), 21, rule)
-    assert few == 420 and every == 2100 and draft.max_iterations + last.max_iterations == rule.max_iterations
+    assert few == 2100 and every == 10_500 and draft.max_iterations + last.max_iterations == rule.max_iterations
     w = training.initial_weights((3, 4, 1), np.random.default_rng(0))
     with_draft, without = (training.train(data, (4,), w, rule=r) for r in (rule, replace(rule, draft=0.0)))
     whole = CompiledNormal((3, 4, 1), *data.parts["train"])
-    assert whole.squares(with_draft.w) / 2100 == pytest.approx(with_draft.train[with_draft.iteration], rel=1e-9)
+    assert whole.squares(with_draft.w) / 10_500 == pytest.approx(with_draft.train[with_draft.iteration], rel=1e-9)
     assert with_draft.validation[with_draft.iteration] == with_draft.best
     assert with_draft.best < 1.1 * without.best  # another path, an answer as good
-    assert training.stages(400, 21, rule) == [(400, rule)]  # ten samples per weight would be more than half of them
+    assert training.stages(2100, 21, rule) == [(2100, rule)]  # soon done anyhow
+    assert training.stages(20_000, 1500, rule) == [(20_000, rule)]  # ten per weight would be more than half of them

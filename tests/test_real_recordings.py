@@ -1,14 +1,15 @@
 """Diagnosis of measured structures: hysteresis that wears or has slack, and recordings of other laboratories."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
-from hystid.diagnosis.chain import one_speed, seated
-from hystid.recording import Recording
+from hystid.diagnosis.chain import delayed_channel, lags, one_sided, one_speed, seated
+from hystid.recording import Recording, read
 from hystid.recording.types import PSEUDO_TIME
 from hystid.report.diagnosis import write_diagnosis
 from hystid.report.evidence import look_alikes, loop_energy, since_turn
@@ -146,3 +147,13 @@ def test_the_page_shows_the_evidence(tmp_path: Path) -> None:
     for title in ("What else it could be", "Energy lost per loop", "Residual since the last reversal", "Memory of the"):
         assert title in page
     assert page.index("Missing physics") < page.index("What was found") < page.index("Evidence")
+
+
+@measured
+def test_a_velocity_from_differences_is_no_late_sensor() -> None:
+    """This file's velocity is the difference quotient of an unrounded displacement: half a sample late."""
+    test = read(DATA / "brfd_friction_backlash" / "brfd2022_0.5Hz80lbtension.csv")
+    late = delayed_channel(lags([test]))
+    assert late is not None and late.channel == "v" and one_sided(late)
+    moved = delayed_channel(lags([replace(test, v=np.roll(test.channel("v"), 3))]))
+    assert moved is not None and not one_sided(moved)

@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
 GAIN = "force_gain"
 PINCHING, BACKLASH = "pinching", "backlash"
-_FEW = 4.0  # samples at full speed over which friction must build up to be told from one without memory
+_FEW = 4.0  # samples at full speed over which friction must build up to be told from one without memory,
+_SMALL = 0.02  # or else this share of the stroke
 _SLACK = 0.97  # share of the hysteretic force beyond which pinching is free play
 _EXACT = (frozenset({"two_sided_stop", "backlash"}), frozenset({ADDED_MASS, GAIN}))
 _RECALIBRATED = 1.15  # mean square at the nominal values over that of the refit
@@ -258,12 +259,13 @@ def _equivalents(name: str, answer: Answer) -> tuple[str, ...]:
 
 
 def _too_short(answer: Answer, name: str) -> tuple[str, ...]:
-    """Friction that builds up within a few samples might as well be without memory, behind a slow sensor."""
+    """Friction that builds up within a few samples, and a trace of the stroke, might as well be without memory."""
     term = answer.term(name)
     if name != HYSTERESIS or term is None:
         return ()
     path = max(float(np.max(np.abs(part.v))) * part.dt for part in answer.problem.parts)
-    return ("coulomb_friction",) if term.values.get("x_c", np.inf) < _FEW * path else ()
+    stroke = max(float(np.max(np.abs(part.x))) for part in answer.problem.parts)
+    return ("coulomb_friction",) if term.values.get("x_c", np.inf) < min(_FEW * path, _SMALL * stroke) else ()
 
 
 def confidence(choice: Choice, alike: tuple[str, ...], margin: float) -> float:

@@ -30,6 +30,7 @@ _STRAIGHT = 0.02  # deviation of a stroke from a line over its length: a sine ha
 # What needs a measured time and several speeds: without them these laws cannot be told from dry friction.
 TIMED = frozenset({"added_mass", "displacement_dependent_damping", "hidden_mode", "impact", "quadratic_damping",
                    "stribeck_friction", "viscoelastic_relaxation"})  # fmt: skip
+_HALF = 0.025  # samples about a half
 _SHIFTED = 0.25  # samples: differences below this come from filters and rounding
 
 
@@ -180,7 +181,17 @@ def delayed_channel(found: Sequence[Lag]) -> Fault | None:
         misfit += sum(lag.lag**2 / (lag.stderr**2 + 0.05**2) for lag in rest)
         if best is None or misfit < best[0]:
             best = (misfit, Fault("channel_delay", name, size, error))
-    return best[1] if best and abs(best[1].size) > max(_SHIFTED, 4 * best[1].stderr) else None
+    if best is None or abs(best[1].size) <= max(_SHIFTED, 4 * best[1].stderr):
+        return None
+    fault = best[1]
+    if len(found) == 1 and abs(abs(fault.size) - 0.5) < _HALF:  # of two channels, the one computed by differences
+        return replace(fault, channel=found[0].late, size=found[0].lag)
+    return fault
+
+
+def one_sided(fault: Fault) -> bool:
+    """Whether a shift is the half sample of a difference quotient: a channel that was computed is no late sensor."""
+    return fault.channel in ("v", "a") and abs(abs(fault.size) - 0.5) < _HALF and fault.stderr < _HALF
 
 
 def saturated_motion(recordings: Sequence[Recording]) -> Fault | None:

@@ -277,7 +277,7 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     faults: list[chain.Fault] = []
     late = chain.delayed_channel(lags)
     if late is not None:
-        faults.append(late)
+        faults += [] if chain.one_sided(late) else [late]
         tests = [chain.shifted(test, late.channel, late.size) for test in tests]
         unseen = [chain.shifted(test, late.channel, late.size) for test in unseen]
     faults += [f for f in (chain.saturated_motion(tests), chain.saturated_force(tests)) if f is not None]
@@ -416,9 +416,11 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
         rest = case.problem.balance(choice.after.hypothesis)
         unknown = locate.where_unknown(case.problem, rest, _noise(case))
     last = choice.after.hypothesis
+    named = {name for finding in found for name in finding.alike}  # another form of the same id may be absorbed
+    hidden = tuple(name for name in choice.untestable if name not in named)
     diagnosis = Diagnosis(
         verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
-        listed, unseen, choice.untestable, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
+        listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
         (*case.notes, *runs.notes),
         {"lags": case.consistency, "delay": last.delay, "weighing": last.weighing},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after,

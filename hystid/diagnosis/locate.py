@@ -8,17 +8,21 @@ level of the residual above the noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.blocks import Signals
+from hystid.diagnosis.chain import turns
 from hystid.diagnosis.fitting import Problem, Term
 from hystid.diagnosis.result import Where
 
 Array = NDArray[np.float64]
 _ACTIVE = 0.3  # share of the 99 % quantile of the force above which an effect counts as acting
 _BINS = 24
+_NOTHING = 0.08  # share of the largest force that counts as none
+_TAKEN = 0.9  # share of the hysteretic force that slack takes away
 
 
 def where_term(problem: Problem, term: Term, signals: Sequence[Signals]) -> Where:
@@ -111,11 +115,27 @@ def _text(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> st
     x = np.concatenate([s.x for s in signals])
     gap = term.values.get("gap")
     if gap is None:
-        return f"acts in {100 * share:.0f} % of the samples"
+        free = (
+            f", {1e3 * slack:.2g} mm of next to no force at each reversal" if (slack := _slack(forces, signals)) else ""
+        )
+        return f"acts in {100 * share:.0f} % of the samples{free}"
     side = term.values.get("side", 0.0)
     place = "|x| > " if side == 0 else "x > " if side > 0 else "x < -"
     reached = float(np.mean((np.abs(x) if side == 0 else side * x) > gap))
     return f"acts at {place}{gap * 1e3:.4g} mm, in {100 * reached:.1f} % of the samples"
+
+
+def _slack(forces: Sequence[Array], signals: Sequence[Signals]) -> float:
+    """Path at each reversal over which an effect leaves next to nothing of the hysteretic force [m]; 0 where none."""
+    paths = []
+    for force, s in zip(forces, signals, strict=True):
+        left = np.abs(s.h + force)
+        top = float(np.max(left))
+        free = left < _NOTHING * top if np.any(s.h) and np.any(force * s.h < -_TAKEN * s.h**2) else np.zeros(0, bool)
+        at = turns(s.x, 0.05) if np.any(free) else []
+        step = np.abs(np.diff(s.x, prepend=s.x[:1]))
+        paths += [float(np.sum(step[first:last][free[first:last]])) for first, last in pairwise(at)]
+    return float(np.median(paths)) if paths else 0.0
 
 
 def _local_mean(values: Array, width: int = 9) -> Array:

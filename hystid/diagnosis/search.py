@@ -160,6 +160,7 @@ def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) ->
     return [hypothesis for _, hypothesis in sorted(found, key=lambda item: item[0])[:kept]]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a start that is not finite loses
 def _solved(problem: Problem, start: Hypothesis, linear: Sequence[Unknown]) -> tuple[float, Hypothesis] | None:
     """Sum of squares and hypothesis with the linear unknowns at their best; None where nothing is finite."""
     try:

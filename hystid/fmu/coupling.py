@@ -7,6 +7,7 @@ Runge-Kutta method, so that no step of delay comes between motion and force.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_void_p
 
 import numpy as np
@@ -90,7 +91,7 @@ class _Side:
 
 def simulate_with_effects(
     rig: OpenedFmu,
-    effects: OpenedFmu,
+    effects: OpenedFmu | None,
     force: Array,
     dt: float,
     *,
@@ -100,19 +101,25 @@ def simulate_with_effects(
 ) -> Array:
     """Displacement [m], shape (n,), of the rig under a force [N], shape (n,), less that of the effects.
 
-    rig: input F, states x and v. parameters: of the rig. start: x [m] and v [m/s]. The force is a cubic between its
-    samples. Raises FmuError where one of them offers no Model Exchange, NumericalError where the run is not finite.
+    rig: input F, states x and v. effects: None for the rig alone. parameters: of the rig. start: x [m] and v [m/s].
+    The force is a cubic between its samples. Raises FmuError where one of them offers no Model Exchange,
+    NumericalError where the run is not finite.
     """
     named = {v.name for v in rig.model.variables}
     given = {v.name: v for v in rig.model.variables}
     hysteresis = ("f_h",) if "f_h" in named else ()
     if not {"x", "v"} <= set(rig.model.states):
         raise FmuError(f"{rig.name}: a free run with effects needs the states x and v")
-    with Instance(rig, "ModelExchange") as one, Instance(effects, "ModelExchange") as other:
+    motion = Motion(force, dt, slopes_of(force, dt))
+    with ExitStack() as opened:
+        one = opened.enter_context(Instance(rig, "ModelExchange"))
         one.initialise(0.0, [(given[name], value) for name, value in parameters.items()])
-        other.initialise(0.0, [])
-        coupled = _Coupled(_Side(one, rig, ("F",), hysteresis), _Side(other, effects, _INPUTS, ("f",)), rig)
-        x = coupled.run(Motion(force, dt, slopes_of(force, dt)), len(force), dt, start, substeps)
+        beside = None
+        if effects is not None:
+            other = opened.enter_context(Instance(effects, "ModelExchange"))
+            other.initialise(0.0, [])
+            beside = _Side(other, effects, _INPUTS, ("f",))
+        x = _Coupled(_Side(one, rig, ("F",), hysteresis), beside, rig).run(motion, len(force), dt, start, substeps)
     check_finite(rig.name, {"x": x}, dt)
     return x
 
@@ -123,17 +130,18 @@ _INPUTS = ("x", "v", "a", "f_h")
 class _Coupled:
     """The rig and the effects as one system of states."""
 
-    def __init__(self, rig: _Side, effects: _Side, fmu: OpenedFmu) -> None:
+    def __init__(self, rig: _Side, effects: _Side | None, fmu: OpenedFmu) -> None:
         self._rig, self._effects = rig, effects
+        self._sides = [side for side in (rig, effects) if side is not None]
         self._at = fmu.model.states.index("x"), fmu.model.states.index("v")
         self._reads_a = False
 
     def run(self, force: Motion, n: int, dt: float, start: tuple[float, float], substeps: int) -> Array:
         """Fixed steps; events at their ends."""
-        self._rig.begin()
-        self._effects.begin()
+        for side in self._sides:
+            side.begin()
         self._rig.x[list(self._at)] = start
-        here = np.concatenate([self._rig.x, self._effects.x])
+        here = np.concatenate([side.x for side in self._sides])
         self._reads_a = self._effect_of(start, 1.0) != self._effect_of(start, 0.0)
         found = np.empty(n)
         h = dt / substeps
@@ -149,12 +157,14 @@ class _Coupled:
                 k4 = self._slopes(t, s + h, end, here + h * k3)
                 here = here + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
                 self._slopes(t, s + h, end, here)
-                self._rig.finish(t + s + h)
-                self._effects.finish(t + s + h)
-                here = np.concatenate([self._rig.x, self._effects.x])
+                for side in self._sides:
+                    side.finish(t + s + h)
+                here = np.concatenate([side.x for side in self._sides])
         return found
 
     def _effect_of(self, state: tuple[float, float], a: float) -> float:
+        if self._effects is None:
+            return 0.0
         self._effects.u[:] = (*state, a, 0.0)
         return float(self._effects.outputs()[0])
 
@@ -163,6 +173,9 @@ class _Coupled:
         rig, effects = self._rig, self._effects
         n = len(rig.x)
         rig.place(t + s, states[:n])
+        if effects is None:
+            rig.u[0] = force
+            return rig.slopes().copy()
         effects.place(t + s, states[n:])
         x, v = (float(states[i]) for i in self._at)
         effects.u[:] = (x, v, 0.0, float(rig.outputs()[0]) if len(rig.y) else 0.0)
@@ -174,6 +187,7 @@ class _Coupled:
         return np.concatenate([rig.dx, effects.slopes()])
 
     def _acceleration(self, force: float, a: float) -> float:
+        assert self._effects is not None
         self._effects.u[2] = a
         self._rig.u[0] = force - float(self._effects.outputs()[0])
         return float(self._rig.slopes()[self._at[1]])

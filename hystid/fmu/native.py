@@ -177,17 +177,23 @@ class Instance:
         self.call("UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(time))
         return flags[0].value, flags[3].value, time.value if flags[4].value else np.inf
 
+    def _maker(self, name: str) -> Any:
+        try:
+            return getattr(self._library, name)
+        except AttributeError:
+            raise FmuError(f"{self.name}: its library lacks the function {name}") from None
+
     def _instantiate(self, fmu: OpenedFmu, kind: KindName) -> int | None:
         name, token = fmu.model.name.encode(), fmu.model.token.encode()
         resources = fmu.folder / "resources"
         if self.version == 2:
             self._callbacks = _Callbacks(self._logger, _libc("calloc"), _libc("free"), None, None)
-            make = self._library.fmi2Instantiate
+            make = self._maker("fmi2Instantiate")
             make.restype = c_void_p
             number = 1 if kind == "CoSimulation" else 0
             found = make(name, number, token, resources.as_uri().encode(), ctypes.byref(self._callbacks), 0, 0)
             return found if found is None else int(found)
-        make = getattr(self._library, f"fmi3Instantiate{kind}")
+        make = self._maker(f"fmi3Instantiate{kind}")
         make.restype = c_void_p
         common = (name, token, f"{resources}/".encode(), c_bool(False), c_bool(False))
         if kind == "CoSimulation":

@@ -118,14 +118,19 @@ class Plan:
         if not self.mass:
             return [start for start in ranked[: self._tenth] if start.error <= _COMPARABLE * ranked[0].error]
 
-        def both_errors(start: Start) -> float:
-            model = TwoNetworkModel((start.member,), self.mass, recordings[0].sample_rate, {})
-            return start.error * float(np.median([drift(predict(model, recording)) for recording in recordings]))
+        def median_drift(*members: Start) -> float:
+            networks = tuple(start.member for start in members)
+            model = TwoNetworkModel(networks, self.mass, recordings[0].sample_rate, {})
+            return float(np.median([drift(predict(model, recording)) for recording in recordings]))
 
-        marks = {start.number: both_errors(start) for start in ranked if start.error <= _HOPELESS * ranked[0].error}
-        steady = sorted((start for start in ranked if start.number in marks), key=lambda start: marks[start.number])
-        limit = _COMPARABLE**2 * marks[steady[0].number]
-        return [start for start in steady[: self._tenth] if marks[start.number] <= limit]
+        hopeful = [start for start in ranked if start.error <= _HOPELESS * ranked[0].error]
+        drifts = {start.number: median_drift(start) for start in hopeful}
+        marks = {start.number: start.error * drifts[start.number] for start in hopeful}
+        steady = sorted(hopeful, key=lambda start: marks[start.number])[: self._tenth]
+        chosen = [start for start in steady if marks[start.number] <= _COMPARABLE**2 * marks[steady[0].number]]
+        if median_drift(*chosen) > 2 * max(drifts[start.number] for start in chosen):
+            return chosen[:1]  # without a spring the mean of two forces that balance need not balance
+        return chosen
 
     @property
     def _tenth(self) -> int:

@@ -336,7 +336,8 @@ class _Start:
     ) -> tuple[dict[str, int], list[ScalarEquation], set[str]]:
         """A complete matching; variables without an initial equation start from their start values."""
         ordered = sorted(unknowns)
-        options: list[list[str]] = [self._options(e, unknowns) for e in equations]
+        running = len(self.events.equations)  # these come first
+        options = [self._options(e, unknowns, k < running) for k, e in enumerate(equations)]
         owner, left = matching(options, ordered)
         if left:
             e = equations[left[0]]
@@ -363,10 +364,12 @@ class _Start:
             )
         return owner, equations, defaults  # type: ignore[return-value]
 
-    def _options(self, e: ScalarEquation, unknowns: set[str]) -> list[str]:
-        """A discrete variable is determined by the equation that states it, and by no other."""
+    def _options(self, e: ScalarEquation, unknowns: set[str], running: bool) -> list[str]:
+        """A discrete variable is determined by the equation that defines it or states it at the start, by no other."""
         options = preference(e, unknowns)
         discrete = set(self.discrete)
+        if running:
+            return [n for n in options if n not in discrete]
         if isinstance(e.left, Ref) and e.left.name in discrete:
             return [e.left.name]
         if isinstance(e.right, Ref) and e.right.name in discrete:

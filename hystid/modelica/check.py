@@ -6,14 +6,15 @@ a unit fit everything, time as well, so that a model without units is never refu
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 
 from hystid.errors import ModelicaError
 from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text
-from hystid.modelica.flat import FlatModel, Place
+from hystid.modelica.flat import FlatModel, Function, Place, Statement
 from hystid.units import BASES, exponents, is_modelica
 
 _ANGLE = BASES.index("rad")
@@ -40,12 +41,19 @@ class Dimension:
         return self.powers == other.powers and abs(self.factor / other.factor - 1) < 1e-9
 
 
-def check_units(model: FlatModel) -> None:
-    """Raises ModelicaError, with both units and the line, where units do not fit."""
-    checker = _Checker({v.name: (v.unit, v.place) for v in model.variables if v.type == "Real" and v.unit})
+def check_units(model: FlatModel, functions: Mapping[str, Mapping[str, str]] | None = None) -> None:
+    """Raises ModelicaError, with both units and the line, where units do not fit.
+
+    functions: function -> variable -> unit.
+    """
+    signatures = {f.name: (f, (functions or {}).get(f.name, {})) for f in model.functions}
+    units = {v.name: v.unit for v in model.variables if v.type == "Real" and v.unit}
+    checker = _Checker(units, signatures)
     for v in model.variables:
-        if v.binding is not None and v.type == "Real":
-            checker.same(Op("=", (Ref(v.name), v.binding)), v.place)
+        if v.type == "Real":
+            for value in (v.binding, v.start, v.min, v.max, v.nominal):
+                if value is not None:
+                    checker.same(Op("=", (Ref(v.name), value)), v.place)
     for e in (*model.equations, *model.initial):
         checker.equation(e.residual, e.place)
     for w in model.whens:
@@ -57,11 +65,23 @@ def check_units(model: FlatModel) -> None:
                     checker.same(Op("=", (Ref(a.target), a.value)), a.place)
     for assertion in model.assertions:
         checker.unit(assertion.condition, assertion.place)
+    for function, own in signatures.values():
+        _Checker(own, signatures).statements(function.body)
 
 
 class _Checker:
-    def __init__(self, units: dict[str, tuple[str, Place]]) -> None:
+    def __init__(self, units: Mapping[str, str], signatures: Mapping[str, tuple[Function, Mapping[str, str]]]) -> None:
         self.units = units
+        self.signatures = signatures
+
+    def statements(self, body: Sequence[Statement]) -> None:
+        """Assignments of a function."""
+        for s in body:
+            for condition, inner in s.branches:
+                self.unit(condition, s.place)
+                self.statements(inner)
+            if s.kind == "assign" and s.value is not None and len(s.targets) == 1 and s.targets[0] is not None:
+                self.same(Op("=", (s.targets[0], s.value)), s.place)
 
     def equation(self, residual: Expr, place: Place) -> None:
         """A residual left - right, maybe under if."""
@@ -88,7 +108,7 @@ class _Checker:
     def name(self, expr: Expr, unit: Dimension) -> str:
         """The unit as written where the expression is a variable, else in SI base units."""
         if isinstance(expr, Ref) and expr.name in self.units:
-            return self.units[expr.name][0]
+            return self.units[expr.name]
         parts = [f"{n}{'' if p == 1 else p}" for n, p in zip(BASES, unit.powers, strict=True) if p]
         text = ".".join(parts) or "1"
         return text if abs(unit.factor - 1) < 1e-9 else f"{unit.factor:g} {text}"
@@ -97,22 +117,57 @@ class _Checker:
         """Unit of an expression, None where it is not known."""
         if isinstance(e, Ref):
             return self._of_variable(e.name)
-        if not isinstance(e, Op) or e.name.startswith("call "):
+        if not isinstance(e, Op):
             return None
-        if e.name in ("+", "-") or (e.name in ("min", "max") and len(e.args) == 2):
+        if e.name.startswith("call "):
+            return self._call(e, place)
+        if e.name in _ALIKE and len(e.args) == 2:
             return self.same(e, place)
-        if e.name in RELATIONS:
+        if e.name in RELATIONS or e.name in ("atan2", "div"):
             self.same(e, place)
             return None
+        if e.name == "{}":
+            for first, second in itertools.pairwise(e.args):
+                self.same(Op("{}", (first, second)), place)
         if e.name == "if":
             self.unit(e.args[0], place)
             return self.same(e, place)
         rule = _RULES.get(e.name)
         known = [self.unit(a, place) for a in e.args]
+        if e.name in _OF_NUMBERS:
+            self._number(e, e.args[-1], known[-1], place)
         return rule(e, known) if rule else None
 
+    def _number(self, e: Op, argument: Expr, unit: Dimension | None, place: Place) -> None:
+        if unit is not None and not unit.fits(_ONE):
+            what = "exponent" if e.name in ("^", ".^") else "argument"
+            raise ModelicaError(
+                f"{place}: units do not fit: '{shown(e)}' takes a plain number as {what}, '{shown(argument)}' has "
+                f"{self.name(argument, unit)}: divide by a reference value"
+            )
+
+    def _call(self, e: Op, place: Place) -> Dimension | None:
+        """Arguments against the units that the function declares; the unit of its first output."""
+        name = e.name.removeprefix("call ")
+        known = [self.unit(a, place) for a in e.args]
+        short = name.removeprefix("Modelica.Math.")
+        if short in _OF_NUMBERS:
+            self._number(Op(short, e.args), e.args[-1], known[-1], place)
+        if name not in self.signatures:
+            return None
+        function, units = self.signatures[name]
+        for variable, argument, unit in zip(function.inputs, e.args, known, strict=False):
+            wanted = _dimension(units[variable.name]) if variable.name in units else None
+            if wanted and unit and not unit.fits(wanted):
+                raise ModelicaError(
+                    f"{place}: units do not fit: '{shown(e)}' gives a value in {self.name(argument, unit)} to "
+                    f"'{variable.name}' in {units[variable.name]}"
+                )
+        output = function.outputs[0].name if function.outputs else ""
+        return _dimension(units[output]) if output in units else None
+
     def _of_variable(self, name: str) -> Dimension | None:
-        return _dimension(self.units[name][0]) if name in self.units else None
+        return _dimension(self.units[name]) if name in self.units else None
 
 
 @lru_cache(maxsize=1024)
@@ -126,6 +181,11 @@ def _dimension(unit: str) -> Dimension | None:
     return Dimension(factor, tuple(found))
 
 
+_ALIKE = frozenset(("+", "-", "min", "max", "mod", "rem"))
+_OF_NUMBERS = frozenset(
+    ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "^", ".^")
+)
+_ONE = Dimension(1.0, (Fraction(0),) * len(BASES))
 _SECOND = Dimension(1.0, tuple(Fraction(name == "s") for name in BASES))
 
 _Known = list[Dimension | None]
@@ -199,6 +259,8 @@ def _text(e: Expr) -> str:
         return f"-{args[0]}"
     if e.name == "[]":
         return f"{args[0]}[{', '.join(args[1:])}]"
+    if e.name == "{}":
+        return f"{{{', '.join(args)}}}"
     if len(args) == 2 and not e.name[0].isalpha():
         wrapped = [f"({t})" if isinstance(a, Op) and a.name in ("+", "-", "if") and e.name in "*/^" else t
                    for a, t in zip(e.args, args, strict=True)]  # fmt: skip

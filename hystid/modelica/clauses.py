@@ -210,7 +210,7 @@ def _plain_element(
     behind = _behind_sizes(text, name.end())
     inner = _listed(text, behind)
     rest = inner.closing + 1 if inner else behind
-    value = re.compile(r"\s*=(?!=)\s*").match(text, rest, end)
+    value = re.compile(r"\s*=(?!=)").match(text, rest, end)
     return Modifier(
         start, end, prefixes, kind, re.sub(r"\s", "", name.group(1)), name.start(1), target, rest, inner,
         (value.end(), end) if value else None,

@@ -20,6 +20,7 @@ from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
 from hystid.modelica.modifiers import refuse_undecided, with_acting_modifiers
+from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
 from hystid.modelica.sources import Source, declaration, library_folder, near, qualified_classes, read, read_tree
 
@@ -92,7 +93,7 @@ def flat_from_text(
     flat = flatten(name, texts[: len(files)], texts[len(files) :], roots, structure or {})
     refuse_undecided(everything)
     refuse_many_scalars(flat)
-    check_units(flat)
+    check_units(flat, units_of_functions(flat.functions, everything))
     return flat
 
 

@@ -99,6 +99,7 @@ _CONSTRUCTS = (
     (r"function (?:statement|return|break|loop)", r"\b(?:while|return|break)\b"),
     (r"external function", r"\bexternal\b"),
     (r"initial algorithm", r"\binitial\s+algorithm\b"),
+    (r"model algorithm", r"(?<!initial )\balgorithm\b"),
     (r"branches have mismatched", r"(?m)^\s*if\b"),
     (r"unbalanced", r"\bstream\b"),
     (r"[Cc]lock|previous", r"\b(?:Clock|previous|hold|subSample)\s*\("),
@@ -131,10 +132,11 @@ _ADVICE = (
         r"function (?:statement|return|break|loop)",
         "; functions may hold assignments, if, for and while-loops over numbers: say with 'if' what return or break do",
     ),
+    (r"operator '(?:scalar|matrix|vector|symmetric|ndims)'", "; name the elements, A[1, 1], in place of it"),
     (r"external function", "; external functions are not supported: write the function in Modelica"),
     (r"only be applied to state variables", "; reinit() takes a scalar state: name array elements as scalars"),
     (r"history operator|edge\(|change\(", "; give the operand a name: Boolean b = <condition>, then change(b)"),
-    (r"unsupported initial algorithm|algorithm", "; algorithm sections are for functions only: write equations"),
+    (r"algorithm", "; algorithm sections are for functions only: write equations, or a function"),
     (
         r"branches have mismatched equation counts",
         "; every branch of an if-equation needs as many equations, 'else' too",
@@ -173,6 +175,8 @@ def _identifiers(sources: Sequence[Source]) -> set[str]:
 
 def _plain(core: str) -> str:
     """Words of a Modelica author in place of those of a compiler."""
+    if "model algorithm" in core:
+        return "an algorithm section in a model is not supported"
     core = core.replace("unsupported Flat semantic owner ", "not supported: ")
     core = re.sub(r"; unknowns\[.*", "", core)
     core = re.sub(r"\s*\(line \d+\)", "", core)

@@ -113,6 +113,11 @@ def _all(mods: Modifiers | None, kind: str = "", depth: int = 1) -> Iterator[tup
 
 def _problems(clause: Clause, again: set[str], texts: Sequence[str]) -> Iterator[tuple[int, str]]:
     plain = clause.owner.source.plain
+    if clause.kind == "short" and clause.target == "der":
+        yield (
+            clause.start,
+            f"'{clause.name} = der(...)' is not supported: write the derivative as a function of its own",
+        )
     yield from _of_elements(clause)
     for mods in _evaluated(clause):
         yield from _not_constant(plain, mods, texts)

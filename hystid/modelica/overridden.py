@@ -60,7 +60,7 @@ def _kept(text: str, element: Modifier, anew: set[str]) -> str:
             inner.append(_kept(text, m, below))
     start, end = element.value if element.value and "=" not in anew else (0, 0)
     listed = f"({', '.join(inner)})" if inner else ""
-    return f"{element.name}{listed}{' = ' if end else ''}{text[start:end]}"
+    return f"{element.name}{listed}{' = ' if end else ''}{text[start:end].strip()}"
 
 
 def key(clause: Clause) -> Key:

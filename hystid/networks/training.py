@@ -40,8 +40,8 @@ class Rule:
     (a fraction; 0 never).
     draft: share of the training samples that the first three quarters of the iterations see, 0 for all of them from the
     start. Far from the minimum a few samples per weight give the direction as well; the answer is always one of all
-    samples. Where the share is less than ten samples per weight it is ten, and above half of the samples there is no
-    draft.
+    samples. At least ten samples per weight are taken; where that is above half of the samples, or there are fewer than
+    10,000, which are soon trained on anyhow, there is no draft.
     """
 
     scaling: Literal["mean", "columns"]
@@ -63,6 +63,7 @@ RULES: dict[Mode, Rule] = {
     "fast": Rule("columns", 1.0, max_iterations=200, progress=2e-3, draft=0.2),
 }
 
+_DRAFT_FROM = 10_000
 _DRAFT_FAILS = 20  # few samples make the validation error uneven, and the stage after the draft judges anew
 
 
@@ -208,7 +209,7 @@ def stages(samples: int, weights: int, rule: Rule) -> list[tuple[int, Rule]]:
     """Stages of a training: how many of the samples, from the first on, each sees, and its own rule."""
     count = max(round(rule.draft * samples), 10 * weights)
     last = max(1, rule.max_iterations // 4)
-    if not rule.draft or 2 * count > samples or last == rule.max_iterations:
+    if not rule.draft or 2 * count > samples or samples < _DRAFT_FROM or last == rule.max_iterations:
         return [(samples, rule)]
     first = replace(rule, max_iterations=rule.max_iterations - last, max_fails=max(rule.max_fails, _DRAFT_FAILS))
     return [(count, first), (samples, replace(rule, max_iterations=last))]

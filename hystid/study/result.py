@@ -151,8 +151,12 @@ def choose(cells: Sequence[Cell]) -> tuple[int, str]:
     least = int(np.argmin(medians))
     near = [k for k, median in enumerate(medians) if median <= _NEAR * medians[least]]
     chosen = min(near, key=lambda k: (cells[k].parameters, k)) if near else least
-    text = (
-        f"{cells[chosen].name}: the smallest of {len(near)} structures whose median {kind} NRMSE over the starts lies "
-        f"within 10 % of the least ({medians[least]:.4g} with {cells[least].name}); its own is {medians[chosen]:.4g}"
-    )
+    what = f"median {kind} NRMSE over the starts"
+    if chosen == least:
+        text = f"{cells[chosen].name}: least {what} ({medians[least]:.4g}), and no smaller structure within 10 % of it"
+    else:
+        text = (
+            f"{cells[chosen].name}: the smallest of {len(near)} structures whose {what} lies within 10 % of the least "
+            f"({medians[least]:.4g} with {cells[least].name}); its own is {medians[chosen]:.4g}"
+        )
     return chosen, text

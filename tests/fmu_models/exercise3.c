@@ -122,13 +122,13 @@ static int co_simulation(const char *token, int n)
 static int model_exchange(const char *token)
 {
     fmi3Boolean changed[5];
-    fmi3Float64 next, x[16], dx[16], z[16];
+    fmi3Float64 next, x[64], dx[64], z[64];
     size_t n_x = 0, n_z = 0;
     fmi3Instance c = fmi3InstantiateModelExchange("two", token, NULL, false, false, NULL, quiet);
     if (!c || fmi3EnterInitializationMode(c, false, 0, 0, false, 0) || fmi3ExitInitializationMode(c)) return 7;
     if (fmi3UpdateDiscreteStates(c, changed, changed + 1, changed + 2, changed + 3, changed + 4, &next)) return 8;
     if (fmi3EnterContinuousTimeMode(c) || fmi3SetTime(c, 0.5)) return 9;
-    if (fmi3GetNumberOfContinuousStates(c, &n_x) || fmi3GetNumberOfEventIndicators(c, &n_z) || n_x > 16 || n_z > 16) return 10;
+    if (fmi3GetNumberOfContinuousStates(c, &n_x) || fmi3GetNumberOfEventIndicators(c, &n_z) || n_x > 64 || n_z > 64) return 10;
     if (fmi3GetContinuousStates(c, x, n_x) || fmi3SetContinuousStates(c, x, n_x)) return 11;
     if (fmi3GetContinuousStateDerivatives(c, dx, n_x) || fmi3GetEventIndicators(c, z, n_z)) return 12;
     if (fmi3CompletedIntegratorStep(c, true, changed, changed + 1)) return 13;

@@ -35,8 +35,9 @@ def describe(model: Interface, generated: datetime) -> ET.Element:
     variables = add(root, "ModelVariables")
     for group in model.groups.values():
         _add_variable(variables, model, group)
+    stem = _free_stem(model, "eventIndicator")
     for i in range(model.code.n_indicators):
-        _add_indicator(variables, model, i)
+        _add_indicator(variables, model, stem, i)
     _add_structure(root, model)
     return root
 
@@ -111,12 +112,19 @@ def _listed_aliases(group: tuple[Variable, ...]) -> tuple[Variable, ...]:
     return () if computed_output else group[1:]
 
 
-def _add_indicator(parent: ET.Element, model: Interface, i: int) -> None:
+def _free_stem(model: Interface, stem: str) -> str:
+    """The stem, longer where variables of the model are called so."""
+    while any(v.name.startswith(f"{stem}[") for v in model.variables):
+        stem += "_"
+    return stem
+
+
+def _add_indicator(parent: ET.Element, model: Interface, stem: str, i: int) -> None:
     add(
         parent,
         "Float64",
         {
-            "name": f"eventIndicator[{i + 1}]",
+            "name": f"{stem}[{i + 1}]",
             "valueReference": str(model.code.n_values + i),
             "description": "its change of sign is a state event",
             "causality": "local",

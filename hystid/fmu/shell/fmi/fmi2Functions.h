@@ -159,11 +159,17 @@ This definition has been changed to always export the symbols.
 #endif
 
 
-/* 
+/*
 Macro to construct the real function name.
-This definition has been changed to add no prefix.
+This definition has been changed: names get a prefix where FMI2_FUNCTION_PREFIX is defined, for static linking.
 */
-#define fmi2FullName(name) name
+#if defined(FMI2_FUNCTION_PREFIX) && !defined(FMI2_OVERRIDE_FUNCTION_PREFIX)
+    #define fmi2Joined(prefix, name) prefix##name
+    #define fmi2Prefixed(prefix, name) fmi2Joined(prefix, name)
+    #define fmi2FullName(name) fmi2Prefixed(FMI2_FUNCTION_PREFIX, name)
+#else
+    #define fmi2FullName(name) name
+#endif
 
 
 /***************************************************
