@@ -18,6 +18,7 @@ from benchmarks.concealed.rig import Diverged, Rig
 
 TARGETS = (0.5, 2.5)  # mismatch left after a refit, in noise units: from just visible to plain
 MOST_SHARE = 0.35  # of the restoring force
+LEAST_ADDED = 0.045  # of the mass
 ATTEMPTS = 30
 DRAFT = 6  # coarse oversampling while sizes are being searched
 
@@ -40,7 +41,13 @@ class Case:
 
     @property
     def identifiable(self) -> bool:
-        """Whether the effect leaves a mismatch that the rule calls visible; true where nothing is concealed."""
+        """Whether the effect leaves a mismatch that the rule calls visible; true where nothing is concealed.
+
+        A mass that is given counts as weighed to 3.5 %: less added mass than that is no mismatch.
+        """
+        added = [e.element.strength for e in self.effects if e.id == "added_mass"]
+        if any(abs(mass) < LEAST_ADDED * self.baseline.parameters["m"] for mass in added):
+            return False
         return not self.expects_finding or self.mismatch.visible >= LEAST_MISMATCH
 
     @property

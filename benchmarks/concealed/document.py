@@ -21,7 +21,8 @@ diagnosis or with the Modelica library, and mostly other forms of the effects th
 with random parameters. The diagnosis gets four recordings of 8,000 samples, a baseline whose parameters are wrong
 by up to 20 % (damping 40 %), and nothing else; the truth stays in sealed files. Strengths are drawn so that the
 noise-free mismatch that survives a refit of the baseline is {least} to about 2.5 times the noise of F - m a: cases
-below {least} are drawn again, so that none is impossible by noise alone. All channels pass one anti-aliasing filter
+below {least} are drawn again, so that none is impossible by noise alone, and so are added masses below 4.5 %, since a
+mass that is given counts as weighed to 3.5 %. All channels pass one anti-aliasing filter
 and carry white noise of 34 dB (hard variants: see there).
 
 `make concealed` draws a fresh deck and writes this page. This one: `{command}`.

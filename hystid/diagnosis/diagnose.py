@@ -24,10 +24,11 @@ from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, fit
 from hystid.diagnosis.freerun import errors
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.noise import noise_level
-from hystid.diagnosis.parts import Part, prepare_part
+from hystid.diagnosis.parts import HiddenMotion, Part, prepare_part, visible
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.runs import Run, compile_text, free_runs, write_beside
+from hystid.diagnosis.search import scattered, try_fit
 from hystid.diagnosis.selection import Choice, choose
 from hystid.diagnosis.starts import scaled, sizes_of
 from hystid.errors import NumericalError, RecordingError, UsageError
@@ -46,7 +47,9 @@ _CLOSE = 0.02  # error of a free run that integration and interpolation alone ma
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 _GOOD_RIG = 2e-3  # noise over spread, 54 dB
 _LIBRARY = "HystId."
-_STARTS = (1.0, 0.5, 2.0)  # factors on the nominal shapes of the law, for the multi-start refit
+_STARTS = (0.5, 2.0)  # factors on the nominal shapes of the law, for further starts of the refit
+_APART = 0.01  # relative difference of mean squares that makes two optima of the refit
+_LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
 
 @dataclass(frozen=True)
@@ -97,14 +100,19 @@ def diagnose(
     if is_fmu(model) and not (fmu := FmuModel(model)).holds:
         return _written(_free_run_only(fmu, [*tests, *unseen], str(model), given.values), None, out)
     with track("diagnosis", 100) as step, _quiet_models():
-        case = _prepare(tests, unseen, str(model), given)
+        try:
+            case = _prepare(tests, unseen, str(model), given)
+        except HiddenMotion as hidden:
+            return not_applicable(f"{hidden}; record x or v as well", str(model), given.values, out)
         step(15, "baseline fitted")
         timeless = any(test.quasi_static for test in tests) or chain.one_speed([p.x for p in case.problem.parts])
         left_out = {*exclude, *(chain.TIMED if timeless else ())}
         left_out |= set() if case.baseline.mass else {"hidden_mode"}  # nothing resonates where nothing is inert
         library = [effect for effect in load_effects(_paths(effects)) if effect.id not in left_out]
         share = max(1, len(library) // 70)
-        choice = choose(case.problem, case.refit, library, _every(step, share))
+        choice = choose(
+            case.problem, case.refit, library, _every(step, share), repaired=bool(case.faults), valleys=case.valleys
+        )
         untestable = {*choice.untestable, *((left_out - {*exclude}) & {effect.id for effect in load_effects()})}
         choice = replace(choice, untestable=tuple(sorted(untestable)))
         answer, extended = _conclude(case, choice, out is not None)
@@ -191,6 +199,7 @@ class Case:
     problem: Problem
     baseline: Baseline
     refit: Fit
+    valleys: tuple[Fit, ...]
     nominal_chi2: float
     faults: tuple[chain.Fault, ...]
     consistency: Mapping[str, float]
@@ -273,7 +282,7 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
         unseen = [chain.shifted(test, late.channel, late.size) for test in unseen]
     faults += [f for f in (chain.saturated_motion(tests), chain.saturated_force(tests)) if f is not None]
     stopped = {fault.channel: fault.size for fault in faults if fault.id == "sensor_saturation"}
-    parts = [prepare_part(test, seed, stopped) for seed, test in enumerate(tests)]
+    parts, hidden = visible([prepare_part(test, seed, stopped) for seed, test in enumerate(tests)])
     code, runs = _compiled(model, given.values)
     named, fixed, free = (_with_mass(names, code) for names in (given.values, given.fixed, given.free))
     whole = {v.name for v in code.variables if v.type != "Real"}
@@ -286,10 +295,10 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     start = {**starts, **values}
     baseline = baseline_of(model, code, start, frozenset(fixed) | dampers, weighed=weighed, length=length, model=runs)
     problem = Problem(parts, baseline, _scales(parts, baseline))
-    refit, nominal = _refit(problem)
+    refit, valleys, nominal = _refit(problem)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
-    notes = (*told, *(note for test in tests for note in test.notes))
-    return Case(problem, baseline, refit, nominal, tuple(faults), chain.consistency(lags), held, notes)
+    notes = (*told, *hidden, *(note for test in tests for note in test.notes))
+    return Case(problem, baseline, refit, valleys, nominal, tuple(faults), chain.consistency(lags), held, notes)
 
 
 def _compiled(model: str, values: Mapping[str, float]) -> tuple[ModelCode, FmuModel | None]:
@@ -329,27 +338,39 @@ def _starts(
     return starts, notes if starts else []
 
 
-def _refit(problem: Problem) -> tuple[Fit, float]:
-    """The baseline from several starts, and the mean square at the nominal values."""
+def _refit(problem: Problem) -> tuple[Fit, tuple[Fit, ...], float]:
+    """The baseline from several starts, other optima that were met, and the mean square at the nominal values.
+
+    Further starts only while something is left: the nominal shapes made smaller and larger, then shapes scattered
+    around the best, since a law with corners has side valleys.
+    """
     nominal = Hypothesis(dict(problem.baseline.nominal))
     rows = problem.rows(nominal)
-    fits = []
-    for factor in _STARTS:
+    fits = [made for made in (try_fit(problem, nominal, 25),) if made is not None]
+    for factor in _STARTS if problem.baseline.shapes else ():
+        if fits and _sits(problem, fits[0]):
+            break
         values = dict(problem.baseline.nominal)
         for name in problem.baseline.shapes:
             values[name] *= factor if name in problem.baseline.positive else 1.0
-        try:
-            fits.append(fit(problem, Hypothesis(values)))
-        except (NumericalError, np.linalg.LinAlgError):
-            continue
-        if not problem.baseline.shapes or fits[-1].chi2 < 1.3:
-            break
+        fits += [made for made in (try_fit(problem, Hypothesis(values), 25),) if made is not None]
+        fits.sort(key=lambda f: f.chi2)
     if not fits:
         raise NumericalError("the baseline has no finite force on these recordings; check its nominal parameters")
-    best = min(fits, key=lambda f: f.chi2)
+    if not _sits(problem, fits[0]):
+        starts = scattered(problem, fits[0])
+        fits += [made for h in starts if (made := try_fit(problem, h, 25, bar=fits[0].chi2)) is not None]
+        fits.sort(key=lambda f: f.chi2)
+    best, *others = fits
     if problem.distrust(best.hypothesis):
-        best, rows = fit(problem, best.hypothesis), problem.rows(nominal)
-    return best, float(np.mean(rows**2))
+        best, rows, others = fit(problem, best.hypothesis), problem.rows(nominal), []
+    valleys = [f for f in others if f.chi2 > (1 + _APART) * best.chi2]
+    return best, tuple(valleys[:2]), float(np.mean(rows**2))
+
+
+def _sits(problem: Problem, fitted: Fit) -> bool:
+    """Whether a refit leaves hardly more than noise."""
+    return fitted.chi2 < problem.floor(fitted.hypothesis) + _LEFT
 
 
 def _scales(parts: Sequence[Part], baseline: Baseline) -> Scales:

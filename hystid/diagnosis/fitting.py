@@ -190,8 +190,16 @@ class Problem:
         return self._shifted[key]
 
     def floor(self, hypothesis: Hypothesis) -> float:
-        """Mean square that noise alone leaves: that of the balance, and what noise of the motion makes of the force."""
-        return self.reduce.level + float(np.mean([np.mean(rows**2) for rows in self.movements(hypothesis)]))
+        """Mean square that noise alone leaves: that of the balance, and what noise of the motion makes of the force.
+
+        Both come from the same channels, so that they may cancel in part: what is added is the mean square of the two
+        together less that of the balance.
+        """
+        mass, added = hypothesis.mass(), []
+        for draw, moved in enumerate(self.movements(hypothesis)):
+            balance = self.reduce([mass * part.jitter[draw][3] for part in self.parts])
+            added.append(float(np.mean(moved * (moved + 2 * balance))))
+        return self.reduce.level + float(np.mean(added))
 
     def movements(self, hypothesis: Hypothesis) -> list[Array]:
         """Rows of what draws of the regressors' noise make of the force."""
@@ -226,7 +234,7 @@ class Problem:
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
         forces = []
         for i, part in enumerate(self.parts):
-            dx, dv, da = part.jitter[draw]
+            dx, dv, da, _ = part.jitter[draw]
             x, v, a = part.x + dx, part.v + dv, part.a + da
             force, h = self.baseline.force(x, v, part.dt, hypothesis.values)
             signals = self._with_h(Signals(x, v, a, h, part.dt, i), hypothesis.terms)

@@ -12,6 +12,8 @@ Array = NDArray[np.float64]
 _DIFFERENCES = 6
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
+_SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
+_APART = 0.9  # the estimates differ by 6 % by chance (8,000 samples); only a clear difference counts
 _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from rounding in a text file
 
 
@@ -25,7 +27,8 @@ def noise_level(channel: Array) -> float:
     floor = _RESOLUTION * float(np.std(channel))
     if len(channel) < 64:
         return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
-    return max(floor, _by_steps(channel), min(_by_differences(channel), _by_spectrum(channel)))
+    differences, spectrum = _by_differences(channel), _by_spectrum(channel)
+    return max(floor, _by_steps(channel), differences if differences < _APART * spectrum else spectrum)
 
 
 def steps(channel: Array) -> NDArray[np.intp] | None:
@@ -58,5 +61,9 @@ def _by_spectrum(channel: Array) -> float:
     window = np.hanning(len(channel))
     power = np.abs(np.fft.rfft((channel - np.mean(channel)) * window)) ** 2 / np.sum(window**2)
     edges = (_BANDS * (len(power) - 1)).astype(int)
-    levels = [float(np.median(power[low:high])) for low, high in pairwise(edges)]
-    return float(np.sqrt(min(levels) / np.log(2.0)))  # the median of an exponential variable is ln 2 times its mean
+    bands = [power[low:high] for low, high in pairwise(edges)]
+    levels = [float(np.median(band)) for band in bands]
+    # The quietest band alone would be too quiet by chance: all that may be as quiet (3 standard errors) count.
+    alike = min(levels) * (1.0 + 3.0 * _SPREAD / np.sqrt(len(bands[0])))
+    quiet = np.concatenate([band for band, level in zip(bands, levels, strict=True) if level <= alike])
+    return float(np.sqrt(np.median(quiet) / np.log(2.0)))  # the median of an exponential variable is ln 2 of its mean

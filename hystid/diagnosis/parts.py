@@ -15,18 +15,24 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from hystid.diagnosis.noise import noise_level, steps
-from hystid.diagnosis.smoothing import Smoothed, smooth
+from hystid.diagnosis.smoothing import BELOW, Smoothed, smooth
+from hystid.errors import NumericalError
 from hystid.recording import Recording
 
 Array = NDArray[np.float64]
 _ROWS = 16_000  # rows of the least squares problems; more are averaged in blocks
 _MODEL_ERROR = 5e-4  # share of a channel below which differences are not worth a name (integration, interpolation)
 DRAWS = 3
+_HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
 _SAME = 0.02  # difference, over the size of a channel, below which it was computed from another one
 _JUMP = 4.0  # mean square movement of a row, noise units, beyond which it is weighed down
 # Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+
+
+class HiddenMotion(NumericalError):
+    """The channels that were recorded do not show the motion; the message says from where on."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,8 @@ class Part:
 
     x, v, a: smoothed motion. F: force as measured. inertia: unbiased acceleration, for the balance F - m a
     (the channel itself, or a plain derivative of the best one). noise: standard deviation per channel.
-    jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing.
+    corner: angular frequency [rad/s] below which a displacement that was not measured is held at zero, else 0.
+    jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia.
     """
 
     name: str
@@ -50,10 +57,27 @@ class Part:
     noise: dict[str, float]
     measured: dict[str, Array]
     valid: Array | None = field(repr=False, default=None)
-    jitter: tuple[tuple[Array, Array, Array], ...] = field(repr=False, default=())
+    corner: float = 0.0
+    jitter: tuple[tuple[Array, Array, Array, Array], ...] = field(repr=False, default=())
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def first(self) -> float:
+        """Lowest visible frequency of a motion whose displacement was not measured [rad per sample], else 0."""
+        return self.corner * self.dt / BELOW
+
+    @property
+    def first_Hz(self) -> float:
+        """The same in Hz."""
+        return self.first / (2 * np.pi * self.dt)
+
+    def hidden(self) -> float:
+        """Share of the power of the force below the frequency at which the motion can be seen."""
+        power = np.abs(np.fft.rfft((self.F - np.mean(self.F)) * np.hanning(len(self)))) ** 2
+        below = 2 * np.pi * np.arange(len(power)) / len(self) < 0.9 * self.first
+        return float(np.sum(power[below]) / max(float(np.sum(power)), 1e-300))
 
     def balance_noise(self, mass: float) -> float:
         """Standard deviation of F - m a per sample [N], where the acceleration was measured; else of F alone."""
@@ -76,7 +100,7 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     inertia, order = _inertia(measured, dt)
     return Part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
-        {**measured, "F": F}, valid, _jitter(measured, noise, dt, motion, seed),
+        {**measured, "F": F}, valid, motion.roughness.corner, _jitter(measured, noise, dt, motion, seed),
     )  # fmt: skip
 
 
@@ -138,7 +162,7 @@ def stencil(values: Array, weights: Array) -> Array:
 
 def _jitter(
     measured: dict[str, Array], noise: dict[str, float], dt: float, motion: Smoothed, seed: int
-) -> tuple[tuple[Array, Array, Array], ...]:
+) -> tuple[tuple[Array, Array, Array, Array], ...]:
     """The smoother is linear, so that smoothed noise is the error that noise leaves."""
     rng = np.random.default_rng(seed)
     draws = []
@@ -148,15 +172,32 @@ def _jitter(
         held = {name: values if (at := stairs[name]) is None else values[at] for name, values in drawn.items()}
         only_noise = {name: noise[name] * values for name, values in held.items()}
         error = smooth(only_noise, noise, dt, motion.roughness)
-        draws.append((error.x, error.v, error.a))
+        draws.append((error.x, error.v, error.a, _inertia(only_noise, dt)[0]))
     return tuple(draws)
+
+
+def visible(parts: Sequence[Part]) -> tuple[list[Part], list[str]]:
+    """Parts whose motion can be seen, and sentences about the others. Raises HiddenMotion where none can.
+
+    Without x or v, slow motion drowns in the noise of the acceleration; a law with memory cannot be judged without it.
+    """
+    hidden = [part for part in parts if part.corner and part.hidden() > _HIDDEN]
+    told = [
+        f"{part.name}: {100 * part.hidden():.0f} % of the force is below {part.first_Hz:.3g} Hz, where the noise of "
+        f"channel {'v' if 'v' in part.noise else 'a'} hides the motion"
+        for part in hidden
+    ]
+    if len(hidden) == len(parts):
+        raise HiddenMotion("; ".join(told))
+    return [part for part in parts if not any(part is one for one in hidden)], [f"left out: {text}" for text in told]
 
 
 class Reduction:
     """Turns columns over the samples of all parts into weighted rows with unit noise.
 
-    Each part: whitening where the acceleration had to be derived (its noise then grows with frequency), trimming of the
-    ends that derivation and whitening disturb, block averages, division by the noise level.
+    Each part: whitening where the acceleration had to be derived (its noise then grows with frequency) or the
+    displacement to be integrated (its noise then grows towards low frequencies), trimming of the ends that this
+    disturbs, block averages, division by the noise level.
     """
 
     def __init__(self, parts: Sequence[Part], mass: float) -> None:
@@ -164,7 +205,8 @@ class Reduction:
         total = sum(len(part) for part in parts)
         self.block = max(1, total // _ROWS)
         self._trust: Array | None = None
-        self._filters = [_whitening(part, mass) for part in parts]
+        stiffness = _stiffness(parts, mass)
+        self._filters = [_whitening(part, mass, stiffness) for part in parts]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
 
     def __call__(self, columns: Sequence[Array]) -> Array:
@@ -185,9 +227,23 @@ class Reduction:
         return self._trust is not None
 
     @property
+    def jumps(self) -> bool:
+        """Whether rows are weighed down because a law jumps there."""
+        return self._trust is not None
+
+    @property
     def level(self) -> float:
         """Mean square of rows that hold noise alone."""
-        return 1.0 if self._trust is None else float(np.mean(self._trust**2))
+        seen = float(np.average([self._seen(part) for part in self.parts], weights=[len(part) for part in self.parts]))
+        return seen if self._trust is None else seen * float(np.mean(self._trust**2))
+
+    def _seen(self, part: Part) -> float:
+        """Share of the band of the rows in which the motion of a part can be seen."""
+        if not part.corner:
+            return 1.0
+        omega = np.linspace(0.0, np.pi / self.block, 2049)[1:]
+        high = (omega / part.first) ** 8
+        return float(np.mean(high / (1.0 + high)))
 
     def one(self, index: int, column: Array) -> Array:
         """Rows of one part."""
@@ -208,17 +264,33 @@ class Reduction:
         return np.asarray(means[kept])
 
 
-def _whitening(part: Part, mass: float) -> Array | None:
-    """Frequency response that makes the noise of F - m a white with the level of F; None where it is white already."""
-    if part.inertia_order == 0 or mass == 0.0:
+def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
+    """Frequency response that makes the noise of the balance white; None where it is white already."""
+    derived = part.inertia_order > 0 and mass != 0.0
+    if not derived and not part.corner:
         return None
     n = 2 * len(part)
     omega = 2 * np.pi * np.arange(n // 2 + 1) / n
-    if part.inertia_order == 2:
-        gain = _response(SECOND, omega) / part.dt**2 * part.noise["x"]
-    else:
-        gain = _response(FIRST, omega) / part.dt * part.noise["v"]
-    return np.asarray(1.0 / np.sqrt(1.0 + (mass * gain / part.noise["F"]) ** 2))
+    power = np.ones_like(omega)
+    if derived:
+        weights, name = (SECOND, "x") if part.inertia_order == 2 else (FIRST, "v")
+        gain = _response(weights, omega) / part.dt**part.inertia_order * part.noise[name]
+        power += (mass * gain / part.noise["F"]) ** 2
+    if part.corner:
+        turn = omega**2 + (part.corner * part.dt) ** 2
+        high = (omega / part.first) ** 8
+        drift = part.noise["v"] * part.dt / np.sqrt(turn) if "v" in part.noise else part.noise["a"] * part.dt**2 / turn
+        power += (stiffness * drift / part.balance_noise(mass)) ** 2
+        return np.asarray(np.sqrt(high / (1.0 + high) / power))
+    return np.asarray(1.0 / np.sqrt(power))
+
+
+def _stiffness(parts: Sequence[Part], mass: float) -> float:
+    """Slope of the restoring force over the displacement [N/m], for the size of what an error of the latter does."""
+    force = np.concatenate([part.F - mass * part.inertia for part in parts])
+    x = np.concatenate([part.x for part in parts])
+    power = float(x @ x)
+    return abs(float(x @ force)) / power if power > 0 else 0.0
 
 
 def _response(weights: Array, omega: Array) -> Array:

@@ -10,28 +10,36 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
 from hystid.diagnosis.hysteresis import family, helps_everywhere
+from hystid.diagnosis.independence import is_noise
 from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
 from hystid.diagnosis.sensors import HUM, force_drift, mains_hum
 
-SOUND = 0.09  # excess that smoothing and integration leave in healthy recordings
+SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
 WORTH = 0.05  # fall of the mean square below which no effect is named
 EXPLAINED = 0.93  # share of the excess that a right law explains
+_PAIR_WORTH = 0.08  # fall of the mean square that each of several effects must be worth
 PAIR_SHARE = 0.045  # share of the excess that each of several effects must cost when it is taken away
-_CLEAR_MASS, _SURE = 0.02, 8.0  # share of the mass, and its multiple of the standard error
 _PAIR_LEFT = 0.05  # share of the excess that several right effects may leave
-_FAMILY, _AHEAD = 0.8, 0.2  # share of the excess that a form of the right id explains, and its lead over other ids
+_FAMILY, _AHEAD = 0.85, 0.2  # share of the excess that a form of the right id explains, and its lead over other ids
 _HELD = 0.35  # samples of delay: a force that is held is half a sample late, and no shift undoes the steps
 _FAR, _MOST, _MUCH = 30.0, 0.72, 0.4  # excess in floors, share of the first effect, share of the rest of the second
 _FORM = 0.045  # share of the excess that another form of the right law leaves; more may be a second effect
 _HOPEFUL = 0.6  # share of the excess that the best trial may leave to be searched again
 _NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
+_RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
+_REPAIRED = 2.0  # excess that is sound after a repair, over that of a sound recording
+_FORMS = 3  # forms of the leading id that are searched again
 MAINS = (50.0, 60.0)  # Hz
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
+_SAME = 0.4  # share of that within which the simpler law is preferred
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
+_IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 DELAY = "channel_delay"
 PRELOAD = "preload"
 
@@ -52,6 +60,12 @@ class Trial:
     def chi2(self) -> float:
         """Mean square of the residual, noise units."""
         return self.fit.chi2
+
+    @property
+    def form_of(self) -> Effect | None:
+        """The form that was added; None where the trial is a correction of the chain."""
+        terms = self.fit.hypothesis.terms
+        return terms[-1].effect if terms and terms[-1].effect.id == self.name else None
 
 
 @dataclass(frozen=True)
@@ -93,9 +107,19 @@ class Step:
 
 
 def choose(
-    problem: Problem, baseline: Fit, effects: Sequence[Effect], progress: Callable[[], None] = lambda: None
+    problem: Problem,
+    baseline: Fit,
+    effects: Sequence[Effect],
+    progress: Callable[[], None] = lambda: None,
+    *,
+    repaired: bool = False,
+    valleys: Sequence[Fit] = (),
 ) -> Choice:
-    """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there."""
+    """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there.
+
+    valleys: other local optima of the refit. repaired: a channel was shifted or cut before; what the repair missed is
+    no further finding.
+    """
     baseline = without_hum(problem, baseline)
     floor = problem.floor(baseline.hypothesis)
     excess = baseline.chi2 - floor
@@ -103,15 +127,17 @@ def choose(
     candidates = scan(problem, baseline, library, progress)
     untestable = _untestable(candidates)
     chain = chain_trials(problem, baseline, effects)
-    if excess < sound(problem, baseline.hypothesis.delay) * max(1.0, floor):
-        return _quiet(problem, baseline, floor, chain, untestable, effects)
+    idle = not candidates or candidates[0].gain < _IDLE * excess * len(baseline.residual)
+    healthy = sound(problem, baseline.hypothesis.delay) * max(1.0, floor) * (_REPAIRED if repaired else 1.0)
+    if excess < healthy or (idle and is_noise(problem, baseline)):
+        return _quiet(problem, baseline, floor, chain, untestable)
     first = trials(problem, baseline, candidates, excess, chain)
     if not first:
         return Choice(baseline, baseline, floor, floor, unknown=True, untestable=untestable)
     freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=baseline.hypothesis.terms, late=False), 25)
     if freed is not None and baseline.chi2 - freed.chi2 > 0.1 * excess:  # the refit was stuck, and the effect a way out
-        return choose(problem, freed, effects, progress)
-    first = _searched_again(problem, first, floor, excess)
+        return choose(problem, freed, effects, progress, repaired=repaired, valleys=(baseline, *valleys))
+    first = _exchanged(problem, _searched_again(problem, first, floor, excess, valleys), baseline)
     chosen = _single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
@@ -124,7 +150,7 @@ def choose(
     worn = _worn(problem, baseline, floor, library, several) if several or not alone else []
     if worn or several is not None:
         return _named(problem, baseline, floor, worn or several or [], first, untestable)
-    if alone:
+    if alone or (baseline.chi2 - chosen.trial.chi2 > 0.5 * excess and is_noise(problem, chosen.trial.fit)):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     if _stands_out(first, chosen, baseline, excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
@@ -163,15 +189,11 @@ def _quiet(
     floor: float,
     chain: Sequence[Trial],
     untestable: tuple[str, ...],
-    effects: Sequence[Effect],
 ) -> Choice:
     """Nothing to explain, but for a correction of the chain that ran into its limit."""
     for trial in chain:
         if baseline.chi2 - trial.chi2 > _LIMIT_GAIN:
             return _named(problem, baseline, floor, [Step(trial, (), 1.0)], chain, untestable)
-    heavier = _clear_weighing(problem, baseline, effects)
-    if heavier is not None:
-        return _named(problem, baseline, floor, [Step(heavier, (), 1.0)], [heavier], untestable)
     return Choice(baseline, baseline, floor, floor, untestable=untestable)
 
 
@@ -205,21 +227,56 @@ def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
     return [replace(best, fit=f, others=()) for f in made if f is not None and f.chi2 < best.chi2]
 
 
-def _searched_again(problem: Problem, found: Sequence[Trial], floor: float, excess: float) -> list[Trial]:
-    """The best form of the leading ids from scattered shapes, where the best explains much but not enough.
+def _searched_again(
+    problem: Problem, found: Sequence[Trial], floor: float, excess: float, valleys: Sequence[Fit]
+) -> list[Trial]:
+    """The leading ids from other starts, where the best explains much but not enough.
 
     A law with corners has side valleys: the refit without the missing effect may stand in one, and no fit that starts
-    there comes out.
+    there comes out. Other starts are other valleys that the refit has seen, and scattered shapes.
     """
     left = found[0].chi2 - floor
     if left < max(SOUND * floor, _FORM * excess) or left > _HOPEFUL * excess:
         return list(found)
     again = list(found)
-    for trial in _distinct(found)[:_SEARCHED]:
-        if trial.chi2 - floor < _NEAR * left:
-            starts = scattered(problem, trial.fit)
-            fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
-            again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
+    leading = [trial for trial in _distinct(found)[:_SEARCHED] if trial.chi2 - floor < _NEAR * left]
+    forms = {t.form_of.class_name: t for t in reversed(found) if t.form_of and t.name in {one.name for one in leading}}
+    for valley in valleys:
+        for candidate in scan(problem, valley, [t.form_of for t in forms.values() if t.form_of])[:_FORMS]:
+            made = try_term(problem, valley, candidate.term, bar=again[0].chi2)
+            known = forms[candidate.effect.class_name]
+            again += [replace(known, fit=made, others=())] if made is not None and made.chi2 < known.chi2 else []
+    if min(t.chi2 for t in again) - floor < max(SOUND * floor, _FORM * excess):
+        return sorted(again, key=lambda t: t.chi2)
+    for trial in leading:
+        starts = scattered(problem, trial.fit)
+        fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
+        again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
+    return sorted(again, key=lambda t: t.chi2)
+
+
+def _exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Trial]:
+    """Look-alikes of the best trial, fitted again from where its baseline stands.
+
+    The refit without any effect leans to one side, and a fit that starts there may never come to where the best one is:
+    it would lose for that and not for its law.
+    """
+    best = found[0]
+    here = best.fit.hypothesis
+    if len(here.terms) == len(before.hypothesis.terms):
+        return list(found)
+    near = best.chi2 + _RIVAL * (before.chi2 - best.chi2)
+    forms = {t.form_of.class_name: t for t in reversed(found) if t.chi2 < near and t.form_of}
+    forms.pop(here.terms[-1].effect.class_name, None)
+    bare = replace(here, terms=here.terms[:-1])
+    rows = problem.rows(bare)
+    start = Fit(bare, rows, float(np.mean(rows**2)), problem.unknowns(bare))
+    effects = [t.form_of for t in forms.values() if t.form_of]
+    again = list(found)
+    for candidate in scan(problem, start, effects)[:_EXCHANGED]:
+        made = try_term(problem, start, candidate.term, bar=best.chi2)
+        if made is not None and made.chi2 < forms[candidate.effect.class_name].chi2 - _TIE[0]:
+            again.append(replace(forms[candidate.effect.class_name], fit=made, others=()))
     return sorted(again, key=lambda t: t.chi2)
 
 
@@ -242,14 +299,6 @@ def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> li
     return found
 
 
-def _clear_weighing(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
-    """An added mass within what weighing explains: worth a name only where it is clear and nothing else is found."""
-    share = abs(fitted.hypothesis.weighing)
-    if share < _CLEAR_MASS or share < _SURE * fitted.stderr(("chain", "weighing")):
-        return None
-    return _added_mass(problem, fitted, effects)
-
-
 def _added_mass(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
     """The weighing error as an effect without a limit."""
     here = fitted.hypothesis
@@ -267,7 +316,7 @@ def _single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float
     tie = _tie(best, excess)
     simple = best
     for trial in sorted(found, key=lambda t: (t.size, t.chi2)):
-        if trial.chi2 - best.chi2 < tie * max(1, best.size - trial.size):
+        if trial.chi2 - best.chi2 < _SAME * tie * max(1, best.size - trial.size):
             simple = trial
             break
     tied = tuple(dict.fromkeys(t.name for t in found if t.chi2 - simple.chi2 < tie and t.name != simple.name))
@@ -283,7 +332,7 @@ def _tie(best: Trial, excess: float) -> float:
 
 def sound(problem: Problem, delay: float) -> float:
     """Excess that healthy recordings may show; more where a law jumps or the force was held between samples."""
-    return SOUND * (1.0 if problem.reduce.level == 1.0 else 2.5) * (2.0 if abs(delay) > _HELD else 1.0)
+    return SOUND * (2.5 if problem.reduce.jumps else 1.0) * (2.0 if abs(delay) > _HELD else 1.0)
 
 
 def _explains(problem: Problem, fit: Fit, floor: float, before: Fit, excess: float) -> bool:
@@ -399,7 +448,7 @@ def _each_counts(problem: Problem, fit: Fit, excess: float) -> bool:
             continue
         rest = replace(hypothesis, terms=tuple(t for k, t in enumerate(hypothesis.terms) if k != i))
         made = try_fit(problem, rest, iterations=6)
-        if made is None or made.chi2 - fit.chi2 < max(WORTH, PAIR_SHARE * excess):
+        if made is None or made.chi2 - fit.chi2 < max(_PAIR_WORTH, PAIR_SHARE * excess):
             return False
     return True
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
+from scipy.signal import welch
 
 from hystid.errors import UsageError
 from hystid.toolchain import shared_library
@@ -25,16 +26,22 @@ Array = NDArray[np.float64]
 CHANNELS = ("x", "v", "a")
 ORDERS = (3, 4, 5)
 _LIKELIHOOD_SAMPLES = 4000  # enough to choose one number; keeps a record of a million samples cheap
+BELOW = 0.3  # corner over the lowest visible frequency: the motion itself is hardly changed
+_CLEAR = 10.0  # power of the motion over that of the noise at the lowest frequency that counts
 _BLOCK = 100_000  # samples smoothed at a time, with an overlap far beyond the smoother's memory: bounds the memory
 _OVERLAP = 2_000
 
 
 @dataclass(frozen=True)
 class Roughness:
-    """Derivative of x that is taken as white noise (3: jerk), and its density in units of the sample time."""
+    """Derivative of x that is taken as white noise (3: jerk), and its density in units of the sample time.
+
+    corner: angular frequency [rad/s] below which a displacement that was not measured is held at zero.
+    """
 
     order: int
     level: float
+    corner: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,18 +63,31 @@ def smooth(
     channels: any of x [m], v [m/s], a [m/s2], shape (n,) each, at least one; NaN marks a gap. noise: their standard
     deviations, > 0.
     dt: sample time [s]. roughness: None for the most likely one.
-    Without x, the position starts at zero and drifts as an integrated measurement does.
+    Without x, the position would drift away as an integrated measurement does: below the lowest frequency of the motion
+    it is held at zero (a pseudo measurement x = 0, of the size that gives a corner there).
     Raises UsageError when there is no channel of a motion.
     """
     if not channels or set(channels) - set(CHANNELS):
         raise UsageError(f"smoothing needs channels out of x, v, a, got {sorted(channels) or 'none'}")
     table, variance = _scaled(channels, noise, dt)
-    chosen = roughness or _likely(table, variance)
+    corner = 0.0 if "x" in channels else roughness.corner if roughness else _corner(channels, noise, dt)
+    if corner:
+        variance[0] = (variance[1] / (corner * dt) ** 2) if "v" in channels else (variance[2] / (corner * dt) ** 4)
+    chosen = roughness or replace(_likely(table, variance), corner=corner)
     motion, spread = _in_blocks(table, variance, chosen)
     unit = np.array([1.0, dt, dt * dt])
     x, v, a = (np.ascontiguousarray(column) for column in (motion / unit).T)
     error = np.sqrt(np.maximum(spread, 0.0)) / unit
     return Smoothed(x, v, a, (float(error[0]), float(error[1]), float(error[2])), chosen)
+
+
+def _corner(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> float:
+    """The lowest frequency at which the motion stands clear of the noise, times BELOW [rad/s]."""
+    name = "v" if "v" in channels else "a"
+    values = np.nan_to_num(channels[name] - np.nanmean(channels[name]))
+    frequency, power = welch(values, fs=1.0 / dt, nperseg=max(8, len(values) // 2))
+    clear = frequency[(power > _CLEAR * 2.0 * noise[name] ** 2 * dt) & (frequency > 0)]
+    return float(2 * np.pi * BELOW * (clear[0] if len(clear) else frequency[1]))
 
 
 def _scaled(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> tuple[Array, Array]:
@@ -151,8 +171,6 @@ def _start(table: Array, variance: Array, order: int) -> Array:
             mean[row] = np.nan_to_num(table[row, 0])
             spread[row] = 100.0 * (float(np.nanvar(table[row])) + variance[row])
     spread = np.where(np.isfinite(spread), spread, np.nanmax(spread))
-    if not np.isfinite(variance[0]):
-        spread[0] *= 1e-6  # without x the position is known up to a constant: zero by convention
     return np.concatenate([mean, np.diag(spread).ravel()])
 
 
