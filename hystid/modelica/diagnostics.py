@@ -133,6 +133,7 @@ _ADVICE = (
         "; functions may hold assignments, if, for and while-loops over numbers: say with 'if' what return or break do",
     ),
     (r"operator '(?:scalar|matrix|vector|symmetric|ndims)'", "; name the elements, A[1, 1], in place of it"),
+    (r"function-selection", "; declare the function outside the package that is redeclared with it"),
     (r"external function", "; external functions are not supported: write the function in Modelica"),
     (r"only be applied to state variables", "; reinit() takes a scalar state: name array elements as scalars"),
     (r"history operator|edge\(|change\(", "; give the operand a name: Boolean b = <condition>, then change(b)"),

@@ -9,7 +9,7 @@ finds the same sets; choosing the states once and for all, as here, fails where 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 
 from hystid.errors import ModelicaError
@@ -71,7 +71,7 @@ def _tie(
 def _with_one_state_less(events: EventModel, tie: ScalarEquation, former: Set[str]) -> EventModel:
     variables = events.scalar.variables
     rate = _rate(op("-", tie.left, tie.right), events, tie, former)
-    chosen = _dependent_state(events, tie)
+    chosen = _dependent_state(events, tie, former)
     slope = ScalarEquation(rate, ZERO, tie.place)
     return replace(
         events,
@@ -81,8 +81,12 @@ def _with_one_state_less(events: EventModel, tie: ScalarEquation, former: Set[st
     )
 
 
-def _dependent_state(events: EventModel, tie: ScalarEquation) -> str:
-    """The state that may go: not started by its author, not set by reinit, stated by the tie, deep in components."""
+def _dependent_state(events: EventModel, tie: ScalarEquation, former: Set[str]) -> str:
+    """The state that may go: not fixed by its author, not set by reinit; rather a velocity, first that of a state that
+    went before, so that one position and its own velocity stay; stated by the tie, without a start value, deep in
+    components.
+    """
+    velocities = dict(_velocities(events))
     renewed = {r.state for r in events.reinits}
     variables = events.scalar.variables
     tied = [s for s in events.states if s in refs(tie.left) | refs(tie.right) and s not in renewed]
@@ -93,7 +97,22 @@ def _dependent_state(events: EventModel, tie: ScalarEquation) -> str:
             f"{tie.place}: the states {names} are tied by equations, and each has a start value with fixed=true (or is "
             "set by reinit): leave one of them without, it follows from the others"
         )
-    return max(free, key=lambda s: (isolate(tie, s) is not None, s.count("."), -events.states.index(s)))
+
+    def rank(s: str) -> tuple[bool, bool, bool, bool, int, int]:
+        position = velocities.get(s)
+        stated = isolate(tie, s) is not None
+        plain = variables[s].start in (None, ZERO)  # the front end gives 0 where no start is stated
+        return position in former, position is not None, stated, plain, s.count("."), -events.states.index(s)
+
+    return max(free, key=rank)
+
+
+def _velocities(events: EventModel) -> Iterator[tuple[str, str]]:
+    """Pairs v, x from equations der(x) = v."""
+    for e in events.equations:
+        for a, b in ((e.left, e.right), (e.right, e.left)):
+            if isinstance(a, Ref) and isinstance(b, Ref) and a.name.startswith("der(") and b.name in events.states:
+                yield b.name, a.name.removeprefix("der(").removesuffix(")")
 
 
 def _rate(constraint: Expr, events: EventModel, tie: ScalarEquation, former: Set[str]) -> Expr:

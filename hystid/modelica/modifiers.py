@@ -118,6 +118,11 @@ def _problems(clause: Clause, again: set[str], texts: Sequence[str]) -> Iterator
             clause.start,
             f"'{clause.name} = der(...)' is not supported: write the derivative as a function of its own",
         )
+    if clause.kind == "short" and clause.owner.kind == "package":
+        yield from _functions_of_packages(plain, clause.mods)
+    for element, _, _ in _all(clause.mods):
+        if element.kind == "class" and _keyword(plain, element) == "package":
+            yield from _functions_of_packages(plain, element.inner)
     yield from _of_elements(clause)
     for mods in _evaluated(clause):
         yield from _not_constant(plain, mods, texts)
@@ -157,6 +162,22 @@ def _of_elements(clause: Clause) -> Iterator[tuple[int, str]]:
                 f"value and attributes of '{element.name}' together are not supported in a redeclaration or this deep "
                 f"in an extends clause: write the value alone, {element.name} = ..., and the attributes at its "
                 "declaration",
+            )
+
+
+def _keyword(plain: str, element: Modifier) -> str:
+    """What a redeclaration says that it declares: model, function, package."""
+    found = re.search(r"(\w+)\s*\Z", plain[element.start : element.named])
+    return found.group(1) if found else ""
+
+
+def _functions_of_packages(plain: str, mods: Modifiers | None) -> Iterator[tuple[int, str]]:
+    for element in mods.elements if mods else ():
+        if element.kind == "class" and _keyword(plain, element) == "function":
+            yield (
+                element.start,
+                f"redeclaring function '{element.name}' of a package here is not supported: declare 'package Mine "
+                f"extends ...; redeclare function {element.name} = {element.target}; end Mine;' and use Mine",
             )
 
 
@@ -233,6 +254,10 @@ def _rewritten(
 def _edits(clause: Clause, source: Source, number: int) -> list[_Edit]:
     if clause.limit and clause.limit[1]:
         return _moved(clause, clause.limit[1], source)
+    if clause.kind == "extends" and clause.owner.kind == "package" and clause.mods:
+        functions = [m for m in clause.mods.elements if m.kind == "class" and _keyword(source.plain, m) == "function"]
+        if functions:
+            return _behind(clause.mods, functions, source)
     for element, kind, depth in _all(clause.mods, clause.kind):
         if element.kind == "class" and element.inner:
             return _named(clause, element, element.inner, source, f"hystid_{element.name}_{number}")
@@ -241,6 +266,16 @@ def _edits(clause: Clause, source: Source, number: int) -> list[_Edit]:
             assert element.inner
             return [_split(element, element.inner, source)]
     return []
+
+
+def _behind(mods: Modifiers, functions: Sequence[Modifier], source: Source) -> list[_Edit]:
+    """``extends P(redeclare function f = g);`` becomes ``extends P; redeclare function f = g;``, which acts."""
+    text = source.text
+    rest = ", ".join(_one_line(text[m.start : m.end]) for m in mods.elements if m not in functions)
+    moved = " ".join(f"{_one_line(text[m.start : m.end])};" for m in functions)
+    gap = "\n" * text.count("\n", mods.opening, mods.closing + 1)
+    end = source.plain.index(";", mods.closing) + 1
+    return [_Edit(mods.opening, mods.closing + 1, (f"({rest})" if rest else "") + gap), _Edit(end, end, f" {moved}")]
 
 
 def _split(element: Modifier, inner: Modifiers, source: Source) -> _Edit:
