@@ -338,6 +338,77 @@ def at_rest(t):
     return {"a": np.full_like(t, 2.0), "c": np.full_like(t, c), "x": y[0], "y": y[1]}
 
 
+@user_model(
+    "pendulum in x and y from rest, and a lever",
+    """
+model Pendulum
+  Real x(start = 0.6), y(start = -0.8), vx, vy, lam;
+initial equation
+  x = 0.6;
+  vx = 0;
+equation
+  der(x) = vx;
+  der(y) = vy;
+  der(vx) = -lam*x;
+  der(vy) = -lam*y - 9.81;
+  x^2 + y^2 = 1;
+end Pendulum;
+model Lever
+  Real a(start = 0.1), va, b, vb, F;
+initial equation
+  va = 0;
+equation
+  der(a) = va;
+  der(b) = vb;
+  der(va) = -50*a - F;
+  2*der(vb) = 2*F - 9.81;
+  a = 2*b;
+end Lever;
+model A
+  Pendulum p;
+  Lever l;
+end A;""",
+)
+def tied(t):
+    phi = integrated(lambda _, s: [s[1], -9.81 * math.sin(s[0])], [math.atan2(0.6, 0.8), 0], t)[0]
+    rest = -9.81 / 100
+    return {"p.x": np.sin(phi), "l.a": rest + (0.1 - rest) * np.cos(np.sqrt(50 / 1.5) * t)}
+
+
+@user_model(
+    "packages with redeclared functions and constants",
+    """
+package Base
+  constant Real g = 2;
+  replaceable function f
+    input Real x;
+    output Real y;
+  algorithm
+    y := x;
+  end f;
+end Base;
+function cube
+  input Real x;
+  output Real y;
+algorithm
+  y := x^3;
+end cube;
+package Mine
+  extends Base(redeclare function f = cube, g = 5);
+end Mine;
+model Sub
+  replaceable package P = Base;
+  Real z = P.f(time)*P.g;
+end Sub;
+model A
+  Sub a;
+  Sub b(redeclare package P = Mine);
+end A;""",
+)
+def packages(t):
+    return {"a.z": 2 * t, "b.z": 5 * t**3}
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_user_model_in_fmpy(name, tmp_path):
     _, text, answer = MODELS[name]
