@@ -51,22 +51,23 @@ def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Run
     groups = (answer.problem.parts, unseen)
     first = choice.before.hypothesis
     values = base.settings({**first.values, "m": first.mass()} if "m" in first.values else first.values)
-    before = errors(base.model, groups[0], values, first.delay), errors(base.model, groups[1], values, first.delay)
+    model = base.model if base.mass else None  # without a mass nothing moves by itself
+    before = errors(model, groups[0], values, first.delay), errors(model, groups[1], values, first.delay)
     text = written(answer, skeleton)
-    if choice.after is choice.before:
+    if choice.after is choice.before or model is None:
         return Runs(answer, text, before, before)
     if skeleton.kind == "fmu":
         last = choice.after.hypothesis
         end = base.settings({**last.values, "m": last.mass()} if "m" in last.values else last.values)
         return Runs(answer, text, before, _beside_fmu(skeleton.name, text, groups, end, last.delay))
-    model = CompiledModel(compile_text(text))
+    extended = CompiledModel(compile_text(text))
     notes: tuple[str, ...] = ()
-    if base.mass and answer.is_model():
-        answer, notes = _polished(answer, skeleton, model)
+    if answer.is_model():
+        answer, notes = _polished(answer, skeleton, extended)
         text = written(answer, skeleton) if notes else text
     last = answer.choice.after.hypothesis
     at = settings_of(skeleton, last) if notes else {}
-    after = errors(model, groups[0], at, last.delay), errors(model, groups[1], at, last.delay)
+    after = errors(extended, groups[0], at, last.delay), errors(extended, groups[1], at, last.delay)
     return Runs(answer, text, before, after, notes)
 
 
@@ -77,7 +78,7 @@ def _beside_fmu(
     none: tuple[Run, Run] = [(None, None)] * len(groups[0]), [(None, None)] * len(groups[1])
     samples = sum(len(part) for part in (*groups[0], *groups[1]))
     rig = open_fmu(Path(path))
-    if rig.model_exchange is None or samples > _LONGEST or not values.get("m", 1.0):
+    if rig.model_exchange is None or samples > _LONGEST:
         return none
     with tempfile.TemporaryDirectory() as folder:
         build(compile_text(text), Path(folder, "effects.fmu"))

@@ -215,8 +215,8 @@ def _levels(d: Diagnosis, named: bool) -> Plot:
         Points(amplitude, before, "baseline", "before", names),
         *([Points(amplitude, after, "with findings", "after", names)] if named else []),
     )
-    axes = Axis("amplitude, square root of two times rms", "m"), Axis("residual in units of the noise")
-    return Plot("Which recordings it touches", *axes, series, "1 is the noise.")
+    axes = Axis("amplitude", "m"), Axis("residual in units of the noise")
+    return Plot("Which recordings it touches", *axes, series, "1 is the noise. Amplitude: rms times 1.41.")
 
 
 def _in_time(trace: Traces, named: bool) -> Plot:
