@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ _FEW = 4.0  # samples at full speed over which friction must build up to be told
 _SMALL = 0.02  # or else this share of the stroke
 _SLACK = 0.97  # share of the hysteretic force beyond which pinching is free play
 _EXACT = (frozenset({"two_sided_stop", "backlash"}), frozenset({ADDED_MASS, GAIN}))
+_PHYSICAL = ("m", "m/s", "s", "Hz", "N")  # units of thresholds, times and forces
+_ALIKE = (0.01, 0.01)  # mean square, and share of what is explained, within which another form fits as well
 _RECALIBRATED = 1.15  # mean square at the nominal values over that of the refit
 
 _SPLITS = {
@@ -246,7 +248,24 @@ def _finding(answer: Answer, name: str, alike: tuple[str, ...], margin: float, s
         spread = fit.stderr((str(fit.hypothesis.terms.index(term)), term.effect.amplitudes[0]))
         parameters = {"gain": Value(1 + answer.gain(), spread / fit.hypothesis.values["m"], "1")}
         return Finding(shown, together, sure, parameters, where, evidence), weight
-    return Finding(shown, together, sure, values(fit, fit.hypothesis.terms.index(term), term), where, evidence), weight
+    fitted = _widened(values(fit, fit.hypothesis.terms.index(term), term), choice, term)
+    return Finding(shown, together, sure, fitted, where, evidence), weight
+
+
+def _widened(fitted: Mapping[str, Value], choice: Choice, term: Term) -> dict[str, Value]:
+    """Standard errors such that intervals of 90 % reach what other forms of the same effect say that fit as well.
+
+    Thresholds and forces only: a coefficient means another thing in another form.
+    """
+    near = choice.after.chi2 + _ALIKE[0] + _ALIKE[1] * max(0.0, choice.before.chi2 - choice.after.chi2)
+    others = [t.fit.hypothesis.terms[-1] for t in choice.trials if t.name == term.effect.id and t.chi2 < near]
+    found = dict(fitted)
+    for name, value in fitted.items() if len(choice.named) == 1 else ():
+        said = [o.values[name] for o in others if name in o.values and o.effect.units.get(name) == value.unit]
+        if value.unit in _PHYSICAL and said:
+            apart = max(abs(one - value.value) for one in said)
+            found[name] = replace(value, stderr=float(np.hypot(value.stderr, apart / 1.645)))
+    return found
 
 
 def _equivalents(name: str, answer: Answer) -> tuple[str, ...]:

@@ -38,6 +38,7 @@ MAINS = (50.0, 60.0)  # Hz
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
 _SAME = 0.4  # share of that within which the simpler law is preferred
+_JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a little there
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 DELAY = "channel_delay"
@@ -314,9 +315,10 @@ def _single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float
     """The simplest of the trials that are as good as the best; the best is restarted first if something is left."""
     best = found[0]
     tie = _tie(best, excess)
+    jumpy = _JUMPY if problem.reduce.jumps else 0.0
     simple = best
     for trial in sorted(found, key=lambda t: (t.size, t.chi2)):
-        if trial.chi2 - best.chi2 < _SAME * tie * max(1, best.size - trial.size):
+        if trial.chi2 - best.chi2 < (_SAME * tie + jumpy) * max(1, best.size - trial.size):
             simple = trial
             break
     tied = tuple(dict.fromkeys(t.name for t in found if t.chi2 - simple.chi2 < tie and t.name != simple.name))
