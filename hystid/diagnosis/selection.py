@@ -340,8 +340,9 @@ def sound(problem: Problem, delay: float) -> float:
 def _explains(problem: Problem, fit: Fit, floor: float, before: Fit, excess: float) -> bool:
     """Whether what is left is within the share that close forms leave, and the change worth a name."""
     left = fit.chi2 - floor
-    worth = WORTH * sound(problem, before.hypothesis.delay) / SOUND
-    return before.chi2 - fit.chi2 > worth and left < max(SOUND * floor, (1 - EXPLAINED) * excess)
+    healthy = sound(problem, before.hypothesis.delay)
+    worth = WORTH * healthy / SOUND
+    return before.chi2 - fit.chi2 > worth and left < max(healthy * floor, (1 - EXPLAINED) * excess)
 
 
 def _several(
