@@ -183,9 +183,7 @@ def ending(tmp_path):
 def test_an_fmu_may_end_the_simulation(ending):
     driver = Driver(ending)
     np.testing.assert_allclose(driver.simulate(np.arange(6) * 0.1, outputs=["x"])["x"], np.arange(6) * 0.2)
-    with pytest.raises(
-        FmuError, match=r"asked for the end .* at t = 0\.5 s, before the last time 0\.7 s"
-    ):
+    with pytest.raises(FmuError, match=r"asked for the end .* at t = 0\.5 s, before the last time 0\.7 s"):
         driver.simulate(np.arange(8) * 0.1)
 
 

@@ -157,3 +157,17 @@ def test_a_velocity_from_differences_is_no_late_sensor() -> None:
     assert late is not None and late.channel == "v" and one_sided(late)
     moved = delayed_channel(lags([replace(test, v=np.roll(test.channel("v"), 3))]))
     assert moved is not None and not one_sided(moved)
+
+
+def test_a_constant_that_differs_between_recordings_is_no_drifting_sensor() -> None:
+    """Two pressures of one cylinder, say: a constant force, or an offset of the channel; nobody can tell."""
+    t = np.arange(3000) * 1e-3
+    rng = np.random.default_rng(5)
+    made = []
+    for number, level in enumerate((40.0, 90.0)):
+        x = 1e-3 * np.sin(9 * t) + 4e-4 * np.sin(31 * t + number)
+        F = 1e4 * x + level + 0.02 * rng.standard_normal(3000)
+        made.append(Recording(f"level {level:g}", t, F=F, x=x + 1e-6 * rng.standard_normal(3000)))
+    found = diagnose(made, model=LINEAR, parameters={"m": 0})
+    assert found.verdict == "missing_physics"
+    assert [set(finding.alike) for finding in found.findings] == [{"preload", "force_drift"}]

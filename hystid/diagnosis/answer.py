@@ -21,6 +21,8 @@ from hystid.diagnosis.sensors import HUM, ChannelEffect
 Array = NDArray[np.float64]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
 GAIN = "force_gain"
+DRIFT, PRELOAD = "force_drift", "preload"
+_STEADY = 0.05  # rms of the ramps over that of the offsets below which a force channel does not drift
 PINCHING, BACKLASH = "pinching", "backlash"
 _FEW = 4.0  # samples at full speed over which friction must build up to be told from one without memory,
 _SMALL = 0.02  # or else this share of the stroke
@@ -73,13 +75,27 @@ class Answer:
     def rename(self, name: str) -> str:
         """Added mass or gain of the force channel: negative is a gain; else what keeps the refit nearer to nominal.
 
-        Pinching of friction that leaves nothing of it is slack.
+        Pinching of friction that leaves nothing of it is slack. A force channel that is off by a constant in each
+        recording, and does not drift, may as well have measured a constant force.
         """
+        if name == DRIFT and self._is_constant():
+            return PRELOAD
         if name == PINCHING and not self.baseline.has_h and self._vanishing() > _SLACK:
             return BACKLASH
         if name != ADDED_MASS or not self.baseline.mass:  # without a mass there is nothing that a gain could scale
             return name
         return GAIN if self.gain() < 0 or self._gain_is_nearer() else ADDED_MASS
+
+    def _is_constant(self) -> bool:
+        """Whether the named drift of the force channel is next to nothing but a constant per recording."""
+        term = self.term(DRIFT)
+        if term is None:
+            return False
+        offset, ramp = 0.0, 0.0
+        for i, part in enumerate(self.problem.parts):
+            offset += term.values[f"offset_{i + 1}"] ** 2
+            ramp += (term.values[f"ramp_{i + 1}"] * float(part.t[-1])) ** 2 / 12
+        return ramp < _STEADY**2 * offset
 
     def _vanishing(self) -> float:
         """Share of the hysteretic force that is missing in the middle of its range, whatever the displacement."""
@@ -131,8 +147,9 @@ class Answer:
             told.append(f"The force channel is {hypothesis.delay:.3g} samples late; the model has no delay.")
         if GAIN in self.names():
             told.append(f"The force channel reads {1 + self.gain():.4g} times the force; parameters are in its units.")
-        if "force_drift" in self.choice.named:
-            told.append("The force channel drifts; the model does not.")
+        if DRIFT in self.choice.named:
+            constant = "A constant force differs from recording to recording; the model has none."
+            told.append(constant if self._is_constant() else "The force channel drifts; the model does not.")
         if abs(hypothesis.weighing) > 0.01:
             told.append(f"The mass differs by {100 * hypothesis.weighing:.2g} % from the weighed one.")
         return told

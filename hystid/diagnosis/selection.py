@@ -42,7 +42,7 @@ _JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a 
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 DELAY = "channel_delay"
-PRELOAD = "preload"
+PRELOAD, DRIFT = "preload", "force_drift"
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def choose(
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
     left = chosen.trial.chi2 - end_floor
-    if chosen.trial.name == PRELOAD and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
+    if chosen.trial.name in (PRELOAD, DRIFT) and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
         return _beside_preload(problem, baseline, chosen, first, effects)
     if alone and left < max(SOUND, _FORM * excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
@@ -166,9 +166,11 @@ def _beside_preload(
 ) -> Choice:
     """A constant force has one form and no misfit of its own: what it leaves is judged anew, by its own size."""
     rest = choose(problem, chosen.trial.fit, [effect for effect in effects if effect.id != PRELOAD])
+    if DRIFT in rest.named:  # what it leaves is part of the same
+        rest = Choice(chosen.trial.fit, chosen.trial.fit, 0.0, problem.floor(chosen.trial.fit.hypothesis))
     alike = tuple(dict.fromkeys((chosen.trial.name, *chosen.tied)))
     return replace(
-        rest, before=before, floor_before=problem.floor(before.hypothesis), named=(PRELOAD, *rest.named),
+        rest, before=before, floor_before=problem.floor(before.hypothesis), named=(chosen.trial.name, *rest.named),
         classes=(alike, *rest.classes), margins=(chosen.margin, *rest.margins), unknown=False, trials=tuple(first),
     )  # fmt: skip
 

@@ -19,7 +19,7 @@ from hystid.modelica.equations import with_readable_equations
 from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
-from hystid.modelica.modifiers import refuse_undecided, with_acting_modifiers
+from hystid.modelica.modifiers import refuse_mixed_functions, refuse_undecided, with_acting_modifiers
 from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
 from hystid.modelica.sources import Source, declaration, library_folder, near, qualified_classes, read, read_tree
@@ -92,6 +92,7 @@ def flat_from_text(
     texts = with_readable_equations([with_readable_functions(source) for source in acting])
     flat = flatten(name, texts[: len(files)], texts[len(files) :], roots, structure or {})
     refuse_undecided(everything)
+    refuse_mixed_functions(name, (f.name for f in flat.functions), everything)
     refuse_many_scalars(flat)
     check_units(flat, units_of_functions(flat.functions, everything))
     return flat

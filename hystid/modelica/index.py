@@ -15,7 +15,7 @@ from dataclasses import replace
 from hystid.errors import ModelicaError
 from hystid.modelica.blocks import Assign, isolate, matching, preference, solve_order
 from hystid.modelica.events import EventModel, der
-from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Ref, op, refs, substitute
+from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Num, Ref, evaluate, op, refs, substitute
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable
 
 Unknowns = Callable[[EventModel, Mapping[str, str]], list[str]]
@@ -83,10 +83,11 @@ def _with_one_state_less(events: EventModel, tie: ScalarEquation, former: Set[st
 
 def _dependent_state(events: EventModel, tie: ScalarEquation, former: Set[str]) -> str:
     """The state that may go: not fixed by its author, not set by reinit; rather a velocity, first that of a state that
-    went before, so that one position and its own velocity stay; stated by the tie, without a start value, deep in
-    components.
+    went before, so that one position and its own velocity stay; stated by the tie, without a start value, far
+    from where the tie cannot be solved for it at the start, deep in components.
     """
     velocities = dict(_velocities(events))
+    starts = dict(_numbers(events.scalar.variables))
     renewed = {r.state for r in events.reinits}
     variables = events.scalar.variables
     tied = [s for s in events.states if s in refs(tie.left) | refs(tie.right) and s not in renewed]
@@ -98,13 +99,22 @@ def _dependent_state(events: EventModel, tie: ScalarEquation, former: Set[str]) 
             "set by reinit): leave one of them without, it follows from the others"
         )
 
-    def rank(s: str) -> tuple[bool, bool, bool, bool, int, int]:
+    def rank(s: str) -> tuple[bool, bool, bool, bool, float, int, int]:
         position = velocities.get(s)
         stated = isolate(tie, s) is not None
         plain = variables[s].start in (None, ZERO)  # the front end gives 0 where no start is stated
-        return position in former, position is not None, stated, plain, s.count("."), -events.states.index(s)
+        pivot = abs(evaluate(Derivative(s)(op("-", tie.left, tie.right)), starts) or 0.0)
+        return position in former, position is not None, stated, plain, pivot, s.count("."), -events.states.index(s)
 
     return max(free, key=rank)
+
+
+def _numbers(variables: Mapping[str, ScalarVariable]) -> Iterator[tuple[str, float]]:
+    """Values of parameters, start values of the others, where they are numbers."""
+    for name, v in variables.items():
+        value = v.binding if v.kind in ("parameter", "constant") else v.start
+        if isinstance(value, Num):
+            yield name, value.value
 
 
 def _velocities(events: EventModel) -> Iterator[tuple[str, str]]:

@@ -49,6 +49,26 @@ def refuse_undecided(sources: Sequence[Source]) -> None:
             )
 
 
+def refuse_mixed_functions(name: str, functions: Iterable[str], sources: Sequence[Source]) -> None:
+    """Raise ModelicaError where a function of a replaceable package is there in two forms.
+
+    The front end gives the default package's function the body of the redeclared one.
+    """
+    names = list(functions)
+    for found in reached(name, sources).values():
+        for clause in (c for owner in found or () for c in clauses(owner, found or ())):
+            if clause.owner.kind != "package" or "replaceable" not in clause.prefixes:
+                continue
+            for function in (n for n in names if clause.name in n.split(".")[:-1]):
+                short = function.rsplit(".", 1)[-1]
+                if any(n != function and n.rsplit(".", 1)[-1] == short for n in names):
+                    raise ModelicaError(
+                        f"{_place(clause.owner.source, clause.start)}: function '{short}' of the replaceable package "
+                        f"'{clause.name}' in two forms at once is not supported: make the function replaceable, "
+                        f"'replaceable function {short} = ...', and redeclare that"
+                    )
+
+
 def _path(c: Class) -> tuple[str, ...]:
     return tuple(a.name for a in c.around())
 
