@@ -23,8 +23,8 @@ def run(arguments: Sequence[str]) -> int:
     An error of hystid's own gives its sentence and its exit code. What is left is a defect of hystid: it is named in
     one line with exit code 1; with ``HYSTID_DEBUG=1`` in the environment its traceback is shown.
     """
-    # Before numpy: matrices are small here, and threads of a BLAS would mostly wait, for each other and for other work on
-    # the machine (ten times slower with six diagnoses on two cores).
+    # Before numpy: matrices are small here, and threads of a BLAS would mostly wait, for each other and for other work
+    # on the machine (ten times slower with six diagnoses on two cores).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import typer
 

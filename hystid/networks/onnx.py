@@ -217,7 +217,7 @@ def load(path: Path) -> ModelProto:
         raise NetworkError(f"{path}: not an ONNX file, or a damaged or truncated one (it holds no network)")
     try:
         onnx.checker.check_model(proto)
-    except Exception as error:
+    except Exception as error:  # ... and so does the runtime for networks that it cannot load
         raise NetworkError(f"{path}: breaks the ONNX standard: {_first_line(error)}") from error
     _check_finite(proto, path)
     return proto
