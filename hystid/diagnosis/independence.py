@@ -17,7 +17,8 @@ from hystid.diagnosis.fitting import Fit, Problem
 Array = NDArray[np.float64]
 _SHIFTS = 40  # circular shifts of the rest against the motion: what independent noise of the same colour shows
 _CELLS = 7  # bins per axis
-_KNOWN = 0.035  # share of the power between cells; mismatches of 0.08 of the floor and more show 0.05 to 1
+_KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it where most of the rest is excess:
+# mismatches of 0.08 of the floor show 0.05 and more, larger ones 0.1 to 1
 _LINE = 25.0  # power of a line over the median beside it; exponential noise reaches 15 in some thousand lines
 _SHOCKS = 3.6  # kurtosis; 3 for Gaussian noise
 
@@ -37,7 +38,9 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     if any(np.mean(rest**4) > _SHOCKS or _has_line(rest) for rest in rests):
         return False
     pairs = ((0, 1), (1, 2), (3, 1), (4, 0))
-    return all(_independent(rests, [_cells(m[one], m[other]) for m in motion]) for one, other in pairs)
+    excess = max(0.0, 1.0 - problem.reduce.level / fitted.chi2)
+    known = _KNOWN[0] + _KNOWN[1] * excess
+    return all(_independent(rests, [_cells(m[one], m[other]) for m in motion], known) for one, other in pairs)
 
 
 def _cells(one: Array, other: Array) -> NDArray[np.int64]:
@@ -57,7 +60,7 @@ def _ranks(values: Array, bins: int) -> NDArray[np.int64]:
     return found
 
 
-def _independent(rests: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> bool:
+def _independent(rests: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float) -> bool:
     """Whether mean and power of the rest differ between the cells no more than when the rest is moved in time."""
     shares = np.random.default_rng(0).uniform(0.05, 0.95, (_SHIFTS, len(rests)))
     for powers in (rests, [rest**2 - 1.0 for rest in rests]):
@@ -65,7 +68,7 @@ def _independent(rests: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> 
             _between([np.roll(p, int(share * len(p))) for p, share in zip(powers, row, strict=True)], cells)
             for row in shares
         ]
-        if _between(powers, cells) - float(np.median(moved)) > _KNOWN * sum(map(len, rests)):
+        if _between(powers, cells) - float(np.median(moved)) > known * sum(map(len, rests)):
             return False
     return True
 

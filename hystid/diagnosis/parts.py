@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 _ROWS = 16_000  # rows of the least squares problems; more are averaged in blocks
 _MODEL_ERROR = 5e-4  # share of a channel below which differences are not worth a name (integration, interpolation)
 DRAWS = 3
+_DECAY = 10.0  # radians at the corner of a whitening filter after which nothing is left of an end (exp(-7))
 _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
 _SAME = 0.02  # difference, over the size of a channel, below which it was computed from another one
 _JUMP = 4.0  # mean square movement of a row, noise units, beyond which it is weighed down
@@ -41,7 +42,7 @@ class Part:
 
     x, v, a: smoothed motion. F: force as measured. inertia: unbiased acceleration, for the balance F - m a
     (the channel itself, or a plain derivative of the best one). noise: standard deviation per channel.
-    corner: angular frequency [rad/s] below which a displacement that was not measured is held at zero, else 0.
+    lowest: angular frequency [rad/s] below which the motion is not seen and x is held at zero; 0 where x was measured.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia.
     """
 
@@ -57,7 +58,7 @@ class Part:
     noise: dict[str, float]
     measured: dict[str, Array]
     valid: Array | None = field(repr=False, default=None)
-    corner: float = 0.0
+    lowest: float = 0.0
     jitter: tuple[tuple[Array, Array, Array, Array], ...] = field(repr=False, default=())
 
     def __len__(self) -> int:
@@ -65,8 +66,8 @@ class Part:
 
     @property
     def first(self) -> float:
-        """Lowest visible frequency of a motion whose displacement was not measured [rad per sample], else 0."""
-        return self.corner * self.dt / BELOW
+        """Lowest visible frequency [rad per sample]."""
+        return self.lowest * self.dt
 
     @property
     def first_Hz(self) -> float:
@@ -100,7 +101,7 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     inertia, order = _inertia(measured, dt)
     return Part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
-        {**measured, "F": F}, valid, motion.roughness.corner, _jitter(measured, noise, dt, motion, seed),
+        {**measured, "F": F}, valid, motion.roughness.lowest, _jitter(measured, noise, dt, motion, seed),
     )  # fmt: skip
 
 
@@ -181,7 +182,7 @@ def visible(parts: Sequence[Part]) -> tuple[list[Part], list[str]]:
 
     Without x or v, slow motion drowns in the noise of the acceleration; a law with memory cannot be judged without it.
     """
-    hidden = [part for part in parts if part.corner and part.hidden() > _HIDDEN]
+    hidden = [part for part in parts if part.lowest and part.hidden() > _HIDDEN]
     told = [
         f"{part.name}: {100 * part.hidden():.0f} % of the force is below {part.first_Hz:.3g} Hz, where the noise of "
         f"channel {'v' if 'v' in part.noise else 'a'} hides the motion"
@@ -207,6 +208,7 @@ class Reduction:
         self._trust: Array | None = None
         stiffness = _stiffness(parts, mass)
         self._filters = [_whitening(part, mass, stiffness) for part in parts]
+        self._trims = [_trim(len(p), filt, p.first) for p, filt in zip(self.parts, self._filters, strict=True)]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
 
     def __call__(self, columns: Sequence[Array]) -> Array:
@@ -239,7 +241,7 @@ class Reduction:
 
     def _seen(self, part: Part) -> float:
         """Share of the band of the rows in which the motion of a part can be seen."""
-        if not part.corner:
+        if not part.lowest:
             return 1.0
         omega = np.linspace(0.0, np.pi / self.block, 2049)[1:]
         high = (omega / part.first) ** 8
@@ -254,7 +256,7 @@ class Reduction:
     def plain(self, index: int, column: Array) -> Array:
         """A column of one part at its rows: trimmed and averaged alike, but neither whitened nor weighted."""
         part = self.parts[index]
-        trim = max(5, len(part) // 200)
+        trim = self._trims[index]
         inner = column[trim : len(column) - trim]
         rows = len(inner) // self.block
         means = inner[: rows * self.block].reshape(rows, self.block).mean(axis=1)
@@ -267,7 +269,7 @@ class Reduction:
 def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
     """Frequency response that makes the noise of the balance white; None where it is white already."""
     derived = part.inertia_order > 0 and mass != 0.0
-    if not derived and not part.corner:
+    if not derived and not part.lowest:
         return None
     n = 2 * len(part)
     omega = 2 * np.pi * np.arange(n // 2 + 1) / n
@@ -276,13 +278,23 @@ def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
         weights, name = (SECOND, "x") if part.inertia_order == 2 else (FIRST, "v")
         gain = _response(weights, omega) / part.dt**part.inertia_order * part.noise[name]
         power += (mass * gain / part.noise["F"]) ** 2
-    if part.corner:
-        turn = omega**2 + (part.corner * part.dt) ** 2
+    if part.lowest:
+        turn = omega**2 + (BELOW["v" if "v" in part.noise else "a"] * part.first) ** 2
         high = (omega / part.first) ** 8
         drift = part.noise["v"] * part.dt / np.sqrt(turn) if "v" in part.noise else part.noise["a"] * part.dt**2 / turn
         power += (stiffness * drift / part.balance_noise(mass)) ** 2
         return np.asarray(np.sqrt(high / (1.0 + high) / power))
     return np.asarray(1.0 / np.sqrt(power))
+
+
+def _trim(samples: int, response: Array | None, first: float) -> int:
+    """Samples at either end that derivation and whitening disturb: what happens at an end decays with the corners."""
+    least, most = max(5, samples // 200), samples // 8
+    if response is None:
+        return least
+    high = np.flatnonzero(response > 0.7 * np.max(response))[-1] * np.pi / (len(response) - 1)
+    slow = min(high, first) if first else high
+    return int(np.clip(_DECAY / slow, least, most))
 
 
 def _stiffness(parts: Sequence[Part], mass: float) -> float:

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 CHANNELS = ("x", "v", "a")
 ORDERS = (3, 4, 5)
 _LIKELIHOOD_SAMPLES = 4000  # enough to choose one number; keeps a record of a million samples cheap
-BELOW = 0.3  # corner over the lowest visible frequency: the motion itself is hardly changed
+BELOW = {"v": 0.1, "a": 0.3}  # corner over the lowest visible frequency: the motion itself changes by 1 % at most
 _CLEAR = 10.0  # power of the motion over that of the noise at the lowest frequency that counts
 _BLOCK = 100_000  # samples smoothed at a time, with an overlap far beyond the smoother's memory: bounds the memory
 _OVERLAP = 2_000
@@ -36,12 +36,12 @@ _OVERLAP = 2_000
 class Roughness:
     """Derivative of x that is taken as white noise (3: jerk), and its density in units of the sample time.
 
-    corner: angular frequency [rad/s] below which a displacement that was not measured is held at zero.
+    lowest: angular frequency [rad/s] of the motion below which a displacement that was not measured is held at zero.
     """
 
     order: int
     level: float
-    corner: float = 0.0
+    lowest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,12 @@ def smooth(
     if not channels or set(channels) - set(CHANNELS):
         raise UsageError(f"smoothing needs channels out of x, v, a, got {sorted(channels) or 'none'}")
     table, variance = _scaled(channels, noise, dt)
-    corner = 0.0 if "x" in channels else roughness.corner if roughness else _corner(channels, noise, dt)
-    if corner:
-        variance[0] = (variance[1] / (corner * dt) ** 2) if "v" in channels else (variance[2] / (corner * dt) ** 4)
-    chosen = roughness or replace(_likely(table, variance), corner=corner)
+    lowest = 0.0 if "x" in channels else roughness.lowest if roughness else _lowest(channels, noise, dt)
+    if lowest and "v" in channels:
+        variance[0] = variance[1] / (BELOW["v"] * lowest * dt) ** 2
+    elif lowest:
+        variance[0] = variance[2] / (BELOW["a"] * lowest * dt) ** 4
+    chosen = roughness or replace(_likely(table, variance), lowest=lowest)
     motion, spread = _in_blocks(table, variance, chosen)
     unit = np.array([1.0, dt, dt * dt])
     x, v, a = (np.ascontiguousarray(column) for column in (motion / unit).T)
@@ -81,13 +83,14 @@ def smooth(
     return Smoothed(x, v, a, (float(error[0]), float(error[1]), float(error[2])), chosen)
 
 
-def _corner(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> float:
-    """The lowest frequency at which the motion stands clear of the noise, times BELOW [rad/s]."""
+def _lowest(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> float:
+    """The lowest frequency at which the motion stands clear of the noise [rad/s]."""
     name = "v" if "v" in channels else "a"
     values = np.nan_to_num(channels[name] - np.nanmean(channels[name]))
     frequency, power = welch(values, fs=1.0 / dt, nperseg=max(8, len(values) // 2))
-    clear = frequency[(power > _CLEAR * 2.0 * noise[name] ** 2 * dt) & (frequency > 0)]
-    return float(2 * np.pi * BELOW * (clear[0] if len(clear) else frequency[1]))
+    told = (power > _CLEAR * 2.0 * noise[name] ** 2 * dt) & (frequency > frequency[1])  # the first line holds the mean
+    clear = frequency[told]
+    return float(2 * np.pi * (clear[0] if len(clear) else frequency[1]))
 
 
 def _scaled(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> tuple[Array, Array]:

@@ -217,7 +217,7 @@ def load(path: Path) -> ModelProto:
         raise NetworkError(f"{path}: not an ONNX file, or a damaged or truncated one (it holds no network)")
     try:
         onnx.checker.check_model(proto)
-    except Exception as error:  # ... and so does the runtime for networks that it cannot load
+    except Exception as error:  # the checker raises protobuf's types as well as its own
         raise NetworkError(f"{path}: breaks the ONNX standard: {_first_line(error)}") from error
     _check_finite(proto, path)
     return proto

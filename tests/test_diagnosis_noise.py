@@ -1,0 +1,93 @@
+"""What noise is taken for: its level, the floor of a fit, colour, and channels that do not show the whole motion."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hystid.diagnosis import Diagnosis, diagnose
+from hystid.diagnosis.noise import noise_level
+from hystid.diagnosis.smoothing import smooth
+from hystid.recording import Recording, read_all
+from tests.test_diagnosis import JENKINS, LINEAR, case, run, spec
+
+
+@pytest.mark.parametrize("n", [2000, 8000])
+def test_noise_level_has_no_bias(n: int) -> None:
+    rng = np.random.default_rng(1)
+    t = np.arange(n) * 1e-3
+    signal = np.sin(40 * t) + 0.3 * np.sin(170 * t + 1)
+    found = [noise_level(signal + 0.02 * rng.standard_normal(n)) ** 2 for _ in range(60)]
+    # One estimate of the variance scatters by 4 % (8,000 samples) to 9 % (2,000); the mean of 60 by an eighth of that.
+    assert np.mean(found) == pytest.approx(0.02**2, rel=0.03)
+
+
+@pytest.mark.parametrize(("family", "variant", "seed"), [(LINEAR, "standard", 71), (JENKINS, "x_and_F", 72)])
+def test_the_floor_is_what_a_healthy_refit_leaves(tmp_path: Path, family: str, variant: str, seed: int) -> None:
+    place, _ = case(tmp_path, spec("null", (), family, variant), seed)
+    choice = run(place).choice
+    assert choice is not None
+    # 0.06: three standard deviations of the noise levels that both sides of the comparison rest on.
+    assert choice.before.chi2 == pytest.approx(choice.floor_before, abs=0.06)
+
+
+def test_coloured_noise_is_no_mismatch(tmp_path: Path) -> None:
+    place, _ = case(tmp_path, spec("decoy", ("coloured_noise",), LINEAR), 73)
+    found = run(place)
+    assert found.verdict in ("consistent", "recalibrated")
+    assert found.choice is not None and found.choice.before.chi2 > 5  # far above the level that white noise would have
+
+
+def test_a_gain_of_the_force_channel_is_in_the_free_run(tmp_path: Path) -> None:
+    place, _ = case(tmp_path, spec("single", ("force_gain",), LINEAR), 74)
+    found = run(place)
+    assert [finding.effect for finding in found.findings] == ["force_gain"]
+    before, after = found.holdout[0].free_run
+    assert before is not None and after is not None and after < before
+
+
+def test_without_x_the_displacement_does_not_drift_away() -> None:
+    rng = np.random.default_rng(2)
+    dt = 1e-3
+    t = np.arange(8000) * dt
+    x, v = np.sin(60 * t), 60 * np.cos(60 * t)
+    noise = 0.02 * float(np.std(v))
+    found = smooth({"v": v + noise * rng.standard_normal(len(v))}, {"v": noise}, dt)
+    # Integrated noise would walk by noise sqrt(dt T) = 0.08 of the amplitude, and more by its start. At either end the
+    # displacement needs a second to be known.
+    assert float(np.std((found.x - x)[1500:-1500])) < 0.02
+
+
+def test_contact_loss_is_found_from_velocity_alone(tmp_path: Path) -> None:
+    place, _ = case(tmp_path, spec("single", ("contact_loss",), LINEAR), 75)
+    found = only(place, "v")
+    assert "contact_loss" in {name for finding in found.findings for name in finding.alike}
+
+
+def test_slow_motion_that_the_acceleration_hides_is_said(tmp_path: Path) -> None:
+    t = np.arange(6000) * 1e-3
+    rng = np.random.default_rng(3)
+    x = 1e-3 * np.sin(2 * np.pi * 0.5 * t) + 1e-6 * np.sin(2 * np.pi * 40 * t)
+    a = -((2 * np.pi * 0.5) ** 2) * 1e-3 * np.sin(2 * np.pi * 0.5 * t) - (80 * np.pi) ** 2 * 1e-6 * np.sin(
+        80 * np.pi * t
+    )
+    force = a + 1e4 * x + 1e-2 * rng.standard_normal(len(t))
+    hidden = Recording("slow", t, F=force, a=a + 0.02 * rng.standard_normal(len(t)))
+    found = diagnose([hidden], model="HystId.Oscillators.Jenkins", parameters={"m": 1.0})
+    assert found.verdict == "not_applicable"
+    assert "hides the motion" in found.headline and "record x or v" in found.headline
+
+
+def without(recording: Recording, channels: set[str]) -> Recording:
+    return replace(recording, **dict.fromkeys(channels))  # type: ignore[arg-type]  # the keys are channels
+
+
+def only(place: Path, channel: str) -> Diagnosis:
+    handed = json.loads((place / "case.json").read_text())
+    recordings, holdout = (
+        [without(r, {"x", "v", "a"} - {channel}) for r in read_all([place / n for n in handed[kind]])]
+        for kind in ("recordings", "holdout")
+    )
+    return diagnose(recordings, model=handed["model"], parameters=place / handed["parameters"], holdout=holdout)
