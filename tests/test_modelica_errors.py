@@ -220,8 +220,8 @@ REFUSED = {
     ),
     "constant made from others, of a replaceable package": (
         model("  S a;\n  S b(redeclare package P = N);\n", "package M\n  constant Real g = 2;\n"
-              "  constant Real h = 3*g;\nend M;\npackage N\n  extends M(g = 5);\nend N;\nmodel S\n  replaceable package P = M;\n"
-              "  Real y = P.h;\nend S;\n"),
+              "  constant Real h = 3*g;\nend M;\npackage N\n  extends M(g = 5);\nend N;\n"
+              "model S\n  replaceable package P = M;\n  Real y = P.h;\nend S;\n"),
         10,
         "a constant made from others",
     ),
