@@ -76,25 +76,38 @@ def test_a_model_without_our_interfaces_is_diagnosed_and_extended(tmp_path: Path
     assert (tmp_path / "out" / "extended.fmu").exists()
 
 
-@pytest.mark.parametrize(("kind", "fmi"), [("own", 2), ("foreign", 2), ("foreign", 3)])
-def test_an_fmu_is_diagnosed_and_runs_with_the_findings(
-    tmp_path: Path, hardening: Recording, kind: str, fmi: Version
+@pytest.fixture(scope="module")
+def own_fmu(tmp_path_factory: pytest.TempPathFactory, hardening: Recording) -> tuple[Path, Diagnosis]:
+    """An FMU of ours, diagnosed: the folder of the answer, and the answer."""
+    folder = tmp_path_factory.mktemp("own")
+    path = build_of(folder)
+    return folder / "out", diagnose([hardening], model=str(path), parameters={"mass": 2.0}, out=folder / "out")
+
+
+def test_an_fmu_is_diagnosed_and_runs_with_the_findings(own_fmu: tuple[Path, Diagnosis]) -> None:
+    out, found = own_fmu
+    assert "closed binary" in (out / "extended.mo").read_text()
+    assert not (out / "extended.fmu").exists() and (out / "effects.fmu").exists()
+    assert_better(found)
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_a_foreign_fmu_is_diagnosed_and_runs_with_the_findings(
+    tmp_path: Path, hardening: Recording, fmi: Version
 ) -> None:
-    path = build_of(tmp_path, fmi)
-    path = without_batch_entry(path) if kind == "foreign" else path
-    found = diagnose([hardening], model=str(path), parameters={"mass": 2.0}, out=tmp_path / "out")
+    path = without_batch_entry(build_of(tmp_path, fmi))
+    assert_better(diagnose([hardening], model=str(path), parameters={"mass": 2.0}))
+
+
+def assert_better(found: Diagnosis) -> None:
     assert is_cubic(found)
-    assert "closed binary" in (tmp_path / "out" / "extended.mo").read_text()
-    assert not (tmp_path / "out" / "extended.fmu").exists()
     before, after = found.errors[0].free_run
     assert before is not None and after is not None and after < 0.1 * before
 
 
-def test_an_fmu_with_its_effects_runs_as_a_system(tmp_path: Path, hardening: Recording) -> None:
+def test_an_fmu_with_its_effects_runs_as_a_system(own_fmu: tuple[Path, Diagnosis], hardening: Recording) -> None:
     """FMPy takes the .ssp. Its master is a step late with the force, which takes damping k dt away: short steps."""
-    path = build_of(tmp_path)
-    diagnose([hardening], model=str(path), parameters={"mass": 2.0}, out=tmp_path / "out")
-    system = str(tmp_path / "out" / "extended.ssp")
+    system = str(own_fmu[0] / "extended.ssp")
     errors = []
     assert hardening.x is not None
     for finer in (10, 20):
@@ -111,9 +124,7 @@ def test_an_fmu_of_another_hand_is_diagnosed(tmp_path: Path, hardening: Recordin
     """FMI 3.0, Model Exchange only, without an output R, a parameter named m, or functions that nobody calls."""
     path = handmade(tmp_path)
     found = diagnose([hardening], model=str(path), parameters={"mass": 2.0}, out=tmp_path / "out")
-    assert is_cubic(found)
-    before, after = found.errors[0].free_run
-    assert before is not None and after is not None and after < 0.1 * before
+    assert_better(found)
     assert (tmp_path / "out" / "effects.fmu").exists() and (tmp_path / "out" / "extended.ssp").exists()
 
 

@@ -16,6 +16,8 @@ from fmu_models import effect, linear, sampled, tuned, unpacked
 
 import hystid.fmu
 from hystid.errors import FmuError
+from hystid.fmu import build_model
+from hystid.fmu.door import open_fmu
 from hystid.fmu.native import Instance
 
 HEADERS = Path(hystid.fmu.__file__).parent / "shell" / "fmi"
@@ -471,3 +473,58 @@ def test_derivatives_by_time_are_those_of_the_description():
             pair = [(c_uint * 1)(slots[name]) for name in names]
             assert function(instance.component, pair[0], one, pair[1], one, seed, one, answer, one) == 3
         assert function(instance.component, unknown, one, known, one, seed, c_size_t(2), answer, one) == 3
+
+
+RHEONOMOUS = """
+model Rheonomous "outputs of every sort: of time, another name of an input, discrete"
+  parameter Real k = 2;
+  input Real u;
+  output Real y = k*sin(3*time) + u^2;
+  output Real again = u;
+  output Real x(start = 1, fixed = true);
+  discrete output Real held(start = 0, fixed = true);
+equation
+  der(x) = u - x + held;
+  when sample(0, 0.1) then
+    held = x;
+  end when;
+end Rheonomous;
+"""
+
+
+@BOTH
+def test_every_real_output_has_a_derivative_by_every_known(tmp_path, version):
+    """Importers ask for all outputs at once; a discrete one stands between events."""
+    (tmp_path / "Rheonomous.mo").write_text(RHEONOMOUS)
+    path = build_model(f"{tmp_path / 'Rheonomous.mo'}:Rheonomous", tmp_path / "m.fmu", fmi=version).path
+    fmu = open_fmu(path)
+    names, knowns = ["y", "again", "x", "held", "der(x)"], ["time", "u", "x", "k", "held"]
+    slots = [[fmu.model.variable(n).slot for n in group] for group in (names, knowns)]
+    with Instance(fmu, "CoSimulation") as instance:
+        instance.initialise(0.0, [(fmu.model.variable("u"), 0.5)])
+        last = (1,) if version == 2 else (c_bool(True), *FLAGS[:3], byref(c_double()))
+        instance.call("DoStep", c_double(0), c_double(0.05), *last)
+        found, back = np.zeros((5, 5)), np.zeros((5, 5))
+        unknown, known = (c_uint * 5)(*slots[0]), (c_uint * 5)(*slots[1])
+        for i in range(5):
+            seed, answer = (c_double * 5)(*np.eye(5)[i]), (c_double * 5)()
+            n = c_size_t(5)
+            lengths = (seed, n, answer, n) if version == 3 else (seed, answer)
+            instance.call("GetDirectionalDerivative", unknown, n, known, n, *lengths)
+            found[:, i] = answer
+            if version == 3:
+                instance.call("GetAdjointDerivative", unknown, n, known, n, *lengths)
+                back[i] = answer
+        at = 3 * 0.05
+        expected = np.array(
+            [
+                [6 * np.cos(at), 1.0, 0, np.sin(at), 0],
+                [0, 1.0, 0, 0, 0],
+                [0, 0, 1.0, 0, 0],
+                [0, 0, 0, 0, 1.0],
+                [0, 1.0, -1.0, 0, 1.0],
+            ]
+        )
+        np.testing.assert_allclose(found, expected, atol=1e-14)
+        if version == 3:
+            np.testing.assert_allclose(back, expected, atol=1e-14)

@@ -209,6 +209,22 @@ REFUSED = {
         9,
         "say with 'if' what return or break do",
     ),
+    "function of a replaceable package in two forms": (
+        model("  S a;\n  S b(redeclare package P = N);\n", "function g\n  input Real u;\n  output Real y;\nalgorithm\n"
+              "  y := 3*u;\nend g;\npackage M\n  replaceable function f\n    input Real u;\n    output Real y;\n"
+              "  algorithm\n    y := u;\n  end f;\nend M;\n"
+              "package N\n  extends M;\n  redeclare function f = g;\nend N;\n"
+              "model S\n  replaceable package P = M;\n  Real y = P.f(time);\nend S;\n"),
+        20,
+        "in two forms at once",
+    ),
+    "constant made from others, of a replaceable package": (
+        model("  S a;\n  S b(redeclare package P = N);\n", "package M\n  constant Real g = 2;\n"
+              "  constant Real h = 3*g;\nend M;\npackage N\n  extends M(g = 5);\nend N;\n"
+              "model S\n  replaceable package P = M;\n  Real y = P.h;\nend S;\n"),
+        10,
+        "a constant made from others",
+    ),
     "modifiers that cannot be joined": (
         model("  extends C(p(m(max = 6)));\n", "model P\n  parameter Real m = 1;\n  Real x = m;\nend P;\n"
               "model B P p(m = 3); end B;\nmodel C extends B(p(m(min = 0.2))); end C;\n"),

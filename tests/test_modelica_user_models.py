@@ -401,12 +401,12 @@ model Sub
   Real z = P.f(time)*P.g;
 end Sub;
 model A
-  Sub a;
   Sub b(redeclare package P = Mine);
+  Real y = Base.f(time)*Base.g;
 end A;""",
 )
 def packages(t):
-    return {"a.z": 2 * t, "b.z": 5 * t**3}
+    return {"y": 2 * t, "b.z": 5 * t**3}
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -103,7 +103,7 @@ def _statements(text: str, start: int, end: int) -> Iterator[tuple[int, int]]:
     """Offsets of the statements of the declaration sections."""
     at, on = start, True
     while at < end:
-        stop = _next(text, at, end, ";")
+        stop = next_mark(text, at, end, ";")
         section = _SECTION.match(text, at, stop)
         if section:
             on = bool(section["on"])
@@ -136,7 +136,7 @@ def _statement(owner: Class, text: str, start: int, end: int) -> Iterator[Clause
             break
         behind = _behind_sizes(text, name.end())
         mods = _listed(text, behind)
-        stop = _next(text, behind, end, ",")
+        stop = next_mark(text, behind, end, ",")
         limit = re.compile(r"\bconstrainedby\b").search(text, behind, stop)
         limited = _limit(text, limit.start()) if limit else None
         sizes = (*common, *_sizes(text[name.end() : behind]))
@@ -180,7 +180,7 @@ def _listed(text: str, at: int) -> Modifiers | None:
     end = closing(text, opening)
     elements, start = [], opening + 1
     while start < end:
-        stop = _next(text, start, end, ",")
+        stop = next_mark(text, start, end, ",")
         if text[start:stop].strip():
             elements.append(_element(text, start + len(text[start:stop]) - len(text[start:stop].lstrip()), stop))
         start = stop + 1
@@ -217,7 +217,7 @@ def _plain_element(
     )  # fmt: skip
 
 
-def _next(text: str, start: int, end: int, mark: str) -> int:
+def next_mark(text: str, start: int, end: int, mark: str) -> int:
     """Offset of the next ``mark`` outside all brackets, ``end`` without one."""
     depth = 0
     for k in range(start, end):

@@ -20,6 +20,7 @@ from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
 from hystid.modelica.modifiers import refuse_mixed_functions, refuse_undecided, with_acting_modifiers
+from hystid.modelica.packages import with_separate_packages
 from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
 from hystid.modelica.sources import Source, declaration, library_folder, near, qualified_classes, read, read_tree
@@ -88,7 +89,7 @@ def flat_from_text(
     _must_exist(name, files, everything, roots)
     _must_be_complete(name, everything)
     refuse_large_arrays(name, everything, structure or {})
-    acting = with_acting_modifiers(name, everything)
+    acting = with_acting_modifiers(name, with_separate_packages(name, everything))
     texts = with_readable_equations([with_readable_functions(source) for source in acting])
     flat = flatten(name, texts[: len(files)], texts[len(files) :], roots, structure or {})
     refuse_undecided(everything)

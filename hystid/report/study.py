@@ -57,7 +57,9 @@ def write_mass(result: MassResult, path: Path, command: str) -> Path:
         "What an error of the weighed mass costs",
         subtitle=f"{len(structures)} structures, {len(result.offsets)} masses around {result.nominal:g} kg",
         command=command,
-        verdict=Verdict("neutral", cost, "Medians over the starts, on held-out recordings."),
+        verdict=Verdict(
+            "neutral", cost, "Medians over the starts of the best structure at each mass, on held-out recordings."
+        ),
     )
     page.section("Error over assumed mass", "Training and free run use the assumed mass; the recordings stay the same.")
     page.plots(
@@ -141,7 +143,7 @@ def _finite(values: Sequence[float]) -> Array:
 
 
 def _cost(result: MassResult) -> str:
-    """The best median error as weighed, and at the largest offsets."""
+    """The best structure's median error as weighed, at the largest offsets, and where it is least."""
     offsets = np.array(result.offsets)
     free = not any(np.isnan(cell.free_run.median) for cell in result.cells)
     kind = "free_run" if free else "force"
@@ -150,10 +152,12 @@ def _cost(result: MassResult) -> str:
         near = [c for c in result.cells if abs(c.mass / result.nominal - 1 - offset) < 1e-6]
         return float(min(getattr(cell, kind).median for cell in near))
 
-    what = "free-run displacement" if free else "force"
-    ends = f"{_share(least(offsets.min()))} at {100 * offsets.min():+.0f} %, {_share(least(offsets.max()))} at"
-    middle = offsets[int(np.argmin(np.abs(offsets)))]
-    return f"Least {what} error {_share(least(middle))} as weighed, {ends} {100 * offsets.max():+.0f} %"
+    what = "Free-run displacement" if free else "Force"
+    at = {float(offset): least(offset) for offset in offsets}
+    middle, best = min(at, key=abs), min(at, key=at.__getitem__)
+    ends = ", ".join(f"{_share(at[end])} at {100 * end:+.0f} %" for end in (min(at), max(at)))
+    lowest = "" if best == middle else f"; least, {_share(at[best])}, at {100 * best:+.0f} %"
+    return f"{what} error {_share(at[middle])} as weighed, {ends}{lowest}"
 
 
 def _sentence(text: str) -> str:

@@ -471,15 +471,18 @@ int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, double (*
 
 static int in_range(int slot, int first, int n) { return slot >= first && slot < first + n; }
 
-static int is_known(const hy_model *m, int slot)
+/* Time, settable parameters, inputs and states stand as they are while derivatives are taken: they are knowns, and where
+ * an output is another name of one, its sensitivity is the seed. */
+static int stands(const hy_model *m, int slot)
 {
-    return slot == 0 || in_range(slot, m->p, m->n_p) || in_range(slot, m->u, m->n_u) || in_range(slot, m->x, m->n_x)
-        || in_range(slot, m->d, m->n_d);
+    return slot == 0 || in_range(slot, m->u, m->n_u) || in_range(slot, m->x, m->n_x) || in_range(slot, m->d, m->n_d)
+        || (in_range(slot, m->p, m->n_p) && hy_variables[slot].flags & HAS_START);
 }
 
 static int is_unknown(const hy_model *m, int slot)
 {
-    return in_range(slot, m->dx, m->n_x) || in_range(slot, m->y, m->n_y) || in_range(slot, m->x, m->n_x);
+    return in_range(slot, m->dx, m->n_x) || in_range(slot, m->y, m->n_y) || in_range(slot, m->x, m->n_x)
+        || (hy_variables[slot].flags & IS_OUTPUT && stands(m, slot));
 }
 
 static int check_derivative(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known)
@@ -487,8 +490,8 @@ static int check_derivative(hy_instance *c, const unsigned *unknown, size_t n_un
     const hy_model *m = c->engine.model;
     if ((n_unknown && !unknown) || (n_known && !known)) return hy_fail(c, "derivative: a NULL array was given");
     for (size_t i = 0; i < n_known; i++)
-        if (known[i] >= (unsigned)m->n_values || hy_variables[known[i]].type != REAL || !is_known(m, (int)known[i]))
-            return hy_fail(c, "derivative: value reference %u is not time, a real parameter, input or state", known[i]);
+        if (known[i] >= (unsigned)m->n_values || hy_variables[known[i]].type != REAL || !stands(m, (int)known[i]))
+            return hy_fail(c, "derivative: value reference %u is not time, a real parameter that can be set, an input or a state", known[i]);
     for (size_t i = 0; i < n_unknown; i++)
         if (unknown[i] >= (unsigned)m->n_values || hy_variables[unknown[i]].type != REAL || !is_unknown(m, (int)unknown[i]))
             return hy_fail(c, "derivative: value reference %u is not an output or the derivative of a state", unknown[i]);
@@ -517,7 +520,7 @@ int hy_directional(hy_instance *c, const unsigned *unknown, size_t n_unknown, co
     for (size_t i = 0; i < n_known; i++) e->seed[known[i]] += seed[i];
     if (!outcome) outcome = m->forward(&e->data, e->seed, e->sens);
     for (size_t i = 0; i < n_unknown; i++)
-        sensitivity[i] = in_range((int)unknown[i], m->x, m->n_x) ? e->seed[unknown[i]] : e->sens[unknown[i]];
+        sensitivity[i] = stands(m, (int)unknown[i]) ? e->seed[unknown[i]] : e->sens[unknown[i]];
     return hy_fmi_status(c, outcome);
 }
 
@@ -532,7 +535,7 @@ int hy_adjoint(hy_instance *c, const unsigned *unknown, size_t n_unknown, const 
     if ((n_unknown && !seed) || (n_known && !sensitivity)) return hy_fail(c, "derivative: a NULL array was given");
     outcome = present(c);
     for (size_t i = 0; i < n_unknown; i++) {
-        if (in_range((int)unknown[i], m->x, m->n_x))
+        if (stands(m, (int)unknown[i]))
             e->sens[unknown[i]] += seed[i];
         else
             e->seed[unknown[i]] += seed[i];
