@@ -36,6 +36,8 @@ _REPAIRED = 2.0  # excess that is sound after a repair, over that of a sound rec
 _FORMS = 3  # forms of the leading id that are searched again
 MAINS = (50.0, 60.0)  # Hz
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
+_LINES, _STARTING = 2, 5  # lines of effects that are followed, from this many ids where lines end in nonsense
+_REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
 _SAME = 0.4  # share of that within which the simpler law is preferred
 _JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a little there
@@ -218,10 +220,21 @@ def trials(
         made = try_term(problem, fitted, candidate.term, bar=bar)
         if made is not None:
             found.append(_trial(candidate, made))
-    found.sort(key=lambda t: t.chi2)
+    found = sorted((t for t in found if _are_reached(problem, t.fit)), key=lambda t: t.chi2)
     if found and found[0].chi2 - 1.0 > 2 * SOUND:
         found = sorted([*_restarts(problem, fitted, found[0]), *found], key=lambda t: t.chi2)
     return [t for t in found if not (t.absorbed > ABSORBED and fitted.chi2 - t.chi2 < 0.5 * excess)]
+
+
+def _are_reached(problem: Problem, fit: Fit) -> bool:
+    """Whether the motion goes beyond every threshold: the tail of a contact that is never reached feigns a preload."""
+    for term in fit.hypothesis.terms:
+        if "gap" in term.values:
+            side = term.values.get("side", 0.0)
+            beyond = [np.mean((side * p.x if side else np.abs(p.x)) > term.values["gap"]) for p in problem.parts]
+            if float(max(beyond)) < _REACHED:
+                return False
+    return True
 
 
 def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
@@ -354,9 +367,13 @@ def _several(
     fails."""
     reached: list[list[Trial]] = []
     open_ends: list[list[Trial]] = []
-    for start in _distinct(first)[:2]:
-        if before.chi2 - start.chi2 > 0.08 * excess:
+    lines = 0
+    for start in _distinct(first)[:_STARTING]:
+        if lines < _LINES and before.chi2 - start.chi2 > 0.08 * excess:
             line = _grow(problem, [start], library, excess)
+            if len(line) < 2 or not _are_reached(problem, line[-1].fit):
+                continue
+            lines += 1
             (reached if line and _complete(problem, line, before, excess) else open_ends).append(line)
     if not reached:
         longest = min((line for line in open_ends if len(line) > 1), key=lambda line: line[-1].chi2, default=None)
@@ -434,7 +451,8 @@ def _complete(problem: Problem, line: Sequence[Trial], before: Fit, excess: floa
     end = line[-1].fit
     floor = problem.floor(end.hypothesis)
     allowed = max(SOUND * floor, _PAIR_LEFT * excess if len(line) < 3 else 0.0)
-    return len(line) > 1 and end.chi2 - floor < allowed and _each_counts(problem, end, excess)
+    close = len(line) > 1 and end.chi2 - floor < allowed
+    return close and _are_reached(problem, end) and _each_counts(problem, end, excess)
 
 
 def _distinct(found: Sequence[Trial]) -> list[Trial]:
