@@ -147,7 +147,7 @@ def choose(
     left = chosen.trial.chi2 - end_floor
     if chosen.trial.name in (PRELOAD, DRIFT) and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
         return _beside_preload(problem, baseline, chosen, first, effects)
-    if alone and left < max(SOUND, _FORM * excess):
+    if alone and left < max(sound(problem, baseline.hypothesis.delay), _FORM * excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     several = _several(problem, baseline, first, library, excess)
     worn = _worn(problem, baseline, floor, library, several) if several or not alone else []
@@ -466,12 +466,13 @@ def _distinct(found: Sequence[Trial]) -> list[Trial]:
 def _each_counts(problem: Problem, fit: Fit, excess: float) -> bool:
     """Whether taking any effect away and fitting again costs a visible share."""
     hypothesis = fit.hypothesis
+    visible = max(_PAIR_WORTH, PAIR_SHARE * excess, sound(problem, 0.0) if problem.reduce.jumps else 0.0)
     for i in range(len(hypothesis.terms)):
         if hypothesis.terms[i].effect.id == HUM:
             continue
         rest = replace(hypothesis, terms=tuple(t for k, t in enumerate(hypothesis.terms) if k != i))
         made = try_fit(problem, rest, iterations=6)
-        if made is None or made.chi2 - fit.chi2 < max(_PAIR_WORTH, PAIR_SHARE * excess):
+        if made is None or made.chi2 - fit.chi2 < visible:
             return False
     return True
 
