@@ -39,7 +39,7 @@ _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LINES, _STARTING = 2, 5  # lines of effects that are followed, from this many ids where lines end in nonsense
 _REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
-_SAME = 0.4  # share of that within which the simpler law is preferred
+_SAME = (0.007, 0.003)  # mean square, and share of the excess, that a simpler law may lack to be preferred
 _JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a little there
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
@@ -145,7 +145,8 @@ def choose(
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
     left = chosen.trial.chi2 - end_floor
-    if chosen.trial.name in (PRELOAD, DRIFT) and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
+    constant = chosen.trial.name in (PRELOAD, DRIFT) and baseline.chi2 - chosen.trial.chi2 > 0.5 * excess
+    if constant and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
         return _beside_preload(problem, baseline, chosen, first, effects)
     if alone and left < max(sound(problem, baseline.hypothesis.delay), _FORM * excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
@@ -330,10 +331,11 @@ def _single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float
     """The simplest of the trials that are as good as the best; the best is restarted first if something is left."""
     best = found[0]
     tie = _tie(best, excess)
+    same = _SAME[0] + _SAME[1] * min(excess, 10.0)
     jumpy = _JUMPY if problem.reduce.jumps else 0.0
     simple = best
     for trial in sorted(found, key=lambda t: (t.size, t.chi2)):
-        if trial.chi2 - best.chi2 < (_SAME * tie + jumpy) * max(1, best.size - trial.size):
+        if trial.chi2 - best.chi2 < (same + jumpy) * max(1, best.size - trial.size):
             simple = trial
             break
     tied = tuple(dict.fromkeys(t.name for t in found if t.chi2 - simple.chi2 < tie and t.name != simple.name))
