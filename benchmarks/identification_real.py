@@ -61,7 +61,13 @@ def loops(name: str, title: str, comparisons: Sequence[Comparison], labels: Sequ
         if c.published is not None:
             panel.line(across, c.network.R, "refined", "refined")
         panels.append(panel)
-    write(PICTURES / f"identification-{name}.svg", title, panels, min(len(panels), 3), (320, 260) if panels[1:] else (480, 300))
+    write(
+        PICTURES / f"identification-{name}.svg",
+        title,
+        panels,
+        min(len(panels), 3),
+        (320, 260) if panels[1:] else (480, 300),
+    )
 
 
 def timed(*args, **kwargs) -> tuple[Identification, float]:
