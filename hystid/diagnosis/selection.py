@@ -34,6 +34,7 @@ _NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of i
 _RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
 _REPAIRED = 2.0  # excess that is sound after a repair, over that of a sound recording
 _FORMS = 3  # forms of the leading id that are searched again
+_LAST = 60  # iterations for what is named
 MAINS = (50.0, 60.0)  # Hz
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LINES, _STARTING = 2, 5  # lines of effects that are followed, from this many ids where lines end in nonsense
@@ -488,12 +489,21 @@ def _named(
     untestable: tuple[str, ...],
 ) -> Choice:
     after = steps[-1].trial.fit
+    after = _to_the_end(problem, after)
     names = tuple(dict.fromkeys(step.trial.name for step in steps))
     classes = tuple(tuple(dict.fromkeys((step.trial.name, *step.tied))) for step in steps)
     return Choice(
         before, after, floor, problem.floor(after.hypothesis), names, classes, tuple(step.margin for step in steps),
         False, tuple(first), untestable,
     )  # fmt: skip
+
+
+def _to_the_end(problem: Problem, reached: Fit) -> Fit:
+    """What is named, fitted to the end: where much is explained, comparisons accept a side valley."""
+    if reached.chi2 - problem.floor(reached.hypothesis) < SOUND:
+        return reached
+    fits = [try_fit(problem, start, _LAST, bar=reached.chi2) for start in scattered(problem, reached)]
+    return min([reached, *(made for made in fits if made is not None)], key=lambda made: made.chi2)
 
 
 def _untestable(candidates: Sequence[Candidate]) -> tuple[str, ...]:
