@@ -168,8 +168,8 @@ def _event(surface: Callable[[Array], float], direction: int) -> Callable[[float
     def event(t: float, y: Array) -> float:
         return surface(y)
 
-    event.terminal = True  # type: ignore[attr-defined]
-    event.direction = direction  # type: ignore[attr-defined]
+    event.terminal = True  # type: ignore[attr-defined]  # scipy reads both from the function
+    event.direction = direction  # type: ignore[attr-defined]  # as above
     return event
 
 

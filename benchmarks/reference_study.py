@@ -361,7 +361,8 @@ def document(out: Path) -> None:
         if path.exists():
             body = path.read_text(encoding="utf-8").strip()
             begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
-            content, found = re.subn(f"{begin}.*?{end}", lambda _: f"{begin}\n{body}\n{end}", content, flags=re.S)  # noqa: B023
+            table = f"{begin}\n{body}\n{end}"
+            content, found = re.subn(f"{begin}.*?{end}", table.replace("\\", r"\\"), content, flags=re.S)
             assert found == 1, f"{DOCUMENT} has no markers for {name}"
     DOCUMENT.write_text(content, encoding="utf-8")
     for picture in out.glob("reference-*.svg"):

@@ -99,7 +99,7 @@ def test_play_in_the_middle_of_a_test_is_no_approach() -> None:
     origin = {"t": PSEUDO_TIME, "x": "measured", "F": "measured"}
     twice = Recording("twice", t, F=1e4 * np.minimum(x + 1e-4, 0.0), x=x, origin=origin)
     assert seated(twice) is twice
-    once = Recording("once", t[:400], F=twice.F[:400], x=x[:400], origin=origin)  # type: ignore[index]
+    once = Recording("once", t[:400], F=twice.F[:400], x=x[:400], origin=origin)  # type: ignore[index]  # it has F
     cut = seated(once)
     assert len(cut) < 400 and cut.x is not None and cut.F is not None
     assert np.max(np.abs(cut.F - 1e4 * cut.x)) < 1e-3 * np.max(np.abs(cut.F))

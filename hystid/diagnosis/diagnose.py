@@ -108,12 +108,13 @@ def diagnose(
         timeless = any(test.quasi_static for test in tests) or chain.one_speed([p.x for p in case.problem.parts])
         left_out = {*exclude, *(chain.TIMED if timeless else ())}
         left_out |= set() if case.baseline.mass else {"hidden_mode"}  # nothing resonates where nothing is inert
-        library = [effect for effect in load_effects(_paths(effects)) if effect.id not in left_out]
+        everything = load_effects(_paths(effects))
+        library = [effect for effect in everything if effect.id not in left_out]
         share = max(1, len(library) // 70)
         choice = choose(
             case.problem, case.refit, library, _every(step, share), repaired=bool(case.faults), valleys=case.valleys
         )
-        untestable = {*choice.untestable, *((left_out - {*exclude}) & {effect.id for effect in load_effects()})}
+        untestable = {*choice.untestable, *((left_out - {*exclude}) & {effect.id for effect in everything})}
         choice = replace(choice, untestable=tuple(sorted(untestable)))
         answer, extended = _conclude(case, choice, out is not None)
     return _written(answer, extended, out)
@@ -510,8 +511,7 @@ def _fmu_settings(answer: Diagnosis) -> Mapping[str, float]:
     """Parameters of an FMU as they are in the end, by its own names."""
     if answer.problem is None or answer.final is None:
         return {}
-    last = answer.final.hypothesis
-    return answer.problem.baseline.settings({**last.values, "m": last.mass()} if "m" in last.values else last.values)
+    return answer.problem.baseline.settings(answer.final.hypothesis.parameters())
 
 
 def _table(trace: Traces) -> str:

@@ -56,6 +56,10 @@ class Hypothesis:
         """Mass in the balance [kg]."""
         return float(self.values.get("m", 0.0)) * (1.0 + self.weighing)
 
+    def parameters(self) -> dict[str, float]:
+        """Values of the baseline, the mass as the balance has it."""
+        return {**self.values, **({"m": self.mass()} if "m" in self.values else {})}
+
 
 @dataclass(frozen=True)
 class Unknown:

@@ -27,10 +27,7 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     """Whether the rest of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks."""
     signals = problem.signals(fitted.hypothesis)
     motion = [
-        [
-            problem.reduce.plain(i, column)
-            for column in (s.x, s.v, s.a, s.h, s.dt * np.arange(len(s.x), dtype=np.float64))
-        ]
+        [problem.reduce.plain(i, column) for column in (s.x, s.v, s.a, s.h, problem.parts[i].t)]
         for i, s in enumerate(signals)
     ]
     ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]

@@ -50,7 +50,7 @@ def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Run
     choice, base = answer.choice, answer.baseline
     groups = (answer.problem.parts, unseen)
     first = choice.before.hypothesis
-    values = base.settings({**first.values, "m": first.mass()} if "m" in first.values else first.values)
+    values = base.settings(first.parameters())
     model = base.model if base.mass else None  # without a mass nothing moves by itself
     before = errors(model, groups[0], values, first.delay), errors(model, groups[1], values, first.delay)
     text = written(answer, skeleton)
@@ -58,7 +58,7 @@ def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Run
         return Runs(answer, text, before, before)
     if skeleton.kind == "fmu":
         last = choice.after.hypothesis
-        end = base.settings({**last.values, "m": last.mass()} if "m" in last.values else last.values)
+        end = base.settings(last.parameters())
         return Runs(answer, text, before, _beside_fmu(skeleton.name, text, groups, end, last.delay))
     extended = CompiledModel(compile_text(text))
     notes: tuple[str, ...] = ()

@@ -148,7 +148,7 @@ def choose(
     left = chosen.trial.chi2 - end_floor
     constant = chosen.trial.name in (PRELOAD, DRIFT) and baseline.chi2 - chosen.trial.chi2 > 0.5 * excess
     if constant and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
-        return _beside_preload(problem, baseline, chosen, first, effects)
+        return _beside_preload(problem, baseline, chosen, first, effects, repaired=repaired)
     if alone and left < max(sound(problem, baseline.hypothesis.delay), _FORM * excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     several = _several(problem, baseline, first, library, excess)
@@ -166,10 +166,11 @@ def choose(
 
 
 def _beside_preload(
-    problem: Problem, before: Fit, chosen: Step, first: Sequence[Trial], effects: Sequence[Effect]
+    problem: Problem, before: Fit, chosen: Step, first: Sequence[Trial], effects: Sequence[Effect], *, repaired: bool
 ) -> Choice:
     """A constant force has one form and no misfit of its own: what it leaves is judged anew, by its own size."""
-    rest = choose(problem, chosen.trial.fit, [effect for effect in effects if effect.id != PRELOAD])
+    others = [effect for effect in effects if effect.id != PRELOAD]
+    rest = choose(problem, chosen.trial.fit, others, repaired=repaired)
     if DRIFT in rest.named:  # what it leaves is part of the same
         rest = Choice(chosen.trial.fit, chosen.trial.fit, 0.0, problem.floor(chosen.trial.fit.hypothesis))
     alike = tuple(dict.fromkeys((chosen.trial.name, *chosen.tied)))
@@ -222,10 +223,15 @@ def trials(
         made = try_term(problem, fitted, candidate.term, bar=bar)
         if made is not None:
             found.append(_trial(candidate, made))
-    found = sorted((t for t in found if _are_reached(problem, t.fit)), key=lambda t: t.chi2)
+    found = _ranked(problem, found)
     if found and found[0].chi2 - 1.0 > 2 * SOUND:
-        found = sorted([*_restarts(problem, fitted, found[0]), *found], key=lambda t: t.chi2)
+        found = _ranked(problem, [*_restarts(problem, fitted, found[0]), *found])
     return [t for t in found if not (t.absorbed > ABSORBED and fitted.chi2 - t.chi2 < 0.5 * excess)]
+
+
+def _ranked(problem: Problem, found: Sequence[Trial]) -> list[Trial]:
+    """Best first, without those that need a threshold which the motion never passes."""
+    return sorted((t for t in found if _are_reached(problem, t.fit)), key=lambda t: t.chi2)
 
 
 def _are_reached(problem: Problem, fit: Fit) -> bool:
@@ -265,12 +271,12 @@ def _searched_again(
             known = forms[candidate.effect.class_name]
             again += [replace(known, fit=made, others=())] if made is not None and made.chi2 < known.chi2 else []
     if min(t.chi2 for t in again) - floor < max(SOUND * floor, _FORM * excess):
-        return sorted(again, key=lambda t: t.chi2)
+        return _ranked(problem, again)
     for trial in leading:
         starts = scattered(problem, trial.fit)
         fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
         again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
-    return sorted(again, key=lambda t: t.chi2)
+    return _ranked(problem, again)
 
 
 def _exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Trial]:
@@ -295,7 +301,7 @@ def _exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Tr
         made = try_term(problem, start, candidate.term, bar=best.chi2)
         if made is not None and made.chi2 < forms[candidate.effect.class_name].chi2 - _TIE[0]:
             again.append(replace(forms[candidate.effect.class_name], fit=made, others=()))
-    return sorted(again, key=lambda t: t.chi2)
+    return _ranked(problem, again)
 
 
 def _trial(candidate: Candidate, made: Fit) -> Trial:
@@ -370,16 +376,14 @@ def _several(
     fails."""
     reached: list[list[Trial]] = []
     open_ends: list[list[Trial]] = []
-    lines = 0
     for start in _distinct(first)[:_STARTING]:
-        if lines < _LINES and before.chi2 - start.chi2 > 0.08 * excess:
-            line = _grow(problem, [start], library, excess)
-            if len(line) < 2 or not _are_reached(problem, line[-1].fit):
-                continue
-            lines += 1
-            (reached if line and _complete(problem, line, before, excess) else open_ends).append(line)
+        if len(reached) + len(open_ends) == _LINES or before.chi2 - start.chi2 <= 0.08 * excess:
+            continue
+        line = _grow(problem, [start], library, excess)
+        if len(line) > 1 and _are_reached(problem, line[-1].fit):
+            (reached if _complete(problem, line, before, excess) else open_ends).append(line)
     if not reached:
-        longest = min((line for line in open_ends if len(line) > 1), key=lambda line: line[-1].chi2, default=None)
+        longest = min(open_ends, key=lambda line: line[-1].chi2, default=None)
         third = _grow(problem, longest, library, excess) if longest and _promising(longest, before) else []
         if len(third) > 2 and _complete(problem, third, before, excess):
             reached.append(third)

@@ -26,7 +26,7 @@ def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
     except NumericalError as error:
         return replace(open_loop, diverged=str(error))
     errors = {"x_nrmse": nrmse(run["x"], x), "R_nrmse": nrmse(run["R"], R), "R_mse": mse(run["R"], R)}
-    return replace(open_loop, free_run=run, **errors)  # type: ignore[arg-type]
+    return replace(open_loop, free_run=run, **errors)  # type: ignore[arg-type]  # the keys are fields
 
 
 def drift(prediction: Prediction) -> float:

@@ -124,7 +124,7 @@ class FrontEnd:
         self.files = files
         self.library = library
         self._folder = tempfile.TemporaryDirectory(prefix="hystid-")
-        self._printed = tempfile.TemporaryFile()  # noqa: SIM115
+        self._printed = tempfile.TemporaryFile()  # noqa: SIM115  # closed in __exit__, with the process
         self._process = subprocess.Popen(
             [sys.executable, str(Path(__file__).with_name("worker.py"))],
             stdin=subprocess.PIPE,

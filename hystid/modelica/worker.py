@@ -17,7 +17,7 @@ from typing import Any
 
 def main() -> None:
     """Answers the questions on stdin until it ends."""
-    questions = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
+    questions = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115  # open as long as the process
     shared = json.loads(questions.readline())
     sys.path[:] = shared["path"]
     _limit_memory(shared["memory"])
