@@ -17,6 +17,7 @@ from hystid.diagnosis.locate import where_term
 from hystid.diagnosis.result import Diagnosis, Finding, Value, Verdict, Where
 from hystid.diagnosis.selection import DELAY, Choice
 from hystid.diagnosis.sensors import HUM, ChannelEffect
+from hystid.diagnosis.windows import edges
 
 Array = NDArray[np.float64]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
@@ -30,6 +31,7 @@ _SLACK = 0.97  # share of the hysteretic force beyond which pinching is free pla
 _EXACT = (frozenset({"two_sided_stop", "backlash"}), frozenset({ADDED_MASS, GAIN}))
 _PHYSICAL = ("m", "m/s", "s", "Hz", "N")  # units of thresholds, times and forces
 _ALIKE = (0.01, 0.01)  # mean square, and share of what is explained, within which another form fits as well
+_FEW_FORMS = 2.0  # standard error over the distance of two forms: what two draws say of a spread is little
 _RECALIBRATED = 1.15  # mean square at the nominal values over that of the refit
 
 _SPLITS = {
@@ -266,13 +268,15 @@ def _finding(answer: Answer, name: str, alike: tuple[str, ...], margin: float, s
         parameters = {"gain": Value(1 + answer.gain(), spread / fit.hypothesis.values["m"], "1")}
         return Finding(shown, together, sure, parameters, where, evidence), weight
     fitted = _widened(values(fit, fit.hypothesis.terms.index(term), term), choice, term)
+    for at, (first, last) in edges(answer.problem, fit.hypothesis, term).items():  # anywhere in between
+        fitted[at] = replace(fitted[at], stderr=float(np.hypot(fitted[at].stderr, (last - first) / np.sqrt(12))))
     return Finding(shown, together, sure, fitted, where, evidence), weight
 
 
 def _widened(fitted: Mapping[str, Value], choice: Choice, term: Term) -> dict[str, Value]:
-    """Standard errors such that intervals of 90 % reach what other forms of the same effect say that fit as well.
+    """Standard errors that know what other forms of the same effect say that fit as well.
 
-    Thresholds and forces only: a coefficient means another thing in another form.
+    The structure has a form of its own, which may lie as far beyond these as they are apart. Thresholds and forces only: a coefficient means another thing in another form.
     """
     near = choice.after.chi2 + _ALIKE[0] + _ALIKE[1] * max(0.0, choice.before.chi2 - choice.after.chi2)
     others = [t.fit.hypothesis.terms[-1] for t in choice.trials if t.name == term.effect.id and t.chi2 < near]
@@ -281,7 +285,7 @@ def _widened(fitted: Mapping[str, Value], choice: Choice, term: Term) -> dict[st
         said = [o.values[name] for o in others if name in o.values and o.effect.units.get(name) == value.unit]
         if value.unit in _PHYSICAL and said:
             apart = max(abs(one - value.value) for one in said)
-            found[name] = replace(value, stderr=float(np.hypot(value.stderr, apart / 1.645)))
+            found[name] = replace(value, stderr=float(np.hypot(value.stderr, _FEW_FORMS * apart)))
     return found
 
 

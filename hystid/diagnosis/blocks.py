@@ -100,6 +100,17 @@ class Effect:
         zero = dict.fromkeys(self.amplitudes, 0.0)
         return [self.force(signals, {**shapes, **zero, name: 1.0}) for name in self.amplitudes]
 
+    def grid(self, scales: Scales) -> list[dict[str, float]]:
+        """Starting points for the shapes and choices: the first shape in fine steps, the others coarsely."""
+        axes = {shape.name: shape_values(shape, scales, fine=i == 0) for i, shape in enumerate(self.shapes)}
+        for shape in self.shapes[:1]:
+            if self.remembers and shape.unit == "m" and not _is_path(shape):  # memories are often far below the stroke
+                axes[shape.name] = np.concatenate([np.array(_SHORT) * scales.x[-1], axes[shape.name]])
+        names = [*axes, *self.choices]
+        values: list[Sequence[float]] = [list(map(float, axis)) for axis in axes.values()]
+        values += [list(map(float, choice)) for choice in self.choices.values()]
+        return [dict(zip(names, map(float, point), strict=True)) for point in product(*values)]
+
 
 def effect_id(class_name: str) -> tuple[str, str]:
     """Id and form of a block: ``ContactLoss__Hertz`` -> ("contact_loss", "Hertz")."""
@@ -169,18 +180,6 @@ def _reads_h(effect: Effect, linear: Sequence[str]) -> bool:
     other = Signals(signals.x, signals.v, signals.a, 0.5 * signals.h + 1.0, signals.dt)
     ones = dict.fromkeys(linear, 1.0)
     return not np.array_equal(effect.force(signals, ones), effect.force(other, ones))
-
-
-def grid(effect: Effect, scales: Scales) -> list[dict[str, float]]:
-    """Starting points for the shapes and choices of an effect: the first shape in fine steps, the others coarsely."""
-    axes = {shape.name: shape_values(shape, scales, fine=i == 0) for i, shape in enumerate(effect.shapes)}
-    for shape in effect.shapes[:1]:
-        if effect.remembers and shape.unit == "m" and not _is_path(shape):  # memories are often far below the stroke
-            axes[shape.name] = np.concatenate([np.array(_SHORT) * scales.x[-1], axes[shape.name]])
-    names = [*axes, *effect.choices]
-    values: list[Sequence[float]] = [list(map(float, axis)) for axis in axes.values()]
-    values += [list(map(float, choice)) for choice in effect.choices.values()]
-    return [dict(zip(names, map(float, point), strict=True)) for point in product(*values)]
 
 
 def shape_bounds(shape: Variable, scales: Scales) -> tuple[float, float]:

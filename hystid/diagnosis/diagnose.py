@@ -20,7 +20,7 @@ from hystid.diagnosis.answer import Answer, findings, headline, next_experiment,
 from hystid.diagnosis.baseline import Baseline, baseline_of, real_parameters
 from hystid.diagnosis.blocks import Scales
 from hystid.diagnosis.extended import Kind, Skeleton
-from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, fit
+from hystid.diagnosis.fitting import Fit, Hypothesis, Problem
 from hystid.diagnosis.freerun import errors
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.noise import noise_level
@@ -31,6 +31,7 @@ from hystid.diagnosis.runs import Run, compile_text, free_runs, write_beside
 from hystid.diagnosis.search import scattered, try_fit
 from hystid.diagnosis.selection import Choice, choose
 from hystid.diagnosis.starts import scaled, sizes_of
+from hystid.diagnosis.uncertainty import honest
 from hystid.errors import NumericalError, RecordingError, UsageError
 from hystid.files import write_json, write_text
 from hystid.modelcode import ModelCode
@@ -116,7 +117,7 @@ def diagnose(
         )
         untestable = {*choice.untestable, *((left_out - {*exclude}) & {effect.id for effect in everything})}
         choice = replace(choice, untestable=tuple(sorted(untestable)))
-        answer, extended = _conclude(case, choice, out is not None)
+        answer, extended = _conclude(case, _with_errors(case.problem, choice), out is not None)
     return _written(answer, extended, out)
 
 
@@ -363,8 +364,9 @@ def _refit(problem: Problem) -> tuple[Fit, tuple[Fit, ...], float]:
         fits += [made for h in starts if (made := try_fit(problem, h, 25, bar=fits[0].chi2)) is not None]
         fits.sort(key=lambda f: f.chi2)
     best, *others = fits
-    if problem.distrust(best.hypothesis):
-        best, rows, others = fit(problem, best.hypothesis), problem.rows(nominal), []
+    if problem.distrust(best.hypothesis):  # jumps may have led the fits astray: begin again without them
+        fits = [made for h in (best.hypothesis, nominal) if (made := try_fit(problem, h, 25)) is not None]
+        best, rows, others = min(fits, key=lambda f: f.chi2), problem.rows(nominal), []
     valleys = [f for f in others if f.chi2 > (1 + _APART) * best.chi2]
     return best, tuple(valleys[:2]), float(np.mean(rows**2))
 
@@ -394,6 +396,11 @@ def _band(parts: Sequence[Part]) -> tuple[float, float]:
         low.append(frequency[np.searchsorted(power, 0.01 * power[-1])])
         high.append(frequency[np.searchsorted(power, 0.99 * power[-1])])
     return max(float(min(low)), 1.0 / float(parts[0].t[-1])), float(max(high))
+
+
+def _with_errors(problem: Problem, choice: Choice) -> Choice:
+    before = honest(problem, choice.before)
+    return replace(choice, before=before, after=before if choice.after is choice.before else honest(problem, choice.after))
 
 
 def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis, str | None]:

@@ -11,8 +11,10 @@ from typing import Literal
 
 from hystid.diagnosis.fitting import Hypothesis, Term, is_source
 from hystid.diagnosis.result import Value
+from hystid.diagnosis.windows import WINDOW, window_names
 
 CLASS = "Extended"
+_WINDOW = "Window"  # ending of the instance that lets an effect act for a part of the time
 
 
 Kind = Literal["extends", "wraps", "fmu"]
@@ -48,23 +50,36 @@ def extended_model(
     such as faults of the recording, which are no part of a model. own: texts of the user's blocks by class name.
     """
     names = _instance_names([term for term, _ in terms])
-    sums = " + ".join(f"{name}.f" for name in names)
+    forces = {name: _force(name, term) for name, (term, _) in zip(names, terms, strict=True)}
+    sums = " + ".join(forces.values())
     head, ports, equations = _frame(baseline, refit, sums)
     lines = [*(f"// {remark}" for remark in remarks), f'model {CLASS} "{_title(baseline.name, terms)}"', *head]
     lines += [f"  // {name}: {_with_error(value)}" for name, value in refit.items()]
     for name, (term, values) in zip(names, terms, strict=True):
-        settings = [f"{key} = {_number(value.value)}" for key, value in values.items()]
-        lines += [f"  {_class(term.effect.class_name)} {name}(", *_joined(settings, "    "), "  );"]
-        lines += [f"  // {name}.{key}: {_with_error(value)}" for key, value in values.items()]
+        times = window_names(term.effect)
+        law = {key: value for key, value in values.items() if key not in times}
+        lines += _instance(_class(term.effect.class_name), name, law)
+        if times:
+            lines += _instance(WINDOW, name + _WINDOW, {key: values[key] for key in times})
     sources = [] if baseline.has_h else [n for n, (t, _) in zip(names, terms, strict=True) if is_source(t.effect)]
     for name in names:
-        hysteresis = " + ".join(f"{source}.f" for source in sources) if name not in sources else ""
+        hysteresis = " + ".join(forces[source] for source in sources) if name not in sources else ""
         equations += [
             f"  {name}.{port} = {hysteresis if port == 'h' and hysteresis else signal};" for port, signal in ports
         ]
     lines += ["equation", *equations] if equations else []
     blocks = [text.strip() for text in (baseline.text, *(own or {}).values()) if text]
     return "\n".join([*lines, f"end {CLASS};", *(_WITHIN.sub("", block) for block in blocks)]) + "\n"
+
+
+def _instance(kind: str, name: str, values: Mapping[str, Value]) -> list[str]:
+    settings = [f"{key} = {_number(value.value)}" for key, value in values.items()]
+    told = [f"  // {name}.{key}: {_with_error(value)}" for key, value in values.items()]
+    return [f"  {kind} {name}(", *_joined(settings, "    "), "  );", *told]
+
+
+def _force(name: str, term: Term) -> str:
+    return f"{name}{_WINDOW}.y*{name}.f" if window_names(term.effect) else f"{name}.f"
 
 
 def settings_of(baseline: Skeleton, hypothesis: Hypothesis) -> dict[str, float]:
@@ -74,7 +89,8 @@ def settings_of(baseline: Skeleton, hypothesis: Hypothesis) -> dict[str, float]:
     if "m" in hypothesis.values and baseline.mass:
         found[f"{prefix}{baseline.mass}"] = hypothesis.mass()
     for name, term in zip(_instance_names(hypothesis.terms), hypothesis.terms, strict=True):
-        found |= {f"{name}.{key}": value for key, value in term.values.items()}
+        times = window_names(term.effect)
+        found |= {f"{name}{_WINDOW if key in times else ''}.{key}": value for key, value in term.values.items()}
     return found
 
 

@@ -24,7 +24,7 @@ LATE_LIMIT = 8.0  # samples
 HYSTERESIS = "hysteretic_friction"
 ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
 WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
-_TURN = 0.03  # share of the peak speed over which a contact may turn
+_TURN = 0.1  # share of the peak speed over which a contact may turn
 _PACE = 0.04  # share of the way to the bar that every step must make
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
@@ -248,6 +248,17 @@ class Problem:
     def of(self, parts: Sequence[Part]) -> Problem:
         """The same problem on other recordings."""
         return Problem(parts, self.baseline, self.scales)
+
+    def shaken(self, draw: int, sign: float) -> Problem:
+        """The same problem with the noise of the motion added once more (a draw of it, of either sign)."""
+        moved = [
+            replace(part, x=part.x + sign * dx, v=part.v + sign * dv, a=part.a + sign * da, inertia=part.inertia + sign * di)
+            for part, (dx, dv, da, di) in ((part, part.jitter[draw]) for part in self.parts)
+        ]
+        made = self.of(moved)
+        made.reduce = self.reduce
+        made._unit_rows = {name: made.reduce(columns) for name, columns in made._units.items()}
+        return made
 
     def line(self, hypothesis: Hypothesis, frequency: float) -> float:
         """Power of the balance at a frequency [Hz] over that beside it; 0 above half the sample rate."""

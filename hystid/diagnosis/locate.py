@@ -17,6 +17,7 @@ from hystid.diagnosis.blocks import Signals
 from hystid.diagnosis.chain import turns
 from hystid.diagnosis.fitting import Problem, Term
 from hystid.diagnosis.result import Where
+from hystid.diagnosis.windows import window_names
 
 Array = NDArray[np.float64]
 _ACTIVE = 0.3  # share of the 99 % quantile of the force above which an effect counts as acting
@@ -109,15 +110,20 @@ def _harmonics(even: float) -> str:
 
 
 def _text(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:
-    """One clause: the threshold where there is one, and how much of the time the effect acts."""
+    """One clause: the threshold where there is one, how much of the time the effect acts, and its window of time."""
+    times = window_names(term.effect)
+    window = f", from {term.values[times[0]]:.3g} s to {term.values[times[1]]:.3g} s only" if times else ""
+    return _place(term, forces, signals) + window
+
+
+def _place(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:
     force = np.concatenate(forces)
     share = float(np.mean(np.abs(force) > 0.05 * np.max(np.abs(force)))) if np.any(force) else 0.0
     x = np.concatenate([s.x for s in signals])
     gap = term.values.get("gap")
     if gap is None:
-        free = (
-            f", {1e3 * slack:.2g} mm of next to no force at each reversal" if (slack := _slack(forces, signals)) else ""
-        )
+        slack = _slack(forces, signals) if term.effect.uses_h else 0.0
+        free = f", {1e3 * slack:.2g} mm of next to no force at each reversal" if slack else ""
         return f"acts in {100 * share:.0f} % of the samples{free}"
     side = term.values.get("side", 0.0)
     place = "|x| > " if side == 0 else "x > " if side > 0 else "x < -"

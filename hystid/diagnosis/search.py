@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from hystid.diagnosis.blocks import Effect, Signals, grid
+from hystid.diagnosis.blocks import Effect, Signals
 from hystid.diagnosis.fitting import Fit, Hypothesis, Key, Problem, Term, Unknown, fit, get, put
 from hystid.errors import NumericalError
 
@@ -80,7 +80,7 @@ def _points(
     largest = sorted(signals, key=lambda s: -float(np.max(np.abs(s.x))))[
         :1
     ]  # a threshold beyond these is never reached
-    for shapes in grid(effect, problem.scales):
+    for shapes in effect.grid(problem.scales):
         try:
             if not any(np.any(column) for s in largest for column in effect.columns(s, shapes)):
                 continue

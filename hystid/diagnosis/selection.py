@@ -18,6 +18,7 @@ from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
 from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
 from hystid.diagnosis.sensors import HUM, force_drift, mains_hum
+from hystid.diagnosis.windows import fitted_outside, is_off_outside, settled, unwindowed, window_of, windowed
 
 SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
 WORTH = 0.05  # fall of the mean square below which no effect is named
@@ -34,6 +35,7 @@ _NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of i
 _RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
 _REPAIRED = 2.0  # excess that is sound after a repair, over that of a sound recording
 _FORMS = 3  # forms of the leading id that are searched again
+_CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share of the excess) behind the best, fitted on
 _LAST = 60  # iterations for what is named
 MAINS = (50.0, 60.0)  # Hz
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
@@ -46,6 +48,8 @@ _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess)
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 DELAY = "channel_delay"
 PRELOAD, DRIFT = "preload", "force_drift"
+_WINDOW_LEFT, _WINDOW_WORTH = 0.05, 0.25  # shares of the excess that a law in a window may leave, and must be worth
+_SLOW = frozenset({"cyclic_degradation", "stiffness_drift", PRELOAD})  # laws that are windows of their own
 
 
 @dataclass(frozen=True)
@@ -142,6 +146,7 @@ def choose(
     if freed is not None and baseline.chi2 - freed.chi2 > 0.1 * excess:  # the refit was stuck, and the effect a way out
         return choose(problem, freed, effects, progress, repaired=repaired, valleys=(baseline, *valleys))
     first = _exchanged(problem, _searched_again(problem, first, floor, excess, valleys), baseline)
+    first = _finished(problem, first, excess)
     chosen = _single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
@@ -151,6 +156,9 @@ def choose(
         return _beside_preload(problem, baseline, chosen, first, effects, repaired=repaired)
     if alone and left < max(sound(problem, baseline.hypothesis.delay), _FORM * excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
+    partly = _part_time(problem, baseline, floor, effects)
+    if partly:
+        return _named(problem, baseline, floor, partly, first, untestable)
     several = _several(problem, baseline, first, library, excess)
     worn = _worn(problem, baseline, floor, library, several) if several or not alone else []
     if worn or several is not None:
@@ -304,6 +312,16 @@ def _exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Tr
     return _ranked(problem, again)
 
 
+def _finished(problem: Problem, found: Sequence[Trial], excess: float) -> list[Trial]:
+    """The best of the leading ids, fitted on: a law with corners creeps, and comparisons end early."""
+    near = [t for t in _distinct(found)[:_CLOSE] if t.chi2 - found[0].chi2 < _CREEPING[0] + _CREEPING[1] * excess]
+    again = []
+    for trial in near if len(near) > 1 else ():
+        made = try_fit(problem, trial.fit.hypothesis, _LAST)
+        again += [replace(trial, fit=made, others=())] if made is not None and made.chi2 < trial.chi2 else []
+    return _ranked(problem, [*again, *found])
+
+
 def _trial(candidate: Candidate, made: Fit) -> Trial:
     effect = candidate.effect
     return Trial(effect.id, effect.form, effect.size, made, candidate.absorbed, candidate.others)
@@ -393,6 +411,34 @@ def _several(
     tied = [line for line in reached if line[-1].chi2 - best < _tie(line[-1], excess)]
     simplest = min(tied, key=lambda line: sum(trial.size for trial in line))
     return [Step(trial, trial.tied, 0.0) for trial in simplest]
+
+
+def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Effect]) -> list[Step]:
+    """An effect that acts for a part of the time; empty where there is no such window or no law for it.
+
+    Stricter than a single effect: outside of the window the baseline alone must reach the noise, and the same law
+    would have to be seen there if it acted there.
+    """
+    window = window_of(problem, before, floor)
+    if window is None:
+        return []
+    start = fitted_outside(problem, before, window)
+    laws = [windowed(effect, window) for effect in effects if effect.id not in _SLOW]
+    excess = start.chi2 - floor
+    found = trials(problem, start, scan(problem, start, laws), excess)
+    if not found:
+        return []
+    chosen = _single(problem, found, start, excess)
+    end = chosen.trial.fit.hypothesis
+    term = end.terms[-1]
+    left = chosen.trial.chi2 - problem.floor(end)
+    healthy = sound(problem, before.hypothesis.delay) * max(1.0, floor)
+    if left > max(healthy, _WINDOW_LEFT * (before.chi2 - floor)) or not is_off_outside(term, problem.signals(end)):
+        return []
+    bare = try_term(problem, before, unwindowed(term))  # the same law, all the time
+    if bare is not None and bare.chi2 - chosen.trial.chi2 < _WINDOW_WORTH * (before.chi2 - floor):
+        return []
+    return [replace(chosen, trial=replace(chosen.trial, fit=settled(problem, chosen.trial.fit)))]
 
 
 def _worn(

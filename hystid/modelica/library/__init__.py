@@ -20,7 +20,7 @@ from hystid.modelica.sources import Source, library_folder, read_tree
 
 FOLDER = Path(__file__).parent
 _INDEX = FOLDER / "index.json"
-PACKAGES = ("Oscillators", "Forces", "Effects", "Examples")
+PACKAGES = ("Oscillators", "Forces", "Effects", "Components", "Examples")
 
 
 @lru_cache(maxsize=1)

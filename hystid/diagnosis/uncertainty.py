@@ -1,0 +1,53 @@
+"""Standard errors that hold: of residuals that are no white noise, and of a motion that is itself measured.
+
+The covariance of least squares counts on independent errors of the rows and on exact regressors. Here the scores are
+summed over stretches of the recordings first (cluster-robust covariance: Liang and Zeger 1986), and the bias that noise
+of the motion brings is found by adding the same noise once more (simulation extrapolation: Cook and Stefanski 1994).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.fitting import Fit, Problem
+from hystid.errors import NumericalError
+
+Array = NDArray[np.float64]
+_STRETCHES = 60  # of all rows together: long against the memory of the residual, many against the unknowns
+_FIRST = 1.5  # bias of the noise that is there over that of the same noise once more, which meets flattened slopes
+_SAME = 1e-9  # relative singular value below which directions are not told apart
+
+
+def honest(problem: Problem, fitted: Fit) -> Fit:
+    """The fit with standard errors that are not below those of the rows as they scatter, and not below its bias."""
+    jacobian = problem.jacobian(fitted.hypothesis, fitted.unknowns)
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    jacobian = jacobian / scale
+    inverse = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12)
+    rows = np.array_split(np.arange(len(fitted.residual)), _STRETCHES)
+    scores = np.stack([jacobian[r].T @ fitted.residual[r] for r in rows])
+    robust = np.diag(inverse @ (scores.T @ scores) @ inverse)
+    plain = np.diag(inverse) * max(fitted.chi2, 1.0)
+    variance = np.maximum(plain, robust) + (_FIRST * _bias(problem, fitted, scale, inverse, jacobian)) ** 2
+    spread = np.sqrt(variance / np.where(plain > 0, plain, 1.0))
+    return replace(fitted, covariance=inverse / np.outer(scale, scale) * np.outer(spread, spread))
+
+
+def _bias(problem: Problem, fitted: Fit, scale: Array, inverse: Array, jacobian: Array) -> Array:
+    """Change of the scaled unknowns when the noise of the motion is added once more, with either sign."""
+    moved = []
+    for sign in (1.0, -1.0):
+        shaken = problem.shaken(0, sign)
+        try:
+            columns = shaken.jacobian(fitted.hypothesis, fitted.unknowns) / scale
+            rows = shaken.rows(fitted.hypothesis)
+        except NumericalError:
+            return np.zeros(len(scale))
+        moved.append(np.linalg.lstsq(columns, rows, rcond=_SAME)[0])
+    start = inverse @ (jacobian.T @ fitted.residual)
+    found = np.mean(moved, axis=0) - start
+    return found if np.all(np.isfinite(found)) else np.zeros(len(scale))

@@ -1,0 +1,3 @@
+within HystId;
+package Components "Parts of models that are no force themselves"
+end Components;
