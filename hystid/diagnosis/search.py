@@ -164,7 +164,8 @@ def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) ->
 def _solved(problem: Problem, start: Hypothesis, linear: Sequence[Unknown]) -> tuple[float, Hypothesis] | None:
     """Sum of squares and hypothesis with the linear unknowns at their best; None where nothing is finite."""
     try:
-        rows, columns = problem.rows(start), problem.jacobian(start, linear)
+        rows = problem.rows(start)
+        columns = problem.jacobian(start, linear) if linear else np.zeros((len(rows), 0))
     except NumericalError:
         return None
     if not (np.all(np.isfinite(rows)) and np.all(np.isfinite(columns))):
