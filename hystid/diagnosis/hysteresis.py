@@ -21,7 +21,8 @@ from hystid.diagnosis.fitting import Fit, Problem, is_source
 from hystid.diagnosis.search import scan, try_fit, try_term
 
 PINCHING = "pinching"
-MUCH = 0.4  # share of the mean square that each further effect must take
+MUCH = 0.4  # share of the mean square that each further effect must take, where that is visible at all:
+_VISIBLE = 0.025  # share of the excess
 EXPLAINED = 0.8  # share of the excess that the family must explain
 _COMPANIONS = frozenset({"cyclic_degradation", PINCHING})
 _SPRINGS = frozenset({"cubic_stiffness", "quadratic_stiffness", "bilinear_stiffness", "two_sided_stop", "backlash"})
@@ -33,7 +34,7 @@ _BLOCKS, _GAINING = 12, 0.75  # of these blocks of rows, or of all branches, the
 _REGION = 2 / 3  # of the stroke, or of the force, that a pinched region may take: a tenth of it is left at the ends
 _TIE = 0.03  # share of the mean square below which the claim with fewer parameters wins
 _LITTLE = 0.05  # share of the mean square that pinching must take where the branches show it
-_SHAPE = 0.4  # share of the mean square misfit of the branches that it must take there
+_SHAPE = 1 / 3  # share of the mean square misfit of the branches that it must take there
 _FEWEST = 6  # branches that can show a shape
 _CLOSE = 1.15  # mean square over the least within which lines are told apart by the branches
 
@@ -52,10 +53,11 @@ def family(problem: Problem, before: Fit, library: Sequence[Effect], floor: floa
     if problem.baseline.has_h or not any(_is_reader(effect) for effect in library):
         return []
     measured = branches(problem, before)
+    visible = _VISIBLE * (before.chi2 - floor)
     lines = []
     for start in _starts(problem, before, library):
         line = [start]
-        while len(line) < _MOST and (link := _next(problem, line, library, measured)) is not None:
+        while len(line) < _MOST and (link := _next(problem, line, library, measured, visible)) is not None:
             line.append(link)
         lines.append(line)
     long = [line for line in lines if len(line) > 1]
@@ -84,9 +86,12 @@ def _starts(problem: Problem, before: Fit, library: Sequence[Effect]) -> list[Li
 
 
 def _next(
-    problem: Problem, line: Sequence[Link], library: Sequence[Effect], measured: Sequence[Branches]
+    problem: Problem, line: Sequence[Link], library: Sequence[Effect], measured: Sequence[Branches], visible: float
 ) -> Link | None:
-    """The effect that takes most of the rest, everywhere; None where none takes enough of it."""
+    """The effect that takes most of the rest, everywhere; None where none takes enough of it.
+
+    visible: fall of the mean square below which it must be seen in the branches.
+    """
     end = line[-1].fit
     used = {link.effect.id for link in line}
     candidates = scan(problem, end, [e for e in library if _is_reader(e) and e.id not in used])[:_CANDIDATES]
@@ -100,26 +105,30 @@ def _next(
     effect, fit = min(near, key=lambda item: (item[0].size, item[1].chi2))
     if not _is_local(problem, fit) or not helps_everywhere(end, fit):
         return None
-    if fit.chi2 > (1 - MUCH) * end.chi2 and not _is_pinched(problem, end, fit, library, measured):
+    pinched = effect.id == PINCHING
+    shown = pinched and _is_shown(problem, end, fit, measured)
+    if not shown and end.chi2 - fit.chi2 < max(visible, MUCH * end.chi2):
+        return None
+    if pinched and _is_feigned(problem, end, fit, library, measured):
         return None
     return Link(effect, fit, tuple(dict.fromkeys(e.id for e, _ in near if e.id != effect.id)))
 
 
-def _is_pinched(
-    problem: Problem, end: Fit, fit: Fit, library: Sequence[Effect], measured: Sequence[Branches]
-) -> bool:
-    """Whether the last effect of a fit is pinching that the branches show and no spring feigns."""
-    if fit.hypothesis.terms[-1].effect.id != PINCHING or fit.chi2 > (1 - _LITTLE) * end.chi2:
-        return False
+def _is_shown(problem: Problem, end: Fit, fit: Fit, measured: Sequence[Branches]) -> bool:
+    """Whether pinching, the last effect of a fit, gives most branches the shape that was measured."""
     before, after = misfits(problem, end, measured), misfits(problem, fit, measured)
-    if len(before) < _FEWEST or after @ after > (1 - _SHAPE) * (before @ before):
+    if len(before) < _FEWEST or fit.chi2 > (1 - _LITTLE) * end.chi2:
         return False
-    if np.mean(np.abs(after) <= np.abs(before)) < _GAINING:
-        return False
+    closer = float(np.mean(np.abs(after) <= np.abs(before)))
+    return closer >= _GAINING and float(after @ after) < (1 - _SHAPE) * float(before @ before)
+
+
+def _is_feigned(problem: Problem, end: Fit, fit: Fit, library: Sequence[Effect], measured: Sequence[Branches]) -> bool:
+    """Whether a spring does as well as pinching, in the force and in the shape of the branches."""
     springs = scan(problem, end, [effect for effect in library if effect.id in _SPRINGS])[:2]
     rivals = [made for c in springs if (made := try_term(problem, end, c.term, _LONG)) is not None]
     as_good = [rival for rival in rivals if rival.chi2 < (1 + _TIE) * fit.chi2]
-    return all(_misfit(problem, rival, measured) > np.mean(after**2) for rival in as_good)
+    return any(_misfit(problem, rival, measured) <= _misfit(problem, fit, measured) for rival in as_good)
 
 
 def _misfit(problem: Problem, fit: Fit, measured: Sequence[Branches]) -> float:
