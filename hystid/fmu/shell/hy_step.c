@@ -15,6 +15,7 @@ enum {
     MOST_TRIALS = 100
 };
 static const double WIDTH = 1e-11; /* of an event's bracket, as part of the step */
+static const double ROUNDING = 1e-5; /* most, as part of the step, by which rounding may blur an event */
 /* After an event the first look is this part of the step further on. A mass that bounces off a stop is still a rounding
  * error inside it; were the next look at the step's end, where it may have come back, both crossings would be missed. */
 static const double FIRST_LOOK = 1e-6;
@@ -190,14 +191,15 @@ static double high_of(const bracket *b) { return b->f > 0 ? b->at : b->other; }
 static double f_low_of(const bracket *b) { return b->f > 0 ? b->f_other : b->f; }
 
 /* A low end that is exactly 0 is the root; behind it the indicator may rest within rounding of 0. The looks go on from
- * there with growing steps, and end at the first that is positive: it is as far behind 0 as rounding. */
+ * there with growing steps, and end at the first that is positive, as far behind 0 as rounding. A rest that lasts longer
+ * than rounding explains has an end of its own, which is looked for in halves. */
 static int on_a_plateau(const bracket *b) { return f_low_of(b) >= 0; }
 static double plateau(const bracket *b) { return 16 * (low_of(b) - b->zero_from); }
 
-static int is_closed(const bracket *b, double width)
+static int is_closed(const bracket *b, double width, double rounding)
 {
     const double open = high_of(b) - low_of(b);
-    return open <= width || (on_a_plateau(b) && open <= plateau(b));
+    return open <= width || (on_a_plateau(b) && open <= plateau(b) && plateau(b) <= rounding);
 }
 
 /* Where the latest three looks say, as part of the way from the latest one to the other end; -1 where they cannot be
@@ -211,27 +213,28 @@ static double interpolated(const bracket *b)
            (b->before - b->at) / (b->other - b->at) * b->f / (b->f_before - b->f) * b->f_other / (b->f_before - b->f_other);
 }
 
-/* Instead of the middle, where that is nearer, the geometric mean of the secant's offset and the whole, which is the root
- * of a parabola that starts flat. A slider that begins to unload is one: its force leaves the limit with the square of
- * time. */
+/* Every other time not the middle but, where that is nearer, the geometric mean of the secant's offset and the whole,
+ * which is the root of a parabola that starts flat. A slider that begins to unload is one: its force leaves the limit
+ * with the square of time. */
 static double next_look(const bracket *b)
 {
     const double low = low_of(b), width = high_of(b) - low;
     const double secant = width * f_low_of(b) / (f_low_of(b) - (b->f > 0 ? b->f : b->f_other));
     double part;
-    if (on_a_plateau(b)) return low + plateau(b);
+    if (on_a_plateau(b)) return low + (plateau(b) < width ? plateau(b) : 0.5 * width);
     if (!b->looks) return low + secant;
     part = interpolated(b);
-    return part >= 0 ? b->at + part * (b->other - b->at) : low + fmin(0.5 * width, sqrt(secant * width));
+    if (part >= 0) return b->at + part * (b->other - b->at);
+    return low + (b->looks % 2 ? fmin(0.5 * width, sqrt(secant * width)) : 0.5 * width);
 }
 
 static void look(bracket *b, double at, double f)
 {
     const int same_side = (f > 0) == (b->f > 0);
+    if (f == 0 && !on_a_plateau(b)) b->zero_from = at;
     b->before = same_side ? b->at : b->other;
     b->f_before = same_side ? b->f : b->f_other;
     if (!same_side) b->other = b->at, b->f_other = b->f;
-    if (f == 0 && f_low_of(b) != 0) b->zero_from = at;
     b->at = at;
     b->f = f;
     b->looks++;
@@ -243,7 +246,7 @@ static int locate(hy_engine *e, const stretch *w, const int *which, double *s)
     bracket b = {*s, violation(e, e->z, which), w->s, violation(e, e->z_left, which), 0, 0, 0.25 * WIDTH * w->h, w->s, 0};
     double at = *s;
     int outcome = HY_OK;
-    while (b.looks < MOST_TRIALS && !is_closed(&b, WIDTH * w->h) && !outcome) {
+    while (b.looks < MOST_TRIALS && !is_closed(&b, WIDTH * w->h, ROUNDING * w->h) && !outcome) {
         at = fmin(fmax(next_look(&b), low_of(&b) + b.margin), high_of(&b) - b.margin);
         outcome = reach(e, w, at);
         if (!outcome) outcome = hy_settle(e);
