@@ -29,7 +29,6 @@ class Branches:
 
     x: Array = field(repr=False)
     spans: tuple[tuple[int, int], ...]
-    secants: Array
     rises: Array
     noise: float
     seed: int
@@ -37,7 +36,7 @@ class Branches:
     def of_model(self, force: Array) -> Array:
         """Rises of a predicted force, shape (branches,); with noise as the measured one has, which feigns some."""
         rng = np.random.default_rng(self.seed)
-        return _rises(self.x, force + self.noise * rng.standard_normal(len(force)), self.spans, self.secants)
+        return rises(self.x, force + self.noise * rng.standard_normal(len(force)), self.spans)
 
 
 def branches(problem: Problem, fit: Fit) -> list[Branches]:
@@ -46,9 +45,7 @@ def branches(problem: Problem, fit: Fit) -> list[Branches]:
     for i, (part, rest) in enumerate(zip(problem.parts, problem.balance(fit.hypothesis), strict=True)):
         force = rest + problem.predicted(fit.hypothesis)[i]
         spans = [s for s in pairwise(turns(part.x, _LEAST)) if s[1] - s[0] > _STRETCHES][:_MOST]
-        secants = np.array([(force[b] - force[a]) / (part.x[b] - part.x[a]) for a, b in spans])
-        measured = _rises(part.x, force, spans, secants)
-        found.append(Branches(part.x, tuple(spans), secants, measured, noise_level(force), i))
+        found.append(Branches(part.x, tuple(spans), rises(part.x, force, spans), noise_level(force), i))
     return found
 
 
@@ -58,15 +55,20 @@ def misfits(problem: Problem, fit: Fit, measured: Sequence[Branches]) -> Array:
     return np.concatenate([b.rises - b.of_model(force) for b, force in zip(measured, forces, strict=True)])
 
 
-def _rises(x: Array, force: Array, spans: Sequence[tuple[int, int]], secants: Array) -> Array:
-    """Largest rise of the stiffness above its lowest value before, over the mean stiffness of the branch."""
+def rises(x: Array, force: Array, spans: Sequence[tuple[int, int]]) -> Array:
+    """Largest rise of the stiffness above its lowest value before, over the mean stiffness; one value per branch.
+
+    x [m], force [N]: shape (n,). spans: first and last sample of each branch. The stiffness is that between the means
+    of stretches of equal displacement.
+    """
     found = []
-    for (first, last), secant in zip(spans, secants, strict=True):
+    for first, last in spans:
         along, over = x[first : last + 1], force[first : last + 1]
         place = np.clip(((along - along[0]) / (along[-1] - along[0]) * _STRETCHES).astype(int), 0, _STRETCHES - 1)
         count = np.bincount(place, minlength=_STRETCHES)
         filled = count > 0
         mean_x, mean_f = (np.bincount(place, u, _STRETCHES)[filled] / count[filled] for u in (along, over))
         stiffness = np.diff(mean_f) / np.diff(mean_x)
-        found.append(float(np.max(stiffness - np.minimum.accumulate(stiffness), initial=0.0) / abs(secant)))
+        rise = float(np.max(stiffness - np.minimum.accumulate(stiffness)))
+        found.append(rise * abs((along[-1] - along[0]) / (over[-1] - over[0])))
     return np.array(found)

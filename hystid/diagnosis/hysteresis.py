@@ -35,6 +35,7 @@ _REGION = 2 / 3  # of the stroke, or of the force, that a pinched region may tak
 _TIE = 0.03  # share of the mean square below which the claim with fewer parameters wins
 _LITTLE = 0.05  # share of the mean square that pinching must take where the branches show it
 _SHAPE = 1 / 3  # share of the mean square misfit of the branches that it must take there
+_RISE = 0.1  # of the stiffness along a branch, over its mean, that is a shape: mean of all branches
 _FEWEST = 6  # branches that can show a shape
 _CLOSE = 1.15  # mean square over the least within which lines are told apart by the branches
 
@@ -117,7 +118,7 @@ def _next(
 def _is_shown(problem: Problem, end: Fit, fit: Fit, measured: Sequence[Branches]) -> bool:
     """Whether pinching, the last effect of a fit, gives most branches the shape that was measured."""
     before, after = misfits(problem, end, measured), misfits(problem, fit, measured)
-    if len(before) < _FEWEST or fit.chi2 > (1 - _LITTLE) * end.chi2:
+    if len(before) < _FEWEST or np.mean(before) < _RISE or fit.chi2 > (1 - _LITTLE) * end.chi2:
         return False
     closer = float(np.mean(np.abs(after) <= np.abs(before)))
     return closer >= _GAINING and float(after @ after) < (1 - _SHAPE) * float(before @ before)
