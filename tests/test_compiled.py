@@ -286,3 +286,8 @@ def test_a_start_that_initial_equations_compute_is_refused_and_the_parameter_nam
         model.simulate({}, 1e-3, rows=3, start={"x": 0.01}, outputs=["x"])
     x = model.simulate({}, 1e-3, rows=3, parameters={"x_start": 0.01}, outputs=["x"])["x"]
     assert x[0] == 0.01
+
+
+def test_components_that_look_at_one_variable_share_its_relations() -> None:
+    """Eight sliders ask for the sign of the same v: two relations for all, and two for the limits of each."""
+    assert compile_model("HystId.Oscillators.Iwan").n_indicators == 2 + 2 * 8

@@ -170,12 +170,15 @@ static int reach_towards(hy_engine *e, const stretch *w, double *s)
     return outcome;
 }
 
-/* Negative before the first of the indicators that have crossed at the right end does so, positive after. */
-static double violation(const hy_engine *e, const double *z, const int *which)
+/* Negative before the first of the n indicators that have crossed at the right end does so, positive after. */
+static double violation(const hy_engine *e, const double *z, const int *which, int n)
 {
     double most = -INFINITY;
-    for (int i = 0; i < e->model->n_z; i++)
-        if (which[i]) most = fmax(most, e->sign[i] != 0 ? -e->sign[i] * z[i] : fabs(z[i]));
+    for (int k = 0; k < n; k++) {
+        const int i = which[k];
+        const double f = e->sign[i] != 0 ? -e->sign[i] * z[i] : fabs(z[i]);
+        most = f > most ? f : most;
+    }
     return most;
 }
 
@@ -241,17 +244,22 @@ static void look(bracket *b, double at, double f)
 }
 
 /* The earliest crossing in (w->s, *s]: sets *s and leaves the block just behind it. */
-static int locate(hy_engine *e, const stretch *w, const int *which, double *s)
+static int locate(hy_engine *e, const stretch *w, const int *marks, double *s)
 {
-    bracket b = {*s, violation(e, e->z, which), w->s, violation(e, e->z_left, which), 0, 0, 0.25 * WIDTH * w->h, w->s, 0};
+    int *const which = e->crossings + 2 * e->model->n_z; /* third part */
+    bracket b = {.at = *s, .other = w->s, .margin = 0.25 * WIDTH * w->h, .zero_from = w->s};
     double at = *s;
-    int outcome = HY_OK;
+    int n = 0, outcome = HY_OK;
+    for (int i = 0; i < e->model->n_z; i++)
+        if (marks[i]) which[n++] = i;
+    b.f = violation(e, e->z, which, n);
+    b.f_other = violation(e, e->z_left, which, n);
     while (b.looks < MOST_TRIALS && !is_closed(&b, WIDTH * w->h, ROUNDING * w->h) && !outcome) {
         at = fmin(fmax(next_look(&b), low_of(&b) + b.margin), high_of(&b) - b.margin);
         outcome = reach(e, w, at);
         if (!outcome) outcome = hy_settle(e);
         if (!outcome) outcome = e->model->indicators(&e->data, e->z);
-        look(&b, at, violation(e, e->z, which));
+        look(&b, at, violation(e, e->z, which, n));
     }
     *s = high_of(&b);
     if (!outcome && at != *s) outcome = reach(e, w, *s);
@@ -320,7 +328,7 @@ static int quiet_step(hy_engine *e, const stretch *w, int *done)
 
 static int step_with_events(hy_engine *e, stretch w, int stop_at_events)
 {
-    int *which = e->crossings + e->model->n_z; /* second half */
+    int *which = e->crossings + e->model->n_z; /* second part */
     int sliding = 0, fresh = 0, done, outcome = quiet_step(e, &w, &done);
     if (outcome || done) return outcome;
     for (int i = 0; i < e->model->n_z; i++) e->crossings[i] = 0;
