@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -26,8 +26,8 @@ Interpolation = Literal["hold", "linear", "cubic"]
 
 SHELL = Path(__file__).parent / "fmu" / "shell"
 FLAGS = ("-O2", "-ffp-contract=off")  # no fused multiply-add: the same bits on every processor
-_ENGINE = ("hy_engine.c", "hy_step.c", "hy_table.c")
-_HEADERS = ("hy_model.h", "hy_engine.h", "hy_table.h")
+_ENGINE = ("hy_engine.c", "hy_step.c", "hy_lanes.c")
+_HEADERS = ("hy_model.h", "hy_engine.h", "hy_table.h", "hy_table.c")  # hy_lanes.c includes the last
 _VERSION, _HOLD, _LINEAR, _HERMITE = 1, 0, 1, 2  # as in hy_table.h
 _OUTCOMES = {1: "found no answer", 2: "failed"}
 
@@ -88,6 +88,31 @@ class Job:
 
 
 @dataclass(frozen=True)
+class Run:
+    """One table for the runner: a job in value references (settings: slot -> value)."""
+
+    columns: Sequence[Column]
+    rows: int
+    dt: float
+    settings: Mapping[int, float]
+    start_time: float = 0.0
+    substeps: int = 1
+
+
+@dataclass(frozen=True)
+class Motion:
+    """States that follow a motion, and inputs, as a model takes them; ``CompiledModel.motion`` makes one.
+
+    dt: sample time [s]. substeps: Runge-Kutta steps per sample.
+    """
+
+    columns: Sequence[Column] = field(repr=False)
+    rows: int
+    dt: float
+    substeps: int = 1
+
+
+@dataclass(frozen=True)
 class Outcome:
     """Outputs (n_outputs, rows) and, where seeds were asked for, gradients (n_outputs, n_seeds, rows)."""
 
@@ -102,6 +127,10 @@ class TableRunner:
         self._run = library.hy_run_table
         self._run.argtypes = [ctypes.POINTER(_Table)]
         self._run.restype = ctypes.c_int
+        self._run_all = getattr(library, "hy_run_tables", None)  # an FMU has none
+        if self._run_all is not None:
+            self._run_all.argtypes = [ctypes.POINTER(_Table), ctypes.c_int, ctypes.POINTER(ctypes.c_int)]
+            self._run_all.restype = None
         self._library = library
         self._name = name
 
@@ -121,36 +150,35 @@ class TableRunner:
 
         Raises NumericalError with the model's own words where a step fails or an output is not finite.
         """
-        values = np.empty((len(outputs), rows))
-        gradients = np.empty((len(outputs), len(seeds), rows))
+        return self.run_all([Run(columns, rows, dt, settings, start_time, substeps)], outputs, seeds)[0]
+
+    def run_all(self, runs: Sequence[Run], outputs: Sequence[int], seeds: Sequence[int] = ()) -> list[Outcome]:
+        """``run`` for several tables, side by side where the model integrates: that takes half the time of one by one.
+
+        The outcomes are the same to the bit. Raises NumericalError of the first table that fails.
+        """
         keep: list[Any] = []  # arrays that the C side reads while the call lasts
-        table = _Table(
-            version=_VERSION,
-            rows=rows,
-            start_time=start_time,
-            dt=dt,
-            substeps=substeps,
-            n_settings=len(settings),
-            setting_slots=_address(np.fromiter(settings.keys(), np.intc, len(settings)), keep),
-            settings=_address(np.fromiter(settings.values(), np.float64, len(settings)), keep),
-            n_columns=len(columns),
-            column_slots=_address(np.array([c.slot for c in columns], np.intc), keep),
-            column_modes=_address(np.array([_mode(c) for c in columns], np.intc), keep),
-            samples=_pointers([c.samples for c in columns], keep),
-            slopes=_pointers([c.samples if c.slopes is None else c.slopes for c in columns], keep),
-            n_outputs=len(outputs),
-            output_slots=_address(np.array(outputs, np.intc), keep),
-            outputs=_pointers(list(values), keep),
-            n_seeds=len(seeds),
-            seed_slots=_address(np.array(seeds, np.intc), keep),
-            gradients=_pointers(list(gradients.reshape(-1, rows)), keep),
-        )
-        outcome = self._run(ctypes.byref(table))
-        if table.warning:
-            _log.warning("%s: %s", self._name, table.warning.decode(errors="replace"))
-        if outcome:
-            raise NumericalError(self._sentence(outcome, table, start_time + table.failed_row * dt))
-        return Outcome(values, gradients)
+        slots = _address(np.array(outputs, np.intc), keep), _address(np.array(seeds, np.intc), keep)
+        made = [
+            Outcome(np.empty((len(outputs), run.rows)), np.empty((len(outputs), len(seeds), run.rows))) for run in runs
+        ]
+        tables = (_Table * len(runs))()
+        for table, run, outcome in zip(tables, runs, made, strict=True):
+            table.n_outputs, table.output_slots = len(outputs), slots[0]
+            table.n_seeds, table.seed_slots = len(seeds), slots[1]
+            _fill(table, run, outcome, keep)
+        if self._run_all is None or len(runs) == 1:
+            outcomes = [self._run(ctypes.byref(table)) for table in tables]
+        else:
+            codes = (ctypes.c_int * len(runs))()
+            self._run_all(tables, len(runs), codes)
+            outcomes = list(codes)
+        for table, run, code in zip(tables, runs, outcomes, strict=True):
+            if table.warning:
+                _log.warning("%s: %s", self._name, table.warning.decode(errors="replace"))
+            if code:
+                raise NumericalError(self._sentence(code, table, run.start_time + table.failed_row * run.dt))
+        return made
 
     def _sentence(self, outcome: int, table: _Table, time: float) -> str:
         reason = table.failure.decode(errors="replace") or "its equations have no answer at these values"
@@ -160,6 +188,23 @@ class TableRunner:
 
 def _mode(column: Column) -> int:
     return _HOLD if column.held else _LINEAR if column.slopes is None else _HERMITE
+
+
+def _fill(table: _Table, run: Run, outcome: Outcome, keep: list[Any]) -> None:
+    """A table's own fields; what C reads is put into keep, to outlive the call."""
+    settings, columns = run.settings, run.columns
+    table.version, table.rows, table.substeps = _VERSION, run.rows, run.substeps
+    table.start_time, table.dt = run.start_time, run.dt
+    table.n_settings = len(settings)
+    table.setting_slots = _address(np.array([*settings], np.intc), keep)
+    table.settings = _address(np.array([*settings.values()], np.float64), keep)
+    table.n_columns = len(columns)
+    table.column_slots = _address(np.array([c.slot for c in columns], np.intc), keep)
+    table.column_modes = _address(np.array([_mode(c) for c in columns], np.intc), keep)
+    table.samples = _pointers([c.samples for c in columns], keep)
+    table.slopes = _pointers([c.samples if c.slopes is None else c.slopes for c in columns], keep)
+    table.outputs = _pointers(list(outcome.outputs), keep)
+    table.gradients = _pointers(list(outcome.gradients.reshape(-1, run.rows)), keep) if outcome.gradients.size else 0
 
 
 def _address(array: NDArray[Any], keep: list[Any]) -> int:
@@ -252,6 +297,21 @@ class CompiledModel:
             return self._run(job, sensitivities)
         return self._central_differences(job, sensitivities, relative_step=1e-4)
 
+    def motion(
+        self, states: Mapping[str, ArrayLike], inputs: Mapping[str, ArrayLike], dt: float, *, substeps: int = 1
+    ) -> Motion:
+        """States and inputs of ``clamp``, checked and made ready once for many runs."""
+        _check_steps(self.code.name, dt, substeps)
+        columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
+        return Motion(columns, _rows(columns, None), dt, substeps)
+
+    def follow(
+        self, motions: Sequence[Motion], parameters: Mapping[str, float], outputs: Sequence[str]
+    ) -> list[dict[str, Array]]:
+        """``clamp`` along several motions at the same parameters, in one call; the numbers are the same to the bit."""
+        names = tuple(outputs)
+        return self._run_all([Job(m.columns, m.rows, m.dt, 0.0, parameters, names, m.substeps) for m in motions])
+
     def clamp_many(
         self,
         states: Mapping[str, ArrayLike],
@@ -268,26 +328,26 @@ class CompiledModel:
         table = np.broadcast_arrays(*(np.atleast_1d(np.asarray(p, np.float64)) for p in parameters.values()))
         job = Job(columns, _rows(columns, None), dt, 0.0, {}, names, substeps)
         vectors = [dict(zip(parameters, map(float, vector), strict=True)) for vector in zip(*table, strict=True)]
-        runs = [self._run(replace(job, settings=vector)) for vector in vectors]
-        return {name: np.array([run[name] for run in runs]) for name in names}
+        found = self._run_all([replace(job, settings=vector) for vector in vectors])
+        return {name: np.array([run[name] for run in found]) for name in names}
 
     def _run(self, job: Job, seeds: Sequence[str] = ()) -> dict[str, Array]:
-        _check_steps(self.code.name, job.dt, job.substeps)
-        outcome = self._runner.run(
-            job.columns,
-            rows=job.rows,
-            dt=job.dt,
-            start_time=job.start_time,
-            settings=self._settings(job.settings),
-            outputs=[self._find(name).slot for name in job.outputs],
-            seeds=[self._find(name).slot for name in seeds],
-            substeps=job.substeps,
-        )
-        result = dict(zip(job.outputs, outcome.outputs, strict=True))
-        for name, rows_of_seeds in zip(job.outputs, outcome.gradients, strict=True):
-            result.update({f"d {name}/d {seed}": row for seed, row in zip(seeds, rows_of_seeds, strict=True)})
-        check_finite(self.code.name, result, job.dt)
-        return result
+        return self._run_all([job], seeds)[0]
+
+    def _run_all(self, jobs: Sequence[Job], seeds: Sequence[str] = ()) -> list[dict[str, Array]]:
+        """Several jobs with the same outputs."""
+        for job in jobs:
+            _check_steps(self.code.name, job.dt, job.substeps)
+        runs = [Run(j.columns, j.rows, j.dt, self._settings(j.settings), j.start_time, j.substeps) for j in jobs]
+        names = jobs[0].outputs if jobs else ()
+        slots = [self._find(name).slot for name in names]
+        found = self._runner.run_all(runs, slots, [self._find(name).slot for name in seeds])
+        results = [dict(zip(names, outcome.outputs, strict=True)) for outcome in found]
+        for result, outcome, job in zip(results, found, jobs, strict=True):
+            for name, rows in zip(names, outcome.gradients, strict=True):
+                result.update({f"d {name}/d {seed}": row for seed, row in zip(seeds, rows, strict=True)})
+            check_finite(self.code.name, result, job.dt)
+        return results
 
     def _find(self, name: str) -> Variable:
         if name not in self._variables:

@@ -196,6 +196,57 @@ def test_clamping_many_parameter_vectors_is_clamping_each():
     np.testing.assert_allclose(many, np.outer([1.0, 2.0, 3.0], x**3), rtol=1e-14)
 
 
+MOTIONS = [(400, 1e-3, 1), (900, 5e-4, 3), (2, 1e-3, 1), (650, 1e-3, 1), (1, 1e-3, 2), (300, 2e-3, 0), (500, 1e-3, 4)]
+
+
+@pytest.mark.parametrize("law", ["Jenkins", "Iwan", "BoucWen", "LuGre", "Linear"])
+def test_several_motions_at_once_are_each_alone_to_the_bit(law: str) -> None:
+    """Lanes share nothing: lengths, steps and events of one are nothing to the others."""
+    model, motions, alone = CompiledModel(compile_model(f"HystId.Oscillators.{law}")), [], []
+    for i, (n, dt, substeps) in enumerate(MOTIONS):
+        t = np.arange(n) * dt
+        x = 2e-3 * np.sin(30 * t + i) + 1e-3 * np.sin((71 + i) * t)
+        states = {"x": x, "v": 6e-2 * np.cos(30 * t + i) + 1e-3 * (71 + i) * np.cos((71 + i) * t)}
+        motions.append(model.motion(states, {}, dt, substeps=substeps))
+        alone.append(model.clamp(states, {}, dt, outputs=["R", "f_h"], substeps=substeps))
+    together = model.follow(motions, {}, ["R", "f_h"])
+    for one, other in zip(alone, together, strict=True):
+        for name in ("R", "f_h"):
+            np.testing.assert_array_equal(other[name], one[name])
+
+
+def test_a_lane_that_fails_is_named_and_hinders_none() -> None:
+    """Friction that builds up over a path far below that of a step has no finite answer with one step a sample."""
+    model = CompiledModel(compile_model("HystId.Effects.HystereticFriction"))
+    v = np.cos(np.arange(3000) * 1e-2)
+    calm, wild = (model.motion({}, {"v": size * v}, 1e-3) for size in (1e-3, 10.0))
+    parameters = {"Fc": 1.0, "x_c": 1e-5}
+    with pytest.raises(NumericalError, match="no finite solution") as alone:
+        model.follow([wild], parameters, ["f"])
+    with pytest.raises(NumericalError) as among:
+        model.follow([calm, wild, calm], parameters, ["f"])
+    assert str(among.value) == str(alone.value)
+    assert np.all(np.abs(model.follow([calm, calm], parameters, ["f"])[1]["f"]) < 1.01)  # Fc
+
+
+def test_an_event_behind_a_rest_at_zero_is_located(tmp_path) -> None:
+    """An indicator that is exactly 0 up to the event, and one that leaves 0 flat: y counts from the event on."""
+    source = tmp_path / "rest.mo"
+    source.write_text("""model Rest
+  Real x(start = 0, fixed = true);
+  output Real y(start = 0, fixed = true);
+  output Real z(start = 0, fixed = true);
+equation
+  der(x) = 1;
+  der(y) = if max(0, x - 0.0503) > 0 then 1 else 0;
+  der(z) = if (x - 0.0307)^3 > 0 then 1 else 0;
+end Rest;
+""")
+    run = CompiledModel(compile_model(f"{source}:Rest")).simulate({}, 0.02, rows=6, outputs=["y", "z"])
+    assert abs(run["y"][-1] - 0.0497) < 1e-12  # the bracket is 1e-11 steps wide
+    assert abs(run["z"][-1] - 0.0693) < 1e-12
+
+
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
@@ -235,3 +286,8 @@ def test_a_start_that_initial_equations_compute_is_refused_and_the_parameter_nam
         model.simulate({}, 1e-3, rows=3, start={"x": 0.01}, outputs=["x"])
     x = model.simulate({}, 1e-3, rows=3, parameters={"x_start": 0.01}, outputs=["x"])["x"]
     assert x[0] == 0.01
+
+
+def test_components_that_look_at_one_variable_share_its_relations() -> None:
+    """Eight sliders ask for the sign of the same v: two relations for all, and two for the limits of each."""
+    assert compile_model("HystId.Oscillators.Iwan").n_indicators == 2 + 2 * 8

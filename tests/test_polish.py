@@ -47,6 +47,21 @@ def test_biased_parameters_come_back_to_the_truth(model: CompiledModel) -> None:
     assert found.hypothesis.values["alpha"] == pytest.approx(TRUE["alpha"], rel=5e-3)
 
 
+def test_standard_errors_are_those_of_repeated_measurements(model: CompiledModel) -> None:
+    """Six tests of five parameters; the residual is coloured, as noise of the smoothed start and of the run add up."""
+    start = Hypothesis({**TRUE, "Kl": 5.1e4, "alpha": 4.85e4, "B": 11.0, "gamma": 0.84})
+    found = [polish(model, start, unknowns(), [recorded(model, s), recorded(model, s + 1)], lambda h: h.values)
+             for s in range(100, 112, 2)]  # fmt: skip
+    off = []
+    for one in found:
+        assert one is not None
+        for i, unknown in enumerate(unknowns()):
+            value, true = one.hypothesis.values[unknown.key[1]], TRUE[unknown.key[1]]
+            off.append((np.log(value / true) if unknown.log else value - true) / np.sqrt(one.covariance[i, i]))
+    # 30 ratios that should be of standard normal size, those of one test correlated: 0.6 to 1.5 is three sigma
+    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.5
+
+
 def test_true_parameters_stay(model: CompiledModel) -> None:
     assert polish(model, Hypothesis(TRUE), unknowns(), [recorded(model, 3)], lambda h: h.values) is None
 

@@ -3,20 +3,33 @@ parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.compiled import CompiledModel
+from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.rig import Model, Reading, own_mass, reading_of
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
 
 Array = NDArray[np.float64]
 _MASS = "m"
+
+
+@dataclass(frozen=True)
+class Held:
+    """A motion x [m], v [m/s] of shape (n,) that the states of a law are held to; dt [s].
+
+    ready: the same as a compiled model takes it; None where the law is read in another way.
+    """
+
+    x: Array = field(repr=False)
+    v: Array = field(repr=False)
+    dt: float
+    ready: Motion | None = field(repr=False, default=None)
 
 
 @dataclass(frozen=True)
@@ -62,6 +75,20 @@ class Baseline:
     def shapes(self) -> tuple[str, ...]:
         """Free parameters in which R is not linear."""
         return tuple(name for name in self.free if name not in self.linear and name != _MASS)
+
+    def held(self, x: Array, v: Array, dt: float) -> Held:
+        """A motion made ready for many evaluations of the law."""
+        compiled = self.model if isinstance(self.model, CompiledModel) and self.reading.force else None
+        return Held(x, v, dt, compiled.motion({"x": x, "v": v}, {}, dt) if compiled else None)
+
+    def forces(self, motions: Sequence[Held], values: Mapping[str, float]) -> list[tuple[Array, Array]]:
+        """``force`` along several motions at once, which costs half where the law has inner states."""
+        ready = [m.ready for m in motions if m.ready is not None]
+        if len(ready) < len(motions) or not isinstance(self.model, CompiledModel):
+            return [self.force(m.x, m.v, m.dt, values) for m in motions]
+        names = ("R", "f_h") if self.has_h else ("R",)
+        found = self.model.follow(ready, self.settings(values), names)
+        return [(out["R"], out["f_h"] if self.has_h else np.zeros_like(out["R"])) for out in found]
 
     def force(self, x: Array, v: Array, dt: float, values: Mapping[str, float]) -> tuple[Array, Array]:
         """Restoring force R and hysteretic force h [N] along a motion, shape (n,) each."""

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis.baseline import Baseline
 from hystid.diagnosis.blocks import Effect, Scales, Signals, shape_bounds
-from hystid.diagnosis.parts import DRAWS, Part, Reduction, advanced
+from hystid.diagnosis.memory import Memory
+from hystid.diagnosis.parts import DRAWS, Advanced, Part, Reduction
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -28,6 +29,8 @@ _TURN = 0.1  # share of the peak speed over which a contact may turn
 _PACE = 0.04  # share of the way to the bar that every step must make
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
+_KEPT = 48_000_000  # bytes of forces that are remembered, for the law and for the effects
+_TINY = 1e-100  # amplitude below which a force says nothing of its unit
 Key = tuple[str, str]
 
 
@@ -132,38 +135,89 @@ class Problem:
         self.scales = scales
         self.reduce = Reduction(parts, baseline.mass)
         self._shifted: dict[tuple[int, float], Array] = {}
-        self._memory: dict[tuple[float, ...], list[tuple[Array, Array]]] = {}
+        self._movable: dict[int, Advanced] = {}
+        self._held = [baseline.held(p.x, p.v, p.dt) for p in self.parts]
+        self._laws, self._forces, self._columns = Memory(_KEPT), Memory(_KEPT), Memory(_KEPT)
+        self._largest = int(np.argmax([np.max(np.abs(p.x)) for p in self.parts]))
         self._slopes: list[tuple[tuple[float, ...], dict[str, list[tuple[Array, Array]]]]] = []
         self._units = self._linear_columns()
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
 
     def law(self, values: Mapping[str, float]) -> list[tuple[Array, Array]]:
-        """R and h of the baseline per part. Linear parameters cost nothing; the last few shapes are remembered."""
-        shapes = tuple(values[name] for name in self.baseline.shapes)
-        if shapes not in self._memory:
-            if len(self._memory) > 12:
-                self._memory.pop(next(iter(self._memory)))
-            at = {**self.baseline.nominal, **dict(zip(self.baseline.shapes, shapes, strict=True))}
-            self._memory[shapes] = [self.baseline.force(p.x, p.v, p.dt, at) for p in self.parts]
+        """R and h of the baseline per part. Linear parameters cost nothing; the last shapes are remembered."""
         change = [(name, values[name] - self.baseline.nominal[name]) for name in self.baseline.linear]
         return [
             (R + sum(step * self._units[name][i] for name, step in change), h)
-            for i, (R, h) in enumerate(self._memory[shapes])
+            for i, (R, h) in enumerate(self._law_at(values))
         ]
+
+    def _law_at(self, values: Mapping[str, float]) -> list[tuple[Array, Array]]:
+        """R and h with the shapes of the law as given and its linear parameters at their nominal values."""
+        shapes = {name: values[name] for name in self.baseline.shapes}
+
+        def made() -> tuple[Array, ...]:
+            pairs = self.baseline.forces(self._held, {**self.baseline.nominal, **shapes})
+            return tuple(array for pair in pairs for array in pair)
+
+        flat = self._laws.get(tuple(shapes.values()), made)
+        return list(zip(flat[::2], flat[1::2], strict=True))
 
     def signals(self, hypothesis: Hypothesis) -> list[Signals]:
         """What the effects see. Where the baseline has no hysteresis, h is that of the effects that bring one."""
         found = [
             Signals(p.x, p.v, p.a, h, p.dt, i)
-            for i, (p, (_, h)) in enumerate(zip(self.parts, self.law(hypothesis.values), strict=True))
+            for i, (p, (_, h)) in enumerate(zip(self.parts, self._law_at(hypothesis.values), strict=True))
         ]
-        return [self._with_h(signals, hypothesis.terms) for signals in found]
+        return self._with_h(found, hypothesis.terms)
 
-    def _with_h(self, signals: Signals, terms: Sequence[Term]) -> Signals:
-        sources = [] if self.baseline.has_h else [term for term in terms if is_source(term.effect)]
-        if not sources:
-            return signals
-        return replace(signals, h=sum((term.effect.force(signals, term.values) for term in sources), signals.h))
+    def _with_h(self, signals: list[Signals], terms: Sequence[Term]) -> list[Signals]:
+        for term in self._sources(terms):
+            forces = term.effect.forces(signals, term.values)
+            signals = [replace(s, h=s.h + f) for s, f in zip(signals, forces, strict=True)]
+        return signals
+
+    def _sources(self, terms: Sequence[Term]) -> list[Term]:
+        """The effects whose force is the hysteretic force of a baseline without one."""
+        return [] if self.baseline.has_h else [term for term in terms if is_source(term.effect)]
+
+    def _force(self, hypothesis: Hypothesis, term: Term, signals: Sequence[Signals]) -> tuple[Array, ...]:
+        """Force of an effect per part, remembered; term: one of the hypothesis, or that with other values.
+
+        signals: those of the hypothesis.
+        """
+        effect, seen = term.effect, tuple[object, ...]()
+        if "h" in effect.reads:
+            shapes = tuple(hypothesis.values[name] for name in self.baseline.shapes)
+            seen = (shapes, *(_key(source) for source in self._sources(hypothesis.terms)))
+        return self._forces.get((*_key(term), seen), lambda: tuple(effect.forces(signals, term.values)))
+
+    def _unit(self, hypothesis: Hypothesis, term: Term, name: str, signals: Sequence[Signals]) -> list[Array]:
+        """Force of an effect per unit of one of its amplitudes."""
+        value = term.values[name]
+        if len(term.effect.amplitudes) == 1 and abs(value) > _TINY:
+            return [f / value for f in self._force(hypothesis, term, signals)]
+        only = {**term.values, **dict.fromkeys(term.effect.amplitudes, 0.0), name: 1.0}
+        return list(self._force(hypothesis, Term(term.effect, only), signals))
+
+    def columns(self, effect: Effect, shapes: Mapping[str, float], signals: Sequence[Signals]) -> Array | None:
+        """Rows (rows, amplitudes) of an effect per unit of each amplitude; None where it never acts, or is not finite.
+
+        A threshold that the largest motion does not reach is reached by none. What is integrated and depends on the
+        motion alone is the same in every scan, and remembered.
+        """
+
+        def made() -> tuple[Array, ...]:
+            try:
+                raw = effect.columns(signals, shapes)
+            except NumericalError:
+                return ()
+            acts = any(np.any(column[self._largest]) for column in raw)
+            finite = all(np.max(np.abs(f)) < 1e100 for column in raw for f in column)
+            return (np.stack([self.reduce(column) for column in raw], axis=1),) if acts and finite else ()
+
+        lasting = effect.remembers and "h" not in effect.reads
+        found = self._columns.get(_key(Term(effect, shapes)), made) if lasting else made()
+        return found[0] if found else None
 
     def predicted(self, hypothesis: Hypothesis) -> list[Array]:
         """R and the effects, without inertia, per part [N]."""
@@ -171,7 +225,7 @@ class Problem:
         if hypothesis.terms:
             signals = self.signals(hypothesis)
             for term in hypothesis.terms:
-                forces = [f + term.effect.force(s, term.values) for f, s in zip(forces, signals, strict=True)]
+                forces = [f + g for f, g in zip(forces, self._force(hypothesis, term, signals), strict=True)]
         return forces
 
     def balance(self, hypothesis: Hypothesis) -> list[Array]:
@@ -190,7 +244,9 @@ class Problem:
         if key not in self._shifted:
             if len(self._shifted) > 6 * len(self.parts):
                 self._shifted.clear()
-            self._shifted[key] = advanced(self.parts[index].F, delay)
+            if index not in self._movable:
+                self._movable[index] = Advanced(self.parts[index].F)
+            self._shifted[key] = self._movable[index](delay)
         return self._shifted[key]
 
     def floor(self, hypothesis: Hypothesis) -> float:
@@ -215,6 +271,7 @@ class Problem:
     def distrust(self, hypothesis: Hypothesis) -> bool:
         """Weigh down rows in which a law jumps; true where there are such rows."""
         changed = self.reduce.distrust([*self.movements(hypothesis), *self._jumps(hypothesis)])
+        self._columns.clear()
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
         return changed
 
@@ -231,18 +288,22 @@ class Problem:
         shift = _TURN * float(max(np.max(np.abs(p.v)) for p in self.parts))
         draws = []
         for sign in (-shift, shift):
-            there = [self.baseline.force(p.x, p.v + sign, p.dt, hypothesis.values)[0] for p in self.parts]
-            draws.append(self.reduce([b - a for a, b in zip(here, there, strict=True)]))
+            there = self.baseline.forces(
+                [self.baseline.held(p.x, p.v + sign, p.dt) for p in self.parts], hypothesis.values
+            )
+            draws.append(self.reduce([b - a for a, (b, _) in zip(here, there, strict=True)]))
         return draws
 
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
-        forces = []
-        for i, part in enumerate(self.parts):
+        moved = []
+        for part in self.parts:
             dx, dv, da, _ = part.jitter[draw]
-            x, v, a = part.x + dx, part.v + dv, part.a + da
-            force, h = self.baseline.force(x, v, part.dt, hypothesis.values)
-            signals = self._with_h(Signals(x, v, a, h, part.dt, i), hypothesis.terms)
-            forces.append(force + sum(term.effect.force(signals, term.values) for term in hypothesis.terms))
+            moved.append((part.x + dx, part.v + dv, part.a + da, part.dt))
+        laws = self.baseline.forces([self.baseline.held(x, v, dt) for x, v, _, dt in moved], hypothesis.values)
+        seen = [Signals(x, v, a, h, dt, i) for i, ((x, v, a, dt), (_, h)) in enumerate(zip(moved, laws, strict=True))]
+        seen, forces = self._with_h(seen, hypothesis.terms), [R for R, _ in laws]
+        for term in hypothesis.terms:
+            forces = [f + g for f, g in zip(forces, term.effect.forces(seen, term.values), strict=True)]
         return forces
 
     def of(self, parts: Sequence[Part]) -> Problem:
@@ -319,9 +380,7 @@ class Problem:
         elif self._is_read(hypothesis, int(kind)):
             columns = self._source_column(hypothesis, unknown, here)
         elif unknown.linear:
-            term = hypothesis.terms[int(kind)]
-            only = {**term.values, **dict.fromkeys(term.effect.amplitudes, 0.0), name: 1.0}
-            columns = [term.effect.force(s, only) for s in signals]
+            columns = self._unit(hypothesis, hypothesis.terms[int(kind)], name, signals)
         else:
             columns = self._shape_column(hypothesis, unknown, signals)
         factor = get(hypothesis, unknown.key) if unknown.log else 1.0
@@ -344,8 +403,8 @@ class Problem:
         value = get(hypothesis, unknown.key)
         step = _STEP * (abs(value) or 1.0) * (-1.0 if value * (1 + _STEP) > unknown.high else 1.0)
         term = hypothesis.terms[int(unknown.key[0])]
-        moved = {**term.values, unknown.key[1]: value + step}
-        return [(term.effect.force(s, moved) - term.effect.force(s, term.values)) / step for s in signals]
+        there = term.effect.forces(signals, {**term.values, unknown.key[1]: value + step})
+        return [(g - f) / step for f, g in zip(self._force(hypothesis, term, signals), there, strict=True)]
 
     def _law_column(self, hypothesis: Hypothesis, name: str, signals: list[Signals]) -> list[Array]:
         """Derivative by a parameter of the law: directly, and through the effects that read its force."""
@@ -355,11 +414,8 @@ class Problem:
         for term in hypothesis.terms:
             if term.effect.uses_h:
                 moved = [replace(s, h=s.h + step * dh) for s, (_, dh) in zip(signals, slopes, strict=True)]
-                change = [
-                    (term.effect.force(new, term.values) - term.effect.force(old, term.values)) / step
-                    for new, old in zip(moved, signals, strict=True)
-                ]
-                columns = [c + d for c, d in zip(columns, change, strict=True)]
+                here, there = self._force(hypothesis, term, signals), term.effect.forces(moved, term.values)
+                columns = [c + (g - f) / step for c, f, g in zip(columns, here, there, strict=True)]
         return columns
 
     def _law_slopes(self, values: Mapping[str, float]) -> dict[str, list[tuple[Array, Array]]]:
@@ -389,14 +445,16 @@ class Problem:
         units = {}
         base = self.baseline
         if base.linear:
-            start = [base.force(p.x, p.v, p.dt, base.nominal)[0] for p in self.parts]
+            start = base.forces(self._held, base.nominal)
             for name in base.linear:
                 step = base.nominal[name] or 1.0
-                at = {**base.nominal, name: base.nominal[name] + step}
-                units[name] = [
-                    (base.force(p.x, p.v, p.dt, at)[0] - R) / step for p, R in zip(self.parts, start, strict=True)
-                ]
+                moved = base.forces(self._held, {**base.nominal, name: base.nominal[name] + step})
+                units[name] = [(there - here) / step for (here, _), (there, _) in zip(start, moved, strict=True)]
         return units
+
+
+def _key(term: Term) -> tuple[object, ...]:
+    return term.effect.class_name, term.effect.id, term.effect.form, tuple(term.values.items())
 
 
 @np.errstate(over="ignore", invalid="ignore")  # refused steps may be as wild as they like
@@ -414,11 +472,11 @@ def fit(problem: Problem, start: Hypothesis, *, iterations: int = 25, tolerance:
     if not np.isfinite(cost):
         raise NumericalError("the start of a fit has no finite residual; check the nominal parameters")
     damping, small = 1e-4, 0
-    jacobian = problem.jacobian(here, unknowns)
+    normal = _Normal(problem.jacobian(here, unknowns), rows)
     for done in range(iterations):
         accepted = False
         for _ in range(7):
-            there = _step(here, unknowns, jacobian, rows, damping)
+            there = normal.step(here, unknowns, damping)
             found = _rows_or_none(problem, there)
             if found is not None and float(found @ found) < cost:
                 accepted = True
@@ -429,47 +487,55 @@ def fit(problem: Problem, start: Hypothesis, *, iterations: int = 25, tolerance:
         gain = 1.0 - float(found @ found) / cost
         here, rows, cost = there, found, float(found @ found)
         damping = max(damping / 10.0, 1e-9)
-        jacobian = problem.jacobian(here, unknowns)
+        normal = _Normal(problem.jacobian(here, unknowns), rows)
         small = small + 1 if gain < tolerance else 0
         if done > 2 and gain < _PACE * (1.0 - bar * len(rows) / cost):
             break
         if small == 2 or gain < 1e-8:
             break
     freedom = max(1, len(rows) - len(unknowns))
-    return Fit(here, rows, cost / freedom, unknowns, _covariance(jacobian))
+    return Fit(here, rows, cost / freedom, unknowns, normal.covariance())
 
 
-def _step(here: Hypothesis, unknowns: Sequence[Unknown], jacobian: Array, rows: Array, damping: float) -> Hypothesis:
-    """Damped Gauss-Newton step; unknowns that it would push over their bounds are set there and the rest solved
-    anew."""
-    free = list(range(len(unknowns)))
-    changes: dict[Key, float] = {}
-    left = rows
-    for _ in range(len(unknowns)):
-        if not free:
-            break
-        move = _solve(jacobian[:, free], left, damping)
-        over = []
-        for i, value in zip(free, move, strict=True):
-            target = _moved(here, unknowns[i], value)
-            bounded = float(np.clip(target, unknowns[i].low, unknowns[i].high))
-            changes[unknowns[i].key] = bounded
-            if unknowns[i].linear or unknowns[i].key[0] == "chain":
-                over += [(i, bounded)] if bounded != target else []
-        if not over:
-            break
-        for i, bounded in over:
-            left = left - jacobian[:, i] * (bounded - get(here, unknowns[i].key))
-            free.remove(i)
-    return put(here, changes)
+class _Normal:
+    """Normal equations of one Jacobian, in columns of unit length: many steps are tried from one point."""
 
+    def __init__(self, jacobian: Array, rows: Array) -> None:
+        self.scale = np.linalg.norm(jacobian, axis=0)
+        self.scale[self.scale == 0] = 1.0
+        scaled = jacobian / self.scale
+        self.matrix, self.right = scaled.T @ scaled, scaled.T @ rows
 
-def _solve(jacobian: Array, rows: Array, damping: float) -> Array:
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0] = 1.0
-    normal = (jacobian / scale).T @ (jacobian / scale)
-    normal[np.diag_indices_from(normal)] += damping + 1e-12
-    return np.asarray(np.linalg.solve(normal, (jacobian / scale).T @ rows) / scale)
+    def step(self, here: Hypothesis, unknowns: Sequence[Unknown], damping: float) -> Hypothesis:
+        """Damped Gauss-Newton step; unknowns that it would push over their bounds are set there and the rest solved
+        anew."""
+        free = list(range(len(unknowns)))
+        changes: dict[Key, float] = {}
+        right = self.right
+        while free:
+            move = self._solved(free, right, damping)
+            over = []
+            for i, value in zip(free, move, strict=True):
+                target = _moved(here, unknowns[i], value)
+                bounded = float(np.clip(target, unknowns[i].low, unknowns[i].high))
+                changes[unknowns[i].key] = bounded
+                if unknowns[i].linear or unknowns[i].key[0] == "chain":
+                    over += [(i, bounded)] if bounded != target else []
+            if not over:
+                break
+            for i, bounded in over:
+                right = right - self.matrix[:, i] * self.scale[i] * (bounded - get(here, unknowns[i].key))
+                free.remove(i)
+        return put(here, changes)
+
+    def _solved(self, free: list[int], right: Array, damping: float) -> Array:
+        damped = self.matrix[np.ix_(free, free)]
+        damped[np.diag_indices_from(damped)] += damping + 1e-12
+        return np.asarray(np.linalg.solve(damped, right[free]) / self.scale[free])
+
+    def covariance(self) -> Array:
+        """Covariance of the unknowns for rows of unit noise."""
+        return np.asarray(np.linalg.pinv(self.matrix, rcond=1e-12) / np.outer(self.scale, self.scale))
 
 
 def _moved(here: Hypothesis, unknown: Unknown, move: float) -> float:
@@ -487,10 +553,3 @@ def _rows_or_none(problem: Problem, hypothesis: Hypothesis) -> Array | None:
     except NumericalError:
         return None
     return rows if np.all(np.isfinite(rows)) else None
-
-
-def _covariance(jacobian: Array) -> Array:
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0] = 1.0
-    normal = (jacobian / scale).T @ (jacobian / scale)
-    return np.asarray(np.linalg.pinv(normal, rcond=1e-12) / np.outer(scale, scale))

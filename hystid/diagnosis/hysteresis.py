@@ -2,6 +2,10 @@
 
 Where the baseline has no hysteresis of its own, such a structure is hysteretic friction and up to two effects that read
 its force. Alone, each of them explains nothing or the wrong thing; the family is therefore fitted as one.
+
+A further effect must take much of what is left of the force. Pinching changes the shape of the loops more than the
+force: it is also accepted where it takes little, if it gives the branches between reversals the shape that was measured
+(see ``branches``) and no spring fits as well.
 """
 
 from __future__ import annotations
@@ -12,19 +16,28 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hystid.diagnosis.blocks import Effect
+from hystid.diagnosis.branches import Branches, branches, misfits
 from hystid.diagnosis.fitting import Fit, Problem, is_source
 from hystid.diagnosis.search import scan, try_fit, try_term
 
-MUCH = 0.4  # share of the mean square that each further effect must take
+PINCHING = "pinching"
+MUCH = 0.4  # share of the mean square that each further effect must take, where that is visible at all:
+_VISIBLE = 0.025  # share of the excess
 EXPLAINED = 0.8  # share of the excess that the family must explain
-_COMPANIONS = frozenset({"cyclic_degradation", "pinching"})
+_COMPANIONS = frozenset({"cyclic_degradation", PINCHING})
+_SPRINGS = frozenset({"cubic_stiffness", "quadratic_stiffness", "bilinear_stiffness", "two_sided_stop", "backlash"})
 _MOST = 3  # effects together
 _FORMS, _NEAR = 3, 1.5  # forms of friction that are followed, and their mean square over that of the best one
 _CANDIDATES = 4  # further effects that are compared
 _SHORT, _LONG = 10, 40  # iterations for the comparison, and for the best
-_BLOCKS, _GAINING = 12, 0.75  # of these blocks of rows, the share in which a further effect must help
-_REGION = 0.6  # share of the stroke, or of the force, that a pinched region may take
+_BLOCKS, _GAINING = 12, 0.75  # of these blocks of rows, or of all branches, the share in which an effect must help
+_REGION = 2 / 3  # of the stroke, or of the force, that a pinched region may take: a tenth of it is left at the ends
 _TIE = 0.03  # share of the mean square below which the claim with fewer parameters wins
+_LITTLE = 0.05  # share of the mean square that pinching must take where the branches show it
+_SHAPE = 1 / 3  # share of the mean square misfit of the branches that it must take there
+_RISE = 0.1  # of the stiffness along a branch, over its mean, that is a shape: mean of all branches
+_FEWEST = 6  # branches that can show a shape
+_CLOSE = 1.15  # mean square over the least within which lines are told apart by the branches
 
 
 @dataclass(frozen=True)
@@ -38,21 +51,29 @@ class Link:
 
 def family(problem: Problem, before: Fit, library: Sequence[Effect], floor: float) -> list[Link]:
     """Hysteretic friction and the effects on it, in the order of strength; empty where there is no such family."""
-    readers = [effect for effect in library if effect.uses_h and effect.id in _COMPANIONS]
-    if problem.baseline.has_h or not readers:
+    if problem.baseline.has_h or not any(_is_reader(effect) for effect in library):
         return []
+    measured = branches(problem, before)
+    visible = _VISIBLE * (before.chi2 - floor)
     lines = []
     for start in _starts(problem, before, library):
         line = [start]
-        while len(line) < _MOST and (link := _next(problem, line, readers)) is not None:
+        while len(line) < _MOST and (link := _next(problem, line, library, measured, visible)) is not None:
             line.append(link)
         lines.append(line)
     long = [line for line in lines if len(line) > 1]
     if not long:
         return []
-    best = min(long, key=lambda line: line[-1].fit.chi2)
+    least = min(line[-1].fit.chi2 for line in long)
+    near = [line for line in long if line[-1].fit.chi2 < _CLOSE * least]
+    best = min(near, key=lambda line: (_misfit(problem, line[-1].fit, measured), line[-1].fit.chi2))
     explained = (before.chi2 - best[-1].fit.chi2) / max(before.chi2 - floor, 1e-300)
     return best if explained > EXPLAINED else []
+
+
+def _is_reader(effect: Effect) -> bool:
+    """Whether an effect acts on the force of hysteretic friction."""
+    return effect.uses_h and effect.id in _COMPANIONS
 
 
 def _starts(problem: Problem, before: Fit, library: Sequence[Effect]) -> list[Link]:
@@ -65,11 +86,16 @@ def _starts(problem: Problem, before: Fit, library: Sequence[Effect]) -> list[Li
     return sorted(near, key=lambda link: link.fit.chi2)[:_FORMS]
 
 
-def _next(problem: Problem, line: Sequence[Link], readers: Sequence[Effect]) -> Link | None:
-    """The effect that takes most of the rest; None where none takes much of it, everywhere."""
+def _next(
+    problem: Problem, line: Sequence[Link], library: Sequence[Effect], measured: Sequence[Branches], visible: float
+) -> Link | None:
+    """The effect that takes most of the rest, everywhere; None where none takes enough of it.
+
+    visible: fall of the mean square below which it must be seen in the branches.
+    """
     end = line[-1].fit
     used = {link.effect.id for link in line}
-    candidates = scan(problem, end, [effect for effect in readers if effect.id not in used])[:_CANDIDATES]
+    candidates = scan(problem, end, [e for e in library if _is_reader(e) and e.id not in used])[:_CANDIDATES]
     found = [(c.effect, try_term(problem, end, c.term, _SHORT)) for c in candidates]
     fits = sorted(((e, f) for e, f in found if f is not None), key=lambda item: item[1].chi2)[:2]
     fits = [(e, again) for e, f in fits if (again := try_fit(problem, f.hypothesis, _LONG)) is not None]
@@ -78,21 +104,51 @@ def _next(problem: Problem, line: Sequence[Link], readers: Sequence[Effect]) -> 
     least = min(f.chi2 for _, f in fits)
     near = [(e, f) for e, f in fits if f.chi2 < (1 + _TIE) * least]
     effect, fit = min(near, key=lambda item: (item[0].size, item[1].chi2))
-    if fit.chi2 > (1 - MUCH) * end.chi2 or not helps_everywhere(end, fit) or not _is_local(problem, fit):
+    if not _is_local(problem, fit) or not helps_everywhere(end, fit):
+        return None
+    pinched = effect.id == PINCHING
+    shown = pinched and _is_shown(problem, end, fit, measured)
+    if not shown and end.chi2 - fit.chi2 < max(visible, MUCH * end.chi2):
+        return None
+    if pinched and _is_feigned(problem, end, fit, library, measured):
         return None
     return Link(effect, fit, tuple(dict.fromkeys(e.id for e, _ in near if e.id != effect.id)))
 
 
+def _is_shown(problem: Problem, end: Fit, fit: Fit, measured: Sequence[Branches]) -> bool:
+    """Whether pinching, the last effect of a fit, gives most branches the shape that was measured."""
+    before, after = misfits(problem, end, measured), misfits(problem, fit, measured)
+    if len(before) < _FEWEST or np.mean(before) < _RISE or fit.chi2 > (1 - _LITTLE) * end.chi2:
+        return False
+    closer = float(np.mean(np.abs(after) <= np.abs(before)))
+    return closer >= _GAINING and float(after @ after) < (1 - _SHAPE) * float(before @ before)
+
+
+def _is_feigned(problem: Problem, end: Fit, fit: Fit, library: Sequence[Effect], measured: Sequence[Branches]) -> bool:
+    """Whether a spring does as well as pinching, in the force and in the shape of the branches."""
+    springs = scan(problem, end, [effect for effect in library if effect.id in _SPRINGS])[:2]
+    rivals = [made for c in springs if (made := try_term(problem, end, c.term, _LONG)) is not None]
+    as_good = [rival for rival in rivals if rival.chi2 < (1 + _TIE) * fit.chi2]
+    return any(_misfit(problem, rival, measured) <= _misfit(problem, fit, measured) for rival in as_good)
+
+
+def _misfit(problem: Problem, fit: Fit, measured: Sequence[Branches]) -> float:
+    """Mean square misfit of the branches; 0 where there are too few."""
+    found = misfits(problem, fit, measured)
+    return float(np.mean(found**2)) if len(found) >= _FEWEST else 0.0
+
+
 def _is_local(problem: Problem, fit: Fit) -> bool:
-    """Whether a pinched region is a region: not wider than most of the stroke, or of the hysteretic force."""
+    """Whether a pinched region is a region: not most of the stroke, or of the hysteretic force."""
     term = fit.hypothesis.terms[-1]
     signals = problem.signals(fit.hypothesis)
     tops = {
         "m": max(float(np.max(np.abs(s.x))) for s in signals),
         "N": max(float(np.max(np.abs(s.h))) for s in signals),
+        "1": 1.0,
     }
     widths = [(term.values[s.name], tops[s.unit]) for s in term.effect.shapes if s.unit in tops]
-    return term.effect.remembers or all(width < _REGION * top for width, top in widths)
+    return term.effect.id != PINCHING or all(width < _REGION * top for width, top in widths)
 
 
 def helps_everywhere(before: Fit, after: Fit) -> bool:

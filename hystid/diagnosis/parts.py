@@ -26,6 +26,7 @@ DRAWS = 3
 _DECAY = 10.0  # radians at the corner of a whitening filter after which nothing is left of an end (exp(-7))
 _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
 _SAME = 0.02  # difference, over the size of a channel, below which it was computed from another one
+_SHORT = 7  # samples per block that are added column by column
 _JUMP = 4.0  # mean square movement of a row, noise units, beyond which it is weighed down
 # Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -259,7 +260,7 @@ class Reduction:
         trim = self._trims[index]
         inner = column[trim : len(column) - trim]
         rows = len(inner) // self.block
-        means = inner[: rows * self.block].reshape(rows, self.block).mean(axis=1)
+        means = _means(inner[: rows * self.block].reshape(rows, self.block))
         if part.valid is None:
             return np.asarray(means)
         kept = part.valid[trim : trim + rows * self.block].reshape(rows, self.block).all(axis=1)
@@ -316,11 +317,35 @@ def _filtered(column: Array, response: Array) -> Array:
     return np.asarray(np.fft.irfft(np.fft.rfft(both) * response, len(both))[: len(column)])
 
 
+def _means(blocks: Array) -> Array:
+    """Mean of each row of (rows, block); short rows are added column by column, ten times as fast as one by one."""
+    if blocks.shape[1] == 1:
+        return np.array(blocks[:, 0])
+    if blocks.shape[1] > _SHORT:
+        return np.asarray(blocks.mean(axis=1))
+    total = blocks[:, 0] + blocks[:, 1]
+    for k in range(2, blocks.shape[1]):
+        total += blocks[:, k]
+    return np.asarray(total / blocks.shape[1])
+
+
+class Advanced:
+    """A signal that can be moved earlier by any number of samples: band-limited interpolation of its mirrored copy."""
+
+    def __init__(self, values: Array) -> None:
+        self._values = values
+        self._spectrum = np.fft.rfft(np.concatenate([values, values[::-1]]))
+        self._turn = 2j * np.pi * np.fft.rfftfreq(2 * len(values))
+
+    def __call__(self, samples: float) -> Array:
+        """The signal, moved; its edges are kept."""
+        values = self._values
+        moved = np.fft.irfft(self._spectrum * np.exp(self._turn * samples), 2 * len(values))[: len(values)]
+        edge = int(np.ceil(abs(samples))) + 1
+        moved[:edge], moved[-edge:] = values[:edge], values[-edge:]
+        return np.asarray(moved)
+
+
 def advanced(values: Array, samples: float) -> Array:
-    """The signal moved earlier by a number of samples: band-limited interpolation, mirrored ends, edges kept."""
-    both = np.concatenate([values, values[::-1]])
-    turn = np.exp(2j * np.pi * np.fft.rfftfreq(len(both)) * samples)
-    moved = np.fft.irfft(np.fft.rfft(both) * turn, len(both))[: len(values)]
-    edge = int(np.ceil(abs(samples))) + 1
-    moved[:edge], moved[-edge:] = values[:edge], values[-edge:]
-    return np.asarray(moved)
+    """``Advanced`` for once."""
+    return Advanced(values)(samples)

@@ -7,7 +7,7 @@ run is compared. The last quarter of every recording is kept back: what does not
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,15 +31,22 @@ _ROUNDS = 12
 _LEAST = 4  # steps for which there must be work
 _SMALL = 1e-3  # fall of the sum of squares by which a step ends the search
 _SHORTEST = 1000  # samples per recording below which a polish is no longer worth its name
+_BLOCKS = 40  # of all recordings, for the standard errors: each must be long against the memory of the residual
 
 
 @dataclass(frozen=True)
 class Polished:
-    """Outcome. before, after: error of the free run on the samples that were kept back, NRMSE."""
+    """Outcome. before, after: error of the free run on the samples that were kept back, NRMSE.
+
+    covariance: of the unknowns, shape (unknowns, unknowns), of the logarithm where an unknown is fitted so, else in its
+    own unit; NaN in rows and columns of unknowns that could not move. The residual of a free run is an oscillation, not
+    white noise: the errors follow from sums over blocks of samples (batch means), and the start states are allowed for.
+    """
 
     hypothesis: Hypothesis
     before: float
     after: float
+    covariance: Array = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -86,11 +93,11 @@ def polish(
     first = search.errors(start, tracks)
     if first is None or not _worth_trying(first, tracks):
         return None
-    end = search.run(start, tracks, work)
+    end, begun = search.run(start, tracks, work)
     last = search.errors(end, tracks)
     if last is None or not np.mean(last) < _WORTH * np.mean(first):
         return None
-    return Polished(end, float(np.mean(first)), float(np.mean(last)))
+    return Polished(end, float(np.mean(first)), float(np.mean(last)), search.covariance(end, begun))
 
 
 def _tracks(model: Model, start: Hypothesis, parts: Sequence[Part], settings: Settings) -> list[_Track]:
@@ -149,8 +156,19 @@ class _Search:
         kept = [track.split(misfit)[1] for track, misfit in zip(tracks, misfits, strict=True)]
         return [float(np.sqrt(np.mean(values**2))) for values in kept]
 
-    def run(self, at: Hypothesis, tracks: Sequence[_Track], work: int) -> Hypothesis:
-        """Parameters that make the fitted samples agree best, start states alongside."""
+    def covariance(self, at: Hypothesis, tracks: Sequence[_Track]) -> Array:
+        """See ``Polished``; all NaN where the end cannot be differentiated."""
+        count = len(self.moved)
+        rows = self._rows(at, tracks)
+        jacobian = None if rows is None else self._jacobian(at, tracks, rows)
+        if rows is None or jacobian is None:
+            return np.full((count, count), np.nan)
+        sizes = [1.0 if u.log else _CHAIN if u.key[0] == "chain" else abs(get(at, u.key)) for u in self.moved]
+        found = _sandwich(jacobian, rows, [int(_FITTED * track.rows) for track in tracks])[:count, :count]
+        return np.asarray(found * np.outer(sizes, sizes))
+
+    def run(self, at: Hypothesis, tracks: Sequence[_Track], work: int) -> tuple[Hypothesis, Sequence[_Track]]:
+        """Parameters that make the fitted samples agree best, and the tracks with their start states."""
         rows = self._rows(at, tracks)
         damping = 1e-3
         for _ in range(min(_ROUNDS, work // _cost(tracks, len(self.moved)))):
@@ -169,7 +187,7 @@ class _Search:
             at, tracks, rows, damping = there, others, tried, max(damping / 10.0, 1e-9)
             if rows is not None and float(rows @ rows) > (1 - _SMALL) * cost:
                 break
-        return at
+        return at, tracks
 
     def _misfits(self, at: Hypothesis, tracks: Sequence[_Track]) -> list[Array] | None:
         values = self.settings(at)
@@ -239,3 +257,18 @@ def _solved(jacobian: Array, rows: Array, damping: float) -> Array:
     normal = scaled.T @ scaled
     normal[np.diag_indices_from(normal)] += damping
     return np.asarray(np.clip(-np.linalg.solve(normal, scaled.T @ rows) / scale, -_REACH, _REACH))
+
+
+def _sandwich(jacobian: Array, rows: Array, lengths: Sequence[int]) -> Array:
+    """Covariance of least squares whose residual is correlated over less than a block; NaN for columns that vanish."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    alive = scale > 0
+    scaled = jacobian[:, alive] / scale[alive]
+    bread = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12)
+    scores = np.split(scaled * rows[:, None], np.cumsum(lengths)[:-1])
+    each = max(2, _BLOCKS // len(lengths))
+    sums = np.array([np.sum(block, axis=0) for part in scores for block in np.array_split(part, each)])
+    freedom = len(sums) / max(1, len(sums) - int(np.sum(alive)))  # the scores add up to zero at the optimum
+    found = np.full((len(scale), len(scale)), np.nan)
+    found[np.ix_(alive, alive)] = freedom * bread @ (sums.T @ sums) @ bread / np.outer(scale[alive], scale[alive])
+    return found

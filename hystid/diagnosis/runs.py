@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.answer import Answer, refit_values
 from hystid.diagnosis.extended import CLASS, Skeleton, extended_model, settings_of
-from hystid.diagnosis.fitting import Hypothesis
+from hystid.diagnosis.fitting import Fit, Hypothesis
 from hystid.diagnosis.freerun import error, errors
 from hystid.diagnosis.parts import Part, advanced
 from hystid.diagnosis.polish import polish
@@ -116,12 +116,21 @@ def _polished(answer: Answer, skeleton: Skeleton, model: CompiledModel) -> tuple
     chi2 = float(rows @ rows) / max(1, len(rows) - len(fit.unknowns))
     if chi2 > _BALANCE * fit.chi2:
         return answer, ()
-    after = replace(fit, hypothesis=found.hypothesis, residual=rows, chi2=chi2)
+    covariance = _of_the_run(found.covariance, fit) / max(chi2, 1.0)  # by which standard errors are scaled
+    after = replace(fit, hypothesis=found.hypothesis, residual=rows, chi2=chi2, covariance=covariance)
     told = (
         f"parameters polished on the displacement in free run: its error on the last quarter of the recordings, which "
         f"was kept back, falls from {100 * found.before:.3g} % to {100 * found.after:.3g} %"
     )
     return replace(answer, choice=replace(answer.choice, after=after)), (told,)
+
+
+def _of_the_run(covariance: Array, fit: Fit) -> Array:
+    """Covariance of the free run, or that of the balance for unknowns that the run says nothing about."""
+    moved = np.isfinite(np.diag(covariance))
+    known = fit.covariance if fit.covariance is not None else np.full_like(covariance, np.nan)
+    kept = np.where(np.outer(~moved, ~moved), known * max(fit.chi2, 1.0), 0.0)
+    return np.asarray(np.where(np.outer(moved, moved), covariance, kept))
 
 
 def written(answer: Answer, skeleton: Skeleton) -> str:

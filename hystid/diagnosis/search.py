@@ -77,21 +77,12 @@ def _points(
 ) -> list[Candidate]:
     """Grid points of one form, the largest gain first."""
     points = []
-    largest = sorted(signals, key=lambda s: -float(np.max(np.abs(s.x))))[
-        :1
-    ]  # a threshold beyond these is never reached
     for shapes in effect.grid(problem.scales):
-        try:
-            if not any(np.any(column) for s in largest for column in effect.columns(s, shapes)):
-                continue
-            raw = [effect.columns(s, shapes) for s in signals]
-        except NumericalError:
+        columns = problem.columns(effect, shapes, signals)
+        if columns is None:
             continue
-        if not all(np.all(np.abs(column) < 1e100) for per_part in raw for column in per_part):
-            continue
-        columns = [problem.reduce([per_part[k] for per_part in raw]) for k in range(len(effect.amplitudes))]
         allowed = np.array([effect.lowest.get(name, -np.inf) for name in effect.amplitudes])
-        made = _score(np.stack(columns, axis=1), outside, fitted.residual, allowed) if columns else None
+        made = _score(columns, outside, fitted.residual, allowed)
         if made is not None:
             values = {**shapes, **dict(zip(effect.amplitudes, map(float, made[2]), strict=True))}
             points.append(Candidate(Term(effect, values), made[0], made[1]))
@@ -164,7 +155,8 @@ def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) ->
 def _solved(problem: Problem, start: Hypothesis, linear: Sequence[Unknown]) -> tuple[float, Hypothesis] | None:
     """Sum of squares and hypothesis with the linear unknowns at their best; None where nothing is finite."""
     try:
-        rows, columns = problem.rows(start), problem.jacobian(start, linear)
+        rows = problem.rows(start)
+        columns = problem.jacobian(start, linear) if linear else np.zeros((len(rows), 0))
     except NumericalError:
         return None
     if not (np.all(np.isfinite(rows)) and np.all(np.isfinite(columns))):

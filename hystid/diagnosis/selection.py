@@ -472,7 +472,8 @@ def _rough(
     and one effect takes most of it, it is named; a second one where it takes much of the rest, everywhere in the
     recordings, and nothing else does as well. Empty otherwise."""
     excess = before.chi2 - floor
-    if excess < _FAR * floor or before.chi2 - chosen.trial.chi2 < _MOST * excess:
+    least = min(floor, problem.floor(chosen.trial.fit.hypothesis))  # a damper that stands for friction is a noisy one
+    if excess < _FAR * least or before.chi2 - chosen.trial.chi2 < _MOST * excess:
         return []
     line = _grow(problem, [chosen.trial], library, chosen.trial.chi2 - floor)
     if len(line) < 2 or line[-1].chi2 > (1 - _MUCH) * chosen.trial.chi2:

@@ -47,11 +47,12 @@ class Windowed(Effect):
     inner: Effect = field(default_factory=lambda: Effect("", "", "", None))
     near: Mapping[str, float] = field(default_factory=dict)
 
-    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
-        """Force f [N] over one recording, shape (n,)."""
-        own = {name: value for name, value in parameters.items() if name not in self.near}
+    def forces(self, signals: Sequence[Signals], parameters: Mapping[str, float]) -> list[Array]:
+        """Force f [N] over several recordings."""
+        law = {name: value for name, value in parameters.items() if name not in self.near}
         times = tuple(float(parameters[name]) for name in self.near)
-        return self.inner.force(signals, own) * _gate(len(signals.x), signals.dt, times)
+        found = self.inner.forces(signals, law)
+        return [force * _gate(len(force), s.dt, times) for force, s in zip(found, signals, strict=True)]
 
     def grid(self, scales: Scales) -> list[dict[str, float]]:
         """Starting points of the effect itself, in the window as it was found."""

@@ -17,7 +17,7 @@ from hystid.modelica.blocks import (
     sources,
     targets,
 )
-from hystid.modelica.events import INITIAL, EventModel, der, name_events, pre
+from hystid.modelica.events import INITIAL, EventModel, Relation, der, name_events, pre
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, rebuild, refs, substitute
 from hystid.modelica.flat import Assertion, FlatModel, Place
 from hystid.modelica.hybrid import HybridModel
@@ -82,7 +82,14 @@ def _without_aliases(events: EventModel) -> tuple[EventModel, dict[str, str]]:
         else:
             rest.append(e)
     final = {name: root(name) for name in aliases}
-    return _renamed(replace(events, equations=tuple(rest)), final), final
+    return _without_twins(_renamed(replace(events, equations=tuple(rest)), final)), final
+
+
+def _without_twins(events: EventModel) -> EventModel:
+    """Relations that say the same of the same variables, one in each of many components, become one."""
+    first: dict[Expr, Relation] = {}
+    twins = {r.name: first[r.value].name for r in events.relations if first.setdefault(r.value, r) is not r}
+    return _renamed(replace(events, relations=tuple(first.values())), twins)
 
 
 def _pair(e: ScalarEquation, root: object) -> tuple[str, str] | None:

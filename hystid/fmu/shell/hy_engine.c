@@ -52,7 +52,7 @@ int hy_open(hy_engine *e, const hy_model *model, void (*log)(void *, int, const 
     e->saved_size = sizeof(hy_status) + 2 * block + signs + driven;
     e->saved = saved = calloc(1, e->saved_size);
     e->free = calloc(at_least_one(model->n_x), sizeof *e->free);
-    e->crossings = calloc(2 * at_least_one(model->n_z), sizeof *e->crossings);
+    e->crossings = calloc(3 * at_least_one(model->n_z), sizeof *e->crossings);
     e->n_X = e->n_free = model->n_x;
     e->plain = 1;
     if (!saved || !e->free || !e->crossings || allocate_scratch(e)) {
@@ -259,8 +259,9 @@ int hy_crossed(hy_engine *e, int *any)
     int outcome = HY_OK, found = 0;
     if (n) outcome = e->model->indicators(&e->data, e->z);
     e->z_stands = !outcome;
-    for (int i = 0; i < n; i++) found |= (z[i] * sign[i] < 0) | ((sign[i] == 0) & (z[i] != 0));
-    *any = found;
+    for (int i = 0; i < n; i++) found |= !(z[i] * sign[i] > 0); /* most often nothing: the close look is rare */
+    *any = 0;
+    for (int i = 0; found && i < n; i++) *any |= (z[i] * sign[i] < 0) | ((sign[i] == 0) & (z[i] != 0));
     return outcome;
 }
 

@@ -48,7 +48,7 @@ typedef struct {
     double *X;         /* extended state at the left end of the present step */
     double *K1, *K, *sum, *trial;
     double *x_before, *z, *z_left;
-    int *crossings;    /* how often each indicator crossed zero within the present step; then n_z marks, scratch */
+    int *crossings;    /* how often each indicator crossed zero within the present step; then n_z marks and n_z indices, scratch */
     double *scratch;   /* one allocation behind X ... z_left */
 } hy_engine;
 

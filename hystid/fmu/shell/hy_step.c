@@ -1,8 +1,8 @@
 /* One step of the classical Runge-Kutta method of order four (Kutta 1901), cut at events.
  *
  * An event is located on the Runge-Kutta solution itself: a trial step of any length from the left end costs four
- * evaluations, so that no interpolation error enters. The bracket is closed by the Illinois form of regula falsi
- * (Dowell and Jarratt 1971) with a bisection every eighth time. */
+ * evaluations, so that no interpolation error enters. The bracket is closed by inverse quadratic interpolation where its
+ * three points are so placed that it can be trusted, else by bisection (Chandrupatla 1997). */
 #include <math.h>
 #include <string.h>
 
@@ -15,6 +15,7 @@ enum {
     MOST_TRIALS = 100
 };
 static const double WIDTH = 1e-11; /* of an event's bracket, as part of the step */
+static const double ROUNDING = 1e-5; /* most, as part of the step, by which rounding may blur an event */
 /* After an event the first look is this part of the step further on. A mass that bounces off a stop is still a rounding
  * error inside it; were the next look at the step's end, where it may have come back, both crossings would be missed. */
 static const double FIRST_LOOK = 1e-6;
@@ -169,51 +170,100 @@ static int reach_towards(hy_engine *e, const stretch *w, double *s)
     return outcome;
 }
 
-/* Negative before the first of the indicators that have crossed at the right end does so, positive after. */
-static double violation(const hy_engine *e, const double *z, const int *which)
+/* Negative before the first of the n indicators that have crossed at the right end does so, positive after. */
+static double violation(const hy_engine *e, const double *z, const int *which, int n)
 {
     double most = -INFINITY;
-    for (int i = 0; i < e->model->n_z; i++)
-        if (which[i]) most = fmax(most, e->sign[i] != 0 ? -e->sign[i] * z[i] : fabs(z[i]));
+    for (int k = 0; k < n; k++) {
+        const int i = which[k];
+        const double f = e->sign[i] != 0 ? -e->sign[i] * z[i] : fabs(z[i]);
+        most = f > most ? f : most;
+    }
     return most;
 }
 
-/* Where to look next between low and high: regula falsi, but where the low end has stood for two trials in a row the
- * geometric mean of its offset and the whole, which is the root of a parabola that starts flat. A slider that begins to
- * unload is one: its force leaves the limit with the square of time. */
-static double next_trial(double low, double high, double f_low, double f_high, int i, int stood)
+/* The latest look, the end opposite to it, and the look before. zero_from: where the low end began to be exactly 0. */
+typedef struct {
+    double at, f, other, f_other, before, f_before;
+    double margin, zero_from;
+    int looks;
+} bracket;
+
+static double low_of(const bracket *b) { return b->f > 0 ? b->other : b->at; }
+static double high_of(const bracket *b) { return b->f > 0 ? b->at : b->other; }
+static double f_low_of(const bracket *b) { return b->f > 0 ? b->f_other : b->f; }
+
+/* A low end that is exactly 0 is the root; behind it the indicator may rest within rounding of 0. The looks go on from
+ * there with growing steps, and end at the first that is positive, as far behind 0 as rounding. A rest that lasts longer
+ * than rounding explains has an end of its own, which is looked for in halves. */
+static int on_a_plateau(const bracket *b) { return f_low_of(b) >= 0; }
+static double plateau(const bracket *b) { return 16 * (low_of(b) - b->zero_from); }
+
+static int is_closed(const bracket *b, double width, double rounding)
 {
-    const double width = high - low;
-    const double offset = f_low < 0 ? width * f_low / (f_low - f_high) : 0.5 * width;
-    if (i % 8 == 0) return low + 0.5 * width;
-    return low + (stood >= 2 ? sqrt(offset * width) : offset);
+    const double open = high_of(b) - low_of(b);
+    return open <= width || (on_a_plateau(b) && open <= plateau(b) && plateau(b) <= rounding);
+}
+
+/* Where the latest three looks say, as part of the way from the latest one to the other end; -1 where they cannot be
+ * trusted: too bent, or no nearer to 0 than the look before, as on a kink. */
+static double interpolated(const bracket *b)
+{
+    const double xi = (b->at - b->other) / (b->before - b->other);
+    const double phi = (b->f - b->f_other) / (b->f_before - b->f_other);
+    if (!(phi * phi < xi && (1 - phi) * (1 - phi) < 1 - xi) || fabs(b->f) > 0.5 * fabs(b->f_before)) return -1;
+    return b->f / (b->f_other - b->f) * b->f_before / (b->f_other - b->f_before) +
+           (b->before - b->at) / (b->other - b->at) * b->f / (b->f_before - b->f) * b->f_other / (b->f_before - b->f_other);
+}
+
+/* Every other time not the middle but, where that is nearer, the geometric mean of the secant's offset and the whole,
+ * which is the root of a parabola that starts flat. A slider that begins to unload is one: its force leaves the limit
+ * with the square of time. */
+static double next_look(const bracket *b)
+{
+    const double low = low_of(b), width = high_of(b) - low;
+    const double secant = width * f_low_of(b) / (f_low_of(b) - (b->f > 0 ? b->f : b->f_other));
+    double part;
+    if (on_a_plateau(b)) return low + (plateau(b) < width ? plateau(b) : 0.5 * width);
+    if (!b->looks) return low + secant;
+    part = interpolated(b);
+    if (part >= 0) return b->at + part * (b->other - b->at);
+    return low + (b->looks % 2 ? fmin(0.5 * width, sqrt(secant * width)) : 0.5 * width);
+}
+
+static void look(bracket *b, double at, double f)
+{
+    const int same_side = (f > 0) == (b->f > 0);
+    if (f == 0 && !on_a_plateau(b)) b->zero_from = at;
+    b->before = same_side ? b->at : b->other;
+    b->f_before = same_side ? b->f : b->f_other;
+    if (!same_side) b->other = b->at, b->f_other = b->f;
+    b->at = at;
+    b->f = f;
+    b->looks++;
 }
 
 /* The earliest crossing in (w->s, *s]: sets *s and leaves the block just behind it. */
-static int locate(hy_engine *e, const stretch *w, const int *which, double *s)
+static int locate(hy_engine *e, const stretch *w, const int *marks, double *s)
 {
-    const double margin = 0.25 * WIDTH * w->h;
-    double low = w->s, high = *s, at = high;
-    double f_low = violation(e, e->z_left, which), f_high = violation(e, e->z, which);
-    int outcome = HY_OK, low_moved = 0, high_moved = 0; /* in how many trials on end */
-    for (int i = 1; i < MOST_TRIALS && high - low > WIDTH * w->h && !outcome; i++) {
-        double f;
-        at = fmin(fmax(next_trial(low, high, f_low, f_high, i, low_moved), low + margin), high - margin);
+    int *const which = e->crossings + 2 * e->model->n_z; /* third part */
+    bracket b = {.at = *s, .other = w->s, .margin = 0.25 * WIDTH * w->h, .zero_from = w->s};
+    double at = *s;
+    int n = 0, outcome = HY_OK;
+    for (int i = 0; i < e->model->n_z; i++)
+        if (marks[i]) which[n++] = i;
+    b.f = violation(e, e->z, which, n);
+    b.f_other = violation(e, e->z_left, which, n);
+    while (b.looks < MOST_TRIALS && !is_closed(&b, WIDTH * w->h, ROUNDING * w->h) && !outcome) {
+        at = fmin(fmax(next_look(&b), low_of(&b) + b.margin), high_of(&b) - b.margin);
         outcome = reach(e, w, at);
         if (!outcome) outcome = hy_settle(e);
         if (!outcome) outcome = e->model->indicators(&e->data, e->z);
-        f = violation(e, e->z, which);
-        if (f > 0) {
-            high = at, f_high = f, low_moved = 0;
-            if (high_moved++) f_low *= 0.5;
-        } else {
-            low = at, f_low = f, high_moved = 0;
-            if (low_moved++) f_high *= 0.5;
-        }
+        look(&b, at, violation(e, e->z, which, n));
     }
-    if (!outcome && at != high) outcome = reach(e, w, high);
+    *s = high_of(&b);
+    if (!outcome && at != *s) outcome = reach(e, w, *s);
     e->z_stands = 0;
-    *s = high;
     return outcome;
 }
 
@@ -278,7 +328,7 @@ static int quiet_step(hy_engine *e, const stretch *w, int *done)
 
 static int step_with_events(hy_engine *e, stretch w, int stop_at_events)
 {
-    int *which = e->crossings + e->model->n_z; /* second half */
+    int *which = e->crossings + e->model->n_z; /* second part */
     int sliding = 0, fresh = 0, done, outcome = quiet_step(e, &w, &done);
     if (outcome || done) return outcome;
     for (int i = 0; i < e->model->n_z; i++) e->crossings[i] = 0;

@@ -1,0 +1,44 @@
+"""What was computed lately, kept within a number of bytes."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_LEAST = 2  # entries that stay whatever their size: what is asked for twice in a row
+
+
+class Memory:
+    """Arrays by key. What was not asked for longest goes first when all exceed a number of bytes.
+
+    The arrays are shared, not copied: they must not be written to.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._kept: OrderedDict[Hashable, tuple[Array, ...]] = OrderedDict()
+        self._size = 0
+
+    def get(self, key: Hashable, make: Callable[[], tuple[Array, ...]]) -> tuple[Array, ...]:
+        """The arrays of a key, made where they are not known. What ``make`` raises is passed on."""
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        made = self._kept[key] = make()
+        self._size += _bytes(made)
+        while self._size > self._most and len(self._kept) > _LEAST:
+            self._size -= _bytes(self._kept.popitem(last=False)[1])
+        return made
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._kept.clear()
+        self._size = 0
+
+
+def _bytes(arrays: tuple[Array, ...]) -> int:
+    return sum(array.nbytes for array in arrays)
