@@ -15,8 +15,9 @@ from hystid.diagnosis.chain import Fault
 from hystid.diagnosis.fitting import ADDED_MASS, HYSTERESIS, Fit, Problem, Term
 from hystid.diagnosis.locate import where_term
 from hystid.diagnosis.result import Diagnosis, Finding, Value, Verdict, Where
-from hystid.diagnosis.selection import DELAY, Choice
+from hystid.diagnosis.selection import Choice
 from hystid.diagnosis.sensors import HUM, ChannelEffect
+from hystid.diagnosis.trials import DELAY
 from hystid.diagnosis.windows import edges
 
 Array = NDArray[np.float64]
@@ -276,7 +277,8 @@ def _finding(answer: Answer, name: str, alike: tuple[str, ...], margin: float, s
 def _widened(fitted: Mapping[str, Value], choice: Choice, term: Term) -> dict[str, Value]:
     """Standard errors that know what other forms of the same effect say that fit as well.
 
-    The structure has a form of its own, which may lie as far beyond these as they are apart. Thresholds and forces only: a coefficient means another thing in another form.
+    The structure has a form of its own, which may lie as far beyond these as they are apart. Thresholds and forces
+    only: a coefficient means another thing in another form.
     """
     near = choice.after.chi2 + _ALIKE[0] + _ALIKE[1] * max(0.0, choice.before.chi2 - choice.after.chi2)
     others = [t.fit.hypothesis.terms[-1] for t in choice.trials if t.name == term.effect.id and t.chi2 < near]

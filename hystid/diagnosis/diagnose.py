@@ -400,7 +400,9 @@ def _band(parts: Sequence[Part]) -> tuple[float, float]:
 
 def _with_errors(problem: Problem, choice: Choice) -> Choice:
     before = honest(problem, choice.before)
-    return replace(choice, before=before, after=before if choice.after is choice.before else honest(problem, choice.after))
+    return replace(
+        choice, before=before, after=before if choice.after is choice.before else honest(problem, choice.after)
+    )
 
 
 def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis, str | None]:

@@ -100,6 +100,13 @@ class Fit:
         return float("nan")
 
 
+def _with_noise(part: Part, errors: Sequence[Array], sign: float) -> Part:
+    dx, dv, da, di = errors
+    return replace(
+        part, x=part.x + sign * dx, v=part.v + sign * dv, a=part.a + sign * da, inertia=part.inertia + sign * di
+    )
+
+
 def is_source(effect: Effect) -> bool:
     """Whether an effect is hysteresis itself, which others weaken or pinch."""
     return effect.id == HYSTERESIS
@@ -313,7 +320,9 @@ class Problem:
     def shaken(self, draw: int, sign: float) -> Problem:
         """The same problem with the noise of the motion added once more (a draw of it, of either sign)."""
         moved = [
-            replace(part, x=part.x + sign * dx, v=part.v + sign * dv, a=part.a + sign * da, inertia=part.inertia + sign * di)
+            replace(
+                part, x=part.x + sign * dx, v=part.v + sign * dv, a=part.a + sign * da, inertia=part.inertia + sign * di
+            )
             for part, (dx, dv, da, di) in ((part, part.jitter[draw]) for part in self.parts)
         ]
         made = self.of(moved)

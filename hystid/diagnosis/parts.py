@@ -20,6 +20,7 @@ from hystid.errors import NumericalError
 from hystid.recording import Recording
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 _ROWS = 16_000  # rows of the least squares problems; more are averaged in blocks
 _MODEL_ERROR = 5e-4  # share of a channel below which differences are not worth a name (integration, interpolation)
 DRAWS = 3
@@ -58,7 +59,7 @@ class Part:
     inertia_order: int
     noise: dict[str, float]
     measured: dict[str, Array]
-    valid: Array | None = field(repr=False, default=None)
+    valid: Flags | None = field(repr=False, default=None)
     lowest: float = 0.0
     jitter: tuple[tuple[Array, Array, Array, Array], ...] = field(repr=False, default=())
 
@@ -133,7 +134,7 @@ def _computed(name: str, channels: Mapping[str, Array], dt: float) -> bool:
 
 def _without_stops(
     channels: dict[str, Array], noise: Mapping[str, float], stopped: Mapping[str, float]
-) -> tuple[dict[str, Array], Array | None]:
+) -> tuple[dict[str, Array], Flags | None]:
     """Channels with gaps where they stop, and the samples whose force balance can be trusted."""
     if not stopped:
         return channels, None

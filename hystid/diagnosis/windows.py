@@ -195,12 +195,12 @@ def fitted_outside(problem: Problem, before: Fit, window: Window) -> Fit:
 
 def _without(part: Part, window: Window) -> Part:
     outside = (part.t < window.begin) | (part.t > window.end)
-    return replace(part, valid=outside if part.valid is None else outside & part.valid)
+    return replace(part, valid=outside if part.valid is None else np.logical_and(outside, part.valid))
 
 
 def edges(problem: Problem, hypothesis: Hypothesis, term: Term) -> dict[str, tuple[float, float]]:
-    """Between which times [s] the window may open and close: from where the effect acts, or would have been seen, on one
-    side to where on the other. Impacts, for example, say nothing in between."""
+    """Between which times [s] the window may open, and close: from one time at which the effect acts, or would have
+    been seen, to the next. Impacts, for example, say nothing in between."""
     if not isinstance(term.effect, Windowed):
         return {}
     law, (on, off, _) = unwindowed(term), term.effect.near

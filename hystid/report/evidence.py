@@ -10,7 +10,7 @@ from scipy.signal import welch
 
 from hystid.diagnosis import Diagnosis, Traces
 from hystid.diagnosis.chain import turns
-from hystid.diagnosis.selection import Trial
+from hystid.diagnosis.trials import Trial
 from hystid.report.plots import Axis, Bars, Line, Mark, Plot, Points, Role, Series
 
 Array = NDArray[np.float64]

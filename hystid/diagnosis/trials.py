@@ -1,0 +1,235 @@
+"""Trials: joint fits of a baseline and one more effect, and how they are compared with each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hystid.diagnosis.blocks import Effect
+from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
+from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
+
+SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
+_HELD = 0.35  # samples of delay: a force that is held is half a sample late, and no shift undoes the steps
+FORM = 0.045  # share of the excess that another form of the right law leaves; more may be a second effect
+_HOPEFUL = 0.6  # share of the excess that the best trial may leave to be searched again
+_NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
+_RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
+_FORMS = 3  # forms of the leading id that are searched again
+_CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share of the excess) behind the best, fitted on
+LAST = 60  # iterations for what is named
+_REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold
+_SAME = (0.007, 0.003)  # mean square, and share of the excess, that a simpler law may lack to be preferred
+_JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a little there
+_TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
+FAR = 30.0  # excess in floors, far above the noise
+DELAY = "channel_delay"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One hypothesis that was fitted: what was added last, how it went, and the ids that it was not told from."""
+
+    name: str
+    form: str
+    size: int
+    fit: Fit = field(repr=False)
+    absorbed: float = 0.0
+    others: tuple[Term, ...] = field(repr=False, default=())
+    tied: tuple[str, ...] = ()
+
+    @property
+    def chi2(self) -> float:
+        """Mean square of the residual, noise units."""
+        return self.fit.chi2
+
+    @property
+    def form_of(self) -> Effect | None:
+        """The form that was added; None where the trial is a correction of the chain."""
+        terms = self.fit.hypothesis.terms
+        return terms[-1].effect if terms and terms[-1].effect.id == self.name else None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One accepted term: where it stands, and what it could not be told from."""
+
+    trial: Trial
+    tied: tuple[str, ...]
+    margin: float
+
+
+def trials(
+    problem: Problem,
+    fitted: Fit,
+    candidates: Sequence[Candidate],
+    excess: float,
+    extra: Sequence[Trial] = (),
+    most: int = 12,
+) -> list[Trial]:
+    """Joint fits of the promising forms, best first. Absorbed ones count for nothing unless they change much."""
+    found = [*extra]
+    top = max((c.gain for c in candidates), default=0.0)
+    promising = [c for c in candidates if c.gain > 0.3 * top][:most]
+    promising += [c for c in candidates[:most] if c not in promising][: max(0, 5 - len(promising))]
+    for candidate in promising:
+        bar = min((t.chi2 for t in found), default=0.0)
+        made = try_term(problem, fitted, candidate.term, bar=bar)
+        if made is not None:
+            found.append(_trial(candidate, made))
+    found = ranked(problem, found)
+    if found and found[0].chi2 - 1.0 > 2 * SOUND:
+        found = ranked(problem, [*_restarts(problem, fitted, found[0]), *found])
+    return [t for t in found if not (t.absorbed > ABSORBED and fitted.chi2 - t.chi2 < 0.5 * excess)]
+
+
+def ranked(problem: Problem, found: Sequence[Trial]) -> list[Trial]:
+    """Best first, without those that need a threshold which the motion never passes."""
+    return sorted((t for t in found if are_reached(problem, t.fit)), key=lambda t: t.chi2)
+
+
+def are_reached(problem: Problem, fit: Fit) -> bool:
+    """Whether the motion goes beyond every threshold: the tail of a contact that is never reached feigns a preload."""
+    for term in fit.hypothesis.terms:
+        if "gap" in term.values:
+            side = term.values.get("side", 0.0)
+            beyond = [np.mean((side * p.x if side else np.abs(p.x)) > term.values["gap"]) for p in problem.parts]
+            if float(max(beyond)) < _REACHED:
+                return False
+    return True
+
+
+def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
+    """The best form from its next best grid points: most misses are searches that got stuck."""
+    made = [try_term(problem, fitted, term, bar=best.chi2) for term in best.others[:2]]
+    return [replace(best, fit=f, others=()) for f in made if f is not None and f.chi2 < best.chi2]
+
+
+def searched_again(
+    problem: Problem, found: Sequence[Trial], floor: float, excess: float, valleys: Sequence[Fit]
+) -> list[Trial]:
+    """The leading ids from other starts, where the best explains much but not enough.
+
+    A law with corners has side valleys: the refit without the missing effect may stand in one, and no fit that starts
+    there comes out. Other starts are other valleys that the refit has seen, and scattered shapes.
+    """
+    left = found[0].chi2 - floor
+    if left < max(SOUND * floor, FORM * excess) or left > _HOPEFUL * excess:
+        return list(found)
+    again = list(found)
+    leading = [trial for trial in distinct(found)[:_SEARCHED] if trial.chi2 - floor < _NEAR * left]
+    forms = {t.form_of.class_name: t for t in reversed(found) if t.form_of and t.name in {one.name for one in leading}}
+    for valley in valleys:
+        for candidate in scan(problem, valley, [t.form_of for t in forms.values() if t.form_of])[:_FORMS]:
+            made = try_term(problem, valley, candidate.term, bar=again[0].chi2)
+            known = forms[candidate.effect.class_name]
+            again += [replace(known, fit=made, others=())] if made is not None and made.chi2 < known.chi2 else []
+    if min(t.chi2 for t in again) - floor < max(SOUND * floor, FORM * excess):
+        return ranked(problem, again)
+    for trial in leading:
+        starts = scattered(problem, trial.fit)
+        fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
+        again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
+    return ranked(problem, again)
+
+
+def exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Trial]:
+    """Look-alikes of the best trial, fitted again from where its baseline stands.
+
+    The refit without any effect leans to one side, and a fit that starts there may never come to where the best one is:
+    it would lose for that and not for its law.
+    """
+    best = found[0]
+    here = best.fit.hypothesis
+    if len(here.terms) == len(before.hypothesis.terms):
+        return list(found)
+    near = best.chi2 + _RIVAL * (before.chi2 - best.chi2)
+    forms = {t.form_of.class_name: t for t in reversed(found) if t.chi2 < near and t.form_of}
+    forms.pop(here.terms[-1].effect.class_name, None)
+    bare = replace(here, terms=here.terms[:-1])
+    rows = problem.rows(bare)
+    start = Fit(bare, rows, float(np.mean(rows**2)), problem.unknowns(bare))
+    effects = [t.form_of for t in forms.values() if t.form_of]
+    again = list(found)
+    for candidate in scan(problem, start, effects)[:_EXCHANGED]:
+        made = try_term(problem, start, candidate.term, bar=best.chi2)
+        if made is not None and made.chi2 < forms[candidate.effect.class_name].chi2 - _TIE[0]:
+            again.append(replace(forms[candidate.effect.class_name], fit=made, others=()))
+    return ranked(problem, again)
+
+
+def finished(problem: Problem, found: Sequence[Trial], excess: float) -> list[Trial]:
+    """The best of the leading ids, fitted on: a law with corners creeps, and comparisons end early."""
+    near = [t for t in distinct(found)[:_CLOSE] if t.chi2 - found[0].chi2 < _CREEPING[0] + _CREEPING[1] * excess]
+    again = []
+    for trial in near if len(near) > 1 else ():
+        made = try_fit(problem, trial.fit.hypothesis, LAST)
+        again += [replace(trial, fit=made, others=())] if made is not None and made.chi2 < trial.chi2 else []
+    return ranked(problem, [*again, *found])
+
+
+def _trial(candidate: Candidate, made: Fit) -> Trial:
+    effect = candidate.effect
+    return Trial(effect.id, effect.form, effect.size, made, candidate.absorbed, candidate.others)
+
+
+def distinct(found: Sequence[Trial]) -> list[Trial]:
+    """The best trial of each id."""
+    seen: dict[str, Trial] = {}
+    for trial in found:
+        seen.setdefault(trial.name, trial)
+    return list(seen.values())
+
+
+def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> list[Trial]:
+    """A late force channel, and a mass beyond what weighing explains: tried where the refit runs into their limits."""
+    found = []
+    here = fitted.hypothesis
+    if abs(here.delay) > 0.8 * DELAY_LIMIT and not here.late:
+        made = try_fit(problem, replace(here, late=True))
+        if made is not None and abs(made.hypothesis.delay) > DELAY_LIMIT:
+            found.append(Trial(DELAY, "", 1, made))
+    if abs(here.weighing) > 0.95 * WEIGHING_LIMIT:
+        heavier = _added_mass(problem, fitted, effects)
+        found += [heavier] if heavier is not None else []
+    return found
+
+
+def _added_mass(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
+    """The weighing error as an effect without a limit."""
+    here = fitted.hypothesis
+    mass = next((effect for effect in effects if effect.id == ADDED_MASS), None)
+    if mass is None or here.weighing == 0.0:
+        return None
+    term = Term(mass, {mass.amplitudes[0]: here.weighing * here.values["m"]})
+    made = try_fit(problem, replace(here, weighing=0.0, terms=(*here.terms, term)))
+    return Trial(mass.id, mass.form, 1, made) if made is not None else None
+
+
+def single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float) -> Step:
+    """The simplest of the trials that are as good as the best; the best is restarted first if something is left."""
+    best = found[0]
+    near = tie(best, excess)
+    same = _SAME[0] + _SAME[1] * min(excess, 10.0)
+    jumpy = _JUMPY if problem.reduce.jumps else 0.0
+    simple = best
+    for trial in sorted(found, key=lambda t: (t.size, t.chi2)):
+        if trial.chi2 - best.chi2 < (same + jumpy) * max(1, best.size - trial.size):
+            simple = trial
+            break
+    tied = tuple(dict.fromkeys(t.name for t in found if t.chi2 - simple.chi2 < near and t.name != simple.name))
+    other = next((t.chi2 for t in found if t.name != simple.name and t.name not in tied), before.chi2)
+    margin = (other - simple.chi2) / max(excess, 1e-9)
+    return Step(simple, tied, float(margin))
+
+
+def tie(best: Trial, excess: float) -> float:
+    """Difference of mean squares that does not part two hypotheses: of the form, and of what is left anyway."""
+    return _TIE[0] + _TIE[1] * min(excess, 10.0) + 0.05 * max(0.0, best.chi2 - 1.2)
+
+
+def sound(problem: Problem, delay: float) -> float:
+    """Excess that healthy recordings may show; more where a law jumps or the force was held between samples."""
+    return SOUND * (2.5 if problem.reduce.jumps else 1.0) * (2.0 if abs(delay) > _HELD else 1.0)
