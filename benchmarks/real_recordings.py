@@ -121,7 +121,8 @@ def main(arguments: list[str]) -> None:
                 print(json.dumps([e.free_run for e in found.holdout]))
     if chosen:
         return
-    head = "| case, given | verdict | found, form of the law (confidence) | baseline in the end (SI) | force error | held out | CPU |\n"
+    head = "| case, given | verdict | found, form of the law (confidence) | baseline in the end (SI) | force error "
+    head += "| held out | CPU |\n"
     head += "|---|---|---|---|---|---|---|\n"
     text = DOCUMENT.read_text(encoding="utf-8")
     first, last = text.index(START) + len(START), text.index(END)
