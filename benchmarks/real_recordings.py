@@ -91,13 +91,15 @@ def row(name: str, case: Case, found: Diagnosis, seconds: float) -> str:
 
 
 def _finding(finding: Finding) -> str:
-    """Id, confidence, parameters and look-alikes."""
+    """Id, form of the law, confidence, parameters and look-alikes."""
     values = ", ".join(
         f"{name} = {value.value:.4g} {value.unit}".removesuffix(" 1").strip()
         for name, value in finding.parameters.items()
     )
     others = ", ".join(other for other in finding.alike if other != finding.effect)
-    return f"{finding.effect} ({finding.confidence:.2f}): {values}" + (f"; or {others}" if others else "")
+    form = f", {finding.evidence['form']}" if finding.evidence.get("form") else ""
+    told = f"{finding.effect}{form} ({finding.confidence:.2f}): {values}"
+    return told + (f"; or {others}" if others else "")
 
 
 def _pair(errors: tuple[float | None, float | None]) -> str:
@@ -119,7 +121,8 @@ def main(arguments: list[str]) -> None:
                 print(json.dumps([e.free_run for e in found.holdout]))
     if chosen:
         return
-    head = "| case, given | verdict | found (confidence) | baseline in the end (SI) | force error | held out | CPU |\n"
+    head = "| case, given | verdict | found, form of the law (confidence) | baseline in the end (SI) | force error "
+    head += "| held out | CPU |\n"
     head += "|---|---|---|---|---|---|---|\n"
     text = DOCUMENT.read_text(encoding="utf-8")
     first, last = text.index(START) + len(START), text.index(END)

@@ -205,8 +205,9 @@ def test_several_motions_at_once_are_each_alone_to_the_bit(law: str) -> None:
     model, motions, alone = CompiledModel(compile_model(f"HystId.Oscillators.{law}")), [], []
     for i, (n, dt, substeps) in enumerate(MOTIONS):
         t = np.arange(n) * dt
-        x = 2e-3 * np.sin(30 * t + i) + 1e-3 * np.sin((71 + i) * t)
-        states = {"x": x, "v": 6e-2 * np.cos(30 * t + i) + 1e-3 * (71 + i) * np.cos((71 + i) * t)}
+        fast = 600 if i == 3 else 71 + i  # rad/s; the third turns every fifth sample, with an event each time
+        x = 2e-3 * np.sin(30 * t + i) + 1e-3 * np.sin(fast * t)
+        states = {"x": x, "v": 6e-2 * np.cos(30 * t + i) + 1e-3 * fast * np.cos(fast * t)}
         motions.append(model.motion(states, {}, dt, substeps=substeps))
         alone.append(model.clamp(states, {}, dt, outputs=["R", "f_h"], substeps=substeps))
     together = model.follow(motions, {}, ["R", "f_h"])

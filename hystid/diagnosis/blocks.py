@@ -109,9 +109,18 @@ class Effect:
         ]
         return [found["f"] for found in self.model.follow(motions, parameters, ("f",))]
 
+    @cached_property
+    def _paths(self) -> tuple[str, ...]:
+        """Shapes in metres over which inner states change: those that their derivatives depend on."""
+        known = self.model.code.dependencies if self.model is not None else {}
+        steep = {name for item, names in known.items() if item.startswith("der(") for name in names}
+        return tuple(shape.name for shape in self.shapes if shape.unit == "m" and shape.name in steep)
+
     def _substeps(self, signals: Signals, parameters: Mapping[str, float]) -> int:
         """Steps per sample with which a memory over a short path stays stable, however far a sample moves."""
-        lengths = [parameters.get(s.name, 0.0) for s in self.shapes if s.unit == "m"] if self.remembers else []
+        lengths = [parameters.get(name, 0.0) for name in self._paths]
+        if not lengths:
+            return 1
         shortest = min((length for length in lengths if length > 0), default=np.inf)
         path = float(np.max(np.abs(signals.v))) * signals.dt
         return int(np.clip(np.ceil(path / shortest), 1, _SUBSTEPS))

@@ -28,7 +28,7 @@ _COMPANIONS = frozenset({"cyclic_degradation", PINCHING})
 _SPRINGS = frozenset({"cubic_stiffness", "quadratic_stiffness", "bilinear_stiffness", "two_sided_stop", "backlash"})
 _MOST = 3  # effects together
 _FORMS, _NEAR = 3, 1.5  # forms of friction that are followed, and their mean square over that of the best one
-_CANDIDATES = 4  # further effects that are compared
+_CANDIDATES, _COMPARED = 5, 2  # forms of further effects that are tried, and that are fitted long
 _SHORT, _LONG = 10, 40  # iterations for the comparison, and for the best
 _BLOCKS, _GAINING = 12, 0.75  # of these blocks of rows, or of all branches, the share in which an effect must help
 _REGION = 2 / 3  # of the stroke, or of the force, that a pinched region may take: a tenth of it is left at the ends
@@ -53,102 +53,121 @@ def family(problem: Problem, before: Fit, library: Sequence[Effect], floor: floa
     """Hysteretic friction and the effects on it, in the order of strength; empty where there is no such family."""
     if problem.baseline.has_h or not any(_is_reader(effect) for effect in library):
         return []
-    measured = branches(problem, before)
-    visible = _VISIBLE * (before.chi2 - floor)
-    lines = []
-    for start in _starts(problem, before, library):
-        line = [start]
-        while len(line) < _MOST and (link := _next(problem, line, library, measured, visible)) is not None:
-            line.append(link)
-        lines.append(line)
-    long = [line for line in lines if len(line) > 1]
+    excess = before.chi2 - floor
+    search = _Search(problem, library, branches(problem, before), _VISIBLE * excess)
+    long = [line for start in search.starts(before) if len(line := search.line(start)) > 1]
     if not long:
         return []
     least = min(line[-1].fit.chi2 for line in long)
     near = [line for line in long if line[-1].fit.chi2 < _CLOSE * least]
-    best = min(near, key=lambda line: (_misfit(problem, line[-1].fit, measured), line[-1].fit.chi2))
-    explained = (before.chi2 - best[-1].fit.chi2) / max(before.chi2 - floor, 1e-300)
-    return best if explained > EXPLAINED else []
+    best = min(near, key=lambda line: (search.misfit(line[-1].fit), line[-1].fit.chi2))
+    return best if before.chi2 - best[-1].fit.chi2 > EXPLAINED * excess else []
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What lines of effects are grown on.
+
+    measured: shape of the branches; visible: fall of the mean square below which an effect must be seen in them.
+    """
+
+    problem: Problem
+    library: Sequence[Effect]
+    measured: Sequence[Branches]
+    visible: float
+
+    def starts(self, before: Fit) -> list[Link]:
+        """The best forms of hysteretic friction."""
+        sources = [effect for effect in self.library if is_source(effect)]
+        found = [(c.effect, try_term(self.problem, before, c.term, _LONG)) for c in scan(self.problem, before, sources)]
+        fits = [Link(effect, made) for effect, made in found if made is not None]
+        least = min((link.fit.chi2 for link in fits), default=0.0)
+        near = [link for link in fits if link.fit.chi2 < _NEAR * least]
+        return sorted(near, key=lambda link: link.fit.chi2)[:_FORMS]
+
+    def line(self, start: Link) -> list[Link]:
+        """A form of friction, and the effects that follow it."""
+        line = [start]
+        while len(line) < _MOST and (link := self._next(line)) is not None:
+            line.append(link)
+        return line
+
+    def misfit(self, fit: Fit) -> float:
+        """Mean square misfit of the branches; 0 where there are too few."""
+        found = misfits(self.problem, fit, self.measured)
+        return float(np.mean(found**2)) if len(found) >= _FEWEST else 0.0
+
+    def _next(self, line: Sequence[Link]) -> Link | None:
+        """The effect that takes most of the rest, or else pinching in another form that the branches show."""
+        end = line[-1].fit
+        used = {link.effect.id for link in line}
+        readers = [effect for effect in self.library if _is_reader(effect) and effect.id not in used]
+        candidates = scan(self.problem, end, readers)[:_CANDIDATES]
+        found = [(c.effect, try_term(self.problem, end, c.term, _SHORT)) for c in candidates]
+        fits = sorted(((e, f) for e, f in found if f is not None), key=lambda item: item[1].chi2)
+        fits = [(e, f) for i, (e, f) in enumerate(fits) if i < _COMPARED or (e.id == PINCHING and self._rises(end))]
+        fits = [(e, again) for e, f in fits if (again := try_fit(self.problem, f.hypothesis, _LONG)) is not None]
+        if not fits:
+            return None
+        least = min(f.chi2 for _, f in fits)
+        near = [(e, f) for e, f in fits if f.chi2 < (1 + _TIE) * least]
+        first = min(near, key=lambda item: (item[0].size, item[1].chi2))
+        if self._takes_much(end, first[1]):
+            return Link(*first, tuple(dict.fromkeys(e.id for e, _ in near if e.id != first[0].id)))
+        shown = [(e, f) for e, f in fits if e.id == PINCHING and self._is_shown(end, f)]
+        return Link(*min(shown, key=lambda item: item[1].chi2)) if shown else None
+
+    def _takes_much(self, end: Fit, fit: Fit) -> bool:
+        """Whether the last effect of a fit takes much of the rest, everywhere."""
+        much = end.chi2 - fit.chi2 > max(self.visible, MUCH * end.chi2)
+        return much and self._is_sound(end, fit)
+
+    def _rises(self, end: Fit) -> bool:
+        """Whether the stiffness rises along the measured branches, and not along those of a fit."""
+        found = misfits(self.problem, end, self.measured)
+        return len(found) >= _FEWEST and float(np.mean(found)) > _RISE
+
+    def _is_shown(self, end: Fit, fit: Fit) -> bool:
+        """Whether pinching, the last effect of a fit, gives most of the branches that rise the measured shape."""
+        if not self._rises(end) or fit.chi2 > (1 - _LITTLE) * end.chi2:
+            return False
+        before, after = (misfits(self.problem, one, self.measured) for one in (end, fit))
+        rising = before > _RISE
+        closer = float(np.mean(np.abs(after[rising]) < before[rising]))
+        shaped = closer >= _GAINING and float(after @ after) < (1 - _SHAPE) * float(before @ before)
+        return shaped and self._is_sound(end, fit)
+
+    def _is_sound(self, end: Fit, fit: Fit) -> bool:
+        """Whether the last effect helps everywhere, and is no pinching without a region or that a spring feigns."""
+        if not helps_everywhere(end, fit):
+            return False
+        return fit.hypothesis.terms[-1].effect.id != PINCHING or (
+            self._is_local(fit) and not self._is_feigned(end, fit)
+        )
+
+    def _is_feigned(self, end: Fit, fit: Fit) -> bool:
+        """Whether a spring does as well as pinching, in the force and in the shape of the branches."""
+        springs = scan(self.problem, end, [effect for effect in self.library if effect.id in _SPRINGS])[:2]
+        rivals = [made for c in springs if (made := try_term(self.problem, end, c.term, _LONG)) is not None]
+        as_good = [rival for rival in rivals if rival.chi2 < (1 + _TIE) * fit.chi2]
+        return any(self.misfit(rival) <= self.misfit(fit) for rival in as_good)
+
+    def _is_local(self, fit: Fit) -> bool:
+        """Whether a pinched region is a region: not most of the stroke, or of the hysteretic force."""
+        term = fit.hypothesis.terms[-1]
+        signals = self.problem.signals(fit.hypothesis)
+        tops = {
+            "m": max(float(np.max(np.abs(s.x))) for s in signals),
+            "N": max(float(np.max(np.abs(s.h))) for s in signals),
+            "1": 1.0,
+        }
+        widths = [(term.values[s.name], tops[s.unit]) for s in term.effect.shapes if s.unit in tops]
+        return all(width < _REGION * top for width, top in widths)
 
 
 def _is_reader(effect: Effect) -> bool:
     """Whether an effect acts on the force of hysteretic friction."""
     return effect.uses_h and effect.id in _COMPANIONS
-
-
-def _starts(problem: Problem, before: Fit, library: Sequence[Effect]) -> list[Link]:
-    """The best forms of hysteretic friction."""
-    sources = [effect for effect in library if is_source(effect)]
-    found = [(c.effect, try_term(problem, before, c.term, _LONG)) for c in scan(problem, before, sources)]
-    fits = [Link(effect, made) for effect, made in found if made is not None]
-    least = min((link.fit.chi2 for link in fits), default=0.0)
-    near = [link for link in fits if link.fit.chi2 < _NEAR * least]
-    return sorted(near, key=lambda link: link.fit.chi2)[:_FORMS]
-
-
-def _next(
-    problem: Problem, line: Sequence[Link], library: Sequence[Effect], measured: Sequence[Branches], visible: float
-) -> Link | None:
-    """The effect that takes most of the rest, everywhere; None where none takes enough of it.
-
-    visible: fall of the mean square below which it must be seen in the branches.
-    """
-    end = line[-1].fit
-    used = {link.effect.id for link in line}
-    candidates = scan(problem, end, [e for e in library if _is_reader(e) and e.id not in used])[:_CANDIDATES]
-    found = [(c.effect, try_term(problem, end, c.term, _SHORT)) for c in candidates]
-    fits = sorted(((e, f) for e, f in found if f is not None), key=lambda item: item[1].chi2)[:2]
-    fits = [(e, again) for e, f in fits if (again := try_fit(problem, f.hypothesis, _LONG)) is not None]
-    if not fits:
-        return None
-    least = min(f.chi2 for _, f in fits)
-    near = [(e, f) for e, f in fits if f.chi2 < (1 + _TIE) * least]
-    effect, fit = min(near, key=lambda item: (item[0].size, item[1].chi2))
-    if not _is_local(problem, fit) or not helps_everywhere(end, fit):
-        return None
-    pinched = effect.id == PINCHING
-    shown = pinched and _is_shown(problem, end, fit, measured)
-    if not shown and end.chi2 - fit.chi2 < max(visible, MUCH * end.chi2):
-        return None
-    if pinched and _is_feigned(problem, end, fit, library, measured):
-        return None
-    return Link(effect, fit, tuple(dict.fromkeys(e.id for e, _ in near if e.id != effect.id)))
-
-
-def _is_shown(problem: Problem, end: Fit, fit: Fit, measured: Sequence[Branches]) -> bool:
-    """Whether pinching, the last effect of a fit, gives most branches the shape that was measured."""
-    before, after = misfits(problem, end, measured), misfits(problem, fit, measured)
-    if len(before) < _FEWEST or np.mean(before) < _RISE or fit.chi2 > (1 - _LITTLE) * end.chi2:
-        return False
-    closer = float(np.mean(np.abs(after) <= np.abs(before)))
-    return closer >= _GAINING and float(after @ after) < (1 - _SHAPE) * float(before @ before)
-
-
-def _is_feigned(problem: Problem, end: Fit, fit: Fit, library: Sequence[Effect], measured: Sequence[Branches]) -> bool:
-    """Whether a spring does as well as pinching, in the force and in the shape of the branches."""
-    springs = scan(problem, end, [effect for effect in library if effect.id in _SPRINGS])[:2]
-    rivals = [made for c in springs if (made := try_term(problem, end, c.term, _LONG)) is not None]
-    as_good = [rival for rival in rivals if rival.chi2 < (1 + _TIE) * fit.chi2]
-    return any(_misfit(problem, rival, measured) <= _misfit(problem, fit, measured) for rival in as_good)
-
-
-def _misfit(problem: Problem, fit: Fit, measured: Sequence[Branches]) -> float:
-    """Mean square misfit of the branches; 0 where there are too few."""
-    found = misfits(problem, fit, measured)
-    return float(np.mean(found**2)) if len(found) >= _FEWEST else 0.0
-
-
-def _is_local(problem: Problem, fit: Fit) -> bool:
-    """Whether a pinched region is a region: not most of the stroke, or of the hysteretic force."""
-    term = fit.hypothesis.terms[-1]
-    signals = problem.signals(fit.hypothesis)
-    tops = {
-        "m": max(float(np.max(np.abs(s.x))) for s in signals),
-        "N": max(float(np.max(np.abs(s.h))) for s in signals),
-        "1": 1.0,
-    }
-    widths = [(term.values[s.name], tops[s.unit]) for s in term.effect.shapes if s.unit in tops]
-    return term.effect.id != PINCHING or all(width < _REGION * top for width, top in widths)
 
 
 def helps_everywhere(before: Fit, after: Fit) -> bool:

@@ -14,15 +14,20 @@ __attribute__((visibility("default")))
 #endif
 void hy_run_tables(hy_table *tables, int n, int *outcomes);
 
-enum { LANES = 4 }; /* more gain nothing: the processor's window is full */
+enum {
+    LANES = 4,    /* more gain nothing: the processor's window is full */
+    BROKEN = 8,  /* one row in so many may be broken */
+    SETTLING = 200 /* rows before that is judged */
+};
 
 typedef struct {
     hy_engine e;
     hy_table *t;
     int row, step;             /* that are being reached */
     double t0, h, middle, end; /* start of the row; length, middle and end of the step [s] */
-    double *kept;              /* the block at the start of the row */
+    double *kept;              /* what the block holds at the start of the row, parameters apart */
     int good;                  /* 1 as long as nothing happens in the row: no event, no refusal */
+    int broken;                /* rows in which something happened */
     int *outcome;
 } lane;
 
@@ -33,6 +38,8 @@ static int goes_in_lanes(const hy_engine *e, const hy_table *t)
     return e->n_free && !t->n_seeds && !m->completed_step && !m->next_time_event && !(hy_has_events(e) && any_held(t));
 }
 
+static size_t kept_size(const hy_model *m) { return sizeof(double) * (size_t)(m->n_values - m->u); }
+
 static void begin_step(lane *l)
 {
     const double dt = l->t->dt, n = l->t->substeps;
@@ -41,7 +48,7 @@ static void begin_step(lane *l)
     double left;
     if (!l->step) {
         set_polynomials(e, l->t, l->row - 1);
-        memcpy(l->kept, e->data.v, sizeof(double) * (size_t)e->model->n_values);
+        memcpy(l->kept, e->data.v + e->model->u, kept_size(e->model));
         l->t0 = e->data.v[0];
         l->good = 1;
     }
@@ -95,9 +102,19 @@ static void evaluate(lane *l) { l->good &= l->e.model->evaluate(&l->e.data) == H
 static int again(lane *l)
 {
     hy_engine *const e = &l->e;
-    memcpy(e->data.v, l->kept, sizeof(double) * (size_t)e->model->n_values);
+    memcpy(e->data.v + e->model->u, l->kept, kept_size(e->model));
+    e->data.v[0] = l->t0;
     e->status->stale = e->z_stands = 0;
     return integrated_row(e, l->t, l->row);
+}
+
+/* Where too many rows are broken, to integrate them twice costs more than lanes save. */
+static void alone(lane *l)
+{
+    for (; l->row < l->t->rows && !*l->outcome; l->row += !*l->outcome) {
+        l->t->failed_row = l->row;
+        *l->outcome = integrated_row(&l->e, l->t, l->row);
+    }
 }
 
 static void end_step(lane *l)
@@ -110,7 +127,9 @@ static void end_step(lane *l)
     *l->outcome = l->good ? put_row(e, l->t, l->row) : again(l);
     l->t->failed_row = l->row;
     l->step = 0;
+    l->broken += !l->good;
     if (!*l->outcome) l->row++;
+    if (!*l->outcome && BROKEN * l->broken > l->row + SETTLING) alone(l);
 }
 
 static void step_all(lane *const *on, int n)
@@ -151,7 +170,7 @@ static int open_lane(lane *l, hy_table *t, int *outcome)
     *outcome = HY_ERROR;
     if (t->version != HY_TABLE_VERSION || t->rows < 1 || hy_open(&l->e, &hy_the_model, note, t)) return 0;
     if (t->substeps < 1) t->substeps = hy_steps_in(&l->e, t->dt);
-    l->kept = malloc(sizeof(double) * (size_t)l->e.model->n_values);
+    l->kept = malloc(kept_size(l->e.model));
     *outcome = l->kept ? prepare(&l->e, t) : HY_ERROR;
     if (!*outcome && !goes_in_lanes(&l->e, t)) {
         *outcome = run(&l->e, t);
