@@ -49,6 +49,7 @@ _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 _GOOD_RIG = 2e-3  # noise over spread, 54 dB
 _LIBRARY = "HystId."
 _STARTS = (0.5, 2.0)  # factors on the nominal shapes of the law, for further starts of the refit
+_JUMPS = 2  # rounds in which rows near jumps are found, and the refit begins again without them
 _APART = 0.01  # relative difference of mean squares that makes two optima of the refit
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
@@ -364,9 +365,10 @@ def _refit(problem: Problem) -> tuple[Fit, tuple[Fit, ...], float]:
         fits += [made for h in starts if (made := try_fit(problem, h, 25, bar=fits[0].chi2)) is not None]
         fits.sort(key=lambda f: f.chi2)
     best, *others = fits
-    if problem.distrust(best.hypothesis):  # jumps may have led the fits astray: begin again without them
-        fits = [made for h in (best.hypothesis, nominal) if (made := try_fit(problem, h, 25)) is not None]
-        best, rows, others = min(fits, key=lambda f: f.chi2), problem.rows(nominal), []
+    for _ in range(_JUMPS):
+        if problem.distrust(best.hypothesis):  # jumps may have led the fits astray: begin again without them
+            fits = [made for h in (best.hypothesis, nominal) if (made := try_fit(problem, h, 25)) is not None]
+            best, rows, others = min(fits, key=lambda f: f.chi2), problem.rows(nominal), []
     valleys = [f for f in others if f.chi2 > (1 + _APART) * best.chi2]
     return best, tuple(valleys[:2]), float(np.mean(rows**2))
 

@@ -277,29 +277,28 @@ class Problem:
 
     def distrust(self, hypothesis: Hypothesis) -> bool:
         """Weigh down rows in which a law jumps; true where there are such rows."""
+        self.reduce.trust()
         changed = self.reduce.distrust([*self.movements(hypothesis), *self._jumps(hypothesis)])
         self._columns.clear()
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
         return changed
 
     def _jumps(self, hypothesis: Hypothesis) -> list[Array]:
-        """Rows of what a few per cent of the speed make of a law without memory.
+        """Rows of the bend that a law without memory makes over a tenth of the largest speed, either way.
 
-        Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed, and filters
-        in the
-        measurement chain round the jump: the force right there says nothing.
+        Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed, and filters of
+        the measurement chain round the jump: the force near it says little.
         """
         if not self.baseline.memoryless:
             return []
         here = [R for R, _ in self.law(hypothesis.values)]
         shift = _TURN * float(max(np.max(np.abs(p.v)) for p in self.parts))
-        draws = []
-        for sign in (-shift, shift):
-            there = self.baseline.forces(
-                [self.baseline.held(p.x, p.v + sign, p.dt) for p in self.parts], hypothesis.values
-            )
-            draws.append(self.reduce([b - a for a, (b, _) in zip(here, there, strict=True)]))
-        return draws
+        behind, ahead = (
+            self.baseline.forces([self.baseline.held(p.x, p.v + sign, p.dt) for p in self.parts], hypothesis.values)
+            for sign in (-shift, shift)
+        )
+        bend = [np.abs(b + c - 2 * a) for a, (b, _), (c, _) in zip(here, behind, ahead, strict=True)]
+        return [self.reduce(bend)]  # its sign changes with that of v: blocks of samples would lose it
 
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
         moved = []

@@ -221,7 +221,7 @@ class Reduction:
     def distrust(self, draws: Sequence[Array]) -> bool:
         """Weigh down the rows in which the noise of the regressors moves the force by more than its own noise.
 
-        draws: rows of such movements. A law that jumps where the velocity changes sign is the case in mind: where the
+        draws: rows of such movements, not weighed. A law that jumps where the velocity changes sign is the case in mind: where the
         jump falls is not known to the sample, and its neighbours say nothing about the law.
         """
         spread = np.mean([rows**2 for rows in draws], axis=0)
@@ -229,6 +229,10 @@ class Reduction:
         if float(np.quantile(wide, 0.999)) > _JUMP:
             self._trust = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0)
         return self._trust is not None
+
+    def trust(self) -> None:
+        """Weigh all rows alike again."""
+        self._trust = None
 
     @property
     def jumps(self) -> bool:
