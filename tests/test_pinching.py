@@ -1,5 +1,6 @@
 """Pinching, read off the branches between reversals of loops by Bouc, Wen, Baber and Noori."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ from hystid.diagnosis.blocks import Signals
 from hystid.diagnosis.branches import rises
 from hystid.diagnosis.library import load_effects
 from hystid.recording import Recording
+from hystid.recording.types import PSEUDO_TIME
 
 PER_CYCLE = 200
 AMPLITUDES = 1e-3 * np.repeat([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2)
@@ -92,3 +94,12 @@ def slipped(x: np.ndarray, h: np.ndarray) -> np.ndarray:
         forward = max(0.0, np.sign(h[k]) * (x[k] - x[k - 1]))
         path[k] = (path[k - 1] if h[k] * h[k - 1] > 0 else 0.0) + forward
     return path
+
+
+def test_a_baseline_without_a_linear_parameter_is_refitted_from_further_starts() -> None:
+    """Quasi-static, so that there is no damper, and with a spring that is known; what wears is the baseline's force."""
+    test = recorded(5e3 * X + loops(worn=True, pinched=0.0))
+    test = replace(test, origin={"t": PSEUDO_TIME, "x": "measured", "F": "measured"})
+    known = {"m": 0, "Kl": {"value": 5e3, "fixed": True}}
+    found = diagnose([test], model="HystId.Oscillators.BoucWen", parameters=known)
+    assert [finding.effect for finding in found.findings] == ["cyclic_degradation"]

@@ -1,7 +1,8 @@
 """Shape of the branches between reversals: whether the stiffness, which falls along them, rises again in the middle.
 
-Along a branch of hysteretic friction the stiffness falls from one reversal to the next, however much the friction has
-worn. Where it rises again, the loop is pinched. The measured branches show that by themselves, without any law.
+Along a branch of friction that saturates the stiffness falls from one reversal to the next, however much the friction
+has worn. Where it rises again, the loop is pinched, or something stiffens. The measured branches show that by
+themselves, without any law.
 """
 
 from __future__ import annotations

@@ -178,10 +178,8 @@ class Problem:
         return self._with_h(found, hypothesis.terms)
 
     def _with_h(self, signals: list[Signals], terms: Sequence[Term]) -> list[Signals]:
-        for term in self._sources(terms):
-            forces = term.effect.forces(signals, term.values)
-            signals = [replace(s, h=s.h + f) for s, f in zip(signals, forces, strict=True)]
-        return signals
+        added = [term.effect.forces(signals, term.values) for term in self._sources(terms)]
+        return [replace(s, h=sum((f[i] for f in added), s.h)) for i, s in enumerate(signals)] if added else signals
 
     def _sources(self, terms: Sequence[Term]) -> list[Term]:
         """The effects whose force is the hysteretic force of a baseline without one."""

@@ -15,7 +15,7 @@ _LEAST = 2  # entries that stay whatever their size: what is asked for twice in 
 class Memory:
     """Arrays by key. What was not asked for longest goes first when all exceed a number of bytes.
 
-    The arrays are shared, not copied: they must not be written to.
+    The arrays are shared, not copied, and made read-only.
     """
 
     def __init__(self, most: int) -> None:
@@ -29,6 +29,8 @@ class Memory:
             self._kept.move_to_end(key)
             return self._kept[key]
         made = self._kept[key] = make()
+        for array in made:
+            array.flags.writeable = False
         self._size += _bytes(made)
         while self._size > self._most and len(self._kept) > _LEAST:
             self._size -= _bytes(self._kept.popitem(last=False)[1])
