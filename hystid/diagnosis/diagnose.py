@@ -28,7 +28,7 @@ from hystid.diagnosis.parts import HiddenMotion, Part, prepare_part, visible
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.runs import Run, compile_text, free_runs, write_beside
-from hystid.diagnosis.search import scattered, try_fit
+from hystid.diagnosis.search import other_valleys, try_fit
 from hystid.diagnosis.selection import Choice, choose
 from hystid.diagnosis.starts import scaled, sizes_of
 from hystid.diagnosis.uncertainty import honest
@@ -49,6 +49,7 @@ _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 _GOOD_RIG = 2e-3  # noise over spread, 54 dB
 _LIBRARY = "HystId."
 _STARTS = (0.5, 2.0)  # factors on the nominal shapes of the law, for further starts of the refit
+_VALLEYS = 2  # rounds of looking for a better valley of the refit
 _JUMPS = 2  # rounds in which rows near jumps are found, and the refit begins again without them
 _APART = 0.01  # relative difference of mean squares that makes two optima of the refit
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
@@ -345,7 +346,7 @@ def _refit(problem: Problem) -> tuple[Fit, tuple[Fit, ...], float]:
     """The baseline from several starts, other optima that were met, and the mean square at the nominal values.
 
     Further starts only while something is left: the nominal shapes made smaller and larger, then shapes scattered
-    around the best, since a law with corners has side valleys.
+    around the best and behind the ridges beside it, since a law with corners has side valleys.
     """
     nominal = Hypothesis(dict(problem.baseline.nominal))
     rows = problem.rows(nominal)
@@ -360,10 +361,14 @@ def _refit(problem: Problem) -> tuple[Fit, tuple[Fit, ...], float]:
         fits.sort(key=lambda f: f.chi2)
     if not fits:
         raise NumericalError("the baseline has no finite force on these recordings; check its nominal parameters")
-    if not _sits(problem, fits[0]):
-        starts = scattered(problem, fits[0])
-        fits += [made for h in starts if (made := try_fit(problem, h, 25, bar=fits[0].chi2)) is not None]
+    for _ in range(_VALLEYS):
+        if _sits(problem, best := fits[0]):
+            break
+        starts = other_valleys(problem, best)
+        fits += [made for h in starts if (made := try_fit(problem, h, 25, bar=best.chi2)) is not None]
         fits.sort(key=lambda f: f.chi2)
+        if fits[0].chi2 > (1 - _APART) * best.chi2:
+            break
     best, *others = fits
     for _ in range(_JUMPS):
         if problem.distrust(best.hypothesis):  # jumps may have led the fits astray: begin again without them

@@ -25,7 +25,7 @@ LATE_LIMIT = 8.0  # samples
 HYSTERESIS = "hysteretic_friction"
 ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
 WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
-_TURN = 0.1  # share of the peak speed over which a contact may turn
+_TURN = 0.05  # share of the peak speed over which a contact may turn
 _PACE = 0.04  # share of the way to the bar that every step must make
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
@@ -282,7 +282,7 @@ class Problem:
         return changed
 
     def _jumps(self, hypothesis: Hypothesis) -> list[Array]:
-        """Rows of the bend that a law without memory makes over a tenth of the largest speed, either way.
+        """Rows of the bend that a law without memory makes over some of the largest speed, either way.
 
         Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed, and filters of
         the measurement chain round the jump: the force near it says little.
@@ -464,14 +464,23 @@ def _key(term: Term) -> tuple[object, ...]:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # refused steps may be as wild as they like
-def fit(problem: Problem, start: Hypothesis, *, iterations: int = 25, tolerance: float = 1e-4, bar: float = 0.0) -> Fit:
+def fit(
+    problem: Problem,
+    start: Hypothesis,
+    *,
+    iterations: int = 25,
+    tolerance: float = 1e-4,
+    bar: float = 0.0,
+    held: Key | None = None,
+) -> Fit:
     """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
 
-    bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
+    held: an unknown that stays where it is. bar: mean square that another hypothesis has reached; this one is given up
+    when it cannot come near at its pace.
     Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row.
     Raises NumericalError when the start itself has no finite residual.
     """
-    unknowns = problem.unknowns(start)
+    unknowns = tuple(u for u in problem.unknowns(start) if u.key != held)
     here = _clip(start, unknowns)
     rows = problem.rows(here)
     cost = float(rows @ rows)

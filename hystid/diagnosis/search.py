@@ -15,6 +15,7 @@ from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
 _SPREAD = (1.4, 1.8)  # factor either way over which shapes of the law, and of effects, are spread for new starts
+_STRIDES, _STRIDE, _SHORT = 5, 0.1, 4  # steps (logarithmic) towards another valley, and iterations at each
 ABSORBED = 0.99  # share of a column that the refit takes over, above which the recordings cannot test the effect
 
 
@@ -119,10 +120,12 @@ def try_term(problem: Problem, fitted: Fit, term: Term, iterations: int = 12, ba
     return try_fit(problem, replace(start, terms=(*start.terms, term)), iterations, bar)
 
 
-def try_fit(problem: Problem, start: Hypothesis, iterations: int = 12, bar: float = 0.0) -> Fit | None:
+def try_fit(
+    problem: Problem, start: Hypothesis, iterations: int = 12, bar: float = 0.0, held: Key | None = None
+) -> Fit | None:
     """``fit``, or None where it has no finite answer."""
     try:
-        return fit(problem, start, iterations=iterations, bar=bar)
+        return fit(problem, start, iterations=iterations, bar=bar, held=held)
     except (NumericalError, np.linalg.LinAlgError):
         return None
 
@@ -149,6 +152,51 @@ def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) ->
         made = _solved(problem, put(fitted.hypothesis, moved), linear)
         found += [made] if made is not None else []
     return [hypothesis for _, hypothesis in sorted(found, key=lambda item: item[0])[:kept]]
+
+
+def other_valleys(problem: Problem, fitted: Fit) -> list[Hypothesis]:
+    """Starts for leaving a side valley: behind the ridges beside a fit, and scattered ones."""
+    return [*beyond(problem, fitted), *scattered(problem, fitted)]
+
+
+def beyond(problem: Problem, fitted: Fit) -> list[Hypothesis]:
+    """New starts behind the ridges on either side of a fit: at most one each.
+
+    Valleys of a law with corners follow each other along the shape that is determined least. It is moved in steps, held
+    there, everything else fitted; where the cost falls again, another valley begins.
+    """
+    unknowns = problem.unknowns(fitted.hypothesis)
+    law = [u for u in unknowns if u.log and u.key[0] == "base"]
+    if not law:
+        return []
+    weakest = _weakest(problem, fitted, law, [u for u in unknowns if u.linear])
+    found = []
+    for sign in (1.0, -1.0):
+        here, cost = fitted.hypothesis, fitted.rss
+        for _ in range(_STRIDES):
+            value = get(here, weakest.key) * float(np.exp(sign * _STRIDE))
+            if not weakest.low < value < weakest.high:
+                break
+            made = try_fit(problem, put(here, {weakest.key: value}), _SHORT, held=weakest.key)
+            if made is None:
+                break
+            if made.rss < cost and here is not fitted.hypothesis:
+                found.append(made.hypothesis)
+                break
+            here, cost = made.hypothesis, made.rss
+    return found
+
+
+def _weakest(problem: Problem, fitted: Fit, law: Sequence[Unknown], linear: Sequence[Unknown]) -> Unknown:
+    """The shape of a law with the largest part in the change that is seen least, everything linear following."""
+    columns = problem.jacobian(fitted.hypothesis, law)
+    if linear:
+        around = problem.jacobian(fitted.hypothesis, linear)
+        size = np.linalg.norm(around, axis=0)
+        basis, _ = np.linalg.qr(around[:, size > 0] / size[size > 0])
+        columns = columns - basis @ (basis.T @ columns)
+    _, _, directions = np.linalg.svd(columns, full_matrices=False)
+    return law[int(np.argmax(np.abs(directions[-1])))]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a start that is not finite loses

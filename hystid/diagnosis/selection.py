@@ -14,7 +14,7 @@ from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import Fit, Problem, Term
 from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
-from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
+from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.sensors import force_drift, mains_hum
 from hystid.diagnosis.several import grow, several_effects
 from hystid.diagnosis.trials import (
@@ -32,7 +32,7 @@ from hystid.diagnosis.trials import (
     sound,
     trials,
 )  # fmt: skip
-from hystid.diagnosis.windows import fitted_outside, is_off_outside, settled, unwindowed, window_of, windowed
+from hystid.diagnosis.windows import is_off_outside, settled, unwindowed, windowed, windows_of
 
 WORTH = 0.05  # fall of the mean square below which no effect is named
 EXPLAINED = 0.93  # share of the excess that a right law explains
@@ -44,7 +44,9 @@ _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 PRELOAD, DRIFT = "preload", "force_drift"
-_WINDOW_LEFT, _WINDOW_WORTH = 0.05, 0.25  # shares of the excess that a law in a window may leave, and must be worth
+_WINDOW_LEFT = 0.05  # share of the excess that a law in a window may leave
+_WINDOW_WORTH = (0.04, 0.25)  # share of the excess that a window must be worth, and that makes it the main thing
+_ALMOST = 0.85  # share of the excess that the law explains without the window, where that is not the main thing
 _SLOW = frozenset({"cyclic_degradation", "stiffness_drift", PRELOAD})  # laws that are windows of their own
 
 
@@ -192,24 +194,28 @@ def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Ef
     Stricter than a single effect: outside of the window the baseline alone must reach the noise, the same law would
     have to be seen there if it acted there, and all the time it must explain far less.
     """
-    window = window_of(problem, before, floor)
-    if window is None:
-        return None
-    start = fitted_outside(problem, before, window)
-    laws = [windowed(effect, window) for effect in effects if effect.id not in _SLOW]
-    found = trials(problem, start, scan(problem, start, laws), start.chi2 - floor)
-    if not found:
-        return None
-    chosen = single(problem, found, start, start.chi2 - floor)
-    end, excess = chosen.trial.fit.hypothesis, before.chi2 - floor
-    left = chosen.trial.chi2 - problem.floor(end)
+    for window, start in windows_of(problem, before, floor):
+        laws = [windowed(effect, window) for effect in effects if effect.id not in _SLOW]
+        found = trials(problem, start, scan(problem, start, laws), start.chi2 - floor)
+        if found:
+            chosen = single(problem, found, start, start.chi2 - floor)
+            if _is_window(problem, before, floor, chosen.trial.fit):
+                return replace(chosen, trial=replace(chosen.trial, fit=settled(problem, chosen.trial.fit)))
+    return None
+
+
+def _is_window(problem: Problem, before: Fit, floor: float, fitted: Fit) -> bool:
+    """Whether a law in a window leaves next to nothing, and the window is worth it: because the law would be seen
+    outside, or because it explains most even without."""
+    end, excess = fitted.hypothesis, before.chi2 - floor
     healthy = sound(problem, before.hypothesis.delay) * max(1.0, floor)
-    if left > max(healthy, _WINDOW_LEFT * excess) or not is_off_outside(end.terms[-1], problem.signals(end)):
-        return None
+    if fitted.chi2 - problem.floor(end) > max(healthy, _WINDOW_LEFT * excess):
+        return False
     always = try_fit(problem, replace(end, terms=(*end.terms[:-1], unwindowed(end.terms[-1]))))
-    if always is not None and always.chi2 - chosen.trial.chi2 < _WINDOW_WORTH * excess:
-        return None
-    return replace(chosen, trial=replace(chosen.trial, fit=settled(problem, chosen.trial.fit)))
+    worth = (always.chi2 - fitted.chi2) / excess if always is not None else 1.0
+    if worth > _WINDOW_WORTH[1]:
+        return is_off_outside(end.terms[-1], problem.signals(end))
+    return _WINDOW_WORTH[0] < worth < 1 - _ALMOST  # the law has most to say without a window as well
 
 
 def _worn(
@@ -276,7 +282,7 @@ def _to_the_end(problem: Problem, reached: Fit) -> Fit:
     """What is named, fitted to the end: where much is explained, comparisons accept a side valley."""
     if reached.chi2 - problem.floor(reached.hypothesis) < SOUND:
         return reached
-    fits = [try_fit(problem, start, LAST, bar=reached.chi2) for start in scattered(problem, reached)]
+    fits = [try_fit(problem, start, LAST, bar=reached.chi2) for start in other_valleys(problem, reached)]
     return min([reached, *(made for made in fits if made is not None)], key=lambda made: made.chi2)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
-from hystid.diagnosis.search import ABSORBED, Candidate, scan, scattered, try_fit, try_term
+from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
 
 SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
 _HELD = 0.35  # samples of delay: a force that is held is half a sample late, and no shift undoes the steps
@@ -26,6 +26,7 @@ _JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a 
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 FAR = 30.0  # excess in floors, far above the noise
 DELAY = "channel_delay"
+CONTACT_LOSS, IMPACT = "contact_loss", "impact"
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def searched_again(
     if min(t.chi2 for t in again) - floor < max(SOUND * floor, FORM * excess):
         return ranked(problem, again)
     for trial in leading:
-        starts = scattered(problem, trial.fit)
+        starts = other_valleys(problem, trial.fit)
         fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
         again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
     return ranked(problem, again)
@@ -219,10 +220,18 @@ def single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float)
         if trial.chi2 - best.chi2 < (same + jumpy) * max(1, best.size - trial.size):
             simple = trial
             break
+    if _closes(simple):  # a contact that closes and is not told from an impact is called by that name
+        simple = next((t for t in found if t.name == IMPACT and t.chi2 - simple.chi2 < near), simple)
     tied = tuple(dict.fromkeys(t.name for t in found if t.chi2 - simple.chi2 < near and t.name != simple.name))
     other = next((t.chi2 for t in found if t.name != simple.name and t.name not in tied), before.chi2)
     margin = (other - simple.chi2) / max(excess, 1e-9)
     return Step(simple, tied, float(margin))
+
+
+def _closes(trial: Trial) -> bool:
+    """Whether a trial of contact loss says that stiffness is gained."""
+    terms = trial.fit.hypothesis.terms
+    return trial.name == CONTACT_LOSS and bool(terms) and terms[-1].values.get("k", 0.0) > 0
 
 
 def tie(best: Trial, excess: float) -> float:

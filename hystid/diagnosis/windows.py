@@ -6,7 +6,7 @@ reaches the noise; that is how the window is found, before any law is thought of
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache, lru_cache
 
@@ -95,21 +95,26 @@ def window_names(effect: Effect) -> tuple[str, ...]:
     return tuple(effect.near) if isinstance(effect, Windowed) else ()
 
 
-def window_of(problem: Problem, before: Fit, floor: float) -> Window | None:
-    """The shortest window outside of which the baseline alone reaches the noise; None where there is none.
+def windows_of(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Window, Fit]]:
+    """Windows outside of which the baseline alone reaches the noise, each with the baseline as fitted outside.
 
     The refit is linear in its parameters here, so that every window costs one small system of equations. Where that is
-    too coarse, the baseline is fitted outside of the most telling window, and everything is compared once more.
+    too coarse, the baseline is fitted outside of the most telling window, also from the nominal values, and everything
+    is compared once more.
     """
     found = _windows(problem, before)
     sound = _shortest(found, before, floor)
-    if sound is not None or not found:
-        return sound
-    telling = min(found, key=lambda split: split.misfit)
-    if telling.inside - floor < _TELLING * (telling.outside - floor):
-        return None
-    again = fitted_outside(problem, before, telling.window)
-    return _shortest(_windows(problem, again), before, floor)
+    if sound is not None:
+        yield sound, fitted_outside(problem, before.hypothesis, sound)
+    telling = min(found, key=lambda split: split.misfit, default=None)
+    if telling is None or telling.inside - floor < _TELLING * (telling.outside - floor):
+        return
+    nominal = replace(before.hypothesis, values={**before.hypothesis.values, **problem.baseline.nominal})
+    fits = [fitted_outside(problem, start, telling.window) for start in (before.hypothesis, nominal)]
+    for again in fits:
+        other = _shortest(_windows(problem, again), before, floor)
+        if other is not None and other != sound:
+            yield other, fitted_outside(problem, again.hypothesis, other)
 
 
 @dataclass(frozen=True)
@@ -185,10 +190,10 @@ class _Sums:
         return float((whole - inside) / (self._rows[-1] - rows)), float(inside / rows)
 
 
-def fitted_outside(problem: Problem, before: Fit, window: Window) -> Fit:
+def fitted_outside(problem: Problem, start: Hypothesis, window: Window) -> Fit:
     """The baseline as fitted outside of the window, judged on everything. Raises NumericalError as ``fit`` does."""
     parts = [_without(part, window) for part in problem.parts]
-    here: Hypothesis = fit(problem.of(parts), before.hypothesis, iterations=12).hypothesis
+    here = fit(problem.of(parts), start).hypothesis
     rows = problem.rows(here)
     return Fit(here, rows, float(np.mean(rows**2)), problem.unknowns(here))
 
