@@ -221,8 +221,8 @@ class Reduction:
     def distrust(self, draws: Sequence[Array]) -> bool:
         """Weigh down the rows in which the noise of the regressors moves the force by more than its own noise.
 
-        draws: rows of such movements, not weighed. A law that jumps where the velocity changes sign is the case in mind: where the
-        jump falls is not known to the sample, and its neighbours say nothing about the law.
+        draws: rows of such movements, not weighed. A law that jumps where the velocity changes sign is the case in
+        mind: where the jump falls is not known to the sample, and its neighbours say nothing about the law.
         """
         spread = np.mean([rows**2 for rows in draws], axis=0)
         wide = maximum_filter1d(spread, 3)
