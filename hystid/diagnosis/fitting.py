@@ -29,7 +29,7 @@ _TURN = 0.1  # share of the peak speed over which a contact may turn
 _PACE = 0.04  # share of the way to the bar that every step must make
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
-_KEPT = (32_000_000, 24_000_000, 48_000_000)  # bytes that are remembered: laws, forces of effects, columns of scans
+_KEPT = (40_000_000, 24_000_000, 32_000_000)  # bytes that are remembered: laws, forces of effects, columns of scans
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
 Key = tuple[str, str]
 
