@@ -29,7 +29,7 @@ _TURN = 0.05  # share of the peak speed over which a contact may turn
 _PACE = 0.04  # share of the way to the bar that every step must make
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
-_KEPT = 48_000_000  # bytes of forces that are remembered, for the law and for the effects
+_KEPT = (40_000_000, 24_000_000, 32_000_000)  # bytes that are remembered: laws, forces of effects, columns of scans
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
 Key = tuple[str, str]
 
@@ -144,7 +144,7 @@ class Problem:
         self._shifted: dict[tuple[int, float], Array] = {}
         self._movable: dict[int, Advanced] = {}
         self._held = [baseline.held(p.x, p.v, p.dt) for p in self.parts]
-        self._laws, self._forces, self._columns = Memory(_KEPT), Memory(_KEPT), Memory(_KEPT)
+        self._laws, self._forces, self._columns = (Memory(most) for most in _KEPT)
         self._largest = int(np.argmax([np.max(np.abs(p.x)) for p in self.parts]))
         self._slopes: list[tuple[tuple[float, ...], dict[str, list[tuple[Array, Array]]]]] = []
         self._units = self._linear_columns()
