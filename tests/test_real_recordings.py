@@ -80,7 +80,7 @@ def test_reinforced_concrete_degrades_and_is_pinched(specimen: str, request: pyt
     assert after < 0.14 < 0.4 < before  # 15 % in the column with degradation by the path alone and no pinching
     for finding in found.findings[1:]:
         share = finding.parameters["share"]
-        assert share.value > 2.5 * share.stderr
+        assert share.value > 1.645 * share.stderr  # the interval of 90 % keeps clear of none
 
 
 @measured

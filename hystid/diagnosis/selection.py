@@ -40,10 +40,12 @@ _FAMILY, _AHEAD = 0.9, 0.2  # share of the excess that a form of the right id ex
 _MOST, _MUCH = 0.72, 0.4  # share of the excess of the first effect, and share of the rest of the second
 _REPAIRED = 2.0  # excess that is sound after a repair, over that of a sound recording
 MAINS = (50.0, 60.0)  # Hz
+_ROUNDS = 3  # of looking for a better valley of what is named
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 PRELOAD, DRIFT = "preload", "force_drift"
+_TELLING, _FEW = 0.15, 8  # share of what is left inside a window that a law must take at once; laws that are fitted
 _WINDOW_LEFT = 0.05  # share of the excess that a law in a window may leave
 _WINDOW_WORTH = (0.04, 0.25)  # share of the excess that a window must be worth, and that makes it the main thing
 _ALMOST = 0.85  # share of the excess that the law explains without the window, where that is not the main thing
@@ -196,9 +198,12 @@ def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Ef
     """
     for window, start in windows_of(problem, before, floor):
         laws = [windowed(effect, window) for effect in effects if effect.id not in _SLOW]
-        found = trials(problem, start, scan(problem, start, laws), start.chi2 - floor)
+        left = start.chi2 - floor
+        candidates = scan(problem, start, laws)
+        telling = bool(candidates) and candidates[0].gain > _TELLING * left * len(start.residual)
+        found = trials(problem, start, candidates, left, most=_FEW) if telling else []
         if found:
-            chosen = single(problem, found, start, start.chi2 - floor)
+            chosen = single(problem, found, start, left)
             if _is_window(problem, before, floor, chosen.trial.fit):
                 return replace(chosen, trial=replace(chosen.trial, fit=settled(problem, chosen.trial.fit)))
     return None
@@ -279,11 +284,17 @@ def _named(
 
 
 def _to_the_end(problem: Problem, reached: Fit) -> Fit:
-    """What is named, fitted to the end: where much is explained, comparisons accept a side valley."""
-    if reached.chi2 - problem.floor(reached.hypothesis) < SOUND:
-        return reached
-    fits = [try_fit(problem, start, LAST, bar=reached.chi2) for start in other_valleys(problem, reached)]
-    return min([reached, *(made for made in fits if made is not None)], key=lambda made: made.chi2)
+    """What is named, fitted to the end: where much is explained, comparisons accept a side valley, or end early."""
+    for _ in range(_ROUNDS):
+        if reached.chi2 - problem.floor(reached.hypothesis) < SOUND:
+            return reached
+        on = try_fit(problem, reached.hypothesis, LAST) or reached
+        fits = [try_fit(problem, start, LAST, bar=on.chi2) for start in other_valleys(problem, on)]
+        best = min([reached, on, *(made for made in fits if made is not None)], key=lambda made: made.chi2)
+        if best.chi2 > reached.chi2 - SOUND:
+            return best
+        reached = best
+    return reached
 
 
 def _untestable(candidates: Sequence[Candidate]) -> tuple[str, ...]:

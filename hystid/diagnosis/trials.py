@@ -21,7 +21,7 @@ _FORMS = 3  # forms of the leading id that are searched again
 _CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share of the excess) behind the best, fitted on
 LAST = 60  # iterations for what is named
 _REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold
-_SAME = (0.007, 0.003)  # mean square, and share of the excess, that a simpler law may lack to be preferred
+_SAME = (0.007, 0.003)  # mean square, and share of excess and rest, that a simpler law may lack to be preferred
 _JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a little there
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 FAR = 30.0  # excess in floors, far above the noise
@@ -213,7 +213,7 @@ def single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float)
     """The simplest of the trials that are as good as the best; the best is restarted first if something is left."""
     best = found[0]
     near = tie(best, excess)
-    same = _SAME[0] + _SAME[1] * min(excess, 10.0)
+    same = _SAME[0] + _SAME[1] * (min(excess, 10.0) + max(0.0, best.chi2 - 1.2))
     jumpy = _JUMPY if problem.reduce.jumps else 0.0
     simple = best
     for trial in sorted(found, key=lambda t: (t.size, t.chi2)):

@@ -104,6 +104,7 @@ def windows_of(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Wi
     """
     found = _windows(problem, before)
     sound = _shortest(found, before, floor)
+    seen = {sound}
     if sound is not None:
         yield sound, fitted_outside(problem, before.hypothesis, sound)
     telling = min(found, key=lambda split: split.misfit, default=None)
@@ -113,7 +114,8 @@ def windows_of(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Wi
     fits = [fitted_outside(problem, start, telling.window) for start in (before.hypothesis, nominal)]
     for again in fits:
         other = _shortest(_windows(problem, again), before, floor)
-        if other is not None and other != sound:
+        if other is not None and other not in seen:
+            seen.add(other)
             yield other, fitted_outside(problem, again.hypothesis, other)
 
 
