@@ -1,0 +1,71 @@
+"""Standard errors: what noise of the motion adds, what scatters in stretches; and valleys behind ridges."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hystid.diagnosis.diagnose import _given, _load, _prepare
+from hystid.diagnosis.fitting import Fit, Problem, fit
+from hystid.diagnosis.search import beyond
+from hystid.diagnosis.uncertainty import honest
+from tests.test_diagnosis import JENKINS, case, spec
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Fit]:
+    place, _ = case(tmp_path_factory.mktemp("healthy"), spec("null", (), JENKINS), 72)
+    tests = _load(sorted(place.glob("rec_*.csv")))
+    made = _prepare(tests, [], "HystId.Oscillators.Jenkins", _given(place / "parameters.json"))
+    return made.problem, made.refit
+
+
+def test_standard_errors_are_not_below_those_of_least_squares(healthy: tuple[Problem, Fit]) -> None:
+    problem, fitted = healthy
+    wide = honest(problem, fitted)
+    for unknown in fitted.unknowns:
+        assert wide.stderr(unknown.key) >= (1 - 1e-9) * fitted.stderr(unknown.key)
+        assert wide.stderr(unknown.key) < 30 * fitted.stderr(unknown.key)  # wider, not meaningless
+    assert wide.hypothesis is fitted.hypothesis
+
+
+def test_a_residual_that_keeps_its_sign_widens_the_errors(healthy: tuple[Problem, Fit]) -> None:
+    """Errors that are alike over long stretches count as few: the same mean square, far larger standard errors."""
+    problem, fitted = healthy
+    rng = np.random.default_rng(0)
+    columns = problem.jacobian(fitted.hypothesis, fitted.unknowns)
+    slow = np.repeat(rng.standard_normal(40), -(-len(fitted.residual) // 40))[: len(fitted.residual)]
+    column = next(i for i, u in enumerate(fitted.unknowns) if u.key == ("base", "Kl"))
+    alike = slow * np.sign(columns[:, column])  # what a stiffness that wanders would leave
+    alike *= np.sqrt(fitted.chi2 / np.mean(alike**2))
+    key = ("base", "Kl")
+    white = honest(problem, fitted).stderr(key)
+    wandering = honest(problem, Fit(fitted.hypothesis, alike, fitted.chi2, fitted.unknowns, fitted.covariance))
+    assert wandering.stderr(key) > 3 * white
+
+
+def test_noise_of_the_motion_once_more_is_of_the_same_size(healthy: tuple[Problem, Fit]) -> None:
+    problem, fitted = healthy
+    for sign in (1.0, -1.0):
+        shaken = problem.shaken(0, sign)
+        assert shaken.reduce is problem.reduce
+        moved = [a.x - b.x for a, b in zip(shaken.parts, problem.parts, strict=True)]
+        # Smoothing leaves less than the noise of the channel, but of its order.
+        for part, dx in zip(problem.parts, moved, strict=True):
+            assert 0.05 * part.noise["x"] < float(np.std(dx)) < part.noise["x"]
+        assert float(np.mean(shaken.rows(fitted.hypothesis) ** 2)) > 1.5 * fitted.chi2  # twice the noise in F - m a
+
+
+def test_a_fit_in_a_side_valley_is_led_out(tmp_path: Path) -> None:
+    """Few sliders make valleys along the stiffness and strength of a group; a step over the ridge finds the deeper."""
+    place, _ = case(tmp_path, spec("null", (), "iwan"), 87)
+    tests = _load(sorted(place.glob("rec_*.csv")))
+    made = _prepare(tests, [], "HystId.Oscillators.Iwan", _given(place / "parameters.json"))
+    problem, best = made.problem, made.refit
+    values = dict(best.hypothesis.values)
+    start = replace(best.hypothesis, values={**values, "fc": 0.65 * values["fc"], "Ks": 0.82 * values["Ks"]})
+    aside = fit(problem, start)
+    assert aside.chi2 > 1.02 * best.chi2  # a descent alone does not come out
+    ends = [fit(problem, h).chi2 for h in beyond(problem, aside)]
+    assert ends and min(ends) < aside.chi2
