@@ -10,8 +10,9 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis import diagnose
 from hystid.modelica import compile_model
 from hystid.recording import Recording
-from tests.test_diagnosis import JENKINS, LINEAR, case, run, spec
+from tests.test_diagnosis import JENKINS, case, run, spec
 
+MODEL, NOMINAL = "HystId.Oscillators.Linear", {"m": 2.0, "B": 15.0, "Kl": 4.8e4}
 FS, MASS, DAMPING, STIFFNESS = 1000.0, 2.0, 20.0, 5e4
 
 
@@ -55,10 +56,8 @@ def test_a_window_is_a_trapezium() -> None:
 
 def test_a_law_and_its_window_are_found_and_written(tmp_path: Path) -> None:
     tests = [rig((2.0, 4.2), 4e6, seed, level) for seed, level in ((1, 20.0), (2, 32.0))]
-    found = diagnose(
-        tests, model="HystId.Oscillators.Linear", parameters={"m": MASS, "B": 15.0, "Kl": 4.8e4}, holdout=[rig((2.0, 4.2), 4e6, 3, 26.0)],
-        out=tmp_path,
-    )  # fmt: skip
+    unseen = rig((2.0, 4.2), 4e6, 3, 26.0)
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL, holdout=[unseen], out=tmp_path)
     (finding,) = found.findings
     assert finding.effect == "quadratic_stiffness"
     # Ramps of the model are as short as a fit makes them; the truth has none. Half a period of the motion is 0.02 s.
@@ -83,7 +82,7 @@ def test_a_law_and_its_window_are_found_and_written(tmp_path: Path) -> None:
 
 def test_an_effect_that_acts_all_the_time_gets_no_window() -> None:
     tests = [rig((-1.0, 99.0), 4e6, seed, level) for seed, level in ((1, 20.0), (2, 32.0))]
-    found = diagnose(tests, model="HystId.Oscillators.Linear", parameters={"m": MASS, "B": 15.0, "Kl": 4.8e4})
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
     (finding,) = found.findings
     assert finding.effect == "quadratic_stiffness"
     assert "t_on" not in finding.parameters

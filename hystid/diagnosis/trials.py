@@ -47,6 +47,12 @@ class Trial:
         return self.fit.chi2
 
     @property
+    def has_threshold(self) -> bool:
+        """Whether what was added begins to act at some displacement: a claim of its own."""
+        terms = self.fit.hypothesis.terms
+        return bool(terms) and "gap" in terms[-1].values
+
+    @property
     def form_of(self) -> Effect | None:
         """The form that was added; None where the trial is a correction of the chain."""
         terms = self.fit.hypothesis.terms
@@ -216,7 +222,7 @@ def single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float)
     same = _SAME[0] + _SAME[1] * (min(excess, 10.0) + max(0.0, best.chi2 - 1.2))
     jumpy = _JUMPY if problem.reduce.jumps else 0.0
     simple = best
-    for trial in sorted(found, key=lambda t: (t.size, t.chi2)):
+    for trial in sorted(found, key=lambda t: (t.size, t.has_threshold, t.chi2)):
         if trial.chi2 - best.chi2 < (same + jumpy) * max(1, best.size - trial.size):
             simple = trial
             break
