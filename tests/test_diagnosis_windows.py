@@ -80,6 +80,25 @@ def test_a_law_and_its_window_are_found_and_written(tmp_path: Path) -> None:
     assert stored["findings"][0]["parameters"]["t_on"]["unit"] == "s"
 
 
+def test_windows_may_differ_and_be_absent(tmp_path: Path) -> None:
+    """Two recordings with windows of their own, one with a sound structure."""
+    windows = ((1.0, 3.0), (3.5, 5.5), (9.0, 9.5))
+    tests = [rig(w, 4e6, seed, level) for w, seed, level in zip(windows, (1, 2, 4), (24.0, 32.0, 28.0), strict=True)]
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL, out=tmp_path)
+    (finding,) = found.findings
+    assert finding.effect == "quadratic_stiffness"
+    assert {name for name in finding.parameters if name.startswith("t_o")} == {"t_on_1", "t_off_1", "t_on_2", "t_off_2"}
+    for number, (begin, end) in enumerate(windows[:2]):
+        assert finding.parameters[f"t_on_{number + 1}"].value == pytest.approx(begin, abs=0.05)
+        assert finding.parameters[f"t_off_{number + 1}"].value == pytest.approx(end, abs=0.05)
+    assert finding.where.t["rig_4"] == []
+    before, after = zip(*(e.free_run for e in found.errors), strict=True)
+    assert all(a < 0.5 * b for b, a in zip(before, after, strict=True))  # the refit suffers where nothing acts, too
+    text = (tmp_path / "extended.mo").read_text()
+    assert "differs from recording to recording" in text and "HystId.Components.TimeWindow" in text
+    assert "t_on_1" not in text
+
+
 def test_an_effect_that_acts_all_the_time_gets_no_window() -> None:
     tests = [rig((-1.0, 99.0), 4e6, seed, level) for seed, level in ((1, 20.0), (2, 32.0))]
     found = diagnose(tests, model=MODEL, parameters=NOMINAL)

@@ -18,7 +18,7 @@ from hystid.diagnosis.result import Diagnosis, Finding, Value, Verdict, Where
 from hystid.diagnosis.selection import Choice
 from hystid.diagnosis.sensors import HUM, ChannelEffect
 from hystid.diagnosis.trials import DELAY
-from hystid.diagnosis.windows import edges
+from hystid.diagnosis.windows import Windowed, edges, has_own_windows, term_for, widest
 
 Array = NDArray[np.float64]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
@@ -133,13 +133,31 @@ class Answer:
         for i, term in enumerate(fit.hypothesis.terms):
             if isinstance(term.effect, ChannelEffect) or self.rename(term.effect.id) == GAIN:
                 continue
-            kept.append((term, values(fit, i, term)))
+            kept.append(self._as_written(term, self.stated(i, term)))
         return kept
 
+    def stated(self, index: int, term: Term) -> dict[str, Value]:
+        """Fitted parameters of a term with what other forms, and times at which it cannot be seen, leave open."""
+        fit = self.choice.after
+        found = _widened(values(fit, index, term), self.choice, term)
+        for at, (first, last) in edges(self.problem, fit.hypothesis, term).items():  # anywhere in between
+            found[at] = replace(found[at], stderr=float(np.hypot(found[at].stderr, (last - first) / np.sqrt(12))))
+        return found
+
+    @staticmethod
+    def _as_written(term: Term, stated: Mapping[str, Value]) -> tuple[Term, Mapping[str, Value]]:
+        """A model has one window: that of the recording in which it is longest."""
+        written = term_for(term)
+        if written is term or not isinstance(term.effect, Windowed) or not isinstance(written.effect, Windowed):
+            return term, stated
+        names = dict(zip(written.effect.names(0), term.effect.names(widest(term)), strict=True))
+        return written, {name: stated[names.get(name, name)] for name in written.values}
+
     def is_model(self) -> bool:
-        """Whether everything that was found is part of a model, nothing a fault of a channel."""
+        """Whether one model holds everything that was found, in every recording: no fault of a channel, no window that
+        differs from recording to recording."""
         terms = self.choice.after.hypothesis.terms
-        return not self.faults and len(self.terms()) == len(terms)
+        return not self.faults and len(self.terms()) == len(terms) and not has_own_windows(self.choice.after.hypothesis)
 
     def remarks(self) -> list[str]:
         """What the model file should say about the recordings."""
@@ -153,6 +171,8 @@ class Answer:
         if DRIFT in self.choice.named:
             constant = "A constant force differs from recording to recording; the model has none."
             told.append(constant if self._is_constant() else "The force channel drifts; the model does not.")
+        if has_own_windows(hypothesis):
+            told.append("The window of time differs from recording to recording: the model has the longest one.")
         if abs(hypothesis.weighing) > 0.01:
             told.append(f"The mass differs by {100 * hypothesis.weighing:.2g} % from the weighed one.")
         return told
@@ -268,9 +288,7 @@ def _finding(answer: Answer, name: str, alike: tuple[str, ...], margin: float, s
         spread = fit.stderr((str(fit.hypothesis.terms.index(term)), term.effect.amplitudes[0]))
         parameters = {"gain": Value(1 + answer.gain(), spread / fit.hypothesis.values["m"], "1")}
         return Finding(shown, together, sure, parameters, where, evidence), weight
-    fitted = _widened(values(fit, fit.hypothesis.terms.index(term), term), choice, term)
-    for at, (first, last) in edges(answer.problem, fit.hypothesis, term).items():  # anywhere in between
-        fitted[at] = replace(fitted[at], stderr=float(np.hypot(fitted[at].stderr, (last - first) / np.sqrt(12))))
+    fitted = answer.stated(fit.hypothesis.terms.index(term), term)
     return Finding(shown, together, sure, fitted, where, evidence), weight
 
 

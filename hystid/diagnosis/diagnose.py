@@ -32,6 +32,7 @@ from hystid.diagnosis.search import other_valleys, try_fit
 from hystid.diagnosis.selection import Choice, choose
 from hystid.diagnosis.starts import scaled, sizes_of
 from hystid.diagnosis.uncertainty import honest
+from hystid.diagnosis.windows import for_recording
 from hystid.errors import NumericalError, RecordingError, UsageError
 from hystid.files import write_json, write_text
 from hystid.modelcode import ModelCode
@@ -52,6 +53,7 @@ _STARTS = (0.5, 2.0)  # factors on the nominal shapes of the law, for further st
 _VALLEYS = 2  # rounds of looking for a better valley of the refit
 _JUMPS = 2  # rounds in which rows near jumps are found, and the refit begins again without them
 _APART = 0.01  # relative difference of mean squares that makes two optima of the refit
+_REST = 1.3  # residual over the noise beyond which a named answer says that something is left
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
 
@@ -428,6 +430,7 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
         Errors(p.name, f, (b[1], a[1])) for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
     )
     verdict = answer.verdict()
+    notes = (*case.notes, *runs.notes, *_rest(choice))
     unknown = None
     if verdict == "unknown_physics":
         rest = case.problem.balance(choice.after.hypothesis)
@@ -438,12 +441,20 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     diagnosis = Diagnosis(
         verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
         listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
-        (*case.notes, *runs.notes),
+        notes,
         {"lags": case.consistency, "delay": last.delay, "weighing": last.weighing},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after,
     )  # fmt: skip
     told = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
     return told, runs.text
+
+
+def _rest(choice: Choice) -> list[str]:
+    """A sentence where what is named leaves clearly more than noise."""
+    left = float(np.sqrt(choice.after.chi2 / max(choice.floor_after, 1e-300)))
+    if not choice.named or left < _REST:
+        return []
+    return [f"what is named leaves {left:.2g} times the noise: something smaller has no name yet"]
 
 
 def _skeleton(baseline: Baseline) -> Skeleton:
@@ -472,9 +483,10 @@ def _mean(force: Sequence[tuple[float, float]], which: int) -> float:
 def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
     """NRMSE of the force balance before and after, per training and held-out recording."""
     problem, found = case.problem, []
-    groups = [problem, *([problem.of(case.unseen)] if case.unseen else [])]
-    for group in groups:
-        rests = [group.balance(f.hypothesis) for f in (choice.before, choice.after)]
+    unseen = for_recording(choice.after.hypothesis)
+    groups = [(problem, choice.after.hypothesis), *([(problem.of(case.unseen), unseen)] if case.unseen else [])]
+    for group, last in groups:
+        rests = [group.balance(h) for h in (choice.before.hypothesis, last)]
         mass = choice.after.hypothesis.mass()
         spread = [float(np.std(p.F - mass * p.a)) or 1.0 for p in group.parts]
         found.append([(float(np.std(b)) / s, float(np.std(a)) / s) for b, a, s in zip(*rests, spread, strict=True)])

@@ -17,7 +17,7 @@ from hystid.diagnosis.blocks import Signals
 from hystid.diagnosis.chain import turns
 from hystid.diagnosis.fitting import Problem, Term
 from hystid.diagnosis.result import Where
-from hystid.diagnosis.windows import window_names
+from hystid.diagnosis.windows import window_text
 
 Array = NDArray[np.float64]
 _ACTIVE = 0.3  # share of the 99 % quantile of the force above which an effect counts as acting
@@ -111,9 +111,7 @@ def _harmonics(even: float) -> str:
 
 def _text(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:
     """One clause: the threshold where there is one, how much of the time the effect acts, and its window of time."""
-    times = window_names(term.effect)
-    window = f", from {term.values[times[0]]:.3g} s to {term.values[times[1]]:.3g} s only" if times else ""
-    return _place(term, forces, signals) + window
+    return _place(term, forces, signals) + window_text(term)
 
 
 def _place(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:

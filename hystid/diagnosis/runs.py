@@ -17,6 +17,7 @@ from hystid.diagnosis.fitting import Fit, Hypothesis
 from hystid.diagnosis.freerun import error, errors
 from hystid.diagnosis.parts import Part, advanced
 from hystid.diagnosis.polish import polish
+from hystid.diagnosis.windows import for_recording, has_own_windows
 from hystid.errors import NumericalError
 from hystid.fmu import build
 from hystid.fmu.coupling import simulate_with_effects
@@ -66,9 +67,12 @@ def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Run
         answer, notes = _polished(answer, skeleton, extended)
         text = written(answer, skeleton) if notes else text
     last = answer.choice.after.hypothesis
-    at = settings_of(skeleton, last) if notes else {}
-    after = errors(extended, groups[0], at, last.delay), errors(extended, groups[1], at, last.delay)
-    return Runs(answer, text, before, after, notes)
+    at = settings_of(skeleton, for_recording(last)) if notes else {}
+    seen = errors(extended, groups[0], at, last.delay)
+    if has_own_windows(last):
+        own = [settings_of(skeleton, for_recording(last, i)) for i in range(len(groups[0]))]
+        seen = [errors(extended, [p], {**at, **s}, last.delay)[0] for p, s in zip(groups[0], own, strict=True)]
+    return Runs(answer, text, before, (seen, errors(extended, groups[1], at, last.delay)), notes)
 
 
 def _beside_fmu(

@@ -45,7 +45,7 @@ _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 PRELOAD, DRIFT = "preload", "force_drift"
-_TELLING, _FEW = 0.15, 8  # share of what is left inside a window that a law must take at once; laws that are fitted
+_TELLING = 0.15  # share of what is left inside a window that a law must take at once to be fitted
 _WINDOW_LEFT = 0.05  # share of the excess that a law in a window may leave
 _WINDOW_WORTH = (0.04, 0.25)  # share of the excess that a window must be worth, and that makes it the main thing
 _ALMOST = 0.85  # share of the excess that the law explains without the window, where that is not the main thing
@@ -201,7 +201,7 @@ def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Ef
         left = start.chi2 - floor
         candidates = scan(problem, start, laws)
         telling = bool(candidates) and candidates[0].gain > _TELLING * left * len(start.residual)
-        found = trials(problem, start, candidates, left, most=_FEW) if telling else []
+        found = trials(problem, start, candidates, left) if telling else []
         if found:
             chosen = single(problem, found, start, left)
             if _is_window(problem, before, floor, chosen.trial.fit):

@@ -26,6 +26,8 @@ _LEAST_OUT, _LEAST_IN = 0.2, 0.06  # shares of the rows outside and inside a win
 _FLAT = (0.02, 0.03)  # mean square, and share of the excess, that may be left outside
 _CONTRAST = 0.5  # excess per row inside a window, over the mean excess of a refit without one, at least
 _TELLING = 2.0  # excess inside a window over that outside that makes it worth a closer look
+_NEVER = (2e9, 2.1e9, 1.0)  # s: a window that no recording reaches
+_ROUNDS = 8  # of marking the blocks in which something acts
 _RAMP = 0.02  # of the longest recording, as a start
 _SEEN = 2.0  # noise levels beyond which the force of an effect is seen in a sample
 _AS_GOOD = 0.003  # rise of the mean square that is none
@@ -40,19 +42,39 @@ class Window:
     end: float
 
 
+Windows = Mapping[int, Window]  # window of each recording by its number; recordings that are not there have none
+
+
 @dataclass(frozen=True)
 class Windowed(Effect):
-    """An effect times a window of time; ``inner`` is the effect itself, ``near`` the window as a start."""
+    """An effect times a window of time; ``inner`` is the effect itself, ``near`` the window as a start.
+
+    owners: numbers of the recordings that have a window of their own (t_on_1, t_off_1, ...), the effect being absent in
+    the others; None where one window holds for all.
+    """
 
     inner: Effect = field(default_factory=lambda: Effect("", "", "", None))
     near: Mapping[str, float] = field(default_factory=dict)
+    owners: tuple[int, ...] | None = None
 
     def forces(self, signals: Sequence[Signals], parameters: Mapping[str, float]) -> list[Array]:
         """Force f [N] over several recordings."""
         law = {name: value for name, value in parameters.items() if name not in self.near}
-        times = tuple(float(parameters[name]) for name in self.near)
         found = self.inner.forces(signals, law)
-        return [force * _gate(len(force), s.dt, times) for force, s in zip(found, signals, strict=True)]
+        gates = [_gate(len(f), s.dt, self.times(parameters, s.index)) for f, s in zip(found, signals, strict=True)]
+        return [force * gate for force, gate in zip(found, gates, strict=True)]
+
+    def times(self, parameters: Mapping[str, float], index: int) -> tuple[float, ...]:
+        """Beginning, end and ramp [s] in a recording; a window that never opens where it has none."""
+        names = self.names(index)
+        return tuple(float(parameters[name]) for name in names) if names else _NEVER
+
+    def names(self, index: int) -> tuple[str, ...]:
+        """Names of the three parameters in a recording, none where it has no window."""
+        _, (on, off, ramp) = _time_window()
+        if self.owners is None:
+            return on, off, ramp
+        return (f"{on}_{index + 1}", f"{off}_{index + 1}", ramp) if index in self.owners else ()
 
     def grid(self, scales: Scales) -> list[dict[str, float]]:
         """Starting points of the effect itself, in the window as it was found."""
@@ -72,15 +94,54 @@ def _gate(samples: int, dt: float, times: tuple[float, ...]) -> Array:
     return run["y"]
 
 
-def windowed(effect: Effect, window: Window) -> Windowed:
+def windowed(effect: Effect, windows: Window | Windows) -> Windowed:
     """The effect, let act in a window whose beginning, end and ramps are fitted like its own parameters."""
+    _, (on, off, ramp) = _time_window()
+    if isinstance(windows, Window):
+        owners, near = None, {on: windows.begin, off: windows.end, ramp: _RAMP * windows.end}
+    else:
+        owners = tuple(sorted(windows))
+        near = {f"{on}_{i + 1}": windows[i].begin for i in owners} | {f"{off}_{i + 1}": windows[i].end for i in owners}
+        near[ramp] = _RAMP * max(window.end for window in windows.values())
+    return _windowed(effect, near, owners)
+
+
+def _windowed(effect: Effect, near: Mapping[str, float], owners: tuple[int, ...] | None) -> Windowed:
     model, names = _time_window()
-    times = [v for v in model.code.variables if v.name in names]
-    ramp = _RAMP * window.end
-    near = dict(zip(names, (window.begin, window.end, ramp), strict=True))
+    declared = {v.name: v for v in model.code.variables if v.name in names}
+    times = [replace(declared[name.rstrip("0123456789").rstrip("_")], name=name) for name in near]
     own = {item.name: getattr(effect, item.name) for item in fields(Effect)}
     own |= {"shapes": (*effect.shapes, *times), "units": {**effect.units, **{v.name: v.unit for v in times}}}
-    return Windowed(**own, inner=effect, near=near)
+    return Windowed(**own, inner=effect, near=near, owners=owners)
+
+
+def has_own_windows(hypothesis: Hypothesis) -> bool:
+    """Whether an effect has a window of its own in each recording."""
+    return any(isinstance(term.effect, Windowed) and term.effect.owners is not None for term in hypothesis.terms)
+
+
+def widest(term: Term) -> int:
+    """Number of the recording with the longest window."""
+    effect = term.effect
+    assert isinstance(effect, Windowed)
+    lengths = {i: effect.times(term.values, i)[1] - effect.times(term.values, i)[0] for i in effect.owners or (0,)}
+    return max(lengths, key=lambda i: lengths[i])
+
+
+def for_recording(hypothesis: Hypothesis, index: int | None = None) -> Hypothesis:
+    """The hypothesis as it stands in one recording, every window one for all; None: where the window is longest."""
+    return replace(hypothesis, terms=tuple(term_for(term, index) for term in hypothesis.terms))
+
+
+def term_for(term: Term, index: int | None = None) -> Term:
+    """The same for one term."""
+    effect = term.effect
+    if not isinstance(effect, Windowed) or effect.owners is None:
+        return term
+    times = effect.times(term.values, widest(term) if index is None else index)
+    near = dict(zip(_time_window()[1], times, strict=True))
+    law = unwindowed(term)
+    return Term(_windowed(effect.inner, near, None), {**law.values, **near})
 
 
 def unwindowed(term: Term) -> Term:
@@ -95,12 +156,23 @@ def window_names(effect: Effect) -> tuple[str, ...]:
     return tuple(effect.near) if isinstance(effect, Windowed) else ()
 
 
-def windows_of(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Window, Fit]]:
+def window_text(term: Term) -> str:
+    """A clause about the window of an effect, empty where it acts all the time."""
+    effect = term.effect
+    if not isinstance(effect, Windowed):
+        return ""
+    if effect.owners is None:
+        begin, end, _ = effect.times(term.values, 0)
+        return f", from {begin:.3g} s to {end:.3g} s only"
+    return f", in a window of time of its own in {len(effect.owners)} of the recordings"
+
+
+def windows_of(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Window | Windows, Fit]]:
     """Windows outside of which the baseline alone reaches the noise, each with the baseline as fitted outside.
 
     The refit is linear in its parameters here, so that every window costs one small system of equations. Where that is
     too coarse, the baseline is fitted outside of the most telling window, also from the nominal values, and everything
-    is compared once more.
+    is compared once more. In the end, windows that differ from recording to recording.
     """
     found = _windows(problem, before)
     sound = _shortest(found, before, floor)
@@ -108,15 +180,69 @@ def windows_of(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Wi
     if sound is not None:
         yield sound, fitted_outside(problem, before.hypothesis, sound)
     telling = min(found, key=lambda split: split.misfit, default=None)
-    if telling is None or telling.inside - floor < _TELLING * (telling.outside - floor):
-        return
-    nominal = replace(before.hypothesis, values={**before.hypothesis.values, **problem.baseline.nominal})
-    fits = [fitted_outside(problem, start, telling.window) for start in (before.hypothesis, nominal)]
-    for again in fits:
-        other = _shortest(_windows(problem, again), before, floor)
-        if other is not None and other not in seen:
-            seen.add(other)
-            yield other, fitted_outside(problem, again.hypothesis, other)
+    if telling is not None and telling.inside - floor > _TELLING * (telling.outside - floor):
+        nominal = replace(before.hypothesis, values={**before.hypothesis.values, **problem.baseline.nominal})
+        fits = [fitted_outside(problem, start, telling.window) for start in (before.hypothesis, nominal)]
+        for again in fits:
+            other = _shortest(_windows(problem, again), before, floor)
+            if other is not None and other not in seen:
+                seen.add(other)
+                yield other, fitted_outside(problem, again.hypothesis, other)
+    several = _own_windows(problem, before, floor)
+    if several:
+        yield several, fitted_outside(problem, before.hypothesis, several)
+
+
+def _own_windows(problem: Problem, before: Fit, floor: float) -> Windows | None:
+    """A window of its own in each recording, or none: stretches that stand out, found again while the baseline is
+    fitted to the rest; None where that does not settle, or windows agree with one for all."""
+    excess = before.chi2 - floor
+    if len(problem.parts) < 2:
+        return None
+    jacobian, times, spans = _scaled(problem, before), _row_times(problem), [float(p.t[-1]) for p in problem.parts]
+    blocks = [np.minimum((t / span * _BLOCKS).astype(int), _BLOCKS - 1) for t, span in zip(times, spans, strict=True)]
+    place = np.concatenate([b + i * _BLOCKS for i, b in enumerate(blocks)])
+    rows = np.bincount(place, minlength=len(spans) * _BLOCKS)
+    rest, marked = before.residual, np.zeros(len(rows), dtype=bool)
+    for _ in range(_ROUNDS):
+        level = np.bincount(place, weights=rest**2, minlength=len(rows)) / np.maximum(rows, 1)
+        now = np.concatenate([_hull(part > floor + 0.5 * excess) for part in level.reshape(-1, _BLOCKS)])
+        outside = ~now[place]
+        if np.mean(outside) < _LEAST_OUT or np.mean(outside) > 1 - _LEAST_IN / 2:
+            return None
+        step = np.linalg.lstsq(jacobian[outside], before.residual[outside], rcond=1e-9)[0]
+        rest = before.residual - jacobian @ step
+        if np.array_equal(now, marked):
+            break
+        marked = now
+    flat = float(np.mean(rest[outside] ** 2)) < floor + _FLAT[0] + _FLAT[1] * excess
+    if not flat or float(np.mean(rest[~outside] ** 2)) - floor < (1 + _CONTRAST) * excess:
+        return None
+    found = {}
+    for i, (on, span) in enumerate(zip(marked.reshape(-1, _BLOCKS), spans, strict=True)):
+        if np.any(on):
+            first, last = np.flatnonzero(on)[[0, -1]]
+            found[i] = Window(first / _BLOCKS * span, (last + 1) / _BLOCKS * span)
+    return found
+
+
+def _hull(on: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """From the first to the last block that stands out; none where that is a single one among quiet ones."""
+    where = np.flatnonzero(on)
+    found = np.zeros(len(on), dtype=bool)
+    if len(where) > 1:
+        found[where[0] : where[-1] + 1] = True
+    return found
+
+
+def _scaled(problem: Problem, fitted: Fit) -> Array:
+    jacobian = problem.jacobian(fitted.hypothesis, fitted.unknowns)
+    norms = np.linalg.norm(jacobian, axis=0)
+    return np.asarray(jacobian / np.where(norms > 0, norms, 1.0))
+
+
+def _row_times(problem: Problem) -> list[Array]:
+    return [problem.reduce.plain(i, part.t) for i, part in enumerate(problem.parts)]
 
 
 @dataclass(frozen=True)
@@ -136,12 +262,10 @@ class _Split:
 
 def _windows(problem: Problem, fitted: Fit) -> list[_Split]:
     """All windows between blocks of time that leave enough outside and inside."""
-    jacobian = problem.jacobian(fitted.hypothesis, fitted.unknowns)
-    norms = np.linalg.norm(jacobian, axis=0)
-    times = np.concatenate([problem.reduce.plain(i, part.t) for i, part in enumerate(problem.parts)])
+    times = np.concatenate(_row_times(problem))
     span = max(float(part.t[-1]) for part in problem.parts)
     place = np.minimum((times / span * _BLOCKS).astype(int), _BLOCKS - 1)
-    sums = _Sums(jacobian / np.where(norms > 0, norms, 1.0), fitted.residual, place)
+    sums = _Sums(_scaled(problem, fitted), fitted.residual, place)
     found = []
     for first in range(_BLOCKS):
         for last in range(first + 1, _BLOCKS + 1):
@@ -192,9 +316,10 @@ class _Sums:
         return float((whole - inside) / (self._rows[-1] - rows)), float(inside / rows)
 
 
-def fitted_outside(problem: Problem, start: Hypothesis, window: Window) -> Fit:
-    """The baseline as fitted outside of the window, judged on everything. Raises NumericalError as ``fit`` does."""
-    parts = [_without(part, window) for part in problem.parts]
+def fitted_outside(problem: Problem, start: Hypothesis, windows: Window | Windows) -> Fit:
+    """The baseline as fitted outside of the windows, judged on everything. Raises NumericalError as ``fit`` does."""
+    each = dict.fromkeys(range(len(problem.parts)), windows) if isinstance(windows, Window) else windows
+    parts = [_without(part, each[i]) if i in each else part for i, part in enumerate(problem.parts)]
     here = fit(problem.of(parts), start).hypothesis
     rows = problem.rows(here)
     return Fit(here, rows, float(np.mean(rows**2)), problem.unknowns(here))
@@ -206,23 +331,36 @@ def _without(part: Part, window: Window) -> Part:
 
 
 def edges(problem: Problem, hypothesis: Hypothesis, term: Term) -> dict[str, tuple[float, float]]:
-    """Between which times [s] the window may open, and close: from one time at which the effect acts, or would have
+    """Between which times [s] windows may open, and close: from one time at which the effect acts, or would have
     been seen, to the next. Impacts, for example, say nothing in between."""
-    if not isinstance(term.effect, Windowed):
+    effect = term.effect
+    if not isinstance(effect, Windowed):
         return {}
-    law, (on, off, _) = unwindowed(term), term.effect.near
-    begin, end = (float(term.values[name]) for name in (on, off))
-    seen: list[Array] = []
-    for signals, part in zip(problem.signals(hypothesis), problem.parts, strict=True):
-        force = np.abs(law.effect.force(signals, law.values))
-        seen.append(part.t[force > _SEEN * part.balance_noise(problem.baseline.mass)])
-    times = np.sort(np.concatenate([*seen, [0.0, max(float(part.t[-1]) for part in problem.parts)]]))
-    inner = times[(times > begin) & (times < end)]
+    law = unwindowed(term)
+    forces = law.effect.forces(problem.signals(hypothesis), law.values)
+    noise = [part.balance_noise(problem.baseline.mass) for part in problem.parts]
+    pairs = zip(problem.parts, forces, noise, strict=True)
+    seen = [part.t[np.abs(force) > _SEEN * level] for part, force, level in pairs]
+    if effect.owners is None:
+        end = max(float(part.t[-1]) for part in problem.parts)
+        return _between(np.concatenate(seen), end, effect.names(0), term)
+    found: dict[str, tuple[float, float]] = {}
+    for i in effect.owners:
+        found |= _between(seen[i], float(problem.parts[i].t[-1]), effect.names(i), term)
+    return found
+
+
+def _between(seen: Array, end: float, names: Sequence[str], term: Term) -> dict[str, tuple[float, float]]:
+    on, off = names[0], names[1]
+    times = np.sort(np.concatenate([seen, [0.0, end]]))
+    opens, closes = float(term.values[on]), float(term.values[off])
+    inner = times[(times > opens) & (times < closes)]
     if not len(inner):
         return {}
+    before, after = times[times <= opens], times[times >= closes]
     return {
-        on: (float(times[times <= begin][-1]), float(inner[0])),
-        off: (float(inner[-1]), float(times[times >= end][0])),
+        on: (float(before[-1]) if len(before) else 0.0, float(inner[0])),
+        off: (float(inner[-1]), float(after[0]) if len(after) else end),
     }
 
 
@@ -242,16 +380,15 @@ def settled(problem: Problem, fitted: Fit) -> Fit:
 def is_off_outside(term: Term, signals: Sequence[Signals]) -> bool:
     """Whether the effect would have been seen outside of its window, had it acted there: else the window says
     nothing but that the motion was small."""
-    if not isinstance(term.effect, Windowed):
+    effect = term.effect
+    if not isinstance(effect, Windowed):
         return False
     law = unwindowed(term)
-    times = tuple(float(term.values[name]) for name in term.effect.near)
     inside, outside = [], []
-    for s in signals:
-        gate = _gate(len(s.x), s.dt, times)
-        power = law.effect.force(s, law.values) ** 2
-        inside.append(power[gate > 0.5])
-        outside.append(power[gate == 0])
+    for s, force in zip(signals, law.effect.forces(signals, law.values), strict=True):
+        gate = _gate(len(s.x), s.dt, effect.times(term.values, s.index))
+        inside.append(force[gate > 0.5] ** 2)
+        outside.append(force[gate == 0] ** 2)
     within, beyond = np.concatenate(inside), np.concatenate(outside)
     if not len(within) or len(beyond) < _LEAST_OUT * (len(within) + len(beyond)):
         return False
