@@ -99,6 +99,15 @@ def test_windows_may_differ_and_be_absent(tmp_path: Path) -> None:
     assert "t_on_1" not in text
 
 
+def test_an_effect_may_be_in_some_recordings_only() -> None:
+    tests = [rig(w, 4e6, seed, 26.0) for w, seed in (((-1.0, 99.0), 1), ((9.0, 9.5), 2), ((9.0, 9.5), 4))]
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
+    (finding,) = found.findings
+    assert finding.effect == "quadratic_stiffness"
+    assert finding.where.t["rig_2"] == finding.where.t["rig_4"] == []
+    assert finding.where.t["rig_1"]
+
+
 def test_an_effect_that_acts_all_the_time_gets_no_window() -> None:
     tests = [rig((-1.0, 99.0), 4e6, seed, level) for seed, level in ((1, 20.0), (2, 32.0))]
     found = diagnose(tests, model=MODEL, parameters=NOMINAL)

@@ -43,6 +43,8 @@ MAINS = (50.0, 60.0)  # Hz
 _ROUNDS = 3  # of looking for a better valley of what is named
 _CLEAR_LINE = 100.0  # power of a line over that of its neighbours
 _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its limit a finding
+_SILENT = 0.25  # share of the excess below which the best trial says nothing about a rest that is noise otherwise
+_CONSTANT = 0.9  # share of the excess beyond which a constant force is named though what it leaves is unknown
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 PRELOAD, DRIFT = "preload", "force_drift"
 _TELLING = 0.15  # share of what is left inside a window that a law must take at once to be fitted
@@ -98,7 +100,7 @@ def choose(
     baseline = without_hum(problem, baseline)
     floor = problem.floor(baseline.hypothesis)
     excess = baseline.chi2 - floor
-    library = [*effects, force_drift(len(problem.parts), bow=False)]
+    library = [*effects, *(force_drift(len(problem.parts), bow=bow) for bow in (False, True))]
     candidates = scan(problem, baseline, library, progress)
     untestable = _untestable(candidates)
     chain = chain_trials(problem, baseline, effects)
@@ -139,6 +141,8 @@ def choose(
     rough = _rough(problem, baseline, floor, first, library, chosen)
     if rough:
         return _named(problem, baseline, floor, rough, first, untestable)
+    if baseline.chi2 - first[0].chi2 < _SILENT * excess and is_noise(problem, baseline):
+        return _quiet(problem, baseline, floor, chain, untestable)
     return Choice(baseline, baseline, floor, floor, unknown=True, trials=tuple(first), untestable=untestable)
 
 
@@ -151,8 +155,11 @@ def _beside_preload(
     if DRIFT in rest.named:  # what it leaves is part of the same
         rest = Choice(chosen.trial.fit, chosen.trial.fit, 0.0, problem.floor(chosen.trial.fit.hypothesis))
     alike = tuple(dict.fromkeys((chosen.trial.name, *chosen.tied)))
+    floor = problem.floor(before.hypothesis)
+    if rest.unknown and before.chi2 - chosen.trial.chi2 < _CONSTANT * (before.chi2 - floor):
+        return replace(rest, before=before, after=before, floor_before=floor, floor_after=floor, trials=tuple(first))
     return replace(
-        rest, before=before, floor_before=problem.floor(before.hypothesis), named=(chosen.trial.name, *rest.named),
+        rest, before=before, floor_before=floor, named=(chosen.trial.name, *rest.named),
         classes=(alike, *rest.classes), margins=(chosen.margin, *rest.margins), unknown=False, trials=tuple(first),
     )  # fmt: skip
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.blocks import Effect, Scales, Signals
-from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term, fit
+from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term
 from hystid.diagnosis.parts import Part
+from hystid.diagnosis.search import try_fit
 from hystid.modelica import compile_model
 
 Array = NDArray[np.float64]
@@ -87,7 +88,7 @@ def _time_window() -> tuple[CompiledModel, tuple[str, ...]]:
     return CompiledModel(code), tuple(v.name for v in code.variables if v.causality == "parameter")
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)
 def _gate(samples: int, dt: float, times: tuple[float, ...]) -> Array:
     model, names = _time_window()
     run = model.simulate({}, dt, parameters=dict(zip(names, times, strict=True)), outputs=("y",), rows=samples)
@@ -174,28 +175,35 @@ def windows_of(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Wi
     too coarse, the baseline is fitted outside of the most telling window, also from the nominal values, and everything
     is compared once more. In the end, windows that differ from recording to recording.
     """
+    for windows, start in _proposed(problem, before, floor):
+        fitted = fitted_outside(problem, start, windows)
+        if fitted is not None:
+            yield windows, fitted
+
+
+def _proposed(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Window | Windows, Hypothesis]]:
+    """Windows, and where to begin the fit outside of them."""
+    here = before.hypothesis
     found = _windows(problem, before)
-    sound = _shortest(found, before, floor)
-    seen = {sound}
-    if sound is not None:
-        yield sound, fitted_outside(problem, before.hypothesis, sound)
+    seen = {sound} if (sound := _shortest(found, before, floor)) is not None else set[Window]()
+    for window in seen:
+        yield window, here
     telling = min(found, key=lambda split: split.misfit, default=None)
     if telling is not None and telling.inside - floor > _TELLING * (telling.outside - floor):
-        nominal = replace(before.hypothesis, values={**before.hypothesis.values, **problem.baseline.nominal})
-        fits = [fitted_outside(problem, start, telling.window) for start in (before.hypothesis, nominal)]
-        for again in fits:
-            other = _shortest(_windows(problem, again), before, floor)
-            if other is not None and other not in seen:
-                seen.add(other)
-                yield other, fitted_outside(problem, again.hypothesis, other)
+        for start in (here, replace(here, values={**here.values, **problem.baseline.nominal})):
+            again = fitted_outside(problem, start, telling.window)
+            other = _shortest(_windows(problem, again), before, floor) if again is not None else None
+            if again is not None and other is not None and other not in seen:
+                seen = {*seen, other}
+                yield other, again.hypothesis
     several = _own_windows(problem, before, floor)
     if several:
-        yield several, fitted_outside(problem, before.hypothesis, several)
+        yield several, here
 
 
 def _own_windows(problem: Problem, before: Fit, floor: float) -> Windows | None:
     """A window of its own in each recording, or none: stretches that stand out, found again while the baseline is
-    fitted to the rest; None where that does not settle, or windows agree with one for all."""
+    fitted to the rest; None where that leads to nothing."""
     excess = before.chi2 - floor
     if len(problem.parts) < 2:
         return None
@@ -257,7 +265,8 @@ class _Split:
     @property
     def misfit(self) -> float:
         """Twice the negative logarithm of the likelihood per row, noise of one level outside and another inside."""
-        return (1 - self.share) * float(np.log(self.outside)) + self.share * float(np.log(self.inside))
+        outside, inside = (float(np.log(max(level, 1e-300))) for level in (self.outside, self.inside))
+        return (1 - self.share) * outside + self.share * inside
 
 
 def _windows(problem: Problem, fitted: Fit) -> list[_Split]:
@@ -316,11 +325,14 @@ class _Sums:
         return float((whole - inside) / (self._rows[-1] - rows)), float(inside / rows)
 
 
-def fitted_outside(problem: Problem, start: Hypothesis, windows: Window | Windows) -> Fit:
-    """The baseline as fitted outside of the windows, judged on everything. Raises NumericalError as ``fit`` does."""
+def fitted_outside(problem: Problem, start: Hypothesis, windows: Window | Windows) -> Fit | None:
+    """The baseline as fitted outside of the windows, judged on everything; None where that has no finite answer."""
     each = dict.fromkeys(range(len(problem.parts)), windows) if isinstance(windows, Window) else windows
     parts = [_without(part, each[i]) if i in each else part for i, part in enumerate(problem.parts)]
-    here = fit(problem.of(parts), start).hypothesis
+    made = try_fit(problem.of(parts), start, 25)
+    if made is None:
+        return None
+    here = made.hypothesis
     rows = problem.rows(here)
     return Fit(here, rows, float(np.mean(rows**2)), problem.unknowns(here))
 
