@@ -299,9 +299,9 @@ def _widened(fitted: Mapping[str, Value], choice: Choice, term: Term) -> dict[st
     only: a coefficient means another thing in another form.
     """
     near = choice.after.chi2 + _ALIKE[0] + _ALIKE[1] * max(0.0, choice.before.chi2 - choice.after.chi2)
-    others = [t.fit.hypothesis.terms[-1] for t in choice.trials if t.name == term.effect.id and t.chi2 < near]
+    others = [t.term for t in choice.forms if t.name == term.effect.id and t.chi2 < near and t.term]
     found = dict(fitted)
-    for name, value in fitted.items() if len(choice.named) == 1 else ():
+    for name, value in fitted.items():
         said = [o.values[name] for o in others if name in o.values and o.effect.units.get(name) == value.unit]
         if value.unit in _PHYSICAL and said:
             apart = max(abs(one - value.value) for one in said)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from hystid.diagnosis.blocks import Effect
-from hystid.diagnosis.fitting import Fit, Problem, Term
+from hystid.diagnosis.fitting import ADDED_MASS, Fit, Problem, Term
 from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
@@ -63,6 +63,7 @@ class Choice:
     strength; classes: ids that cannot be told from each name. explained: share of the excess. unknown: something is
     left
     that no candidate explains. trials: all that was tried first, best first. untestable: ids that the refit absorbs.
+    forms: trials of what is named, in all forms.
     """
 
     before: Fit
@@ -75,6 +76,7 @@ class Choice:
     unknown: bool = False
     trials: tuple[Trial, ...] = field(repr=False, default=())
     untestable: tuple[str, ...] = ()
+    forms: tuple[Trial, ...] = field(repr=False, default=())
 
     @property
     def explained(self) -> float:
@@ -281,13 +283,28 @@ def _named(
     untestable: tuple[str, ...],
 ) -> Choice:
     after = steps[-1].trial.fit
-    after = _to_the_end(problem, after)
+    after = _with_one_mass(problem, _to_the_end(problem, after))
     names = tuple(dict.fromkeys(step.trial.name for step in steps))
+    forms = tuple(rival for step in steps for rival in step.rivals if rival.name == step.trial.name)
     classes = tuple(tuple(dict.fromkeys((step.trial.name, *step.tied))) for step in steps)
     return Choice(
         before, after, floor, problem.floor(after.hypothesis), names, classes, tuple(step.margin for step in steps),
-        False, tuple(first), untestable,
+        False, tuple(first), untestable, forms,
     )  # fmt: skip
+
+
+def _with_one_mass(problem: Problem, fitted: Fit) -> Fit:
+    """Added mass that holds what the refit took for a weighing error as well: the two are one."""
+    here = fitted.hypothesis
+    at = next((i for i, term in enumerate(here.terms) if term.effect.id == ADDED_MASS), None)
+    if at is None or here.weighing == 0.0:
+        return fitted
+    term = here.terms[at]
+    name = term.effect.amplitudes[0]
+    whole = replace(term, values={**term.values, name: term.values[name] + here.weighing * here.values["m"]})
+    there = replace(here, weighing=0.0, terms=(*here.terms[:at], whole, *here.terms[at + 1 :]))
+    rows = problem.rows(there)
+    return replace(fitted, hypothesis=there, residual=rows, chi2=fitted.chi2 * float(rows @ rows) / fitted.rss)
 
 
 def _to_the_end(problem: Problem, reached: Fit) -> Fit:

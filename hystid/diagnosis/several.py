@@ -26,7 +26,7 @@ from hystid.diagnosis.trials import (
 _PAIR_WORTH = 0.08  # fall of the mean square that each of several effects must be worth
 PAIR_SHARE = 0.045  # share of the excess that each of several effects must cost when it is taken away
 _PAIR_LEFT = 0.05  # share of the excess that several right effects may leave
-_RIVALS = 5  # look-alikes of each member that are fitted in its place
+_RIVALS = 4  # look-alikes of each member, besides its own forms, that are fitted in its place
 _LINES, _STARTING = 2, 5  # lines of effects that are followed, from this many ids where lines end in nonsense
 
 
@@ -80,7 +80,9 @@ def _exchanged_members(problem: Problem, steps: Sequence[Step], library: Sequenc
         start = Fit(bare, rows, float(rows @ rows) / len(rows), problem.unknowns(bare))
         rivals = [Trial(step.trial.name, step.trial.form, step.trial.size, fit)]
         laws = [effect for effect in library if effect.id not in others]
-        for candidate in scan(problem, start, laws)[:_RIVALS]:
+        candidates = scan(problem, start, laws)
+        kin = [c for c in candidates if c.effect.id == step.trial.name]
+        for candidate in (*kin, *[c for c in candidates if c not in kin][:_RIVALS]):
             there = replace(bare, terms=(*terms[:at], candidate.term, *terms[at + 1 :]))
             made = try_fit(problem, there, bar=fit.chi2)
             effect = candidate.effect
@@ -89,7 +91,7 @@ def _exchanged_members(problem: Problem, steps: Sequence[Step], library: Sequenc
         rivals.sort(key=lambda trial: trial.chi2)
         best = single(problem, rivals, fit, excess)
         fit = best.trial.fit
-        members[number] = Step(replace(best.trial, tied=best.tied), best.tied, step.margin)
+        members[number] = Step(replace(best.trial, tied=best.tied), best.tied, step.margin, tuple(rivals))
     return [replace(step, trial=replace(step.trial, fit=fit)) for step in members]
 
 

@@ -47,6 +47,11 @@ class Trial:
         return self.fit.chi2
 
     @property
+    def term(self) -> Term | None:
+        """The term of this name, None where the trial is a correction of the chain."""
+        return next((term for term in self.fit.hypothesis.terms if term.effect.id == self.name), None)
+
+    @property
     def has_threshold(self) -> bool:
         """Whether what was added begins to act at some displacement: a claim of its own."""
         terms = self.fit.hypothesis.terms
@@ -61,11 +66,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class Step:
-    """One accepted term: where it stands, and what it could not be told from."""
+    """One accepted term: where it stands, what it could not be told from, and what it was compared with."""
 
     trial: Trial
     tied: tuple[str, ...]
     margin: float
+    rivals: tuple[Trial, ...] = field(repr=False, default=())
 
 
 def trials(
@@ -231,7 +237,7 @@ def single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float)
     tied = tuple(dict.fromkeys(t.name for t in found if t.chi2 - simple.chi2 < near and t.name != simple.name))
     other = next((t.chi2 for t in found if t.name != simple.name and t.name not in tied), before.chi2)
     margin = (other - simple.chi2) / max(excess, 1e-9)
-    return Step(simple, tied, float(margin))
+    return Step(simple, tied, float(margin), tuple(found))
 
 
 def _closes(trial: Trial) -> bool:
