@@ -22,6 +22,7 @@ _CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share o
 LAST = 60  # iterations for what is named
 _REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold
 _SAME = (0.007, 0.003)  # mean square, and share of excess and rest, that a simpler law may lack to be preferred
+_SIZES = 3  # parameters more than which a law that has them need not pay for (a drift has two per recording)
 _JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a little there
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 FAR = 30.0  # excess in floors, far above the noise
@@ -229,7 +230,7 @@ def single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float)
     jumpy = _JUMPY if problem.reduce.jumps else 0.0
     simple = best
     for trial in sorted(found, key=lambda t: (t.size, t.has_threshold, t.chi2)):
-        if trial.chi2 - best.chi2 < (same + jumpy) * max(1, best.size - trial.size):
+        if trial.chi2 - best.chi2 < jumpy + same * np.clip(best.size - trial.size, 1, _SIZES):
             simple = trial
             break
     if _closes(simple):  # a contact that closes and is not told from an impact is called by that name
