@@ -1,4 +1,4 @@
-"""Standard errors: what noise of the motion adds, what scatters in stretches; and valleys behind ridges."""
+"""Standard errors, valleys behind ridges, and laws that the motion cannot show."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis.diagnose import _given, _load, _prepare
-from hystid.diagnosis.fitting import Fit, Problem, fit
+from hystid.diagnosis.fitting import Fit, Problem, Term, fit
+from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.search import beyond
+from hystid.diagnosis.trials import are_reached
 from hystid.diagnosis.uncertainty import honest
 from tests.test_diagnosis import JENKINS, case, spec
 
@@ -55,6 +57,15 @@ def test_noise_of_the_motion_once_more_is_of_the_same_size(healthy: tuple[Proble
         for part, dx in zip(problem.parts, moved, strict=True):
             assert 0.05 * part.noise["x"] < float(np.std(dx)) < part.noise["x"]
         assert float(np.mean(shaken.rows(fitted.hypothesis) ** 2)) > 1.5 * fitted.chi2  # twice the noise in F - m a
+
+
+def test_friction_that_never_slides_is_none(healthy: tuple[Problem, Fit]) -> None:
+    problem, fitted = healthy
+    friction = next(effect for effect in load_effects() if effect.class_name.endswith(".CoulombFriction"))
+    top = float(problem.scales.v[-1])
+    for share, kept in ((0.02, True), (0.6, False)):
+        there = replace(fitted.hypothesis, terms=(Term(friction, {"Fc": 1.0, "v_s": share * top}),))
+        assert are_reached(problem, replace(fitted, hypothesis=there)) == kept
 
 
 def test_a_fit_in_a_side_valley_is_led_out(tmp_path: Path) -> None:

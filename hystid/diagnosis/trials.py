@@ -21,6 +21,7 @@ _FORMS = 3  # forms of the leading id that are searched again
 _CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share of the excess) behind the best, fitted on
 LAST = 60  # iterations for what is named
 _REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold
+_SLIDES = 0.25  # of the largest speed, within which dry friction must have turned; rigs turn within 0.05
 _SAME = (0.007, 0.003)  # mean square, and share of excess and rest, that a simpler law may lack to be preferred
 _SIZES = 3  # parameters more than which a law that has them need not pay for (a drift has two per recording)
 _JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a little there
@@ -105,13 +106,16 @@ def ranked(problem: Problem, found: Sequence[Trial]) -> list[Trial]:
 
 
 def are_reached(problem: Problem, fit: Fit) -> bool:
-    """Whether the motion goes beyond every threshold: the tail of a contact that is never reached feigns a preload."""
+    """Whether the motion goes beyond every threshold, and dry friction slides: the tail of a contact that is never
+    reached feigns a preload, and friction that turns over most of the speeds is a damper by another name."""
     for term in fit.hypothesis.terms:
         if "gap" in term.values:
             side = term.values.get("side", 0.0)
             beyond = [np.mean((side * p.x if side else np.abs(p.x)) > term.values["gap"]) for p in problem.parts]
             if float(max(beyond)) < _REACHED:
                 return False
+        if term.values.get("v_s", 0.0) > _SLIDES * problem.scales.v[-1]:
+            return False
     return True
 
 
