@@ -6,6 +6,7 @@ before and after each case, is the law along the four recordings one by one, as 
 seconds depend on the machine and on what else runs on it, the ratio less so. The promise is 10 s of one core.
 """
 
+# ruff: noqa: E402 - the imports below load numpy, whose threads have to be limited first
 from __future__ import annotations
 
 import argparse
@@ -20,15 +21,15 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy: threads that wait count as processor time
     os.environ.setdefault(_name, "1")
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from benchmarks.concealed.cases import draw  # noqa: E402
-from benchmarks.concealed.deck import CaseSpec  # noqa: E402
-from benchmarks.concealed.generate import write_case  # noqa: E402
-from hystid.compiled import CompiledModel  # noqa: E402
-from hystid.diagnosis import Diagnosis, diagnose  # noqa: E402
-from hystid.modelica import compile_model  # noqa: E402
-from hystid.recording import Recording, read_all  # noqa: E402
+from benchmarks.concealed.cases import draw
+from benchmarks.concealed.deck import CaseSpec
+from benchmarks.concealed.generate import write_case
+from hystid.compiled import CompiledModel
+from hystid.diagnosis import Diagnosis, diagnose
+from hystid.modelica import compile_model
+from hystid.recording import Recording, read_all
 
 CASES = (
     ("null", (), "iwan"),
@@ -86,7 +87,7 @@ def stages(place: Path) -> str:
     """Shares of the stages in a profiled run."""
     profile = cProfile.Profile()
     profile.runcall(answered, place)
-    found = pstats.Stats(profile).stats  # type: ignore[attr-defined]
+    found = pstats.Stats(profile).stats  # type: ignore[attr-defined]  # the stub does not declare it, the class has it
     whole = max(entry[3] for entry in found.values())
     sums = dict.fromkeys(STAGES, 0.0)
     for (file, _, name), entry in found.items():
