@@ -185,16 +185,18 @@ def _proposed(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Win
     """Windows, and where to begin the fit outside of them."""
     here = before.hypothesis
     found = _windows(problem, before)
-    seen = {sound} if (sound := _shortest(found, before, floor)) is not None else set[Window]()
-    for window in seen:
-        yield window, here
+    seen: set[Window] = set()
+    sound = _shortest(found, before, floor)
+    if sound is not None:
+        seen.add(sound)
+        yield sound, here
     telling = min(found, key=lambda split: split.misfit, default=None)
     if telling is not None and telling.inside - floor > _TELLING * (telling.outside - floor):
         for start in (here, replace(here, values={**here.values, **problem.baseline.nominal})):
             again = fitted_outside(problem, start, telling.window)
             other = _shortest(_windows(problem, again), before, floor) if again is not None else None
             if again is not None and other is not None and other not in seen:
-                seen = {*seen, other}
+                seen.add(other)
                 yield other, again.hypothesis
     several = _own_windows(problem, before, floor)
     if several:
