@@ -67,6 +67,22 @@ def test_nothing_is_found_where_nothing_is_hidden(tmp_path: Path, family: str, s
     assert found.findings == ()
 
 
+def test_contact_that_jumps_is_given_the_speed_over_which_it_turns(tmp_path: Path) -> None:
+    place, truth = case(tmp_path, spec("single", ("quadratic_damping",), "pecorari"), 24)
+    found = run(place)
+    assert [finding.effect for finding in found.findings] == ["quadratic_damping"]
+    turn = found.refit["v_turn"].value
+    assert found.problem is not None
+    fastest = max(float(np.max(np.abs(part.v))) for part in found.problem.parts)
+    assert 0.001 < turn / fastest < 0.1  # of the rig: 0.01 of its nominal peak speed, by another smooth sign
+    (held,) = found.holdout
+    before, after = held.free_run
+    assert before is not None and after is not None
+    oracle = truth["oracle"]["holdout_truth"]  # type: ignore[index]
+    # noise and the other shape of the turn: a tenth of the way from the oracle's error to that of the refit
+    assert after < oracle + 0.1 * (before - oracle)
+
+
 def test_physics_outside_the_library_is_unknown(tmp_path: Path) -> None:
     place, _ = case(tmp_path, spec("stranger", ("parametric_excitation",), LINEAR), 31)
     found = run(place)

@@ -121,3 +121,13 @@ def test_a_concealed_effect_of_a_part_of_the_time_is_named(tmp_path: Path) -> No
     found = run(place)
     assert "quadratic_damping" in {name for finding in found.findings for name in finding.alike}
     assert all("t_off" in finding.parameters for finding in found.findings)
+
+
+def test_a_name_that_an_unseen_recording_refutes_is_withdrawn() -> None:
+    tests = [rig((0.0, 99.0), 4e6, seed, level) for seed, level in ((1, 12.0), (2, 24.0))]
+    repaired = rig((99.0, 99.0), 4e6, 3, 24.0)
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL, holdout=[repaired])
+    assert found.verdict == "unknown_physics" and found.findings == ()
+    assert any("rig_3, which was held out" in note and "quadratic_stiffness" in note for note in found.notes)
+    kept = diagnose(tests, model=MODEL, parameters=NOMINAL, holdout=[rig((0.0, 99.0), 4e6, 3, 24.0)])
+    assert [finding.effect for finding in kept.findings] == ["quadratic_stiffness"]

@@ -124,6 +124,26 @@ def test_pecorari_solodov_is_the_published_formula():
     np.testing.assert_allclose(got, exact, rtol=1e-14, atol=1e-12)
 
 
+def test_pecorari_solodov_may_turn_over_a_speed():
+    v_turn = 0.02
+    t, x, v = cycles(amplitude=1.2e-2, frequency=1.0, count=2.0, dt=1e-3)
+    sharp = motion(x, v, "Forces.PecorariSolodov", dt=1e-3)["f"]
+    got = motion(x, v, "Forces.PecorariSolodov", outputs="f loss", dt=1e-3, v_turn=v_turn)
+    away = np.abs(v) > 3 * v_turn
+    jump = 5e3 * (2e-2 - 1e-2)
+    # 1 - tanh(3) = 0.5 % of half the jump is left there
+    np.testing.assert_allclose(got["f"][away], sharp[away], atol=0.0026 * jump)
+    at_rest = np.argmin(np.abs(v[400:600])) + 400
+    assert 0.2 * jump < np.max(np.abs(np.diff(sharp))) <= jump
+    assert np.max(np.abs(np.diff(got["f"]))) < 0.05 * jump
+    assert abs(got["f"][at_rest] - np.mean([sharp[at_rest - 40], sharp[at_rest + 40]])) < 0.1 * jump
+    assert got["loss"].min() >= 0
+    last = t >= t[-1] - 1 - 1e-9
+    work, heat = (np.trapezoid(p[last], t[last]) for p in (got["f"] * v, got["loss"]))
+    # what the mean of the branches stores comes back; slip and stick change inside samples of 1 ms
+    assert heat == pytest.approx(work, rel=2e-3)
+
+
 def test_pecorari_solodov_warns_beyond_its_amplitude(caplog):
     _, x, v = cycles(amplitude=3e-2, count=0.3)
     model("Forces.PecorariSolodov").simulate({"x": x, "v": v}, DT, outputs=["f"])

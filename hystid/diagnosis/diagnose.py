@@ -27,7 +27,7 @@ from hystid.diagnosis.noise import noise_level
 from hystid.diagnosis.parts import HiddenMotion, Part, prepare_part, visible
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
-from hystid.diagnosis.runs import Run, compile_text, free_runs, write_beside
+from hystid.diagnosis.runs import Run, Runs, compile_text, free_runs, write_beside
 from hystid.diagnosis.search import other_valleys, try_fit
 from hystid.diagnosis.selection import Choice, choose
 from hystid.diagnosis.starts import scaled, sizes_of
@@ -54,6 +54,7 @@ _VALLEYS = 2  # rounds of looking for a better valley of the refit
 _JUMPS = 2  # rounds in which rows near jumps are found, and the refit begins again without them
 _APART = 0.01  # relative difference of mean squares that makes two optima of the refit
 _REST = 1.3  # residual over the noise beyond which a named answer says that something is left
+_WORSE = 1.35  # error of the free run of an unseen recording, over that without what was named, that refutes it
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
 
@@ -373,9 +374,12 @@ def _refit(problem: Problem) -> tuple[Fit, tuple[Fit, ...], float]:
             break
     best, *others = fits
     for _ in range(_JUMPS):
-        if problem.distrust(best.hypothesis):  # jumps may have led the fits astray: begin again without them
-            fits = [made for h in (best.hypothesis, nominal) if (made := try_fit(problem, h, 25)) is not None]
-            best, rows, others = min(fits, key=lambda f: f.chi2), problem.rows(nominal), []
+        before = problem.reduce.jumps
+        if not problem.distrust(best.hypothesis, nominal) and not before:
+            break
+        again = [best.hypothesis, nominal]  # jumps may have led the fits astray: begin again without them
+        fits = [made for h in again if (made := try_fit(problem, h, 25)) is not None]
+        best, rows, others = min(fits, key=lambda f: f.chi2), problem.rows(nominal), []
     valleys = [f for f in others if f.chi2 > (1 + _APART) * best.chi2]
     return best, tuple(valleys[:2]), float(np.mean(rows**2))
 
@@ -421,6 +425,14 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
         _skeleton(case.baseline),
         case.unseen,
     )
+    refuted = _refuted(runs, case)
+    if refuted:
+        withdrawn = replace(
+            choice, after=choice.before, floor_after=choice.floor_before, named=(), classes=(), margins=(), forms=(),
+            unknown=True,
+        )  # fmt: skip
+        nothing = Answer(case.problem, case.baseline, withdrawn, case.nominal_chi2, case.faults)
+        runs = free_runs(nothing, _skeleton(case.baseline), case.unseen)
     answer, choice, (before, after) = runs.answer, runs.answer.choice, (runs.before, runs.after)
     found = findings(answer)
     names = [part.name for part in case.problem.parts]
@@ -430,7 +442,7 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
         Errors(p.name, f, (b[1], a[1])) for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
     )
     verdict = answer.verdict()
-    notes = (*case.notes, *runs.notes, *_rest(choice))
+    notes = (*case.notes, *runs.notes, *refuted, *_rest(choice))
     unknown = None
     if verdict == "unknown_physics":
         rest = case.problem.balance(choice.after.hypothesis)
@@ -447,6 +459,34 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     )  # fmt: skip
     told = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
     return told, runs.text
+
+
+def _refuted(runs: Runs, case: Case) -> list[str]:
+    """A sentence where the free run contradicts what was named: physics that was left out makes it better.
+
+    A wrong law that explains the force of the recordings that it was fitted to gives itself away in two ways: their
+    displacement is not reproduced any better, or that of an unseen recording far worse.
+    """
+    if not runs.answer.names() or not runs.answer.is_model():
+        return []
+    names = [[part.name for part in parts] for parts in (case.problem.parts, case.unseen)]
+    used, unseen = (_changes(*group) for group in zip(names, runs.before, runs.after, strict=True))
+    told = " and ".join(runs.answer.names())
+    if used and float(np.mean(list(used.values()))) > 0:
+        return [f"{told}: would explain the force, but the displacement in free run comes no closer: not claimed"]
+    worst = max(unseen, key=lambda name: unseen[name], default="")
+    if worst and unseen[worst] > np.log(_WORSE):
+        return [
+            f"{told}: would explain the force, but with it the free run of {worst}, which was held out, is "
+            f"{np.exp(unseen[worst]):.2g} times as far off: not claimed"
+        ]
+    return []
+
+
+def _changes(names: Sequence[str], before: Run, after: Run) -> dict[str, float]:
+    """Logarithm of the error of the free run after, over that before, where both ran."""
+    pairs = [(name, b[1], a[1]) for name, b, a in zip(names, before, after, strict=True)]
+    return {name: float(np.log(a / b)) for name, b, a in pairs if a is not None and b is not None and min(a, b) > 0}
 
 
 def _rest(choice: Choice) -> list[str]:

@@ -7,7 +7,7 @@ a sample, a weighing error), and amplitudes and shapes of the effects. Levenberg
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,6 +26,8 @@ HYSTERESIS = "hysteretic_friction"
 ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
 WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _TURN = 0.05  # share of the peak speed over which a contact may turn
+_ROUND = 0.1  # share of a jump that the shape of a turn and filters leave open, where the law has its own turn
+_AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
 _PACE = 0.04  # share of the way to the bar that every step must make
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
@@ -273,10 +275,14 @@ class Problem:
             self.reduce([b - a for a, b in zip(here, self._shaken(hypothesis, d), strict=True)]) for d in range(DRAWS)
         ]
 
-    def distrust(self, hypothesis: Hypothesis) -> bool:
-        """Weigh down rows in which a law jumps; true where there are such rows."""
+    def distrust(self, *hypotheses: Hypothesis) -> bool:
+        """Weigh down rows in which a law jumps; true where there are such rows.
+
+        hypotheses: the fit, and others that a law may have jumped in where the fit was led astray.
+        """
         self.reduce.trust()
-        changed = self.reduce.distrust([*self.movements(hypothesis), *self._jumps(hypothesis)])
+        jumps = [self._jumps(hypothesis) for hypothesis in hypotheses]
+        changed = self.reduce.distrust([*self.movements(hypotheses[0]), *np.maximum.reduce(jumps)])
         self._columns.clear()
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
         return changed
@@ -285,18 +291,25 @@ class Problem:
         """Rows of the bend that a law without memory makes over some of the largest speed, either way.
 
         Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed, and filters of
-        the measurement chain round the jump: the force near it says little.
+        the measurement chain round the jump: the force near it says little. A law that turns over a speed of its own
+        is fitted to what there is.
         """
         if not self.baseline.memoryless:
             return []
-        here = [R for R, _ in self.law(hypothesis.values)]
-        shift = _TURN * float(max(np.max(np.abs(p.v)) for p in self.parts))
-        behind, ahead = (
-            self.baseline.forces([self.baseline.held(p.x, p.v + sign, p.dt) for p in self.parts], hypothesis.values)
-            for sign in (-shift, shift)
-        )
-        bend = [np.abs(b + c - 2 * a) for a, (b, _), (c, _) in zip(here, behind, ahead, strict=True)]
-        return [self.reduce(bend)]  # its sign changes with that of v: blocks of samples would lose it
+        fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
+
+        def law(velocity: Callable[[Array, float], Array], share: float) -> list[Array]:
+            moved = [self.baseline.held(p.x, velocity(p.v, share * fastest), p.dt) for p in self.parts]
+            return [R for R, _ in self.baseline.forces(moved, hypothesis.values)]
+
+        here = law(lambda v, _: v, 0.0)
+        behind, ahead = (law(lambda v, shift: v + shift, share) for share in (-_TURN, _TURN))
+        falling, rising = (law(lambda v, shift: np.full_like(v, shift), share) for share in (-_AT_ONCE, _AT_ONCE))
+        bend = [np.abs(b + c - 2 * a) for a, b, c in zip(here, behind, ahead, strict=True)]
+        jump = max(float(np.max(np.abs(r - f))) for r, f in zip(rising, falling, strict=True))
+        sharp = jump > 0.5 * max(float(np.max(b)) for b in bend)
+        share = 1.0 if sharp else _ROUND
+        return [self.reduce([share * b for b in bend])]  # its sign changes with that of v: blocks would lose it
 
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
         moved = []

@@ -21,6 +21,7 @@ _ROWS = 20_000  # rows for a coarse fit
 _LIGHT = 0.02  # share of the force below which inertia is not seen
 _ONE_TONE = 0.99  # correlation of x and -a beyond which inertia cannot be told from stiffness
 _CLEAR = 0.5  # a motion of one frequency shows a mass only if it leaves less than this share of the residual
+_ROUNDED = 0.01  # share of the largest speed over which a jump that the default has sharp is rounded, as a start
 _STICK = 0.2  # share of the largest displacement over which a contact sticks, as a start
 
 
@@ -97,8 +98,7 @@ def scaled(
     largest: dict[str, float] = {}
     for variable in variables:
         largest[variable.unit] = max(largest.get(variable.unit, 0.0), abs(variable.start or 0.0))
-    return {
-        v.name: float(v.start) * target[v.unit] / largest[v.unit]
-        for v in variables
-        if v.name not in given and v.start and v.unit in target
-    }
+    sharp = {v.name: _ROUNDED * sizes.speed for v in variables if v.unit == "m/s" and v.min == 0 and not v.start}
+    known = [v for v in variables if v.start and v.unit in target]
+    sized = {v.name: float(v.start or 0.0) * target[v.unit] / largest[v.unit] for v in known}
+    return {name: value for name, value in {**sharp, **sized}.items() if name not in given}
