@@ -128,6 +128,7 @@ def test_a_name_that_an_unseen_recording_refutes_is_withdrawn() -> None:
     repaired = rig((99.0, 99.0), 4e6, 3, 24.0)
     found = diagnose(tests, model=MODEL, parameters=NOMINAL, holdout=[repaired])
     assert found.verdict == "unknown_physics" and found.findings == ()
-    assert any("rig_3, which was held out" in note and "quadratic_stiffness" in note for note in found.notes)
+    assert "quadratic_stiffness" in found.refuted and "rig_3, which was held out" in found.refuted
+    assert found.refuted in found.headline
     kept = diagnose(tests, model=MODEL, parameters=NOMINAL, holdout=[rig((0.0, 99.0), 4e6, 3, 24.0)])
     assert [finding.effect for finding in kept.findings] == ["quadratic_stiffness"]

@@ -365,6 +365,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "recalibrated":
         return "The model agrees with the recordings down to their noise once its parameters are refitted"
     if diagnosis.verdict == "unknown_physics" and diagnosis.unknown:
+        if diagnosis.refuted:
+            return f"Something is missing: {diagnosis.unknown.text}. Not claimed: {diagnosis.refuted}"
         return f"Something is missing that no effect of the library explains: {diagnosis.unknown.text}"
     named = " and ".join(_told(finding) for finding in diagnosis.findings)
     return f"{named}; {_better(diagnosis)}"
@@ -393,6 +395,11 @@ def next_experiment(diagnosis: Diagnosis) -> str:
         for pair, advice in _SPLITS.items():
             if pair <= set(finding.alike):
                 return f"To part {' from '.join(sorted(pair))}: {advice}."
+    if "held out" in diagnosis.refuted:
+        return (
+            "Check that all recordings are of the structure in the same state; then record it at the amplitudes and "
+            "frequencies of the held-out test, so that what was refuted can be tried on them."
+        )
     if diagnosis.verdict == "unknown_physics":
         return (
             "Record slow cycles, and harmonic tests at three amplitudes and three frequencies, so that the amplitude "

@@ -442,7 +442,7 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
         Errors(p.name, f, (b[1], a[1])) for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
     )
     verdict = answer.verdict()
-    notes = (*case.notes, *runs.notes, *refuted, *_rest(choice))
+    notes = (*case.notes, *runs.notes, *_rest(choice))
     unknown = None
     if verdict == "unknown_physics":
         rest = case.problem.balance(choice.after.hypothesis)
@@ -452,7 +452,7 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     hidden = tuple(name for name in choice.untestable if name not in named)
     diagnosis = Diagnosis(
         verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
-        listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
+        listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown, refuted,
         notes,
         {"lags": case.consistency, "delay": last.delay, "weighing": last.weighing},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after,
@@ -461,26 +461,24 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     return told, runs.text
 
 
-def _refuted(runs: Runs, case: Case) -> list[str]:
-    """A sentence where the free run contradicts what was named: physics that was left out makes it better.
+def _refuted(runs: Runs, case: Case) -> str:
+    """How the free run contradicts what was named; "" where it does not.
 
-    A wrong law that explains the force of the recordings that it was fitted to gives itself away in two ways: their
-    displacement is not reproduced any better, or that of an unseen recording far worse.
+    Physics that was left out makes the free run better. A wrong law that explains the force of the recordings that it
+    was fitted to gives itself away in two ways: their displacement is not reproduced any better, or that of an unseen
+    recording far worse.
     """
     if not runs.answer.names() or not runs.answer.is_model():
-        return []
+        return ""
     names = [[part.name for part in parts] for parts in (case.problem.parts, case.unseen)]
     used, unseen = (_changes(*group) for group in zip(names, runs.before, runs.after, strict=True))
-    told = " and ".join(runs.answer.names())
+    told = " and ".join(runs.answer.names()) + " would explain the force, but with it the free run "
     if used and float(np.mean(list(used.values()))) > 0:
-        return [f"{told}: would explain the force, but the displacement in free run comes no closer: not claimed"]
+        return told + "comes no closer to the measured displacement"
     worst = max(unseen, key=lambda name: unseen[name], default="")
     if worst and unseen[worst] > np.log(_WORSE):
-        return [
-            f"{told}: would explain the force, but with it the free run of {worst}, which was held out, is "
-            f"{np.exp(unseen[worst]):.2g} times as far off: not claimed"
-        ]
-    return []
+        return told + f"of {worst}, which was held out, is {np.exp(unseen[worst]):.2g} times as far off"
+    return ""
 
 
 def _changes(names: Sequence[str], before: Run, after: Run) -> dict[str, float]:

@@ -51,7 +51,7 @@ def where_unknown(problem: Problem, residuals: Sequence[Array], noise: float) ->
         f"growing with the power {law:.1f} of the amplitude" if np.isfinite(law) else "of unclear amplitude law",
         _rate(problem, smooth),
     ]
-    return _where(problem, smooth, even, "a force that no effect of the library gives: " + ", ".join(parts))
+    return _where(problem, smooth, even, "a force " + ", ".join(parts))
 
 
 def _where(problem: Problem, forces: Sequence[Array], even: float, text: str) -> Where:

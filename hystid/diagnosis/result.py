@@ -106,7 +106,10 @@ class Traces:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The answer. findings: strongest first. unknown: location and laws of a mismatch without a name."""
+    """The answer. findings: strongest first. unknown: location and laws of a mismatch without a name.
+
+    refuted: what would explain the force, and how its free run contradicts it; "" where nothing was withdrawn.
+    """
 
     verdict: Verdict
     headline: str
@@ -121,6 +124,7 @@ class Diagnosis:
     force_nrmse: tuple[float, float] = (float("nan"), float("nan"))
     noise_floor: float = float("nan")
     unknown: Where | None = None
+    refuted: str = ""
     notes: tuple[str, ...] = ()
     chain: Mapping[str, Any] = field(default_factory=dict)
     traces: tuple[Traces, ...] = field(default=(), repr=False)
@@ -149,6 +153,7 @@ class Diagnosis:
             },
             "findings": [finding.as_dict() for finding in self.findings],
             "unknown": self.unknown.as_dict() if self.unknown else None,
+            "refuted": self.refuted or None,
             "fit": {
                 "force_nrmse": {"before": self.force_nrmse[0], "after": self.force_nrmse[1]},
                 "free_run_x_nrmse": {
