@@ -282,8 +282,8 @@ def _named(
     first: Sequence[Trial],
     untestable: tuple[str, ...],
 ) -> Choice:
-    after = steps[-1].trial.fit
-    after = _with_one_mass(problem, _to_the_end(problem, after))
+    steps = _led_on(problem, before, floor, steps, first)
+    after = _with_one_mass(problem, steps[-1].trial.fit)
     names = tuple(dict.fromkeys(step.trial.name for step in steps))
     forms = tuple(rival for step in steps for rival in step.rivals if rival.name == step.trial.name)
     classes = tuple(tuple(dict.fromkeys((step.trial.name, *step.tied))) for step in steps)
@@ -291,6 +291,20 @@ def _named(
         before, after, floor, problem.floor(after.hypothesis), names, classes, tuple(step.margin for step in steps),
         False, tuple(first), untestable, forms,
     )  # fmt: skip
+
+
+def _led_on(
+    problem: Problem, before: Fit, floor: float, steps: Sequence[Step], first: Sequence[Trial]
+) -> Sequence[Step]:
+    """What is named, fitted to the end. One effect that comes to a better valley is compared with its look-alikes
+    there: in the valley where all of them were stuck, the simplest had won."""
+    last = steps[-1]
+    best = replace(last.trial, fit=_to_the_end(problem, last.trial.fit))
+    if len(steps) > 1 or last.trial.chi2 - best.chi2 < WORTH:
+        return [*steps[:-1], replace(last, trial=best)]
+    excess = before.chi2 - floor
+    step = single(problem, finished(problem, exchanged(problem, [best, *first], before), excess), before, excess)
+    return [replace(step, trial=replace(step.trial, fit=_to_the_end(problem, step.trial.fit)))]
 
 
 def _with_one_mass(problem: Problem, fitted: Fit) -> Fit:
