@@ -12,6 +12,8 @@ from benchmarks.concealed.deck import CaseSpec
 from benchmarks.concealed.generate import write_case
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import TOLERATED, Diagnosis, diagnose
+from hystid.diagnosis.blocks import Scales
+from hystid.diagnosis.library import load_effects
 from hystid.errors import UsageError
 from hystid.modelica import compile_model
 from hystid.recording import Recording, read_all
@@ -182,3 +184,12 @@ def test_wrong_parameters_are_one_sentence(parameters: dict[str, object], rule: 
 def test_a_file_that_is_no_effect_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="there is no such file"):
         diagnose([_shaken()], model="HystId.Oscillators.Linear", effects=tmp_path / "none.mo")
+
+
+def test_starts_of_a_hidden_mode_lie_closer_than_it_is_wide() -> None:
+    effect = next(effect for effect in load_effects([]) if effect.id == "hidden_mode")
+    x = np.linspace(0, 1e-3, 100)
+    scales = Scales(x, 100 * x, x, 5.0, 1e-3, (2.0, 90.0), 1.0)
+    starts = np.array(sorted({point["f2"] for point in effect.grid(scales)}))
+    assert starts[0] <= 10.0 and starts[-1] >= 120.0  # all of the band but its slow end, and above
+    assert np.all(np.diff(np.log(starts)) < 0.1)  # width of a resonance at the damping ratio of the starts, 0.05

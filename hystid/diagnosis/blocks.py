@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 _INPUTS = frozenset("xvah")
 _SUBSTEPS = 24  # most steps per sample: a memory shorter than a 24th of the path per sample is friction without memory
 _SHORT = (0.003, 0.012)  # shares of the stroke over which friction may build up, below those of its distribution
+_SLOWEST = 0.1  # of the highest frequency that is excited, from which on resonances are sought
+_APART = 0.08  # relative distance of such starts: a resonance is 0.1 wide at the damping ratio that is tried
 _PROBE = 2001  # samples of the signal on which linearity is tested
 
 
@@ -246,7 +248,8 @@ def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
     if shape.unit == "s":
         return np.geomspace(max(4 * scales.dt, 0.02 / scales.band[1]), scales.span / 2, 8)
     if shape.unit == "Hz":
-        return np.geomspace(max(low, 0.35 * scales.band[1]), 0.85 * high, 24 if fine else 6)
+        first, last = max(low, scales.band[0], _SLOWEST * scales.band[1]), 0.85 * high
+        return np.geomspace(first, last, int(np.log(last / first) / _APART) + 2 if fine else 6)
     start = shape.start if shape.start is not None else 0.5 * (low + high)
     return np.unique(np.clip([start, *((0.3 * low + 0.7 * high,) if fine else ())], low, high))
 
