@@ -15,7 +15,7 @@ from hystid.diagnosis.fitting import ADDED_MASS, Fit, Problem, Term
 from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
-from hystid.diagnosis.sensors import force_drift, mains_hum
+from hystid.diagnosis.sensors import DRIFT, force_drift, mains_hum
 from hystid.diagnosis.several import grow, several_effects
 from hystid.diagnosis.trials import (
     FAR,
@@ -46,7 +46,7 @@ _LIMIT_GAIN = 0.03  # fall of the mean square that makes a correction at its lim
 _SILENT = 0.25  # share of the excess below which the best trial says nothing about a rest that is noise otherwise
 _CONSTANT = 0.9  # share of the excess beyond which a constant force is named though what it leaves is unknown
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
-PRELOAD, DRIFT = "preload", "force_drift"
+PRELOAD = "preload"
 _TELLING = 0.15  # share of what is left inside a window that a law must take at once to be fitted
 _WINDOW_LEFT = 0.05  # share of the excess that a law in a window may leave
 _WINDOW_WORTH = (0.04, 0.25)  # share of the excess that a window must be worth, and that makes it the main thing

@@ -8,7 +8,7 @@ import numpy as np
 
 from hystid.diagnosis.blocks import Array, Effect, Signals
 
-HUM = "mains_hum"
+HUM, DRIFT = "mains_hum", "force_drift"
 
 
 class ChannelEffect(Effect):
@@ -53,4 +53,4 @@ def force_drift(recordings: int, *, bow: bool) -> ForceDrift:
     kinds = ("offset", "ramp", "bow") if bow else ("offset", "ramp")
     names: Sequence[str] = [f"{kind}_{i + 1}" for i in range(recordings) for kind in kinds]
     units = {name: {"offset": "N", "ramp": "N/s", "bow": "N"}[name.partition("_")[0]] for name in names}
-    return ForceDrift("force_drift", "Bowed" if bow else "", "", None, amplitudes=tuple(names), units=units)
+    return ForceDrift(DRIFT, "Bowed" if bow else "", "", None, amplitudes=tuple(names), units=units)

@@ -10,6 +10,7 @@ import numpy as np
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
+from hystid.diagnosis.sensors import DRIFT
 
 SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
 _HELD = 0.35  # samples of delay: a force that is held is half a sample late, and no shift undoes the steps
@@ -20,6 +21,7 @@ _RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack
 _FORMS = 3  # forms of the leading id that are searched again
 _CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share of the excess) behind the best, fitted on
 LAST = 60  # iterations for what is named
+_MOVING = 6.0  # standard errors (of white noise) beyond which a recording drifts: real ones show 15 and more
 _REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold
 _SLIDES = 0.25  # of the largest speed, within which dry friction must have turned; rigs turn within 0.05
 _SAME = (0.007, 0.003)  # mean square, and share of excess and rest, that a simpler law may lack to be preferred
@@ -108,7 +110,9 @@ def ranked(problem: Problem, found: Sequence[Trial]) -> list[Trial]:
 def are_reached(problem: Problem, fit: Fit) -> bool:
     """Whether the motion goes beyond every threshold, and dry friction slides: the tail of a contact that is never
     reached feigns a preload, and friction that turns over most of the speeds is a damper by another name."""
-    for term in fit.hypothesis.terms:
+    for number, term in enumerate(fit.hypothesis.terms):
+        if term.effect.id == DRIFT and not _drifts(fit, number):
+            return False
         if "gap" in term.values:
             side = term.values.get("side", 0.0)
             beyond = [np.mean((side * p.x if side else np.abs(p.x)) > term.values["gap"]) for p in problem.parts]
@@ -117,6 +121,24 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
         if term.values.get("v_s", 0.0) > _SLIDES * problem.scales.v[-1]:
             return False
     return True
+
+
+def _drifts(fit: Fit, number: int) -> bool:
+    """Whether a drift of the force channel is one in most of the recordings.
+
+    A constant of its own for each recording, with ramps that only few of them need, is what a wrong even law leaves, or
+    friction that stuck elsewhere when a recording began.
+    """
+    values = fit.hypothesis.terms[number].values
+    moving = [
+        any(
+            abs(values[name]) > _MOVING * fit.stderr((str(number), name))
+            for name in (f"ramp_{k + 1}", f"bow_{k + 1}")
+            if name in values
+        )
+        for k in range(sum(name.startswith("offset_") for name in values))
+    ]
+    return fit.covariance is None or 2 * sum(moving) > len(moving)
 
 
 def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
