@@ -54,6 +54,7 @@ _VALLEYS = 2  # rounds of looking for a better valley of the refit
 _JUMPS = 2  # rounds in which rows near jumps are found, and the refit begins again without them
 _APART = 0.01  # relative difference of mean squares that makes two optima of the refit
 _REST = 1.3  # residual over the noise beyond which a named answer says that something is left
+_NO_BETTER = 1.05  # error of the free run over that without what was named, mean of all recordings, that refutes it
 _WORSE = 1.35  # error of the free run of an unseen recording, over that without what was named, that refutes it
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
@@ -473,7 +474,7 @@ def _refuted(runs: Runs, case: Case) -> str:
     names = [[part.name for part in parts] for parts in (case.problem.parts, case.unseen)]
     used, unseen = (_changes(*group) for group in zip(names, runs.before, runs.after, strict=True))
     told = " and ".join(runs.answer.names()) + " would explain the force, but with it the free run "
-    if used and float(np.mean(list(used.values()))) > 0:
+    if used and float(np.mean([*used.values(), *unseen.values()])) > np.log(_NO_BETTER):
         return told + "comes no closer to the measured displacement"
     worst = max(unseen, key=lambda name: unseen[name], default="")
     if worst and unseen[worst] > np.log(_WORSE):

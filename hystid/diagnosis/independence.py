@@ -31,7 +31,8 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
         for i, s in enumerate(signals)
     ]
     ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
-    rests = [(rest - np.mean(rest)) / (float(np.std(rest)) or 1.0) for rest in np.split(fitted.residual, ends)]
+    residual = problem.reduce.evenly(fitted.residual)  # weights that follow the motion would make any noise follow it
+    rests = [(rest - np.mean(rest)) / (float(np.std(rest)) or 1.0) for rest in np.split(residual, ends)]
     if any(np.mean(rest**4) > _SHOCKS or _has_line(rest) for rest in rests):
         return False
     pairs = ((0, 1), (1, 2), (3, 1), (4, 0))

@@ -234,6 +234,10 @@ class Reduction:
         """Weigh all rows alike again."""
         self._trust = None
 
+    def evenly(self, rows: Array) -> Array:
+        """Rows as if all were trusted alike."""
+        return rows if self._trust is None else rows / self._trust
+
     @property
     def jumps(self) -> bool:
         """Whether rows are weighed down because a law jumps there."""
