@@ -1,0 +1,141 @@
+"""What the form of a law leaves open: the part of a standard error that no number of samples takes away.
+
+A structure follows its own law, which lies beside every form of a catalogue. How far beside can be measured: next to
+the form that was fitted, the difference to another form of the same law is fitted as one more column. Its share is 0
+where the fitted form is right, 1 where the other one is, negative where the truth lies beyond the fitted one
+(comprehensive models: Atkinson 1970; Davidson and MacKinnon 1981). Parameters go along by that share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.blocks import Effect
+from hystid.diagnosis.fitting import Fit, Hypothesis, Key, Problem, Term, get, put
+from hystid.diagnosis.search import scan, try_fit
+from hystid.diagnosis.trials import are_reached
+from hystid.diagnosis.windows import in_window_of
+from hystid.errors import NumericalError
+
+Array = NDArray[np.float64]
+_PHYSICAL = ("m", "m/s", "s", "Hz", "N")  # units of thresholds, times and forces: the same thing in every form
+_FARTHEST = 2.0  # distances of two forms that the truth may lie off: what two draws say of a spread is little
+_STARTS, _ITERATIONS = 2, 25  # grid points of another form that are fitted, and iterations
+_TURN, _WIDER = "v_s", 5.0  # speed over which friction turns over, and the factor for a slower approach to sliding
+_SAME = 1e-9  # relative singular value below which directions are not told apart
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """Another form: its prediction less that of the fit (rows), and how far its parameters are from those of the
+    fit, for those that mean the same in both."""
+
+    difference: Array
+    apart: Mapping[Key, float]
+
+
+def left_open(problem: Problem, fitted: Fit, library: Sequence[Effect]) -> dict[Key, float]:
+    """Standard deviation that other forms of the laws of a fit leave in its parameters, in their own units.
+
+    Of the forms of one law the one that matters most counts; different laws of one fit add up.
+    """
+    tangent = _Tangent(problem, fitted)
+    total: dict[Key, float] = {}
+    for index in range(len(fitted.hypothesis.terms)):
+        most: dict[Key, float] = {}
+        for other in _beside(problem, fitted, index, library):
+            for key, spread in tangent.spread(other).items():
+                most[key] = max(most.get(key, 0.0), spread)
+        for key, spread in most.items():
+            total[key] = float(np.hypot(total.get(key, 0.0), spread))
+    return total
+
+
+class _Tangent:
+    """The linearised fit: splits differences of predictions into what its own parameters could follow and the rest."""
+
+    def __init__(self, problem: Problem, fitted: Fit) -> None:
+        jacobian = problem.jacobian(fitted.hypothesis, fitted.unknowns)
+        scale = np.linalg.norm(jacobian, axis=0)
+        scale[scale == 0] = 1.0
+        self.fitted, self.columns = fitted, jacobian / scale
+        self.inverse = np.linalg.pinv(self.columns, rcond=_SAME)
+        here = fitted.hypothesis
+        self.units = np.array([abs(get(here, u.key)) if u.log else 1.0 for u in fitted.unknowns]) / scale
+        self.index = {u.key: i for i, u in enumerate(fitted.unknowns)}
+
+    def spread(self, other: _Beside) -> dict[Key, float]:
+        """How far the parameters may be off along the way to another form: by its share, with the error of that."""
+        followed = self.inverse @ other.difference
+        rest = other.difference - self.columns @ followed
+        power = float(rest @ rest)
+        share = float(self.fitted.residual @ rest) / power if power > 0 else np.inf
+        error = np.sqrt(max(self.fitted.chi2, 1.0) / power) if power > 0 else np.inf
+        reach = min(_FARTHEST, float(np.hypot(share, error)))
+        moved = followed * self.units
+        return {key: reach * abs(far - moved[self.index[key]]) for key, far in other.apart.items() if key in self.index}
+
+
+def _beside(problem: Problem, fitted: Fit, index: int, library: Sequence[Effect]) -> Iterator[_Beside]:
+    """Other forms of one law, everything else fitted anew."""
+    term = fitted.hypothesis.terms[index]
+    if _TURN in term.values:
+        yield from _turning_slower(problem, fitted, index)
+    kin = [e for e in library if e.id == term.effect.id and e.class_name != term.effect.class_name]
+    for made in _refitted(problem, fitted, index, [in_window_of(effect, term) for effect in kin]):
+        yield _Beside(fitted.residual - made.residual, _apart(fitted.hypothesis, made.hypothesis, index))
+
+
+def _turning_slower(problem: Problem, fitted: Fit, index: int) -> Iterator[_Beside]:
+    """Friction that comes to its level more slowly than the form says, whichever form that is."""
+    here, key = fitted.hypothesis, (str(index), _TURN)
+    try:
+        rows = problem.rows(put(here, {key: _WIDER * get(here, key)}))
+    except NumericalError:
+        return
+    yield _Beside(fitted.residual - rows, {u.key: 0.0 for u in fitted.unknowns if u.key != key})
+
+
+def _refitted(problem: Problem, fitted: Fit, index: int, forms: Sequence[Effect]) -> Iterator[Fit]:
+    """Fits with each form in the place of a term; none for forms that find no place in the motion, or act on the
+    other side."""
+    here = fitted.hypothesis
+    bare = replace(here, terms=(*here.terms[:index], *here.terms[index + 1 :]))
+    if not forms:
+        return
+    rows = problem.rows(bare)
+    start = Fit(bare, rows, float(np.mean(rows**2)), problem.unknowns(bare))
+    sides = {name: here.terms[index].values[name] for name in here.terms[index].effect.choices}
+    for candidate in scan(problem, start, forms):
+        points = [t for t in (candidate.term, *candidate.others) if sides.items() <= t.values.items() or not sides]
+        fits = []
+        for term in points[:_STARTS]:
+            made = try_fit(
+                problem, replace(here, terms=(*here.terms[:index], term, *here.terms[index + 1 :])), _ITERATIONS
+            )
+            fits += [made] if made is not None and are_reached(problem, made) else []
+        if fits:
+            yield min(fits, key=lambda made: made.chi2)
+
+
+def _apart(here: Hypothesis, there: Hypothesis, index: int) -> dict[Key, float]:
+    """Differences of the parameters, one law being in another form.
+
+    A coefficient of that law is no coefficient of the other form: it stays, and follows the difference of the forces
+    alone, as it would follow any small force that is missing.
+    """
+    found = {("base", name): there.values[name] - value for name, value in here.values.items()}
+    for i, (term, other) in enumerate(zip(here.terms, there.terms, strict=True)):
+        same = _shared(term, other) if i == index else set(term.values)
+        found |= {(str(i), n): other.values[n] - v if n in same else 0.0 for n, v in term.values.items()}
+    return found
+
+
+def _shared(term: Term, other: Term) -> set[str]:
+    """Names that mean the same in two forms: thresholds, times and forces."""
+    one, two = term.effect.units, other.effect.units
+    return {n for n in set(term.values) & set(other.values) if one.get(n) == two.get(n) and one.get(n) in _PHYSICAL}
