@@ -97,7 +97,8 @@ def _turning_slower(problem: Problem, fitted: Fit, index: int) -> Iterator[_Besi
         rows = problem.rows(put(here, {key: _WIDER * get(here, key)}))
     except NumericalError:
         return
-    yield _Beside(fitted.residual - rows, {u.key: 0.0 for u in fitted.unknowns if u.key != key})
+    if np.all(np.isfinite(rows)):
+        yield _Beside(fitted.residual - rows, {u.key: 0.0 for u in fitted.unknowns if u.key != key})
 
 
 def _refitted(problem: Problem, fitted: Fit, index: int, forms: Sequence[Effect]) -> Iterator[Fit]:
