@@ -116,18 +116,22 @@ class Answer:
         name = fit.hypothesis.terms[index].effect.amplitudes[0]
         return float(fit.stderr((str(index), name)) / fit.hypothesis.values["m"])
 
-    def at_the_structure(self, stated: Mapping[str, Value]) -> dict[str, Value]:
-        """Parameters of an effect behind a force channel of wrong gain: what scales with the force is in its units
-        when it is fitted, and is divided by the gain."""
-        if GAIN not in self.names():
+    def at_the_structure(self, term: Term, stated: Mapping[str, Value]) -> dict[str, Value]:
+        """Parameters of an effect behind a force channel of wrong gain: what scales with the force is fitted in units
+        of the channel, and is divided by the gain. Where it may as well be added mass, the errors know either reading.
+        """
+        if ADDED_MASS not in self.choice.named or term.effect.id == ADDED_MASS or not self.baseline.mass:
             return dict(stated)
         gain, error = 1 + self.gain(), self.gain_error()
-        return {
-            name: Value(v.value / gain, float(np.hypot(v.stderr, v.value * error / gain)) / abs(gain), v.unit)
-            if v.unit.startswith(_FORCE)
-            else v
-            for name, v in stated.items()
-        }
+        divided = GAIN in self.names()
+        found = dict(stated)
+        for name, v in stated.items():
+            if v.unit.startswith(_FORCE):
+                other = abs(v.value - v.value / gain) * np.sqrt(0.5) if gain > 1 else 0.0  # one as likely as the other
+                value, spread = (v.value / gain, v.stderr / gain) if divided else (v.value, v.stderr)
+                by_gain = value * error / gain if divided else 0.0
+                found[name] = Value(value, float(np.linalg.norm([spread, by_gain, other])), v.unit)
+        return found
 
     def _gain_is_nearer(self) -> bool:
         fitted, nominal = self.choice.after.hypothesis.values, self.baseline.nominal
@@ -309,7 +313,7 @@ def _finding(answer: Answer, name: str, alike: tuple[str, ...], margin: float, s
     if shown == GAIN:
         parameters = {"gain": Value(1 + answer.gain(), answer.gain_error(), "1")}
         return Finding(shown, together, sure, parameters, where, evidence), weight
-    fitted = answer.at_the_structure(answer.stated(fit.hypothesis.terms.index(term), term))
+    fitted = answer.at_the_structure(term, answer.stated(fit.hypothesis.terms.index(term), term))
     return Finding(shown, together, sure, fitted, where, evidence), weight
 
 

@@ -1,13 +1,10 @@
 """Standard errors that hold: of residuals that are no white noise, and of a motion that is itself measured.
 
-The covariance of least squares counts on independent errors of the rows, on exact regressors, and on a law that is
-true.
-Here the scores are summed over stretches of the recordings first (cluster-robust covariance: Liang and Zeger 1986),
-long
-stretches are left out in turn (delete-a-group jackknife: recordings differ in amplitude and speed, so that what the law
-does not hold moves the parameters from one to the other), and the bias that noise of the motion brings is found by
-adding
-the same noise once more (simulation extrapolation: Cook and Stefanski 1994).
+The covariance of least squares counts on independent errors of the rows, on exact regressors and on a true law. Here
+the scores are summed over stretches of the recordings first (cluster-robust covariance: Liang and Zeger 1986). Long
+stretches are left out in turn (delete-a-group jackknife): recordings differ in amplitude and speed, so that what the
+law does not hold moves the parameters from one to the other. The bias that noise of the motion brings is found by
+adding the same noise once more (simulation extrapolation: Cook and Stefanski 1994).
 """
 
 from __future__ import annotations
@@ -24,7 +21,7 @@ from hystid.errors import NumericalError
 Array = NDArray[np.float64]
 _STRETCHES = 60  # of all rows together: long against the memory of the residual, many against the unknowns
 _LEFT_OUT = 12  # stretches, none across two recordings, that are left out in turn: each is a test of its own
-_ALONE = 100.0  # variance without a stretch, over that with it, beyond which that stretch alone shows the parameter
+_ALONE = (0.5, 100.0)  # variance without a stretch over that with it, outside which only that stretch shows a parameter
 _FIRST = 1.5  # bias of the noise that is there over that of the same noise once more, which meets flattened slopes
 _SAME = 1e-9  # relative singular value below which directions are not told apart
 
@@ -41,9 +38,8 @@ def honest(problem: Problem, fitted: Fit) -> Fit:
     robust = np.diag(inverse @ (scores.T @ scores) @ inverse)
     plain = np.diag(inverse) * max(fitted.chi2, 1.0)
     told_apart = _jackknife(jacobian, fitted.residual, _stretches(problem), inverse)
-    variance = (
-        np.max([plain, robust, told_apart], axis=0) + (_FIRST * _bias(problem, fitted, scale, inverse, jacobian)) ** 2
-    )
+    bias = _FIRST * _bias(problem, fitted, scale, inverse, jacobian)
+    variance = np.max([plain, robust, told_apart], axis=0) + bias**2
     spread = np.sqrt(variance / np.where(plain > 0, plain, 1.0))
     return replace(fitted, covariance=inverse / np.outer(scale, scale) * np.outer(spread, spread))
 
@@ -62,14 +58,15 @@ def _jackknife(jacobian: Array, residual: Array, stretches: Sequence[NDArray[np.
     A stretch that alone shows a parameter cannot be spared for it, and says nothing there.
     """
     normal, right = jacobian.T @ jacobian, jacobian.T @ residual
-    moved = []
+    with_all, steps = np.diag(inverse), []
     for rows in stretches:
         left = np.linalg.pinv(normal - jacobian[rows].T @ jacobian[rows], rcond=1e-12)
         step = left @ (right - jacobian[rows].T @ residual[rows])
-        moved.append(np.where(np.diag(left) < _ALONE * np.diag(inverse), step, np.nan))
-    seen = np.isfinite(moved)
-    count = np.maximum(np.sum(seen, axis=0), 1)
-    apart = np.where(seen, moved, 0.0) - np.where(seen, np.sum(np.where(seen, moved, 0.0), axis=0) / count, 0.0)
+        spared = (_ALONE[0] * with_all < np.diag(left)) & (np.diag(left) < _ALONE[1] * with_all)
+        steps.append(np.where(spared, step, np.nan))
+    moved = np.ma.masked_invalid(steps)
+    count = np.maximum(moved.count(axis=0), 1)
+    apart = (moved - moved.mean(axis=0)).filled(0.0)
     return np.asarray((count - 1) / count * np.sum(apart**2, axis=0))
 
 
