@@ -266,8 +266,7 @@ def refit_values(answer: Answer, fit: Fit) -> dict[str, Value]:
     """Baseline parameters after a fit; the mass carries the weighing error, and a gain of the force channel."""
     base, found = answer.baseline, {}
     for name, value in fit.hypothesis.values.items():
-        spread = answer.choice.left_open.get(("base", name), 0.0) if fit is answer.choice.after else 0.0
-        found[name] = Value(float(value), float(np.hypot(fit.stderr(("base", name)), spread)), base.units.get(name, ""))
+        found[name] = Value(float(value), fit.stderr(("base", name)), base.units.get(name, ""))
     if "m" in found and "m" not in base.free:
         spread = fit.stderr(("chain", "weighing")) * base.mass
         mass = fit.hypothesis.mass()

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.blocks import Effect
-from hystid.diagnosis.fitting import Fit, Hypothesis, Key, Problem, Term, get, put
+from hystid.diagnosis.fitting import Fit, Key, Problem, get, put
 from hystid.diagnosis.search import scan, try_fit
 from hystid.diagnosis.trials import are_reached
 from hystid.diagnosis.windows import in_window_of
@@ -31,28 +31,25 @@ _SAME = 1e-9  # relative singular value below which directions are not told apar
 
 @dataclass(frozen=True)
 class _Beside:
-    """Another form: its prediction less that of the fit (rows), and how far its parameters are from those of the
-    fit, for those that mean the same in both."""
+    """Another form: its prediction less that of the fit (rows), and how far those of its parameters that mean the
+    same in both are from those of the fit."""
 
     difference: Array
     apart: Mapping[Key, float]
 
 
 def left_open(problem: Problem, fitted: Fit, library: Sequence[Effect]) -> dict[Key, float]:
-    """Standard deviation that other forms of the laws of a fit leave in its parameters, in their own units.
+    """Standard deviation that other forms of the laws of a fit leave in their parameters, in their own units.
 
-    Of the forms of one law the one that matters most counts; different laws of one fit add up.
+    Keys are those of the fit. Of the forms of one law the one that matters most counts.
     """
     tangent = _Tangent(problem, fitted)
-    total: dict[Key, float] = {}
+    most: dict[Key, float] = {}
     for index in range(len(fitted.hypothesis.terms)):
-        most: dict[Key, float] = {}
         for other in _beside(problem, fitted, index, library):
             for key, spread in tangent.spread(other).items():
                 most[key] = max(most.get(key, 0.0), spread)
-        for key, spread in most.items():
-            total[key] = float(np.hypot(total.get(key, 0.0), spread))
-    return total
+    return most
 
 
 class _Tangent:
@@ -86,8 +83,11 @@ def _beside(problem: Problem, fitted: Fit, index: int, library: Sequence[Effect]
     if _TURN in term.values:
         yield from _turning_slower(problem, fitted, index)
     kin = [e for e in library if e.id == term.effect.id and e.class_name != term.effect.class_name]
-    for made in _refitted(problem, fitted, index, [in_window_of(effect, term) for effect in kin]):
-        yield _Beside(fitted.residual - made.residual, _apart(fitted.hypothesis, made.hypothesis, index))
+    forms = [in_window_of(effect, term) for effect in kin if _shared(term.effect, effect)]
+    for made in _refitted(problem, fitted, index, forms):
+        other = made.hypothesis.terms[index]
+        apart = {(str(index), n): other.values[n] - term.values[n] for n in _shared(term.effect, other.effect)}
+        yield _Beside(fitted.residual - made.residual, apart)
 
 
 def _turning_slower(problem: Problem, fitted: Fit, index: int) -> Iterator[_Beside]:
@@ -98,7 +98,8 @@ def _turning_slower(problem: Problem, fitted: Fit, index: int) -> Iterator[_Besi
     except NumericalError:
         return
     if np.all(np.isfinite(rows)):
-        yield _Beside(fitted.residual - rows, {u.key: 0.0 for u in fitted.unknowns if u.key != key})
+        own = {(str(index), name): 0.0 for name in here.terms[index].values if name != _TURN}
+        yield _Beside(fitted.residual - rows, own)
 
 
 def _refitted(problem: Problem, fitted: Fit, index: int, forms: Sequence[Effect]) -> Iterator[Fit]:
@@ -123,20 +124,6 @@ def _refitted(problem: Problem, fitted: Fit, index: int, forms: Sequence[Effect]
             yield min(fits, key=lambda made: made.chi2)
 
 
-def _apart(here: Hypothesis, there: Hypothesis, index: int) -> dict[Key, float]:
-    """Differences of the parameters, one law being in another form.
-
-    A coefficient of that law is no coefficient of the other form: it stays, and follows the difference of the forces
-    alone, as it would follow any small force that is missing.
-    """
-    found = {("base", name): there.values[name] - value for name, value in here.values.items()}
-    for i, (term, other) in enumerate(zip(here.terms, there.terms, strict=True)):
-        same = _shared(term, other) if i == index else set(term.values)
-        found |= {(str(i), n): other.values[n] - v if n in same else 0.0 for n, v in term.values.items()}
-    return found
-
-
-def _shared(term: Term, other: Term) -> set[str]:
-    """Names that mean the same in two forms: thresholds, times and forces."""
-    one, two = term.effect.units, other.effect.units
-    return {n for n in set(term.values) & set(other.values) if one.get(n) == two.get(n) and one.get(n) in _PHYSICAL}
+def _shared(one: Effect, two: Effect) -> list[str]:
+    """Thresholds, times and forces of both forms; a coefficient is another one in another form."""
+    return [name for name, unit in one.units.items() if unit in _PHYSICAL and two.units.get(name) == unit]
