@@ -18,7 +18,7 @@ from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import Fit, Key, Problem, get, put
 from hystid.diagnosis.search import scan, try_fit
 from hystid.diagnosis.trials import are_reached
-from hystid.diagnosis.windows import in_window_of
+from hystid.diagnosis.windows import in_window_of, unwindowed
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -46,8 +46,9 @@ def left_open(problem: Problem, fitted: Fit, library: Sequence[Effect]) -> dict[
     tangent = _Tangent(problem, fitted)
     most: dict[Key, float] = {}
     for index in range(len(fitted.hypothesis.terms)):
-        for other in _beside(problem, fitted, index, library):
-            for key, spread in tangent.spread(other).items():
+        found = [tangent.spread(other) for other in _beside(problem, fitted, index, library)]
+        for spreads in (*found, *_simpler(problem, fitted, index, library)):
+            for key, spread in spreads.items():
                 most[key] = max(most.get(key, 0.0), spread)
     return most
 
@@ -88,6 +89,26 @@ def _beside(problem: Problem, fitted: Fit, index: int, library: Sequence[Effect]
         other = made.hypothesis.terms[index]
         apart = {(str(index), n): other.values[n] - term.values[n] for n in _shared(term.effect, other.effect)}
         yield _Beside(fitted.residual - made.residual, apart)
+
+
+def _simpler(problem: Problem, fitted: Fit, index: int, library: Sequence[Effect]) -> Iterator[dict[Key, float]]:
+    """How far coefficients are from those of a form without some of the amplitudes.
+
+    A further amplitude takes what other laws leave. Where it explains no more than stays unexplained with it, it may be
+    nothing else; it counts for less the more it explains.
+    """
+    term = fitted.hypothesis.terms[index]
+    effect, shapes = term.effect, {shape.name for shape in unwindowed(term).effect.shapes}
+    kin = [e for e in library if e.id == effect.id and set(e.amplitudes) < set(effect.amplitudes)]
+    simpler = [in_window_of(e, term) for e in kin if {shape.name for shape in e.shapes} == shapes]
+    if not simpler:
+        return
+    left = max(0.0, fitted.chi2 - problem.floor(fitted.hypothesis))
+    for made in _refitted(problem, fitted, index, simpler):
+        worth = max(made.chi2 - fitted.chi2, 0.0)
+        weight = left / worth if worth > left else 1.0
+        other = made.hypothesis.terms[index]
+        yield {(str(index), n): weight * abs(other.values[n] - term.values[n]) for n in other.effect.amplitudes}
 
 
 def _turning_slower(problem: Problem, fitted: Fit, index: int) -> Iterator[_Beside]:
