@@ -139,3 +139,18 @@ def test_a_wrong_gain_of_the_force_channel_is_taken_out_of_the_parameters(
     assert abs(said.value - k2) < 2.5 * said.stderr  # 99 %
     in_channel_units = abs(gain * said.value - said.value) / said.stderr
     assert in_channel_units < HALF_90 if may_be_mass else in_channel_units > 4
+
+
+def test_a_further_power_is_believed_as_far_as_it_explains_more_than_is_left() -> None:
+    """A fifth power beside the third: where it is there, both are known to a per cent although the third alone would be
+    more than twice as large; where it only takes what a force without a name leaves, the third power is left open."""
+    k3, rest = 8e9, []
+    for more in (lambda x: 4e15 * x**5, lambda x: 8e5 * x * np.abs(x)):
+        problem = rig(lambda x, v, more=more: k3 * x**3 + more(x), 7)  # type: ignore[misc]
+        made = fitted_as(problem, "CubicStiffness__Quintic", {"k3": 1e9, "k5": 1e14})
+        value, error = stated(problem, made, "k3")
+        rest.append((value, error, error / made.stderr(("0", "k3"))))
+    value, error, wider = rest[0]
+    assert abs(value - k3) < 2.5 * error  # 99 %
+    assert error < 0.01 * k3 and wider < 1.5
+    assert rest[1][2] > 2
