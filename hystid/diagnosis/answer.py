@@ -30,9 +30,7 @@ _FEW = 4.0  # samples at full speed over which friction must build up to be told
 _SMALL = 0.02  # or else this share of the stroke
 _SLACK = 0.97  # share of the hysteretic force beyond which pinching is free play
 _EXACT = (frozenset({"two_sided_stop", "backlash"}), frozenset({ADDED_MASS, GAIN}))
-_PHYSICAL = ("m", "m/s", "s", "Hz", "N")  # units of thresholds, times and forces
-_ALIKE = (0.01, 0.01)  # mean square, and share of what is explained, within which another form fits as well
-_FEW_FORMS = 2.0  # standard error over the distance of two forms: what two draws say of a spread is little
+_FORCE = ("N", "kg", "J")  # beginnings of units that are proportional to a force
 _RECALIBRATED = 1.15  # mean square at the nominal values over that of the refit
 
 _SPLITS = {
@@ -111,6 +109,30 @@ class Answer:
         term = next(term for term in self.choice.after.hypothesis.terms if term.effect.id == ADDED_MASS)
         return float(term.values[term.effect.amplitudes[0]] / self.choice.after.hypothesis.values["m"])
 
+    def gain_error(self) -> float:
+        """Standard error of ``gain``."""
+        fit = self.choice.after
+        index = next(i for i, term in enumerate(fit.hypothesis.terms) if term.effect.id == ADDED_MASS)
+        name = fit.hypothesis.terms[index].effect.amplitudes[0]
+        return float(fit.stderr((str(index), name)) / fit.hypothesis.values["m"])
+
+    def at_the_structure(self, term: Term, stated: Mapping[str, Value]) -> dict[str, Value]:
+        """Parameters of an effect behind a force channel of wrong gain: what scales with the force is fitted in units
+        of the channel, and is divided by the gain. Where it may as well be added mass, the errors know either reading.
+        """
+        if ADDED_MASS not in self.choice.named or term.effect.id == ADDED_MASS or not self.baseline.mass:
+            return dict(stated)
+        gain, error = 1 + self.gain(), self.gain_error()
+        divided = GAIN in self.names()
+        found = dict(stated)
+        for name, v in stated.items():
+            if v.unit.startswith(_FORCE):
+                other = abs(v.value - v.value / gain) * np.sqrt(0.5) if gain > 1 else 0.0  # one as likely as the other
+                value, spread = (v.value / gain, v.stderr / gain) if divided else (v.value, v.stderr)
+                by_gain = value * error / gain if divided else 0.0
+                found[name] = Value(value, float(np.linalg.norm([spread, by_gain, other])), v.unit)
+        return found
+
     def _gain_is_nearer(self) -> bool:
         fitted, nominal = self.choice.after.hypothesis.values, self.baseline.nominal
         pairs = [
@@ -139,7 +161,10 @@ class Answer:
     def stated(self, index: int, term: Term) -> dict[str, Value]:
         """Fitted parameters of a term with what other forms, and times at which it cannot be seen, leave open."""
         fit = self.choice.after
-        found = _widened(values(fit, index, term), self.choice, term)
+        found = values(fit, index, term)
+        for name, value in found.items():
+            spread = self.choice.left_open.get((str(index), name), 0.0)
+            found[name] = replace(value, stderr=float(np.hypot(value.stderr, spread)))
         for at, (first, last) in edges(self.problem, fit.hypothesis, term).items():  # anywhere in between
             found[at] = replace(found[at], stderr=float(np.hypot(found[at].stderr, (last - first) / np.sqrt(12))))
         return found
@@ -285,28 +310,10 @@ def _finding(answer: Answer, name: str, alike: tuple[str, ...], margin: float, s
     weight = float(np.sqrt(np.mean(np.concatenate([term.effect.force(s, term.values) for s in signals]) ** 2)))
     evidence |= {"form": term.effect.form, "class_name": term.effect.class_name, "rms_force": weight}
     if shown == GAIN:
-        spread = fit.stderr((str(fit.hypothesis.terms.index(term)), term.effect.amplitudes[0]))
-        parameters = {"gain": Value(1 + answer.gain(), spread / fit.hypothesis.values["m"], "1")}
+        parameters = {"gain": Value(1 + answer.gain(), answer.gain_error(), "1")}
         return Finding(shown, together, sure, parameters, where, evidence), weight
-    fitted = answer.stated(fit.hypothesis.terms.index(term), term)
+    fitted = answer.at_the_structure(term, answer.stated(fit.hypothesis.terms.index(term), term))
     return Finding(shown, together, sure, fitted, where, evidence), weight
-
-
-def _widened(fitted: Mapping[str, Value], choice: Choice, term: Term) -> dict[str, Value]:
-    """Standard errors that know what other forms of the same effect say that fit as well.
-
-    The structure has a form of its own, which may lie as far beyond these as they are apart. Thresholds and forces
-    only: a coefficient means another thing in another form.
-    """
-    near = choice.after.chi2 + _ALIKE[0] + _ALIKE[1] * max(0.0, choice.before.chi2 - choice.after.chi2)
-    others = [t.term for t in choice.forms if t.name == term.effect.id and t.chi2 < near and t.term]
-    found = dict(fitted)
-    for name, value in fitted.items():
-        said = [o.values[name] for o in others if name in o.values and o.effect.units.get(name) == value.unit]
-        if value.unit in _PHYSICAL and said:
-            apart = max(abs(one - value.value) for one in said)
-            found[name] = replace(value, stderr=float(np.hypot(value.stderr, _FEW_FORMS * apart)))
-    return found
 
 
 def _equivalents(name: str, answer: Answer) -> tuple[str, ...]:

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis import chain, locate
+from hystid.diagnosis import chain, forms, locate
 from hystid.diagnosis.answer import Answer, findings, headline, next_experiment, refit_values
 from hystid.diagnosis.baseline import Baseline, baseline_of, real_parameters
-from hystid.diagnosis.blocks import Scales
+from hystid.diagnosis.blocks import Effect, Scales
 from hystid.diagnosis.extended import Kind, Skeleton
 from hystid.diagnosis.fitting import Fit, Hypothesis, Problem
 from hystid.diagnosis.freerun import errors
@@ -123,7 +123,7 @@ def diagnose(
         )
         untestable = {*choice.untestable, *((left_out - {*exclude}) & {effect.id for effect in everything})}
         choice = replace(choice, untestable=tuple(sorted(untestable)))
-        answer, extended = _conclude(case, _with_errors(case.problem, choice), out is not None)
+        answer, extended = _conclude(case, _with_errors(case.problem, choice, library), out is not None)
     return _written(answer, extended, out)
 
 
@@ -412,11 +412,13 @@ def _band(parts: Sequence[Part]) -> tuple[float, float]:
     return max(float(min(low)), 1.0 / float(parts[0].t[-1])), float(max(high))
 
 
-def _with_errors(problem: Problem, choice: Choice) -> Choice:
+def _with_errors(problem: Problem, choice: Choice, library: Sequence[Effect]) -> Choice:
+    """The selection with standard errors that hold, and what the forms of the named laws leave open."""
     before = honest(problem, choice.before)
-    return replace(
-        choice, before=before, after=before if choice.after is choice.before else honest(problem, choice.after)
-    )
+    if choice.after is choice.before:
+        return replace(choice, before=before, after=before)
+    left_open = forms.left_open(problem, choice.after, library)
+    return replace(choice, before=before, after=honest(problem, choice.after), left_open=left_open)
 
 
 def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis, str | None]:

@@ -323,6 +323,10 @@ class Problem:
             forces = [f + g for f, g in zip(forces, term.effect.forces(seen, term.values), strict=True)]
         return forces
 
+    def row_counts(self) -> list[int]:
+        """Number of rows of each part."""
+        return [len(self.reduce.plain(i, part.x)) for i, part in enumerate(self.parts)]
+
     def of(self, parts: Sequence[Part]) -> Problem:
         """The same problem on other recordings."""
         return Problem(parts, self.baseline, self.scales)

@@ -7,11 +7,11 @@ above the floor that noise alone leaves. With tens of thousands of samples every
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hystid.diagnosis.blocks import Effect
-from hystid.diagnosis.fitting import ADDED_MASS, Fit, Problem, Term
+from hystid.diagnosis.fitting import ADDED_MASS, Fit, Key, Problem, Term
 from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
@@ -63,7 +63,7 @@ class Choice:
     strength; classes: ids that cannot be told from each name. explained: share of the excess. unknown: something is
     left
     that no candidate explains. trials: all that was tried first, best first. untestable: ids that the refit absorbs.
-    forms: trials of what is named, in all forms.
+    left_open: standard deviation that other forms of what is named leave in each parameter.
     """
 
     before: Fit
@@ -76,7 +76,7 @@ class Choice:
     unknown: bool = False
     trials: tuple[Trial, ...] = field(repr=False, default=())
     untestable: tuple[str, ...] = ()
-    forms: tuple[Trial, ...] = field(repr=False, default=())
+    left_open: Mapping[Key, float] = field(repr=False, default_factory=dict)
 
     @property
     def explained(self) -> float:
@@ -285,11 +285,10 @@ def _named(
     steps = _led_on(problem, before, floor, steps, first)
     after = _with_one_mass(problem, steps[-1].trial.fit)
     names = tuple(dict.fromkeys(step.trial.name for step in steps))
-    forms = tuple(rival for step in steps for rival in step.rivals if rival.name == step.trial.name)
     classes = tuple(tuple(dict.fromkeys((step.trial.name, *step.tied))) for step in steps)
     return Choice(
         before, after, floor, problem.floor(after.hypothesis), names, classes, tuple(step.margin for step in steps),
-        False, tuple(first), untestable, forms,
+        False, tuple(first), untestable,
     )  # fmt: skip
 
 

@@ -91,7 +91,7 @@ def _exchanged_members(problem: Problem, steps: Sequence[Step], library: Sequenc
         rivals.sort(key=lambda trial: trial.chi2)
         best = single(problem, rivals, fit, excess)
         fit = best.trial.fit
-        members[number] = Step(replace(best.trial, tied=best.tied), best.tied, step.margin, tuple(rivals))
+        members[number] = Step(replace(best.trial, tied=best.tied), best.tied, step.margin)
     return [replace(step, trial=replace(step.trial, fit=fit)) for step in members]
 
 

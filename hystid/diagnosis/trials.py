@@ -70,12 +70,11 @@ class Trial:
 
 @dataclass(frozen=True)
 class Step:
-    """One accepted term: where it stands, what it could not be told from, and what it was compared with."""
+    """One accepted term: where it stands, and what it could not be told from."""
 
     trial: Trial
     tied: tuple[str, ...]
     margin: float
-    rivals: tuple[Trial, ...] = field(repr=False, default=())
 
 
 def trials(
@@ -264,7 +263,7 @@ def single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float)
     tied = tuple(dict.fromkeys(t.name for t in found if t.chi2 - simple.chi2 < near and t.name != simple.name))
     other = next((t.chi2 for t in found if t.name != simple.name and t.name not in tied), before.chi2)
     margin = (other - simple.chi2) / max(excess, 1e-9)
-    return Step(simple, tied, float(margin), tuple(found))
+    return Step(simple, tied, float(margin))
 
 
 def _closes(trial: Trial) -> bool:

@@ -1,12 +1,15 @@
 """Standard errors that hold: of residuals that are no white noise, and of a motion that is itself measured.
 
-The covariance of least squares counts on independent errors of the rows and on exact regressors. Here the scores are
-summed over stretches of the recordings first (cluster-robust covariance: Liang and Zeger 1986), and the bias that noise
-of the motion brings is found by adding the same noise once more (simulation extrapolation: Cook and Stefanski 1994).
+The covariance of least squares counts on independent errors of the rows, on exact regressors and on a true law. Here
+the scores are summed over stretches of the recordings first (cluster-robust covariance: Liang and Zeger 1986). Long
+stretches are left out in turn (delete-a-group jackknife): recordings differ in amplitude and speed, so that what the
+law does not hold moves the parameters from one to the other. The bias that noise of the motion brings is found by
+adding the same noise once more (simulation extrapolation: Cook and Stefanski 1994).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +20,8 @@ from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
 _STRETCHES = 60  # of all rows together: long against the memory of the residual, many against the unknowns
+_LEFT_OUT = 12  # stretches, none across two recordings, that are left out in turn: each is a test of its own
+_ALONE = (0.5, 100.0)  # variance without a stretch over that with it, outside which only that stretch shows a parameter
 _FIRST = 1.5  # bias of the noise that is there over that of the same noise once more, which meets flattened slopes
 _SAME = 1e-9  # relative singular value below which directions are not told apart
 
@@ -32,9 +37,37 @@ def honest(problem: Problem, fitted: Fit) -> Fit:
     scores = np.stack([jacobian[r].T @ fitted.residual[r] for r in rows])
     robust = np.diag(inverse @ (scores.T @ scores) @ inverse)
     plain = np.diag(inverse) * max(fitted.chi2, 1.0)
-    variance = np.maximum(plain, robust) + (_FIRST * _bias(problem, fitted, scale, inverse, jacobian)) ** 2
+    told_apart = _jackknife(jacobian, fitted.residual, _stretches(problem), inverse)
+    bias = _FIRST * _bias(problem, fitted, scale, inverse, jacobian)
+    variance = np.max([plain, robust, told_apart], axis=0) + bias**2
     spread = np.sqrt(variance / np.where(plain > 0, plain, 1.0))
     return replace(fitted, covariance=inverse / np.outer(scale, scale) * np.outer(spread, spread))
+
+
+def _stretches(problem: Problem) -> list[NDArray[np.int_]]:
+    """Rows of the stretches that are left out."""
+    counts = problem.row_counts()
+    each = -(-_LEFT_OUT // len(counts))
+    recordings = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
+    return [stretch for rows in recordings for stretch in np.array_split(rows, each)]
+
+
+def _jackknife(jacobian: Array, residual: Array, stretches: Sequence[NDArray[np.int_]], inverse: Array) -> Array:
+    """Variance of the scaled unknowns from fits without each stretch, of which one Gauss-Newton step is taken.
+
+    A stretch that alone shows a parameter cannot be spared for it, and says nothing there.
+    """
+    normal, right = jacobian.T @ jacobian, jacobian.T @ residual
+    with_all, steps = np.diag(inverse), []
+    for rows in stretches:
+        left = np.linalg.pinv(normal - jacobian[rows].T @ jacobian[rows], rcond=1e-12)
+        step = left @ (right - jacobian[rows].T @ residual[rows])
+        spared = (_ALONE[0] * with_all < np.diag(left)) & (np.diag(left) < _ALONE[1] * with_all)
+        steps.append(np.where(spared, step, np.nan))
+    moved = np.ma.masked_invalid(steps)
+    count = np.maximum(moved.count(axis=0), 1)
+    apart = (moved - moved.mean(axis=0)).filled(0.0)
+    return np.asarray((count - 1) / count * np.sum(apart**2, axis=0))
 
 
 def _bias(problem: Problem, fitted: Fit, scale: Array, inverse: Array, jacobian: Array) -> Array:

@@ -152,6 +152,14 @@ def unwindowed(term: Term) -> Term:
     return Term(term.effect.inner, {k: value for k, value in term.values.items() if k not in term.effect.near})
 
 
+def in_window_of(effect: Effect, term: Term) -> Effect:
+    """Another effect, let act when a term acts; itself where that is all the time."""
+    here = term.effect
+    if not isinstance(here, Windowed):
+        return effect
+    return _windowed(effect, {name: term.values[name] for name in here.near}, here.owners)
+
+
 def window_names(effect: Effect) -> tuple[str, ...]:
     """Names of the parameters that are times of a window, none where the effect acts all the time."""
     return tuple(effect.near) if isinstance(effect, Windowed) else ()
