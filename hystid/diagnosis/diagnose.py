@@ -431,7 +431,7 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     refuted = _refuted(runs, case)
     if refuted:
         withdrawn = replace(
-            choice, after=choice.before, floor_after=choice.floor_before, named=(), classes=(), margins=(), forms=(),
+            choice, after=choice.before, floor_after=choice.floor_before, named=(), classes=(), margins=(), left_open={},
             unknown=True,
         )  # fmt: skip
         nothing = Answer(case.problem, case.baseline, withdrawn, case.nominal_chi2, case.faults)
