@@ -14,6 +14,7 @@ from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, Fit, Problem, Term
 from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
+from hystid.diagnosis.limits import untried
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.sensors import force_drift, mains_hum
 from hystid.diagnosis.several import grow, several_effects
@@ -32,7 +33,7 @@ from hystid.diagnosis.trials import (
     sound,
     trials,
 )  # fmt: skip
-from hystid.diagnosis.windows import is_off_outside, settled, unwindowed, windowed, windows_of
+from hystid.diagnosis.windows import has_edges, is_off_outside, settled, unwindowed, windowed, windows_of
 
 WORTH = 0.05  # fall of the mean square below which no effect is named
 EXPLAINED = 0.93  # share of the excess that a right law explains
@@ -99,6 +100,24 @@ def choose(
     valleys: other local optima of the refit. repaired: a channel was shifted or cut before; what the repair missed is
     no further finding.
     """
+    found = _chosen(problem, baseline, effects, progress, repaired=repaired, valleys=valleys)
+    known = {effect.id for effect in effects}
+    terms = {term.effect.id: term for term in found.after.hypothesis.terms}
+    extra = [untried(problem, found.after, terms[name], known) if name in terms else () for name in found.named]
+    alike = [(*tied, *more) for tied, more in zip(found.classes, extra, strict=True)]
+    return replace(found, classes=tuple(tuple(dict.fromkeys(names)) for names in alike))
+
+
+def _chosen(
+    problem: Problem,
+    baseline: Fit,
+    effects: Sequence[Effect],
+    progress: Callable[[], None],
+    *,
+    repaired: bool,
+    valleys: Sequence[Fit],
+) -> Choice:
+    """``choose``, but for look-alikes that were not tried."""
     baseline = without_hum(problem, baseline)
     floor = problem.floor(baseline.hypothesis)
     excess = baseline.chi2 - floor
@@ -115,7 +134,7 @@ def choose(
         return Choice(baseline, baseline, floor, floor, unknown=True, untestable=untestable)
     freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=baseline.hypothesis.terms, late=False), 25)
     if freed is not None and baseline.chi2 - freed.chi2 > 0.1 * excess:  # the refit was stuck, and the effect a way out
-        return choose(problem, freed, effects, progress, repaired=repaired, valleys=(baseline, *valleys))
+        return _chosen(problem, freed, effects, progress, repaired=repaired, valleys=(baseline, *valleys))
     best_floor = problem.floor(first[0].fit.hypothesis)
     if first[0].chi2 - best_floor > max(healthy, FORM * excess) and (
         partly := _part_time(problem, baseline, floor, effects)
@@ -222,6 +241,8 @@ def _is_window(problem: Problem, before: Fit, floor: float, fitted: Fit) -> bool
     """Whether a law in a window leaves next to nothing, and the window is worth it: because the law would be seen
     outside, or because it explains most even without."""
     end, excess = fitted.hypothesis, before.chi2 - floor
+    if not has_edges(end.terms[-1]):
+        return False
     healthy = sound(problem, before.hypothesis.delay) * max(1.0, floor)
     if fitted.chi2 - problem.floor(end) > max(healthy, _WINDOW_LEFT * excess):
         return False

@@ -32,6 +32,7 @@ _ROUNDS = 8  # of marking the blocks in which something acts
 _RAMP = 0.02  # of the longest recording, as a start
 _SEEN = 2.0  # noise levels beyond which the force of an effect is seen in a sample
 _AS_GOOD = 0.003  # rise of the mean square that is none
+_EDGE = 0.25  # of a window that its ramps may take
 _SHOWN = 0.1  # mean square that the effect would have outside if it acted there, over that inside
 
 
@@ -389,6 +390,16 @@ def settled(problem: Problem, fitted: Fit) -> Fit:
     rows = problem.rows(there)
     chi2 = fitted.chi2 * float(rows @ rows) / fitted.rss
     return replace(fitted, hypothesis=there, residual=rows, chi2=chi2) if chi2 < fitted.chi2 + _AS_GOOD else fitted
+
+
+def has_edges(term: Term) -> bool:
+    """Whether windows open and close, against the time that they are open: what comes or goes over most of it is
+    wear, or drift, and no law of the library that is switched on and off."""
+    effect = term.effect
+    if not isinstance(effect, Windowed):
+        return False
+    times = [effect.times(term.values, i) for i in effect.owners or (0,)]
+    return all(ramp < _EDGE * (off - on) for on, off, ramp in times)
 
 
 def is_off_outside(term: Term, signals: Sequence[Signals]) -> bool:
