@@ -241,7 +241,7 @@ def _is_window(problem: Problem, before: Fit, floor: float, fitted: Fit) -> bool
     """Whether a law in a window leaves next to nothing, and the window is worth it: because the law would be seen
     outside, or because it explains most even without."""
     end, excess = fitted.hypothesis, before.chi2 - floor
-    if not has_edges(end.terms[-1]):
+    if not has_edges(fitted):
         return False
     healthy = sound(problem, before.hypothesis.delay) * max(1.0, floor)
     if fitted.chi2 - problem.floor(end) > max(healthy, _WINDOW_LEFT * excess):
