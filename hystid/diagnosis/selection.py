@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from hystid.diagnosis.blocks import Effect
+from hystid.diagnosis.constancy import are_constant
 from hystid.diagnosis.fitting import ADDED_MASS, Fit, Problem, Term
 from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
@@ -149,13 +150,17 @@ def _chosen(
     constant = chosen.trial.name in (PRELOAD, DRIFT) and baseline.chi2 - chosen.trial.chi2 > 0.5 * excess
     if constant and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
         return _beside_preload(problem, baseline, chosen, first, effects, repaired=repaired)
-    if alone and left < max(sound(problem, baseline.hypothesis.delay), FORM * excess):
+    steady = are_constant(problem, baseline, chosen.trial.fit)
+    if alone and steady and left < max(sound(problem, baseline.hypothesis.delay), FORM * excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     several = several_effects(problem, baseline, first, library, excess)
+    if several is not None and not are_constant(problem, baseline, several[-1].trial.fit):
+        several = None
     worn = _worn(problem, baseline, floor, library, several) if several or not alone else []
     if worn or several is not None:
         return _named(problem, baseline, floor, worn or several or [], first, untestable)
-    if alone or (baseline.chi2 - chosen.trial.chi2 > 0.5 * excess and is_noise(problem, chosen.trial.fit)):
+    much = baseline.chi2 - chosen.trial.chi2 > 0.5 * excess
+    if steady and (alone or (much and is_noise(problem, chosen.trial.fit))):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     if _stands_out(first, chosen, baseline, excess):
         return _named(problem, baseline, floor, [chosen], first, untestable)
