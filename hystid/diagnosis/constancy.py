@@ -16,7 +16,7 @@ from hystid.diagnosis.parts import Part
 from hystid.diagnosis.sensors import ChannelEffect
 
 Array = NDArray[np.float64]
-_LEVELS = 3  # groups of rows by the amplitude of the motion
+_LEVELS, _MOST = 3, 8  # groups of rows by the amplitude of the motion, and by recordings at most
 _INDEPENDENT = 1e-3  # singular value of columns of unit length, below which a direction is one that is fitted already
 _NOTHING = 1e-7  # the same over the largest one, below which fitted columns span no further direction
 _VISIBLE = 0.01  # fall of the mean square below which noise and the form of a right law may vary a parameter,
@@ -56,6 +56,8 @@ def _basis(columns: Array) -> Array:
 def _gain(columns: Array, basis: Array, rows: Array) -> float:
     """Fall of the mean square by columns beyond a basis, less that by as many columns of noise."""
     norms = np.linalg.norm(columns, axis=0)
+    if not np.any(norms > 0):
+        return 0.0
     rest = columns[:, norms > 0] / norms[norms > 0]
     rest = rest - basis @ (basis.T @ rest)
     left, size, _ = np.linalg.svd(rest, full_matrices=False)
@@ -64,8 +66,11 @@ def _gain(columns: Array, basis: Array, rows: Array) -> float:
 
 
 def _recordings(problem: Problem) -> NDArray[np.int64]:
-    """Number of the recording of each row."""
-    return np.concatenate([np.full(len(problem.reduce.plain(i, p.t)), i) for i, p in enumerate(problem.parts)])
+    """Number of the recording of each row; of the group of recordings where there are many."""
+    count = len(problem.parts)
+    groups = min(count, _MOST)
+    lengths = [len(problem.reduce.plain(i, part.t)) for i, part in enumerate(problem.parts)]
+    return np.repeat(np.arange(count) * groups // count, lengths)
 
 
 def _levels(problem: Problem) -> NDArray[np.int64]:
