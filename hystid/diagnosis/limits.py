@@ -14,14 +14,17 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from hystid.diagnosis.blocks import Signals, shape_bounds
-from hystid.diagnosis.fitting import Fit, Problem, Term
+from hystid.diagnosis.fitting import WEIGHING_LIMIT, Fit, Problem, Term
 
 Array = NDArray[np.float64]
 IMPACT, CONTACT_LOSS, TWO_SIDED_STOP = "impact", "contact_loss", "two_sided_stop"
 _HIDDEN, _RELAXATION, _STIFFENING = "hidden_mode", "viscoelastic_relaxation", "stiffness_drift"
 _KINKED = frozenset({"bilinear_stiffness", CONTACT_LOSS})
-_AT = 0.98  # of the highest frequency that is tried: a fit that wants more ends there
+_AT = (
+    0.98  # of the highest frequency that is tried, and of the largest weighing error: a fit that wants more ends there
+)
 _CRITICAL = 1.0  # damping ratio from which nothing resonates
+_SURE = 4.0  # standard errors by which the mass lies beyond what weighing explains
 _STRETCHES, _FOLLOWS = 10, 0.9  # stretches of a recording, and rank correlation of stiffness and frequency over them
 
 
@@ -55,6 +58,23 @@ def _is_in_band(problem: Problem, term: Term) -> bool:
     """Whether a mode is not at an end of the range of frequencies: above it, it is mass, and below it a spring."""
     ranges = {s.name: shape_bounds(s, problem.scales) for s in term.effect.shapes if s.unit == "Hz"}
     return all(low / _AT < term.values[name] < _AT * high for name, (low, high) in ranges.items())
+
+
+def is_beyond_weighing(problem: Problem, fitted: Fit) -> bool:
+    """Whether the mass of a fit stands at the limit of a weighing error, and the residual still draws it further: then
+    what is added, lost or scaled with the mass has no name yet, and the named effect may stand for a part of it."""
+    hypothesis = fitted.hypothesis
+    unknowns = problem.unknowns(hypothesis)
+    at = next((i for i, unknown in enumerate(unknowns) if unknown.key == ("chain", "weighing")), None)
+    if at is None or abs(hypothesis.weighing) < _AT * WEIGHING_LIMIT:
+        return False
+    jacobian, rows = problem.jacobian(hypothesis, unknowns), problem.rows(hypothesis)
+    others = np.delete(jacobian, at, axis=1)
+    norms = np.linalg.norm(others, axis=0)
+    others = others[:, norms > 0] / norms[norms > 0]
+    column = jacobian[:, at] - others @ np.linalg.lstsq(others, jacobian[:, at], rcond=1e-9)[0]
+    pull = float(column @ rows) / float(np.linalg.norm(column))  # in standard errors, as rows have unit noise
+    return bool(pull * np.sign(hypothesis.weighing) > _SURE)
 
 
 def untried(problem: Problem, fit: Fit, term: Term, known: Collection[str]) -> tuple[str, ...]:

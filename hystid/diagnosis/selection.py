@@ -15,7 +15,7 @@ from hystid.diagnosis.constancy import are_constant
 from hystid.diagnosis.fitting import ADDED_MASS, Fit, Problem, Term
 from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
-from hystid.diagnosis.limits import untried
+from hystid.diagnosis.limits import is_beyond_weighing, untried
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.sensors import force_drift, mains_hum
 from hystid.diagnosis.several import grow, several_effects
@@ -150,11 +150,13 @@ def _chosen(
     constant = chosen.trial.name in (PRELOAD, DRIFT) and baseline.chi2 - chosen.trial.chi2 > 0.5 * excess
     if constant and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
         return _beside_preload(problem, baseline, chosen, first, effects, repaired=repaired)
-    steady = are_constant(problem, baseline, chosen.trial.fit)
-    if alone and steady and left < max(sound(problem, baseline.hypothesis.delay), FORM * excess):
+    steady = _is_steady(problem, baseline, chosen.trial.fit)
+    enough = alone and left < max(sound(problem, baseline.hypothesis.delay), FORM * excess)
+    if enough and steady:
         return _named(problem, baseline, floor, [chosen], first, untestable)
-    several = several_effects(problem, baseline, first, library, excess)
-    if several is not None and not are_constant(problem, baseline, several[-1].trial.fit):
+    # What one law explains under a wrong name, two would explain as well.
+    several = several_effects(problem, baseline, first, library, excess) if not enough else None
+    if several is not None and not _is_steady(problem, baseline, several[-1].trial.fit):
         several = None
     worn = _worn(problem, baseline, floor, library, several) if several or not alone else []
     if worn or several is not None:
@@ -162,7 +164,7 @@ def _chosen(
     much = baseline.chi2 - chosen.trial.chi2 > 0.5 * excess
     if steady and (alone or (much and is_noise(problem, chosen.trial.fit))):
         return _named(problem, baseline, floor, [chosen], first, untestable)
-    if _stands_out(first, chosen, baseline, excess):
+    if _stands_out(first, chosen, baseline, excess) and not is_beyond_weighing(problem, chosen.trial.fit):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     rough = _rough(problem, baseline, floor, first, library, chosen)
     if rough:
@@ -221,6 +223,11 @@ def _explains(problem: Problem, fit: Fit, floor: float, before: Fit, excess: flo
     healthy = sound(problem, before.hypothesis.delay)
     worth = WORTH * healthy / SOUND
     return before.chi2 - fit.chi2 > worth and left < max(healthy * floor, (1 - EXPLAINED) * excess)
+
+
+def _is_steady(problem: Problem, before: Fit, fitted: Fit) -> bool:
+    """Whether a fit may be named: its parameters are parameters, and it leaves the mass where weighing found it."""
+    return are_constant(problem, before, fitted) and not is_beyond_weighing(problem, fitted)
 
 
 def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Effect]) -> Step | None:
