@@ -11,7 +11,7 @@ from hystid.diagnosis.constancy import are_constant, variation
 from hystid.diagnosis.diagnose import _given, _load, _prepare
 from hystid.diagnosis.fitting import Fit, Problem, Term, fit
 from hystid.diagnosis.library import load_effects
-from hystid.diagnosis.limits import is_itself, untried
+from hystid.diagnosis.limits import is_beyond_weighing, is_itself, untried
 from hystid.diagnosis.search import scan, try_term
 from hystid.diagnosis.windows import Window, has_edges, windowed
 from tests.test_diagnosis import LINEAR, case, run, spec
@@ -130,3 +130,29 @@ def test_without_the_true_law_no_unrelated_name(tmp_path: Path, ident: str, seed
     found = run(place, exclude=(ident,))
     assert found.verdict in ("unknown_physics", "missing_physics", "sensor_fault")
     assert all(finding.effect in family or ident in finding.alike for finding in found.findings)
+
+
+def test_a_mass_beyond_weighing_is_no_weighing_error(sound: tuple[Problem, Fit]) -> None:
+    """2 % more mass than was weighed is an error of weighing; 8 % more draws the fit to the limit, and beyond."""
+    problem, fitted = sound
+    for share, beyond in ((0.02, False), (0.08, True)):
+        extra = share * problem.baseline.mass
+        heavier = problem.of([replace(part, F=part.F + extra * part.inertia) for part in problem.parts])
+        assert is_beyond_weighing(heavier, fit(heavier, fitted.hypothesis)) is beyond
+
+
+def test_stiffness_that_follows_a_sweep_may_be_relaxation(sound: tuple[Problem, Fit]) -> None:
+    """Where each recording sweeps upwards, stiffness that rises with time and with frequency are one; else not."""
+    problem, fitted = sound
+    drift = Term(law("stiffness_drift"), {"rate": 10.0})
+    here = replace(fitted.hypothesis, terms=(drift,))
+    seen: dict[bool, tuple[str, ...]] = {}
+    for upwards in (True, False):
+        parts = []
+        for part in problem.parts:
+            rate = 2 * np.pi * (5.0 + (40.0 if upwards else 0.0) * part.t / part.t[-1])
+            x = 1e-3 * np.sin(np.cumsum(rate) * part.dt)
+            parts.append(replace(part, x=x, v=np.gradient(x, part.dt)))
+        swept = problem.of(parts)
+        seen[upwards] = untried(swept, replace(fitted, hypothesis=here), drift, ())
+    assert seen == {True: ("viscoelastic_relaxation",), False: ()}
