@@ -36,11 +36,17 @@ def is_itself(problem: Problem, term: Term, signals: Sequence[Signals]) -> bool:
     effect, values = term.effect, term.values
     if effect.id == IMPACT:
         return _carries(term, signals)
-    if effect.id in _KINKED:  # over the whole stroke a wider kink is a constant force, and a little of a square
-        return values.get("w", 0.0) < float(problem.scales.x[-1])
+    if effect.id in _KINKED and values.get("w", 0.0) >= float(problem.scales.x[-1]):
+        return not _presses_at_rest(term)  # then it is next to a constant force; else it is half of a square
     if effect.id == _HIDDEN:
         return values.get("zeta", 0.0) < _CRITICAL and _is_in_band(problem, term)
     return True
+
+
+def _presses_at_rest(term: Term) -> bool:
+    """Whether the force is not zero at rest."""
+    still = np.zeros(3)
+    return bool(np.any(term.effect.force(Signals(still, still, still, still, 1.0), term.values)))
 
 
 def _carries(term: Term, signals: Sequence[Signals]) -> bool:
