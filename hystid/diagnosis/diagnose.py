@@ -431,8 +431,8 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     refuted = _refuted(runs, case)
     if refuted:
         withdrawn = replace(
-            choice, after=choice.before, floor_after=choice.floor_before, named=(), classes=(), margins=(), left_open={},
-            unknown=True,
+            choice, after=choice.before, floor_after=choice.floor_before, named=(), classes=(), margins=(),
+            left_open={}, unknown=True,
         )  # fmt: skip
         nothing = Answer(case.problem, case.baseline, withdrawn, case.nominal_chi2, case.faults)
         runs = free_runs(nothing, _skeleton(case.baseline), case.unseen)

@@ -11,9 +11,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hystid.diagnosis.blocks import Effect
+from hystid.diagnosis.constancy import are_constant
 from hystid.diagnosis.fitting import ADDED_MASS, Fit, Key, Problem, Term
 from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
+from hystid.diagnosis.limits import is_beyond_weighing, untried
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.sensors import DRIFT, force_drift, mains_hum
 from hystid.diagnosis.several import grow, several_effects
@@ -32,7 +34,7 @@ from hystid.diagnosis.trials import (
     sound,
     trials,
 )  # fmt: skip
-from hystid.diagnosis.windows import is_off_outside, settled, unwindowed, windowed, windows_of
+from hystid.diagnosis.windows import has_edges, is_off_outside, settled, unwindowed, windowed, windows_of
 
 WORTH = 0.05  # fall of the mean square below which no effect is named
 EXPLAINED = 0.93  # share of the excess that a right law explains
@@ -99,6 +101,24 @@ def choose(
     valleys: other local optima of the refit. repaired: a channel was shifted or cut before; what the repair missed is
     no further finding.
     """
+    found = _chosen(problem, baseline, effects, progress, repaired=repaired, valleys=valleys)
+    known = {effect.id for effect in effects}
+    terms = {term.effect.id: term for term in found.after.hypothesis.terms}
+    extra = [untried(problem, found.after, terms[name], known) if name in terms else () for name in found.named]
+    alike = [(*tied, *more) for tied, more in zip(found.classes, extra, strict=True)]
+    return replace(found, classes=tuple(tuple(dict.fromkeys(names)) for names in alike))
+
+
+def _chosen(
+    problem: Problem,
+    baseline: Fit,
+    effects: Sequence[Effect],
+    progress: Callable[[], None],
+    *,
+    repaired: bool,
+    valleys: Sequence[Fit],
+) -> Choice:
+    """``choose``, but for look-alikes that were not tried."""
     baseline = without_hum(problem, baseline)
     floor = problem.floor(baseline.hypothesis)
     excess = baseline.chi2 - floor
@@ -115,7 +135,7 @@ def choose(
         return Choice(baseline, baseline, floor, floor, unknown=True, untestable=untestable)
     freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=baseline.hypothesis.terms, late=False), 25)
     if freed is not None and baseline.chi2 - freed.chi2 > 0.1 * excess:  # the refit was stuck, and the effect a way out
-        return choose(problem, freed, effects, progress, repaired=repaired, valleys=(baseline, *valleys))
+        return _chosen(problem, freed, effects, progress, repaired=repaired, valleys=(baseline, *valleys))
     best_floor = problem.floor(first[0].fit.hypothesis)
     if first[0].chi2 - best_floor > max(healthy, FORM * excess) and (
         partly := _part_time(problem, baseline, floor, effects)
@@ -130,15 +150,21 @@ def choose(
     constant = chosen.trial.name in (PRELOAD, DRIFT) and baseline.chi2 - chosen.trial.chi2 > 0.5 * excess
     if constant and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
         return _beside_preload(problem, baseline, chosen, first, effects, repaired=repaired)
-    if alone and left < max(sound(problem, baseline.hypothesis.delay), FORM * excess):
+    steady = _is_steady(problem, baseline, chosen.trial.fit)
+    enough = alone and left < max(sound(problem, baseline.hypothesis.delay), FORM * excess)
+    if enough and steady:
         return _named(problem, baseline, floor, [chosen], first, untestable)
-    several = several_effects(problem, baseline, first, library, excess)
+    # What one law explains under a wrong name, two would explain as well.
+    several = several_effects(problem, baseline, first, library, excess) if not enough else None
+    if several is not None and not _is_steady(problem, baseline, several[-1].trial.fit):
+        several = None
     worn = _worn(problem, baseline, floor, library, several) if several or not alone else []
     if worn or several is not None:
         return _named(problem, baseline, floor, worn or several or [], first, untestable)
-    if alone or (baseline.chi2 - chosen.trial.chi2 > 0.5 * excess and is_noise(problem, chosen.trial.fit)):
+    much = baseline.chi2 - chosen.trial.chi2 > 0.5 * excess
+    if steady and (alone or (much and is_noise(problem, chosen.trial.fit))):
         return _named(problem, baseline, floor, [chosen], first, untestable)
-    if _stands_out(first, chosen, baseline, excess):
+    if _stands_out(first, chosen, baseline, excess) and not is_beyond_weighing(problem, chosen.trial.fit):
         return _named(problem, baseline, floor, [chosen], first, untestable)
     rough = _rough(problem, baseline, floor, first, library, chosen)
     if rough:
@@ -199,6 +225,11 @@ def _explains(problem: Problem, fit: Fit, floor: float, before: Fit, excess: flo
     return before.chi2 - fit.chi2 > worth and left < max(healthy * floor, (1 - EXPLAINED) * excess)
 
 
+def _is_steady(problem: Problem, before: Fit, fitted: Fit) -> bool:
+    """Whether a fit may be named: its parameters are parameters, and it leaves the mass where weighing found it."""
+    return are_constant(problem, before, fitted) and not is_beyond_weighing(problem, fitted)
+
+
 def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Effect]) -> Step | None:
     """An effect that acts for a part of the time; None where there is no such window, or no law for it.
 
@@ -222,6 +253,8 @@ def _is_window(problem: Problem, before: Fit, floor: float, fitted: Fit) -> bool
     """Whether a law in a window leaves next to nothing, and the window is worth it: because the law would be seen
     outside, or because it explains most even without."""
     end, excess = fitted.hypothesis, before.chi2 - floor
+    if not has_edges(fitted):
+        return False
     healthy = sound(problem, before.hypothesis.delay) * max(1.0, floor)
     if fitted.chi2 - problem.floor(end) > max(healthy, _WINDOW_LEFT * excess):
         return False

@@ -57,13 +57,16 @@ def several_effects(
 
 
 def _starts(first: Sequence[Trial], before: Fit, excess: float) -> list[Trial]:
-    """Ids from which lines begin, the best first; those that are not told from a better one come last."""
+    """Ids from which lines begin, the best first, of those that are not told apart the simplest; the others come
+    last."""
     worth = [t for t in distinct(first) if before.chi2 - t.chi2 > 0.08 * excess]
     leading: list[Trial] = []
     for trial in worth:
         if all(trial.chi2 - other.chi2 > tie(other, excess) for other in leading):
             leading.append(trial)
-    return [*leading, *(t for t in worth if t not in leading)]
+    alike = [[t for t in worth if 0 <= t.chi2 - one.chi2 <= tie(one, excess)] for one in leading]
+    simplest = [min(group, key=lambda t: t.size) for group in alike]
+    return list({t.name: t for t in (*simplest, *leading, *worth)}.values())
 
 
 def _exchanged_members(problem: Problem, steps: Sequence[Step], library: Sequence[Effect], excess: float) -> list[Step]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
+from hystid.diagnosis.limits import CONTACT_LOSS, IMPACT, is_itself
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.sensors import DRIFT
 
@@ -30,7 +31,6 @@ _JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a 
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
 FAR = 30.0  # excess in floors, far above the noise
 DELAY = "channel_delay"
-CONTACT_LOSS, IMPACT = "contact_loss", "impact"
 
 
 @dataclass(frozen=True)
@@ -107,8 +107,10 @@ def ranked(problem: Problem, found: Sequence[Trial]) -> list[Trial]:
 
 
 def are_reached(problem: Problem, fit: Fit) -> bool:
-    """Whether the motion goes beyond every threshold, and dry friction slides: the tail of a contact that is never
-    reached feigns a preload, and friction that turns over most of the speeds is a damper by another name."""
+    """Whether the motion goes beyond every threshold, dry friction slides, and each law is what its name says: the tail
+    of a contact that is never reached feigns a preload, and friction that turns over most of the speeds is a damper by
+    another name."""
+    signals = problem.signals(fit.hypothesis)
     for number, term in enumerate(fit.hypothesis.terms):
         if term.effect.id == DRIFT and not _drifts(fit, number):
             return False
@@ -117,7 +119,7 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
             beyond = [np.mean((side * p.x if side else np.abs(p.x)) > term.values["gap"]) for p in problem.parts]
             if float(max(beyond)) < _REACHED:
                 return False
-        if term.values.get("v_s", 0.0) > _SLIDES * problem.scales.v[-1]:
+        if term.values.get("v_s", 0.0) > _SLIDES * problem.scales.v[-1] or not is_itself(problem, term, signals):
             return False
     return True
 

@@ -32,6 +32,7 @@ _ROUNDS = 8  # of marking the blocks in which something acts
 _RAMP = 0.02  # of the longest recording, as a start
 _SEEN = 2.0  # noise levels beyond which the force of an effect is seen in a sample
 _AS_GOOD = 0.003  # rise of the mean square that is none
+_EDGE, _SURE = 0.25, 2.0  # share of a window that its ramp may take, less this many standard errors
 _SHOWN = 0.1  # mean square that the effect would have outside if it acted there, over that inside
 
 
@@ -397,6 +398,21 @@ def settled(problem: Problem, fitted: Fit) -> Fit:
     rows = problem.rows(there)
     chi2 = fitted.chi2 * float(rows @ rows) / fitted.rss
     return replace(fitted, hypothesis=there, residual=rows, chi2=chi2) if chi2 < fitted.chi2 + _AS_GOOD else fitted
+
+
+def has_edges(fitted: Fit) -> bool:
+    """Whether the windows of the last effect open and close at once, against the time that they are open. What comes
+    or goes over most of it, and is seen to, is wear or drift, and no law of the library that is switched on and off."""
+    index, term = len(fitted.hypothesis.terms) - 1, fitted.hypothesis.terms[-1]
+    effect = term.effect
+    if not isinstance(effect, Windowed):
+        return False
+    widths = []
+    for recording in effect.owners or (0,):
+        on, off, ramp = effect.names(recording)
+        surely = term.values[ramp] - _SURE * float(np.nan_to_num(fitted.stderr((str(index), ramp))))
+        widths.append(surely / (term.values[off] - term.values[on]))
+    return max(widths) < _EDGE
 
 
 def is_off_outside(term: Term, signals: Sequence[Signals]) -> bool:

@@ -1,0 +1,125 @@
+"""Laws at the limit of their parameters, where what bears one name acts as another law.
+
+A contact without stiffness is a damper, a kink wider than the stroke a constant force, a mass on an overdamped spring
+relaxation. Such a fit may be as good as any, and its name is wrong all the same. And laws that are the same, up to a
+refit or in these recordings: where one of them was not tried, nothing tells it from the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import spearmanr
+
+from hystid.diagnosis.blocks import Signals, shape_bounds
+from hystid.diagnosis.fitting import WEIGHING_LIMIT, Fit, Problem, Term
+
+Array = NDArray[np.float64]
+IMPACT, CONTACT_LOSS, TWO_SIDED_STOP = "impact", "contact_loss", "two_sided_stop"
+_HIDDEN, _RELAXATION, _STIFFENING = "hidden_mode", "viscoelastic_relaxation", "stiffness_drift"
+_KINKED = frozenset({"bilinear_stiffness", CONTACT_LOSS})
+_AT = (
+    0.98  # of the highest frequency that is tried, and of the largest weighing error: a fit that wants more ends there
+)
+_CRITICAL = 1.0  # damping ratio from which nothing resonates
+_SURE = 4.0  # standard errors by which the mass lies beyond what weighing explains
+_STRETCHES, _FOLLOWS = 10, 0.9  # stretches of a recording, and rank correlation of stiffness and frequency over them
+
+
+def is_itself(problem: Problem, term: Term, signals: Sequence[Signals]) -> bool:
+    """Whether a fitted law is what its name says, and not the limit in which it is another one.
+
+    signals: what the effect sees.
+    """
+    effect, values = term.effect, term.values
+    if effect.id == IMPACT:
+        return _carries(term, signals)
+    if effect.id in _KINKED and values.get("w", 0.0) >= float(problem.scales.x[-1]):
+        return not _presses_at_rest(term)  # then it is next to a constant force; else it is half of a square
+    if effect.id == _HIDDEN:
+        return values.get("zeta", 0.0) < _CRITICAL and _is_in_band(problem, term)
+    return True
+
+
+def _presses_at_rest(term: Term) -> bool:
+    """Whether the force is not zero at rest."""
+    still = np.zeros(3)
+    return bool(np.any(term.effect.force(Signals(still, still, still, still, 1.0), term.values)))
+
+
+def _carries(term: Term, signals: Sequence[Signals]) -> bool:
+    """Whether the stiffness of a contact gives more force than its damping. A contact cannot pull: where damping
+    outweighs stiffness it would, all the time that the bodies part, and is a damper that depends on the place."""
+    if not {"k", "c"} <= set(term.values):
+        return True
+    elastic, lossy = (
+        sum(float(f @ f) for f in term.effect.forces(signals, {**term.values, name: 0.0})) for name in ("c", "k")
+    )
+    return elastic > lossy
+
+
+def _is_in_band(problem: Problem, term: Term) -> bool:
+    """Whether a mode is not at an end of the range of frequencies: above it, it is mass, and below it a spring."""
+    ranges = {s.name: shape_bounds(s, problem.scales) for s in term.effect.shapes if s.unit == "Hz"}
+    return all(low / _AT < term.values[name] < _AT * high for name, (low, high) in ranges.items())
+
+
+def is_beyond_weighing(problem: Problem, fitted: Fit) -> bool:
+    """Whether the mass of a fit stands at the limit of a weighing error, and the residual still draws it further: then
+    what is added, lost or scaled with the mass has no name yet, and the named effect may stand for a part of it."""
+    hypothesis = fitted.hypothesis
+    unknowns = problem.unknowns(hypothesis)
+    at = next((i for i, unknown in enumerate(unknowns) if unknown.key == ("chain", "weighing")), None)
+    if at is None or abs(hypothesis.weighing) < _AT * WEIGHING_LIMIT:
+        return False
+    jacobian, rows = problem.jacobian(hypothesis, unknowns), problem.rows(hypothesis)
+    others = np.delete(jacobian, at, axis=1)
+    norms = np.linalg.norm(others, axis=0)
+    others = others[:, norms > 0] / norms[norms > 0]
+    column = jacobian[:, at] - others @ np.linalg.lstsq(others, jacobian[:, at], rcond=1e-9)[0]
+    pull = float(column @ rows) / float(np.linalg.norm(column))  # in standard errors, as rows have unit noise
+    return bool(pull * np.sign(hypothesis.weighing) > _SURE)
+
+
+def untried(problem: Problem, fit: Fit, term: Term, known: Collection[str]) -> tuple[str, ...]:
+    """Ids that are not told from a named effect and were not tried, since they are not among the known ones."""
+    names: list[str] = []
+    if _is_two_sided(fit, term):
+        names.append(TWO_SIDED_STOP)
+    if term.effect.id == _STIFFENING and _follows_frequency(problem, fit, term):
+        names.append(_RELAXATION)
+    return tuple(name for name in names if name not in known)
+
+
+def _is_two_sided(fit: Fit, term: Term) -> bool:
+    """Whether contact closes on both sides: by this effect, or by it and another one on the opposite side."""
+    here = _closing_side(term)
+    if here == 0.0:
+        return True
+    others = [_closing_side(other) for other in fit.hypothesis.terms if other is not term]
+    return here is not None and any(other is not None and other != here for other in others)
+
+
+def _closing_side(term: Term) -> float | None:
+    """Side on which a contact closes (0: on both), None for what is no contact or one that opens."""
+    if term.effect.id not in (IMPACT, CONTACT_LOSS) or term.values.get("k", 0.0) <= 0:
+        return None
+    return float(term.values["side"])
+
+
+def _follows_frequency(problem: Problem, fit: Fit, term: Term) -> bool:
+    """Whether a stiffness that changes with time rises with the frequency of the motion, in every recording: swept
+    in one direction only, the recordings cannot say which of the two it is."""
+    signals = problem.signals(fit.hypothesis)
+    pairs = zip(signals, term.effect.forces(signals, term.values), strict=True)
+    return all(_rises_alike(*(np.array_split(part, _STRETCHES) for part in (s.x, s.v, f))) for s, f in pairs)
+
+
+def _rises_alike(x: Sequence[Array], v: Sequence[Array], force: Sequence[Array]) -> bool:
+    """Whether stiffness (force over x) and frequency (v over x) have the same order over the stretches."""
+    power = [float(part @ part) or np.inf for part in x]
+    stiffness = [float(one @ other) / size for one, other, size in zip(x, force, power, strict=True)]
+    frequency = [float(part @ part) / size for part, size in zip(v, power, strict=True)]
+    return float(spearmanr(stiffness, frequency).statistic) > _FOLLOWS
