@@ -131,6 +131,8 @@ def _chosen(
     if excess < healthy or (idle and is_noise(problem, baseline)):
         return _quiet(problem, baseline, floor, chain, untestable)
     first = trials(problem, baseline, candidates, excess, chain)
+    if not first and is_noise(problem, baseline):
+        return _quiet(problem, baseline, floor, chain, untestable)
     if not first:
         return Choice(baseline, baseline, floor, floor, unknown=True, untestable=untestable)
     freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=baseline.hypothesis.terms, late=False), 25)
