@@ -16,7 +16,7 @@ from hystid.diagnosis.fitting import ADDED_MASS, HYSTERESIS, Fit, Problem, Term
 from hystid.diagnosis.locate import where_term
 from hystid.diagnosis.result import Diagnosis, Finding, Value, Verdict, Where
 from hystid.diagnosis.selection import Choice
-from hystid.diagnosis.sensors import HUM, ChannelEffect
+from hystid.diagnosis.sensors import NUISANCES, ChannelEffect
 from hystid.diagnosis.trials import DELAY
 from hystid.diagnosis.windows import Windowed, edges, has_own_windows, term_for, widest
 
@@ -219,7 +219,7 @@ class Answer:
         signals = problem.signals(hypothesis)
         total = [np.zeros(len(part)) for part in problem.parts]
         for term in hypothesis.terms:
-            if term.effect.id == HUM:
+            if term.effect.id in NUISANCES:
                 continue
             total = [f + np.abs(term.effect.force(s, term.values)) for f, s in zip(total, signals, strict=True)]
         if DELAY in self.choice.named:

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from hystid.diagnosis import chain, forms, locate
 from hystid.diagnosis.answer import Answer, findings, headline, next_experiment, refit_values
 from hystid.diagnosis.baseline import Baseline, baseline_of, real_parameters
+from hystid.diagnosis.beginnings import beginning
 from hystid.diagnosis.blocks import Effect, Scales
 from hystid.diagnosis.extended import Kind, Skeleton
-from hystid.diagnosis.fitting import Fit, Hypothesis, Problem
+from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term
 from hystid.diagnosis.freerun import errors
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.noise import noise_level
@@ -30,6 +31,7 @@ from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.runs import Run, Runs, compile_text, free_runs, write_beside
 from hystid.diagnosis.search import other_valleys, try_fit
 from hystid.diagnosis.selection import Choice, choose
+from hystid.diagnosis.sensors import history
 from hystid.diagnosis.starts import scaled, sizes_of
 from hystid.diagnosis.uncertainty import honest
 from hystid.diagnosis.windows import for_recording
@@ -302,10 +304,11 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     length = max(float(np.max(np.abs(part.x))) for part in parts)
     start = {**starts, **values}
     baseline = baseline_of(model, code, start, frozenset(fixed) | dampers, weighed=weighed, length=length, model=runs)
+    parts, kept, running = beginning(parts, baseline)
     problem = Problem(parts, baseline, _scales(parts, baseline))
-    refit, valleys, nominal = _refit(problem)
+    refit, valleys, nominal = _refit(problem, kept)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
-    notes = (*told, *hidden, *(note for test in tests for note in test.notes))
+    notes = (*told, *hidden, *running, *(note for test in tests for note in test.notes))
     return Case(problem, baseline, refit, valleys, nominal, tuple(faults), chain.consistency(lags), held, notes)
 
 
@@ -346,13 +349,16 @@ def _starts(
     return starts, notes if starts else []
 
 
-def _refit(problem: Problem) -> tuple[Fit, tuple[Fit, ...], float]:
+def _refit(problem: Problem, kept: Sequence[int] = ()) -> tuple[Fit, tuple[Fit, ...], float]:
     """The baseline from several starts, other optima that were met, and the mean square at the nominal values.
 
     Further starts only while something is left: the nominal shapes made smaller and larger, then shapes scattered
     around the best and behind the ridges beside it, since a law with corners has side valleys.
+    kept: numbers of recordings in which a contact keeps a force of the time before.
     """
-    nominal = Hypothesis(dict(problem.baseline.nominal))
+    before = history(kept)
+    terms = (Term(before, dict.fromkeys(before.amplitudes, 0.0)),) if kept else ()
+    nominal = Hypothesis(dict(problem.baseline.nominal), terms)
     rows = problem.rows(nominal)
     fits = [made for made in (try_fit(problem, nominal, 25),) if made is not None]
     for factor in _STARTS if problem.baseline.shapes else ():
@@ -361,7 +367,7 @@ def _refit(problem: Problem) -> tuple[Fit, tuple[Fit, ...], float]:
         values = dict(problem.baseline.nominal)
         for name in problem.baseline.shapes:
             values[name] *= factor if name in problem.baseline.positive else 1.0
-        fits += [made for made in (try_fit(problem, Hypothesis(values), 25),) if made is not None]
+        fits += [made for made in (try_fit(problem, Hypothesis(values, terms), 25),) if made is not None]
         fits.sort(key=lambda f: f.chi2)
     if not fits:
         raise NumericalError("the baseline has no finite force on these recordings; check its nominal parameters")
@@ -375,8 +381,8 @@ def _refit(problem: Problem) -> tuple[Fit, tuple[Fit, ...], float]:
             break
     best, *others = fits
     for _ in range(_JUMPS):
-        before = problem.reduce.jumps
-        if not problem.distrust(best.hypothesis, nominal) and not before:
+        jumped = problem.reduce.jumps
+        if not problem.distrust(best.hypothesis, nominal) and not jumped:
             break
         again = [best.hypothesis, nominal]  # jumps may have led the fits astray: begin again without them
         fits = [made for h in again if (made := try_fit(problem, h, 25)) is not None]

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis.baseline import Baseline
+from hystid.diagnosis.baseline import Baseline, Held
 from hystid.diagnosis.blocks import Effect, Scales, Signals, shape_bounds
 from hystid.diagnosis.memory import Memory
 from hystid.diagnosis.parts import DRAWS, Advanced, Part, Reduction
@@ -27,6 +27,7 @@ ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
 WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _TURN = 0.05  # share of the peak speed over which a contact may turn
 _ROUND = 0.1  # share of a jump that the shape of a turn and filters leave open, where the law has its own turn
+_RARE, _SEEN = 0.999, 0.1  # quantile of rows, and noise power, from which what a turn leaves open is seen
 _AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
 _PACE = 0.04  # share of the way to the bar that every step must make
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
@@ -145,12 +146,22 @@ class Problem:
         self.reduce = Reduction(parts, baseline.mass)
         self._shifted: dict[tuple[int, float], Array] = {}
         self._movable: dict[int, Advanced] = {}
-        self._held = [baseline.held(p.x, p.v, p.dt) for p in self.parts]
+        self.turns = False  # whether the law turns within a small part of the speeds, in a way that is seen
+        self._held = [self._hold(p, p.x, p.v) for p in self.parts]
         self._laws, self._forces, self._columns = (Memory(most) for most in _KEPT)
         self._largest = int(np.argmax([np.max(np.abs(p.x)) for p in self.parts]))
         self._slopes: list[tuple[tuple[float, ...], dict[str, list[tuple[Array, Array]]]]] = []
         self._units = self._linear_columns()
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
+
+    def _hold(self, part: Part, x: Array, v: Array) -> Held:
+        """A motion of a part made ready for the law, with its past."""
+        return self.baseline.held(*part.led_in(x, v), part.dt)
+
+    def _follow(self, held: Sequence[Held], values: Mapping[str, float]) -> list[tuple[Array, Array]]:
+        """R and h of the baseline along motions of the parts, without their past."""
+        pairs = zip(self.parts, self.baseline.forces(held, values), strict=True)
+        return [(R[part.past :], h[part.past :]) for part, (R, h) in pairs]
 
     def law(self, values: Mapping[str, float]) -> list[tuple[Array, Array]]:
         """R and h of the baseline per part. Linear parameters cost nothing; the last shapes are remembered."""
@@ -165,7 +176,7 @@ class Problem:
         shapes = {name: values[name] for name in self.baseline.shapes}
 
         def made() -> tuple[Array, ...]:
-            pairs = self.baseline.forces(self._held, {**self.baseline.nominal, **shapes})
+            pairs = self._follow(self._held, {**self.baseline.nominal, **shapes})
             return tuple(array for pair in pairs for array in pair)
 
         flat = self._laws.get(tuple(shapes.values()), made)
@@ -282,6 +293,7 @@ class Problem:
         """
         self.reduce.trust()
         jumps = [self._jumps(hypothesis) for hypothesis in hypotheses]
+        self.turns = any(float(np.quantile(rows**2, _RARE)) > _SEEN for found in jumps for rows in found)
         changed = self.reduce.distrust([*self.movements(hypotheses[0]), *np.maximum.reduce(jumps)])
         self._columns.clear()
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
@@ -299,8 +311,8 @@ class Problem:
         fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
 
         def law(velocity: Callable[[Array, float], Array], share: float) -> list[Array]:
-            moved = [self.baseline.held(p.x, velocity(p.v, share * fastest), p.dt) for p in self.parts]
-            return [R for R, _ in self.baseline.forces(moved, hypothesis.values)]
+            moved = [self._hold(p, p.x, velocity(p.v, share * fastest)) for p in self.parts]
+            return [R for R, _ in self._follow(moved, hypothesis.values)]
 
         here = law(lambda v, _: v, 0.0)
         behind, ahead = (law(lambda v, shift: v + shift, share) for share in (-_TURN, _TURN))
@@ -316,7 +328,8 @@ class Problem:
         for part in self.parts:
             dx, dv, da, _ = part.jitter[draw]
             moved.append((part.x + dx, part.v + dv, part.a + da, part.dt))
-        laws = self.baseline.forces([self.baseline.held(x, v, dt) for x, v, _, dt in moved], hypothesis.values)
+        held = [self._hold(p, x, v) for p, (x, v, _, _) in zip(self.parts, moved, strict=True)]
+        laws = self._follow(held, hypothesis.values)
         seen = [Signals(x, v, a, h, dt, i) for i, ((x, v, a, dt), (_, h)) in enumerate(zip(moved, laws, strict=True))]
         seen, forces = self._with_h(seen, hypothesis.terms), [R for R, _ in laws]
         for term in hypothesis.terms:
@@ -468,10 +481,10 @@ class Problem:
         units = {}
         base = self.baseline
         if base.linear:
-            start = base.forces(self._held, base.nominal)
+            start = self._follow(self._held, base.nominal)
             for name in base.linear:
                 step = base.nominal[name] or 1.0
-                moved = base.forces(self._held, {**base.nominal, name: base.nominal[name] + step})
+                moved = self._follow(self._held, {**base.nominal, name: base.nominal[name] + step})
                 units[name] = [(there - here) / step for (here, _), (there, _) in zip(start, moved, strict=True)]
         return units
 

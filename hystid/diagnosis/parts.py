@@ -45,6 +45,7 @@ class Part:
     x, v, a: smoothed motion. F: force as measured. inertia: unbiased acceleration, for the balance F - m a
     (the channel itself, or a plain derivative of the best one). noise: standard deviation per channel.
     lowest: angular frequency [rad/s] below which the motion is not seen and x is held at zero; 0 where x was measured.
+    past: samples after the first one that are run backwards before it: a law with memory begins as in mid-motion.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia.
     """
 
@@ -61,10 +62,16 @@ class Part:
     measured: dict[str, Array]
     valid: Flags | None = field(repr=False, default=None)
     lowest: float = 0.0
+    past: int = 0
     jitter: tuple[tuple[Array, Array, Array, Array], ...] = field(repr=False, default=())
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def led_in(self, x: Array, v: Array) -> tuple[Array, Array]:
+        """Displacement and velocity (n,) with the past before them, (past + n,)."""
+        back = slice(self.past, 0, -1)
+        return (np.concatenate([x[back], x]), np.concatenate([-v[back], v])) if self.past else (x, v)
 
     @property
     def first(self) -> float:
@@ -103,7 +110,7 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     inertia, order = _inertia(measured, dt)
     return Part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
-        {**measured, "F": F}, valid, motion.roughness.lowest, _jitter(measured, noise, dt, motion, seed),
+        {**measured, "F": F}, valid, motion.roughness.lowest, 0, _jitter(measured, noise, dt, motion, seed),
     )  # fmt: skip
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from hystid.diagnosis.blocks import Array, Effect, Signals
 
-HUM, DRIFT = "mains_hum", "force_drift"
+HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
+NUISANCES = frozenset({HUM, HISTORY})  # taken out, and no findings
 
 
 class ChannelEffect(Effect):
@@ -30,6 +31,20 @@ def mains_hum(recordings: int, frequency: float) -> MainsHum:
     """Hum of a frequency [Hz] over a number of recordings."""
     names = [f"{kind}_{i + 1}" for i in range(recordings) for kind in ("sine", "cosine")]
     return MainsHum(HUM, f"{frequency:g}", "", None, amplitudes=tuple(names), units=dict.fromkeys(names, "N"))
+
+
+class History(ChannelEffect):
+    """Force of a contact that stuck before a recording began, and never let go. Taken out, and no finding."""
+
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """A constant in the recordings that begin in mid-motion [N], shape (n,)."""
+        return np.full(len(signals.x), parameters.get(f"offset_{signals.index + 1}", 0.0))
+
+
+def history(numbers: Sequence[int]) -> History:
+    """What was before the recordings of these numbers, from 0."""
+    names = tuple(f"offset_{number + 1}" for number in numbers)
+    return History(HISTORY, "", "", None, amplitudes=names, units=dict.fromkeys(names, "N"))
 
 
 class ForceDrift(ChannelEffect):

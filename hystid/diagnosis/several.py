@@ -8,7 +8,7 @@ from dataclasses import replace
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import Fit, Problem
 from hystid.diagnosis.search import scan, try_fit
-from hystid.diagnosis.sensors import HUM
+from hystid.diagnosis.sensors import NUISANCES
 from hystid.diagnosis.trials import (
     FAR,
     SOUND,
@@ -129,7 +129,7 @@ def _each_counts(problem: Problem, fit: Fit, excess: float) -> bool:
     hypothesis = fit.hypothesis
     visible = max(_PAIR_WORTH, PAIR_SHARE * excess, sound(problem, 0.0) if problem.reduce.jumps else 0.0)
     for i in range(len(hypothesis.terms)):
-        if hypothesis.terms[i].effect.id == HUM:
+        if hypothesis.terms[i].effect.id in NUISANCES:
             continue
         rest = replace(hypothesis, terms=tuple(t for k, t in enumerate(hypothesis.terms) if k != i))
         made = try_fit(problem, rest, iterations=6)

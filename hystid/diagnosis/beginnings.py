@@ -1,0 +1,71 @@
+"""Recordings that begin in mid-motion: what a law with memory remembers of the time before is not in the recording.
+
+The state of a contact at the first sample depends on where it stuck last. Laws with inner states forget that with the
+first full stroke; until then their force may be anything within the loop, and the samples say nothing about the law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.baseline import Baseline
+from hystid.diagnosis.parts import Part
+
+Array = NDArray[np.float64]
+_FIRST = 8  # samples whose mean shows whether a recording begins at rest
+_SURE, _STILL = 4.0, 0.05  # standard errors of that mean, and share of the spread of a channel, that are still rest
+_VISIBLE = 0.5  # noise units: force of another past that is seen
+_MOST = 0.5  # share of a recording that is left out at most
+_NEAR, _LAST = 0.95, 20  # share of the largest displacement, and part of a recording at its end that has forgotten most
+
+
+def beginning(parts: Sequence[Part], baseline: Baseline) -> tuple[list[Part], tuple[int, ...], list[str]]:
+    """The parts with a past where they begin in mid-motion, and their first samples not valid while the law still knows
+    of it; numbers of the recordings in which a contact keeps a force of that time; sentences."""
+    if baseline.memoryless:
+        return list(parts), (), []
+    found, kept, told = list(parts), [], []
+    for number, part in enumerate(parts):
+        if _rests(part):
+            continue
+        past = _past(part)
+        lasting, keeps = _remembered(replace(part, past=past), baseline)
+        valid = np.ones(len(part), dtype=bool) if part.valid is None else part.valid.copy()
+        valid[: min(lasting, int(_MOST * len(part)))] = False
+        found[number] = replace(part, valid=valid, past=past)
+        kept += [number] if keeps else []
+        told.append(
+            f"{part.name} begins in mid-motion: the force of its first {lasting * part.dt:.3g} s depends on what was "
+            "before, which is not recorded; they are left out"
+            + ("; so is a constant force of contacts that never slip" if keeps else "")
+        )
+    return found, tuple(kept), told
+
+
+def _rests(part: Part) -> bool:
+    """Whether force and velocity are zero at the first sample, but for noise and a small offset."""
+    return all(
+        abs(float(np.mean(channel[:_FIRST]))) < _SURE * noise / np.sqrt(_FIRST) + _STILL * float(np.std(channel))
+        for channel, noise in ((part.F, part.noise["F"]), (part.v, 0.0))
+    )
+
+
+def _past(part: Part) -> int:
+    """Samples until the motion has come near both of its ends: that long a past wipes out what was before."""
+    ends = [np.flatnonzero(sign * part.x > _NEAR * np.max(sign * part.x))[0] for sign in (1.0, -1.0)]
+    return int(np.clip(max(ends), 1, len(part) - 1))
+
+
+def _remembered(part: Part, baseline: Baseline) -> tuple[int, bool]:
+    """Samples from the first one to the last at which the past changes the force, and whether it leaves a constant:
+    from rest at the first sample, or through the part's past."""
+    there, _ = baseline.force(part.x, part.v, part.dt, baseline.nominal)
+    after = baseline.force(*part.led_in(part.x, part.v), part.dt, baseline.nominal)[0][part.past :]
+    apart, seen = after - there, _VISIBLE * part.balance_noise(baseline.mass)
+    constant = float(np.median(apart[-len(apart) // _LAST :]))
+    changing = np.flatnonzero(np.abs(apart - constant) > seen)
+    return int(changing[-1]) + 1 if len(changing) else 0, abs(constant) > seen
