@@ -193,3 +193,16 @@ def test_starts_of_a_hidden_mode_lie_closer_than_it_is_wide() -> None:
     starts = np.array(sorted({point["f2"] for point in effect.grid(scales)}))
     assert starts[0] <= 10.0 and starts[-1] >= 120.0  # all of the band but its slow end, and above
     assert np.all(np.diff(np.log(starts)) < 0.1)  # width of a resonance at the damping ratio of the starts, 0.05
+
+
+@pytest.mark.parametrize(
+    ("family", "ident", "seed"), [(JENKINS, "", 991), ("iwan", "", 997), ("iwan", "preload", 1001)]
+)
+def test_recordings_may_begin_in_mid_motion(tmp_path: Path, family: str, ident: str, seed: int) -> None:
+    """Where a contact stuck before is not recorded: its force until it slips, or for good, is no mismatch."""
+    group, ids = ("single", (ident,)) if ident else ("null", ())
+    place, _ = case(tmp_path, spec(group, ids, family, "running"), seed)
+    found = run(place)
+    assert [finding.effect for finding in found.findings] == list(ids)
+    assert found.verdict != "unknown_physics"
+    assert any("begins in mid-motion" in note for note in found.notes)

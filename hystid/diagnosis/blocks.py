@@ -24,7 +24,9 @@ Array = NDArray[np.float64]
 _INPUTS = frozenset("xvah")
 _SUBSTEPS = 24  # most steps per sample: a memory shorter than a 24th of the path per sample is friction without memory
 _SHORT = (0.003, 0.012)  # shares of the stroke over which friction may build up, below those of its distribution
-_SLOWEST = 0.1  # of the highest frequency that is excited, from which on resonances are sought
+# Resonances are sought from the lower of these shares: of the lowest, and of the highest frequency that is excited,
+_BELOW = (0.7, 0.35)
+_SLOWEST = 0.1  # but not below this share of the highest
 _APART = 0.08  # relative distance of such starts: a resonance is 0.1 wide at the damping ratio that is tried
 _PROBE = 2001  # samples of the signal on which linearity is tested
 
@@ -248,7 +250,8 @@ def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
     if shape.unit == "s":
         return np.geomspace(max(4 * scales.dt, 0.02 / scales.band[1]), scales.span / 2, 8)
     if shape.unit == "Hz":
-        first, last = max(low, scales.band[0], _SLOWEST * scales.band[1]), 0.85 * high
+        slow = min(_BELOW[0] * scales.band[0], _BELOW[1] * scales.band[1])
+        first, last = max(low, slow, _SLOWEST * scales.band[1]), 0.85 * high
         return np.geomspace(first, last, int(np.log(last / first) / _APART) + 2 if fine else 6)
     start = shape.start if shape.start is not None else 0.5 * (low + high)
     return np.unique(np.clip([start, *((0.3 * low + 0.7 * high,) if fine else ())], low, high))

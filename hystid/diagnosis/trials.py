@@ -280,6 +280,8 @@ def tie(best: Trial, excess: float) -> float:
 
 
 def sound(problem: Problem, delay: float) -> float:
-    """Excess that healthy recordings may show; more where a law jumps, where it turns over in a way of its own, or where
-    the force was held between samples."""
-    return SOUND * (2.5 if problem.reduce.jumps else 2.0 if problem.turns else 1.0) * (2.0 if abs(delay) > _HELD else 1.0)
+    """Excess that healthy recordings may show; more where a law jumps or turns over in a way of its own, or where the
+    force was held between samples."""
+    return (
+        SOUND * (2.5 if problem.reduce.jumps else 2.0 if problem.turns else 1.0) * (2.0 if abs(delay) > _HELD else 1.0)
+    )
