@@ -157,12 +157,12 @@ def _more(folder: Path) -> list[str]:
 def _without_truth(results: Mapping[str, Any]) -> str:
     cases = [g for g in results["standard"] if g["group"] in ("single", "part_time") and g["status"] == "answered"]
     unknown = sum(g["verdict"] == "unknown_physics" for g in cases)
-    family = sum(bool(g["class_right"]) for g in cases)
+    family = sum(bool(g["class_right"]) and not g["wrong_name"] for g in cases)
     wrong = sum(bool(g["wrong_name"]) for g in cases)
     rest = len(cases) - unknown - family - wrong
     return (
         f"{len(cases)} single effects, each diagnosed with its own id taken out of the library: {unknown} answered "
-        f"unknown, {family} named a member of the class, {wrong} gave an unrelated name, {rest} found nothing missing."
+        f"unknown, {family} named a member of the class, {wrong} gave an unrelated name (some of them beside a member of the class), {rest} found nothing missing."
     )
 
 
