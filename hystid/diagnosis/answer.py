@@ -16,7 +16,7 @@ from hystid.diagnosis.fitting import ADDED_MASS, HYSTERESIS, Fit, Problem, Term
 from hystid.diagnosis.locate import where_term
 from hystid.diagnosis.result import Diagnosis, Finding, Value, Verdict, Where
 from hystid.diagnosis.selection import Choice
-from hystid.diagnosis.sensors import NUISANCES, ChannelEffect
+from hystid.diagnosis.sensors import NUISANCES, ChannelEffect, is_constant
 from hystid.diagnosis.trials import DELAY
 from hystid.diagnosis.windows import Windowed, edges, has_own_windows, term_for, widest
 
@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
 GAIN = "force_gain"
 DRIFT, PRELOAD = "force_drift", "preload"
-_STEADY = 0.05  # rms of the ramps over that of the offsets below which a force channel does not drift
 PINCHING, BACKLASH = "pinching", "backlash"
 _FEW = 4.0  # samples at full speed over which friction must build up to be told from one without memory,
 _SMALL = 0.02  # or else this share of the stroke
@@ -92,11 +91,7 @@ class Answer:
         term = self.term(DRIFT)
         if term is None:
             return False
-        offset, ramp = 0.0, 0.0
-        for i, part in enumerate(self.problem.parts):
-            offset += term.values[f"offset_{i + 1}"] ** 2
-            ramp += (term.values[f"ramp_{i + 1}"] * float(part.t[-1])) ** 2 / 12
-        return ramp < _STEADY**2 * offset
+        return is_constant(term.values, [float(part.t[-1]) for part in self.problem.parts])
 
     def _vanishing(self) -> float:
         """Share of the hysteretic force that is missing in the middle of its range, whatever the displacement."""

@@ -9,6 +9,7 @@ import numpy as np
 from hystid.diagnosis.blocks import Array, Effect, Signals
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
+_STEADY = 0.05  # rms of the ramps over that of the offsets below which a force channel does not drift
 NUISANCES = frozenset({HUM, HISTORY})  # taken out, and no findings
 
 
@@ -69,3 +70,10 @@ def force_drift(recordings: int, *, bow: bool) -> ForceDrift:
     names: Sequence[str] = [f"{kind}_{i + 1}" for i in range(recordings) for kind in kinds]
     units = {name: {"offset": "N", "ramp": "N/s", "bow": "N"}[name.partition("_")[0]] for name in names}
     return ForceDrift(DRIFT, "Bowed" if bow else "", "", None, amplitudes=tuple(names), units=units)
+
+
+def is_constant(values: Mapping[str, float], spans: Sequence[float]) -> bool:
+    """Whether a drift of the force channel is next to nothing but a constant per recording; spans: lengths [s]."""
+    offset = sum(values[f"offset_{i + 1}"] ** 2 for i in range(len(spans)))
+    ramp = sum((values[f"ramp_{i + 1}"] * span) ** 2 / 12 for i, span in enumerate(spans))
+    return ramp < _STEADY**2 * offset

@@ -11,7 +11,7 @@ from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
 from hystid.diagnosis.limits import CONTACT_LOSS, IMPACT, is_itself
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
-from hystid.diagnosis.sensors import DRIFT
+from hystid.diagnosis.sensors import DRIFT, is_constant
 
 SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
 _HELD = 0.35  # samples of delay: a force that is held is half a sample late, and no shift undoes the steps
@@ -112,7 +112,7 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
     another name."""
     signals = problem.signals(fit.hypothesis)
     for number, term in enumerate(fit.hypothesis.terms):
-        if term.effect.id == DRIFT and not _drifts(fit, number):
+        if term.effect.id == DRIFT and not _drifts(problem, fit, number):
             return False
         if "gap" in term.values:
             side = term.values.get("side", 0.0)
@@ -124,22 +124,23 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
     return True
 
 
-def _drifts(fit: Fit, number: int) -> bool:
-    """Whether a drift of the force channel is one in most of the recordings.
+def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
+    """Whether a drift of the force channel is one in most of the recordings, or a constant in most of them.
 
-    A constant of its own for each recording, with ramps that only few of them need, is what a wrong even law leaves, or
-    friction that stuck elsewhere when a recording began.
+    A constant that one recording needs and others do not, with ramps here and there, is what a wrong even law leaves,
+    or friction that stuck elsewhere when a recording began.
     """
-    values = fit.hypothesis.terms[number].values
-    moving = [
-        any(
-            abs(values[name]) > _MOVING * fit.stderr((str(number), name))
-            for name in (f"ramp_{k + 1}", f"bow_{k + 1}")
-            if name in values
-        )
-        for k in range(sum(name.startswith("offset_") for name in values))
-    ]
-    return fit.covariance is None or 2 * sum(moving) > len(moving)
+    if fit.covariance is None:
+        return True
+    values, count = fit.hypothesis.terms[number].values, len(problem.parts)
+
+    def most(kinds: Sequence[str]) -> bool:
+        seen = [[f"{kind}_{k + 1}" for kind in kinds if f"{kind}_{k + 1}" in values] for k in range(count)]
+        clear = [any(abs(values[n]) > _MOVING * fit.stderr((str(number), n)) for n in names) for names in seen]
+        return 2 * sum(clear) > count
+
+    steady = is_constant(values, [float(part.t[-1]) for part in problem.parts])
+    return most(("offset",)) if steady else most(("ramp", "bow"))
 
 
 def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
