@@ -162,7 +162,8 @@ def _without_truth(results: Mapping[str, Any]) -> str:
     rest = len(cases) - unknown - family - wrong
     return (
         f"{len(cases)} single effects, each diagnosed with its own id taken out of the library: {unknown} answered "
-        f"unknown, {family} named a member of the class, {wrong} gave an unrelated name (some of them beside a member of the class), {rest} found nothing missing."
+        f"unknown, {family} named a member of the class, {wrong} gave an unrelated name (some of them beside a member "
+        f"of the class), {rest} found nothing missing."
     )
 
 
