@@ -3,6 +3,7 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from hystid.recording import Recording, read_all
 LINEAR, JENKINS = "linear", "jenkins"
 
 
-def case(folder: Path, spec: CaseSpec, seed: int) -> tuple[Path, dict[str, object]]:
+def case(folder: Path, spec: CaseSpec, seed: int) -> tuple[Path, dict[str, Any]]:
     """A case on disk, and its truth (which only the test opens)."""
     place = folder / "case_0000"
     write_case(draw(spec, np.random.default_rng(seed)), place, folder / "sealed")
@@ -80,7 +81,7 @@ def test_contact_that_jumps_is_given_the_speed_over_which_it_turns(tmp_path: Pat
     (held,) = found.holdout
     before, after = held.free_run
     assert before is not None and after is not None
-    oracle = truth["oracle"]["holdout_truth"]  # type: ignore[index]
+    oracle = truth["oracle"]["holdout_truth"]
     # noise and the other shape of the turn: a tenth of the way from the oracle's error to that of the refit
     assert after < oracle + 0.1 * (before - oracle)
 
@@ -206,3 +207,18 @@ def test_recordings_may_begin_in_mid_motion(tmp_path: Path, family: str, ident: 
     assert [finding.effect for finding in found.findings] == list(ids)
     assert found.verdict != "unknown_physics"
     assert any("begins in mid-motion" in note for note in found.notes)
+
+
+def test_a_motion_that_stays_on_one_side_may_begin_in_mid_motion() -> None:
+    """A preloaded joint: x never changes its sign, so that its two ends have nothing to do with zero."""
+    t = np.arange(4000) * 1e-3
+    rng = np.random.default_rng(3)
+    x = 3e-3 + 1e-3 * np.sin(40 * t + 1.0) * (1 + 0.2 * np.sin(3 * t))
+    compiled = CompiledModel(compile_model("HystId.Oscillators.Jenkins"))
+    v = np.gradient(x, t)
+    R = compiled.clamp({"x": x, "v": v}, {}, 1e-3, parameters={"Ks": 5e3, "fc": 1.5, "Kl": 1e4}, outputs=("R",))["R"]
+    noisy = [u + 0.01 * np.std(u) * rng.standard_normal(len(t)) for u in (R, x)]
+    test = Recording("one_sided", t, F=noisy[0], x=noisy[1])
+    found = diagnose([test], model="HystId.Oscillators.Jenkins", parameters={"m": 0, "Ks": 4.5e3, "fc": 1.6, "Kl": 1.1e4})
+    assert any("begins in mid-motion" in note for note in found.notes)
+    assert found.findings == ()

@@ -23,6 +23,16 @@ HALF_90 = 1.645  # standard errors on either side of an interval of 90 %
 DT = 5e-4  # s
 
 
+def sliding(way: Callable[[Array], Array]) -> Law:
+    """Dry friction that turns over in a way of its own."""
+    return lambda x, v: FC * way(v / V_S)
+
+
+def spring(k3: float, more: Callable[[Array], Array]) -> Law:
+    """A cubic spring, and a further force of the displacement."""
+    return lambda x, v: k3 * x**3 + more(x)
+
+
 def rig(law: Law, seed: int) -> Problem:
     """Four tests of a mass on a spring with one more force; the motion is chosen and the force follows, so that no
     integrator comes between. White noise of 1 % in every channel."""
@@ -69,7 +79,7 @@ def test_friction_that_turns_over_in_another_way_is_within_the_interval(form: st
     held, alone = [], []
     for turn, way in TURNS.items():
         for seed in range(4):
-            problem = rig(lambda x, v, way=way: FC * way(v / V_S), seed)  # type: ignore[misc]
+            problem = rig(sliding(way), seed)
             made = fitted_as(problem, form, {"Fc": 1.0, "v_s": 1e-3})
             value, error = stated(problem, made, "Fc")
             held.append(abs(value - FC) < HALF_90 * error)
@@ -146,7 +156,7 @@ def test_a_further_power_is_believed_as_far_as_it_explains_more_than_is_left() -
     more than twice as large; where it only takes what a force without a name leaves, the third power is left open."""
     k3, rest = 8e9, []
     for more in (lambda x: 4e15 * x**5, lambda x: 8e5 * x * np.abs(x)):
-        problem = rig(lambda x, v, more=more: k3 * x**3 + more(x), 7)  # type: ignore[misc]
+        problem = rig(spring(k3, more), 7)
         made = fitted_as(problem, "CubicStiffness__Quintic", {"k3": 1e9, "k5": 1e14})
         value, error = stated(problem, made, "k3")
         rest.append((value, error, error / made.stderr(("0", "k3"))))

@@ -16,14 +16,14 @@ from hystid.diagnosis.fitting import ADDED_MASS, HYSTERESIS, Fit, Problem, Term
 from hystid.diagnosis.locate import where_term
 from hystid.diagnosis.result import Diagnosis, Finding, Value, Verdict, Where
 from hystid.diagnosis.selection import Choice
-from hystid.diagnosis.sensors import NUISANCES, ChannelEffect, is_constant
+from hystid.diagnosis.sensors import DRIFT, NUISANCES, ChannelEffect, is_constant
 from hystid.diagnosis.trials import DELAY
 from hystid.diagnosis.windows import Windowed, edges, has_own_windows, term_for, widest
 
 Array = NDArray[np.float64]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
 GAIN = "force_gain"
-DRIFT, PRELOAD = "force_drift", "preload"
+PRELOAD = "preload"
 PINCHING, BACKLASH = "pinching", "backlash"
 _FEW = 4.0  # samples at full speed over which friction must build up to be told from one without memory,
 _SMALL = 0.02  # or else this share of the stroke
@@ -397,10 +397,10 @@ def next_experiment(diagnosis: Diagnosis) -> str:
         for pair, advice in _SPLITS.items():
             if pair <= set(finding.alike):
                 return f"To part {' from '.join(sorted(pair))}: {advice}."
-    if "held out" in diagnosis.refuted:
+    if diagnosis.refuted:
         return (
-            "Check that all recordings are of the structure in the same state; then record it at the amplitudes and "
-            "frequencies of the held-out test, so that what was refuted can be tried on them."
+            "Check that all recordings are of the structure in the same state; then record it at more amplitudes and "
+            "frequencies, so that what was refuted can be tried on them."
         )
     if diagnosis.verdict == "unknown_physics":
         return (

@@ -20,7 +20,7 @@ _FIRST = 8  # samples whose mean shows whether a recording begins at rest
 _SURE, _STILL = 4.0, 0.05  # standard errors of that mean, and share of the spread of a channel, that are still rest
 _VISIBLE = 0.5  # noise units: force of another past that is seen
 _MOST = 0.5  # share of a recording that is left out at most
-_NEAR, _LAST = 0.95, 20  # share of the largest displacement, and part of a recording at its end that has forgotten most
+_NEAR, _LAST = 0.03, 20  # share of the stroke that is near an end, and part of a recording that has forgotten most
 
 
 def beginning(parts: Sequence[Part], baseline: Baseline) -> tuple[list[Part], tuple[int, ...], list[str]]:
@@ -35,13 +35,14 @@ def beginning(parts: Sequence[Part], baseline: Baseline) -> tuple[list[Part], tu
         past = _past(part)
         lasting, keeps = _remembered(replace(part, past=past), baseline)
         valid = np.ones(len(part), dtype=bool) if part.valid is None else part.valid.copy()
-        valid[: min(lasting, int(_MOST * len(part)))] = False
+        left_out = min(lasting, int(_MOST * len(part)))
+        valid[:left_out] = False
         found[number] = replace(part, valid=valid, past=past)
         kept += [number] if keeps else []
         told.append(
-            f"{part.name} begins in mid-motion: the force of its first {lasting * part.dt:.3g} s depends on what was "
-            "before, which is not recorded; they are left out"
-            + ("; so is a constant force of contacts that never slip" if keeps else "")
+            f"{part.name} begins in mid-motion, and what was before is not recorded: its first "
+            f"{left_out * part.dt:.3g} s, whose force depends on it, are left out"
+            + (", and so is a constant force of contacts that never slip" if keeps else "")
         )
     return found, tuple(kept), told
 
@@ -56,7 +57,9 @@ def _rests(part: Part) -> bool:
 
 def _past(part: Part) -> int:
     """Samples until the motion has come near both of its ends: that long a past wipes out what was before."""
-    ends = [np.flatnonzero(sign * part.x > _NEAR * np.max(sign * part.x))[0] for sign in (1.0, -1.0)]
+    low, high = float(np.min(part.x)), float(np.max(part.x))
+    margin = _NEAR * (high - low)
+    ends = np.argmax(part.x >= high - margin), np.argmax(part.x <= low + margin)  # first samples there
     return int(np.clip(max(ends), 1, len(part) - 1))
 
 

@@ -7,18 +7,20 @@ parameters, each restricted to a part of the rows, still explain something.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from hystid.diagnosis.fitting import Fit, Problem
 from hystid.diagnosis.parts import Part
+from hystid.diagnosis.search import Complement, complement
 from hystid.diagnosis.sensors import ChannelEffect
 
 Array = NDArray[np.float64]
 _LEVELS, _MOST = 3, 8  # groups of rows by the amplitude of the motion, and by recordings at most
 _INDEPENDENT = 1e-3  # singular value of columns of unit length, below which a direction is one that is fitted already
-_NOTHING = 1e-7  # the same over the largest one, below which fitted columns span no further direction
 _VISIBLE = 0.01  # fall of the mean square below which noise and the form of a right law may vary a parameter,
 _SHARE = 0.04  # and that over what the effects explain: right laws in another form than the library's reach 0.03
 
@@ -35,31 +37,23 @@ def variation(problem: Problem, fitted: Fit) -> float:
     unknowns = problem.unknowns(hypothesis)
     jacobian = problem.jacobian(hypothesis, unknowns)
     rows = problem.rows(hypothesis)
-    basis = _basis(jacobian)
+    outside = complement(problem, replace(fitted, unknowns=unknowns))
     found = 0.0
     for groups in (_recordings(problem), _levels(problem)):
         for index, term in enumerate(hypothesis.terms):
             own = [k for k, unknown in enumerate(unknowns) if unknown.key[0] == str(index)]
             if own and not isinstance(term.effect, ChannelEffect):
                 split = np.concatenate([jacobian[:, own] * (groups == g)[:, None] for g in np.unique(groups)], axis=1)
-                found = max(found, _gain(split, basis, rows))
+                found = max(found, _gain(split, outside, rows))
     return found
 
 
-def _basis(columns: Array) -> Array:
-    """Orthonormal basis of columns, whatever their scales."""
-    norms = np.linalg.norm(columns, axis=0)
-    left, size, _ = np.linalg.svd(columns[:, norms > 0] / norms[norms > 0], full_matrices=False)
-    return np.asarray(left[:, size > _NOTHING * size[0]])
-
-
-def _gain(columns: Array, basis: Array, rows: Array) -> float:
-    """Fall of the mean square by columns beyond a basis, less that by as many columns of noise."""
+def _gain(columns: Array, outside: Complement, rows: Array) -> float:
+    """Fall of the mean square by columns beyond those that are fitted, less that by as many columns of noise."""
     norms = np.linalg.norm(columns, axis=0)
     if not np.any(norms > 0):
         return 0.0
-    rest = columns[:, norms > 0] / norms[norms > 0]
-    rest = rest - basis @ (basis.T @ rest)
+    rest = outside(columns[:, norms > 0] / norms[norms > 0])
     left, size, _ = np.linalg.svd(rest, full_matrices=False)
     free = left[:, size > _INDEPENDENT]
     return float((np.sum((free.T @ rows) ** 2) - free.shape[1]) / len(rows))

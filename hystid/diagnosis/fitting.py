@@ -493,6 +493,12 @@ def _key(term: Term) -> tuple[object, ...]:
     return term.effect.class_name, term.effect.id, term.effect.form, tuple(term.values.items())
 
 
+def standing(problem: Problem, hypothesis: Hypothesis) -> Fit:
+    """A hypothesis as it stands, not fitted: its rows and their mean square, without a covariance."""
+    rows = problem.rows(hypothesis)
+    return Fit(hypothesis, rows, float(np.mean(rows**2)), problem.unknowns(hypothesis))
+
+
 @np.errstate(over="ignore", invalid="ignore")  # refused steps may be as wild as they like
 def fit(
     problem: Problem,

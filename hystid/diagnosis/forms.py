@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.blocks import Effect
-from hystid.diagnosis.fitting import Fit, Key, Problem, get, put
+from hystid.diagnosis.fitting import Fit, Key, Problem, get, put, standing
 from hystid.diagnosis.search import scan, try_fit
 from hystid.diagnosis.trials import are_reached
 from hystid.diagnosis.windows import in_window_of, unwindowed
@@ -130,8 +130,7 @@ def _refitted(problem: Problem, fitted: Fit, index: int, forms: Sequence[Effect]
     bare = replace(here, terms=(*here.terms[:index], *here.terms[index + 1 :]))
     if not forms:
         return
-    rows = problem.rows(bare)
-    start = Fit(bare, rows, float(np.mean(rows**2)), problem.unknowns(bare))
+    start = standing(problem, bare)
     sides = {name: here.terms[index].values[name] for name in here.terms[index].effect.choices}
     for candidate in scan(problem, start, forms):
         points = [t for t in (candidate.term, *candidate.others) if sides.items() <= t.values.items() or not sides]

@@ -8,6 +8,7 @@ refit or in these recordings: where one of them was not tried, nothing tells it 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +16,13 @@ from scipy.stats import spearmanr
 
 from hystid.diagnosis.blocks import Signals, shape_bounds
 from hystid.diagnosis.fitting import WEIGHING_LIMIT, Fit, Problem, Term
+from hystid.diagnosis.search import complement
 
 Array = NDArray[np.float64]
 IMPACT, CONTACT_LOSS, TWO_SIDED_STOP = "impact", "contact_loss", "two_sided_stop"
 _HIDDEN, _RELAXATION, _STIFFENING = "hidden_mode", "viscoelastic_relaxation", "stiffness_drift"
 _KINKED = frozenset({"bilinear_stiffness", CONTACT_LOSS})
-_AT = (
-    0.98  # of the highest frequency that is tried, and of the largest weighing error: a fit that wants more ends there
-)
+_AT = 0.98  # of the highest frequency that is tried, and of the largest weighing error: fits that want more end there
 _CRITICAL = 1.0  # damping ratio from which nothing resonates
 _SURE = 4.0  # standard errors by which the mass lies beyond what weighing explains
 _STRETCHES, _FOLLOWS = 10, 0.9  # stretches of a recording, and rank correlation of stiffness and frequency over them
@@ -74,12 +74,10 @@ def is_beyond_weighing(problem: Problem, fitted: Fit) -> bool:
     at = next((i for i, unknown in enumerate(unknowns) if unknown.key == ("chain", "weighing")), None)
     if at is None or abs(hypothesis.weighing) < _AT * WEIGHING_LIMIT:
         return False
-    jacobian, rows = problem.jacobian(hypothesis, unknowns), problem.rows(hypothesis)
-    others = np.delete(jacobian, at, axis=1)
-    norms = np.linalg.norm(others, axis=0)
-    others = others[:, norms > 0] / norms[norms > 0]
-    column = jacobian[:, at] - others @ np.linalg.lstsq(others, jacobian[:, at], rcond=1e-9)[0]
-    pull = float(column @ rows) / float(np.linalg.norm(column))  # in standard errors, as rows have unit noise
+    outside = complement(problem, replace(fitted, unknowns=(*unknowns[:at], *unknowns[at + 1 :])))
+    column = outside(problem.jacobian(hypothesis, [unknowns[at]])[:, 0])
+    # in standard errors, since rows have unit noise
+    pull = float(column @ problem.rows(hypothesis)) / float(np.linalg.norm(column))
     return bool(pull * np.sign(hypothesis.weighing) > _SURE)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hystid.diagnosis.blocks import Effect
-from hystid.diagnosis.fitting import Fit, Problem
+from hystid.diagnosis.fitting import Fit, Problem, standing
 from hystid.diagnosis.search import scan, try_fit
 from hystid.diagnosis.sensors import NUISANCES
 from hystid.diagnosis.trials import (
@@ -79,8 +79,7 @@ def _exchanged_members(problem: Problem, steps: Sequence[Step], library: Sequenc
             continue
         others = {term.effect.id for i, term in enumerate(terms) if i != at}
         bare = replace(fit.hypothesis, terms=(*terms[:at], *terms[at + 1 :]))
-        rows = problem.rows(bare)
-        start = Fit(bare, rows, float(rows @ rows) / len(rows), problem.unknowns(bare))
+        start = standing(problem, bare)
         rivals = [Trial(step.trial.name, step.trial.form, step.trial.size, fit)]
         laws = [effect for effect in library if effect.id not in others]
         candidates = scan(problem, start, laws)

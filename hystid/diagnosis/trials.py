@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hystid.diagnosis.blocks import Effect
-from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term
+from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term, standing
 from hystid.diagnosis.limits import CONTACT_LOSS, IMPACT, is_itself
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.sensors import DRIFT, is_constant
@@ -191,8 +191,7 @@ def exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Tri
     forms = {t.form_of.class_name: t for t in reversed(found) if t.chi2 < near and t.form_of}
     forms.pop(here.terms[-1].effect.class_name, None)
     bare = replace(here, terms=here.terms[:-1])
-    rows = problem.rows(bare)
-    start = Fit(bare, rows, float(np.mean(rows**2)), problem.unknowns(bare))
+    start = standing(problem, bare)
     effects = [t.form_of for t in forms.values() if t.form_of]
     again = list(found)
     for candidate in scan(problem, start, effects)[:_EXCHANGED]:

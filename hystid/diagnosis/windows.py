@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.blocks import Effect, Scales, Signals
-from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term, standing
 from hystid.diagnosis.parts import Part
 from hystid.diagnosis.search import try_fit
 from hystid.modelica import compile_model
@@ -343,9 +343,7 @@ def fitted_outside(problem: Problem, start: Hypothesis, windows: Window | Window
     made = try_fit(problem.of(parts), start, 25)
     if made is None:
         return None
-    here = made.hypothesis
-    rows = problem.rows(here)
-    return Fit(here, rows, float(np.mean(rows**2)), problem.unknowns(here))
+    return standing(problem, made.hypothesis)
 
 
 def _without(part: Part, window: Window) -> Part:
