@@ -219,6 +219,7 @@ def test_a_motion_that_stays_on_one_side_may_begin_in_mid_motion() -> None:
     R = compiled.clamp({"x": x, "v": v}, {}, 1e-3, parameters={"Ks": 5e3, "fc": 1.5, "Kl": 1e4}, outputs=("R",))["R"]
     noisy = [u + 0.01 * np.std(u) * rng.standard_normal(len(t)) for u in (R, x)]
     test = Recording("one_sided", t, F=noisy[0], x=noisy[1])
-    found = diagnose([test], model="HystId.Oscillators.Jenkins", parameters={"m": 0, "Ks": 4.5e3, "fc": 1.6, "Kl": 1.1e4})
+    given = {"m": 0, "Ks": 4.5e3, "fc": 1.6, "Kl": 1.1e4}
+    found = diagnose([test], model="HystId.Oscillators.Jenkins", parameters=given)
     assert any("begins in mid-motion" in note for note in found.notes)
     assert found.findings == ()
