@@ -1,6 +1,7 @@
 """Effects that act for a part of the time: the window, the law in it, the model that is written."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -132,3 +133,17 @@ def test_a_name_that_an_unseen_recording_refutes_is_withdrawn() -> None:
     assert found.refuted in found.headline
     kept = diagnose(tests, model=MODEL, parameters=NOMINAL, holdout=[rig((0.0, 99.0), 4e6, 3, 24.0)])
     assert [finding.effect for finding in kept.findings] == ["quadratic_stiffness"]
+
+
+def test_a_name_beside_a_drift_can_be_refuted_as_well() -> None:
+    """Nobody knows the drift of a held-out recording; that it is far worse off with the physics counts the same."""
+
+    def drifting(seed: int, level: float) -> Recording:
+        test = rig((0.0, 99.0), 4e6, seed, level)
+        return replace(test, F=test.channel("F") + 0.4 * level * (test.t / test.t[-1] - 0.3))
+
+    tests = [drifting(1, 12.0), drifting(2, 24.0)]
+    kept = diagnose(tests, model=MODEL, parameters=NOMINAL, holdout=[rig((0.0, 99.0), 4e6, 3, 24.0)])
+    assert {finding.effect for finding in kept.findings} == {"quadratic_stiffness", "force_drift"}
+    refuted = diagnose(tests, model=MODEL, parameters=NOMINAL, holdout=[rig((99.0, 99.0), 4e6, 3, 24.0)])
+    assert refuted.verdict == "unknown_physics" and "rig_3, which was held out" in refuted.refuted

@@ -477,12 +477,13 @@ def _refuted(runs: Runs, case: Case) -> str:
     was fitted to gives itself away in two ways: their displacement is not reproduced any better, or that of an unseen
     recording far worse.
     """
-    if not runs.answer.names() or not runs.answer.is_model():
+    whole = runs.answer.is_model()
+    if not runs.answer.names() or not (whole or runs.answer.is_beside_a_drift()):
         return ""
     names = [[part.name for part in parts] for parts in (case.problem.parts, case.unseen)]
     used, unseen = (_changes(*group) for group in zip(names, runs.before, runs.after, strict=True))
     told = " and ".join(runs.answer.names()) + " would explain the force, but with it the free run "
-    if used and float(np.mean([*used.values(), *unseen.values()])) > np.log(_NO_BETTER):
+    if whole and used and float(np.mean([*used.values(), *unseen.values()])) > np.log(_NO_BETTER):
         return told + "comes no closer to the measured displacement"
     worst = max(unseen, key=lambda name: unseen[name], default="")
     if worst and unseen[worst] > np.log(_WORSE):

@@ -17,7 +17,7 @@ from hystid.diagnosis.hysteresis import family, helps_everywhere
 from hystid.diagnosis.independence import is_noise
 from hystid.diagnosis.limits import is_beyond_weighing, untried
 from hystid.diagnosis.search import ABSORBED, Candidate, other_valleys, scan, try_fit, try_term
-from hystid.diagnosis.sensors import DRIFT, force_drift, mains_hum
+from hystid.diagnosis.sensors import DRIFT, force_drift, is_constant, mains_hum
 from hystid.diagnosis.several import grow, several_effects
 from hystid.diagnosis.trials import (
     FAR,
@@ -50,6 +50,7 @@ _CONSTANT = 0.9  # share of the excess beyond which a constant force is named th
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 PRELOAD = "preload"
 _TELLING = 0.15  # share of what is left inside a window that a law must take at once to be fitted
+_SOMETHING = 0.01  # share of the excess that a law must take without a window to be tried with one
 _WINDOW_LEFT = 0.05  # share of the excess that a law in a window may leave
 _WINDOW_WORTH = (0.04, 0.25)  # share of the excess that a window must be worth, and that makes it the main thing
 _ALMOST = 0.85  # share of the excess that the law explains without the window, where that is not the main thing
@@ -140,7 +141,9 @@ def _chosen(
         return _chosen(problem, freed, effects, progress, repaired=repaired, valleys=(baseline, *valleys))
     best_floor = problem.floor(first[0].fit.hypothesis)
     if first[0].chi2 - best_floor > max(healthy, FORM * excess) and (
-        partly := _part_time(problem, baseline, floor, effects)
+        partly := _part_time(
+            problem, baseline, floor, _worth_a_window(effects, candidates, excess * len(baseline.residual))
+        )
     ):
         return _named(problem, baseline, floor, [partly], first, untestable)
     first = exchanged(problem, searched_again(problem, first, floor, excess, valleys), baseline)
@@ -149,7 +152,7 @@ def _chosen(
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
     left = chosen.trial.chi2 - end_floor
-    constant = chosen.trial.name in (PRELOAD, DRIFT) and baseline.chi2 - chosen.trial.chi2 > 0.5 * excess
+    constant = _is_constant(problem, chosen.trial) and baseline.chi2 - chosen.trial.chi2 > 0.5 * excess
     if constant and left > sound(problem, baseline.hypothesis.delay) * max(1.0, end_floor):
         return _beside_preload(problem, baseline, chosen, first, effects, repaired=repaired)
     steady = _is_steady(problem, baseline, chosen.trial.fit)
@@ -174,6 +177,14 @@ def _chosen(
     if baseline.chi2 - first[0].chi2 < _SILENT * excess and is_noise(problem, baseline):
         return _quiet(problem, baseline, floor, chain, untestable)
     return Choice(baseline, baseline, floor, floor, unknown=True, trials=tuple(first), untestable=untestable)
+
+
+def _is_constant(problem: Problem, trial: Trial) -> bool:
+    """Whether a trial adds a constant force, of the structure or of the force channel in each recording. A drift has
+    many forms, and what a ramp leaves of it is no further finding."""
+    if trial.name != DRIFT or trial.term is None:
+        return trial.name == PRELOAD
+    return is_constant(trial.term.values, [float(part.t[-1]) for part in problem.parts])
 
 
 def _beside_preload(
@@ -249,6 +260,13 @@ def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Ef
             if _is_window(problem, before, floor, chosen.trial.fit):
                 return replace(chosen, trial=replace(chosen.trial, fit=settled(problem, chosen.trial.fit)))
     return None
+
+
+def _worth_a_window(effects: Sequence[Effect], candidates: Sequence[Candidate], excess: float) -> list[Effect]:
+    """Effects that explain something of the excess (of the sum of squares) when they act all the time: what acts in a
+    window does that as well."""
+    classes = {c.effect.class_name for c in candidates if c.gain > _SOMETHING * excess}
+    return [effect for effect in effects if effect.class_name in classes]
 
 
 def _is_window(problem: Problem, before: Fit, floor: float, fitted: Fit) -> bool:
