@@ -23,6 +23,7 @@ from hystid.modelica.flat import Assertion, FlatModel, Place
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.index import reduce_index
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable, scalarise
+from hystid.modelica.silence import silenced
 
 
 def causalise(flat: FlatModel, parameters: Mapping[str, float]) -> HybridModel:
@@ -30,6 +31,7 @@ def causalise(flat: FlatModel, parameters: Mapping[str, float]) -> HybridModel:
     scalar = scalarise(flat, parameters)  # every variable and equation is scalar
     events = name_events(scalar)  # everything that acts at instants has a name
     events, aliases = _without_aliases(events)  # no equation says that two unknown variables are equal
+    events = silenced(events)  # no event without effect
     events = reduce_index(events, aliases, _unknowns)  # no equation ties states alone
     derivatives = _derivatives(events, aliases)  # each unknown once, after what it needs
     event = _event_order(events, derivatives)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -19,6 +19,7 @@ from hystid.modelica.layout import Layout
 from hystid.modelica.scalar import ScalarVariable
 
 _TOKEN = "{token}"  # stands in the text until its hash is known
+_FEW_COUPLES = 16  # pairs of states per state that are worth a table: large models that are dense have none
 _SECTIONS = ("p", "u", "x", "dx", "d", "y", "pre", "rel", "w")
 
 
@@ -87,12 +88,14 @@ def _table(model: HybridModel, layout: Layout, functions: Mapping[str, list[str]
         if name in layout.slots and name not in model.aliases:
             starts[layout.slots[name]] = value
     rows = [", ".join(number(v) for v in starts[k : k + 12]) for k in range(0, len(starts), 12)]
+    pairs = _couples(model)
     fields = [
         f".name = {quoted(model.flat.name)}, .token = {quoted(token)}, .n_values = {layout.size},",
         *(f".{s} = {layout.first(s)}, .n_{s} = {layout.count(s)}," for s in _SECTIONS if s not in ("dx", "pre")),
         f".dx = {layout.first('dx')}, .pre = {layout.first('pre')},",
         f".n_z = {sum(len(r.indicators) for r in model.relations)}, .step = {number(_step(model.flat.experiment))},",
         ".start = hy_start_values,",
+        *([f".couples = hy_pairs, .n_couples = {len(pairs)},"] if pairs else []),
         *(f".{name} = hy_{name}," for name in functions),
     ]
     return [
@@ -100,10 +103,27 @@ def _table(model: HybridModel, layout: Layout, functions: Mapping[str, list[str]
         *indented(r + "," for r in rows),
         "};",
         "",
+        *(_pair_table(pairs) if pairs else []),
         "const hy_model hy_the_model = {",
         *indented(fields),
         "};",
     ]
+
+
+def _couples(model: HybridModel) -> list[tuple[int, int]]:
+    """States (i, j) of which the derivative of one depends on the other between events; none where there are many."""
+    known: dict[str, frozenset[int]] = {name: frozenset({k}) for k, name in enumerate(model.states)}
+    for step in model.derivatives:
+        needs = frozenset(k for name in sources(step) for k in known.get(name, frozenset()))
+        for target in targets(step):
+            known[target] = needs
+    found = [(i, j) for i, name in enumerate(model.states) for j in sorted(known.get(der(name), frozenset()))]
+    return found if len(found) <= _FEW_COUPLES * len(model.states) else []
+
+
+def _pair_table(pairs: Sequence[tuple[int, int]]) -> list[str]:
+    rows = [", ".join(f"{{{i}, {j}}}" for i, j in pairs[k : k + 12]) for k in range(0, len(pairs), 12)]
+    return [f"static const int hy_pairs[{len(pairs)}][2] = {{", *indented(r + "," for r in rows), "};", ""]
 
 
 def _step(experiment: Experiment) -> float:

@@ -89,17 +89,39 @@ void hy_reset(hy_engine *e)
     e->status->stop_time = INFINITY;
 }
 
+static int is_driven(const hy_engine *e, int state, const int *slots, int n)
+{
+    for (int k = 0; k < n; k++)
+        if (slots[k] == e->model->x + state) return 1;
+    return 0;
+}
+
+static int is_quadrature(const hy_engine *e, const int *slots, int n)
+{
+    const hy_model *m = e->model;
+    for (int k = 0; m->couples && k < m->n_couples; k++)
+        if (!is_driven(e, m->couples[k][0], slots, n) && !is_driven(e, m->couples[k][1], slots, n)) return 0;
+    return m->couples != NULL;
+}
+
+static void close_gaps(hy_engine *e)
+{
+    const int n = e->n_free, first = e->free[0], range = n ? e->free[n - 1] - first + 1 : 0;
+    for (int i = 0; i < range; i++) e->free[i] = first + i;
+    e->n_free = range;
+    e->has_clamped = range > n;
+}
+
 int hy_clamp_states(hy_engine *e, const int *slots, int n)
 {
     const hy_model *m = e->model;
     e->n_free = 0;
-    for (int i = 0; i < m->n_x; i++) {
-        int clamped = 0;
-        for (int k = 0; k < n; k++) clamped |= slots[k] == m->x + i;
-        if (!clamped) e->free[e->n_free++] = i;
-    }
+    for (int i = 0; i < m->n_x; i++)
+        if (!is_driven(e, i, slots, n)) e->free[e->n_free++] = i;
+    e->n_clamped = m->n_x - e->n_free;
+    e->quadrature = is_quadrature(e, slots, n);
+    if (!e->n_seeds) close_gaps(e);
     e->n_X = e->n_free * (1 + e->n_seeds);
-    e->plain = e->n_X == m->n_x;
     return allocate_scratch(e);
 }
 
@@ -108,7 +130,7 @@ int hy_carry(hy_engine *e, const int *slots, int n)
     e->n_seeds = n;
     e->seed_slots = slots;
     e->n_X = e->n_free * (1 + n);
-    e->plain = e->n_X == e->model->n_x;
+    e->plain = n == 0;
     free(e->seed);
     e->seed = calloc(2 * at_least_one(e->model->n_values), sizeof *e->seed);
     e->sens = e->seed ? e->seed + e->model->n_values : NULL;

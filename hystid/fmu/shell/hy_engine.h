@@ -37,12 +37,16 @@ typedef struct {
     double *settings;  /* block as set by the user before the initial equations were solved */
     double *sign;      /* sign of each indicator after the last event: -1, 0, 1 */
     hy_driven *driven; /* room for n_u + n_x */
-    int *free;         /* indices of the states that are integrated (all but the clamped) */
+    int *free;         /* indices of the states that are integrated; where no sensitivity is carried they are a range
+                          without gaps, for fast loops: clamped ones in it are overwritten by their motion */
     int n_free;
+    int n_clamped;     /* states in all */
+    int has_clamped;   /* 1: some of them lie in the range */
+    int quadrature;    /* 1: the slopes of what is integrated depend on clamped states and time alone */
     int n_seeds;       /* sensitivities carried along, to the parameters in seed_slots */
     const int *seed_slots;
     double *seed, *sens; /* n_values each, or NULL */
-    int plain;         /* 1: every state is integrated and no sensitivity is carried */
+    int plain;         /* 1: no sensitivity is carried */
     int z_stands;      /* 1: z belongs to the present values */
     int n_X;           /* length of the extended state: n_free states, then n_free sensitivities per seed */
     double *X;         /* extended state at the left end of the present step */
@@ -57,8 +61,8 @@ enum { HY_EVENT = 3 }; /* hy_advance stopped at an event that it was told not to
 int hy_open(hy_engine *e, const hy_model *model, void (*log)(void *, int, const char *), void *owner);
 void hy_close(hy_engine *e);
 void hy_reset(hy_engine *e);                       /* back to start values */
+int hy_carry(hy_engine *e, const int *slots, int n);        /* sensitivities to these parameters; before the next two */
 int hy_clamp_states(hy_engine *e, const int *slots, int n); /* these states are driven from now on */
-int hy_carry(hy_engine *e, const int *slots, int n);        /* sensitivities to these parameters, before hy_start */
 void hy_sensitivity(hy_engine *e, int which);               /* sens := d(everything)/d(parameter), at the present values */
 
 int hy_start(hy_engine *e);                        /* solves the initial equations; event iteration not yet done */

@@ -44,7 +44,7 @@ static void begin_step(lane *l)
 {
     const double dt = l->t->dt, n = l->t->substeps;
     hy_engine *const e = &l->e;
-    const double *const x = e->data.v + e->model->x;
+    const double *const x = e->data.v + e->model->x + e->free[0];
     double left;
     if (!l->step) {
         set_polynomials(e, l->t, l->row - 1);
@@ -56,33 +56,29 @@ static void begin_step(lane *l)
     l->h = dt / n;
     l->middle = left + 0.5 * l->h;
     l->end = l->t0 + dt * ((l->step + 1) / n);
-    for (int i = 0; i < e->n_free; i++) e->X[i] = x[e->free[i]];
+    memcpy(e->X, x, sizeof *x * (size_t)e->n_free);
 }
 
 /* From the slopes in the block to the states of the next stage; weight: of the slopes in the sum of the step. */
 static void move(lane *l, double weight, double length)
 {
     hy_engine *const e = &l->e;
-    const double *const dx = e->data.v + e->model->dx;
-    double *const x = e->data.v + e->model->x;
-    for (int i = 0; i < e->n_free; i++) {
-        const double k = dx[e->free[i]];
-        e->sum[i] = weight == 1 ? k : e->sum[i] + weight * k;
-        x[e->free[i]] = e->X[i] + length * k;
-    }
+    const int n = e->n_free, first = e->free[0];
+    const double *restrict const dx = e->data.v + e->model->dx + first, *restrict const X = e->X;
+    double *restrict const x = e->data.v + e->model->x + first, *restrict const sum = e->sum;
+    for (int i = 0; i < n; i++) sum[i] = weight == 1 ? dx[i] : sum[i] + weight * dx[i];
+    for (int i = 0; i < n; i++) x[i] = X[i] + length * dx[i];
 }
 
 static void finish(lane *l)
 {
     hy_engine *const e = &l->e;
-    const double *const dx = e->data.v + e->model->dx, part = l->h / 6;
-    double *const x = e->data.v + e->model->x;
+    const double *const dx = e->data.v + e->model->dx + e->free[0], part = l->h / 6;
+    double *const x = e->data.v + e->model->x + e->free[0];
     double check = 0;
-    for (int i = 0; i < e->n_free; i++) {
-        const int k = e->free[i];
-        x[k] = e->X[i] + part * (e->sum[i] + dx[k]);
-        check += 0 * x[k]; /* 0 * inf and 0 * nan are nan */
-    }
+    for (int i = 0; i < e->n_free; i++) x[i] = e->X[i] + part * (e->sum[i] + dx[i]);
+    if (e->has_clamped) hy_drive(e);
+    for (int i = 0; i < e->n_free; i++) check += 0 * x[i]; /* 0 * inf and 0 * nan are nan */
     l->good &= check == 0;
     if (l->step + 1 == l->t->substeps && !hy_has_events(e)) {
         hold_row(e, l->t, l->row);
@@ -140,8 +136,12 @@ static void step_all(lane *const *on, int n)
         drive(on[i], on[i]->middle);
     }
     for (int i = 0; i < n; i++) evaluate(on[i]);
-    for (int i = 0; i < n; i++) move(on[i], 2, 0.5 * on[i]->h);
-    for (int i = 0; i < n; i++) evaluate(on[i]);
+    for (int i = 0; i < n; i++) {
+        move(on[i], 2, 0.5 * on[i]->h);
+        if (on[i]->e.has_clamped) drive(on[i], on[i]->middle);
+    }
+    for (int i = 0; i < n; i++)
+        if (!on[i]->e.quadrature) evaluate(on[i]);
     for (int i = 0; i < n; i++) {
         move(on[i], 2, on[i]->h);
         drive(on[i], on[i]->end);

@@ -45,6 +45,8 @@ typedef struct {
     int n_values;
     int p, n_p, u, n_u, x, n_x, dx, d, n_d, y, n_y, pre, rel, n_rel, w, n_w;
     int n_z;                  /* event indicators */
+    int n_couples;            /* pairs (i, j): between events der(x[i]) depends on x[j] */
+    const int (*couples)[2];  /* NULL: any may depend on any */
     double step;              /* default internal step [s] */
     const double *start;      /* n_values start values */
 

@@ -96,13 +96,14 @@ static int all_finite(const double *x, int n)
     return sum == 0;
 }
 
-/* reach, for the usual case that all states are integrated and nothing else: stages are formed in the block itself. */
+/* reach, for the usual case that no sensitivity is carried: stages are formed in the block itself. Slopes that depend on
+ * driven values alone are the same at both stages in the middle. */
 static int reach_plain(hy_engine *e, double h, double middle, double end)
 {
     const hy_model *m = e->model;
-    const int n = m->n_x;
-    double *const v = e->data.v, *restrict const x = v + m->x, *restrict const sum = e->sum;
-    const double *restrict const dx = v + m->dx, *restrict const X = e->X, *restrict const K1 = e->K1;
+    const int n = e->n_free, first = e->free[0];
+    double *const v = e->data.v, *restrict const x = v + m->x + first, *restrict const sum = e->sum;
+    const double *restrict const dx = v + m->dx + first, *restrict const X = e->X, *restrict const K1 = e->K1;
     int outcome;
     for (int i = 0; i < n; i++) x[i] = X[i] + 0.5 * h * K1[i];
     v[0] = middle;
@@ -112,7 +113,10 @@ static int reach_plain(hy_engine *e, double h, double middle, double end)
         sum[i] = K1[i] + 2 * dx[i];
         x[i] = X[i] + 0.5 * h * dx[i];
     }
-    if (!outcome) outcome = m->evaluate(&e->data);
+    if (!e->quadrature) {
+        if (e->has_clamped) hy_drive(e);
+        if (!outcome) outcome = m->evaluate(&e->data);
+    }
     for (int i = 0; i < n; i++) {
         sum[i] += 2 * dx[i];
         x[i] = X[i] + h * dx[i];
@@ -121,42 +125,8 @@ static int reach_plain(hy_engine *e, double h, double middle, double end)
     hy_drive(e);
     if (!outcome) outcome = m->evaluate(&e->data);
     for (int i = 0; i < n; i++) x[i] = X[i] + h / 6 * (sum[i] + dx[i]);
+    if (e->has_clamped) hy_drive(e);
     return outcome ? outcome : all_finite(x, n) ? HY_OK : HY_RETRY;
-}
-
-/* The same where some states follow a motion. */
-static int reach_free(hy_engine *e, double h, double middle, double end)
-{
-    const hy_model *m = e->model;
-    const int n = e->n_free, *const free = e->free;
-    double *const v = e->data.v, *restrict const x = v + m->x, *restrict const sum = e->sum;
-    const double *restrict const dx = v + m->dx, *restrict const X = e->X, *restrict const K1 = e->K1;
-    double check = 0;
-    int outcome;
-    for (int i = 0; i < n; i++) x[free[i]] = X[i] + 0.5 * h * K1[i];
-    v[0] = middle;
-    hy_drive(e);
-    outcome = m->evaluate(&e->data);
-    for (int i = 0; i < n; i++) {
-        const double k = dx[free[i]];
-        sum[i] = K1[i] + 2 * k;
-        x[free[i]] = X[i] + 0.5 * h * k;
-    }
-    if (!outcome) outcome = m->evaluate(&e->data);
-    for (int i = 0; i < n; i++) {
-        const double k = dx[free[i]];
-        sum[i] += 2 * k;
-        x[free[i]] = X[i] + h * k;
-    }
-    v[0] = end;
-    hy_drive(e);
-    if (!outcome) outcome = m->evaluate(&e->data);
-    for (int i = 0; i < n; i++) {
-        const int k = free[i];
-        x[k] = X[i] + h / 6 * (sum[i] + dx[k]);
-        check += 0 * x[k];
-    }
-    return outcome ? outcome : check == 0 ? HY_OK : HY_RETRY;
 }
 
 /* From the left end to offset s; the result stands in the block, and in trial where sensitivities are carried along.
@@ -174,10 +144,6 @@ static int reach(hy_engine *e, const stretch *w, double s)
     if (e->plain) {
         e->status->stale = 1;
         return reach_plain(e, h, middle, end);
-    }
-    if (!e->n_seeds) {
-        e->status->stale = 1;
-        return reach_free(e, h, middle, end);
     }
     memcpy(K, e->K1, sizeof(double) * (size_t)n);
     memcpy(sum, K, sizeof(double) * (size_t)n);
@@ -354,7 +320,7 @@ static int quiet_step(hy_engine *e, const stretch *w, int *done)
     double target;
     int any = 1, outcome;
     *done = 0;
-    if (!e->plain || next_target(e, w, &target)) return HY_OK;
+    if (!e->plain || e->n_clamped || next_target(e, w, &target)) return HY_OK;
     outcome = left_end(e);
     if (outcome) return outcome;
     outcome = reach(e, w, w->h);

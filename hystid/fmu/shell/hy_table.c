@@ -89,9 +89,8 @@ static int prepare(hy_engine *e, const hy_table *t)
     }
     e->settings[0] = t->start_time;
     e->status->n_driven = t->n_columns;
-    if (hy_clamp_states(e, t->column_slots, t->n_columns)) return HY_ERROR;
     if (t->n_seeds && hy_carry(e, t->seed_slots, t->n_seeds)) return HY_ERROR;
-    return HY_OK;
+    return hy_clamp_states(e, t->column_slots, t->n_columns);
 }
 
 /* Initial equations may move a clamped state: the motion has the last word. */
