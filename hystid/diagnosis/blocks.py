@@ -98,6 +98,11 @@ class Effect:
             new = {name for item in new for name in known.get(item, known.get(f"der({item})", ()))} - found
         return _INPUTS & found
 
+    @property
+    def lasts(self) -> bool:
+        """Whether the force follows from the motion alone: the same at a grid point in every scan."""
+        return "h" not in self.reads
+
     def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
         """Force f [N] over one recording, shape (n,)."""
         return self.forces([signals], parameters)[0]

@@ -32,7 +32,7 @@ _AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
 _PACE = 0.04  # share of the way to the bar that every step must make
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
-_KEPT = (40_000_000, 24_000_000, 32_000_000)  # bytes that are remembered: laws, forces of effects, columns of scans
+_KEPT = (40_000_000, 24_000_000, 120_000_000)  # bytes that are remembered: laws, forces of effects, columns of scans
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
 Key = tuple[str, str]
 
@@ -101,6 +101,22 @@ class Fit:
                 spread = float(np.sqrt(max(self.covariance[i, i], 0.0) * max(self.chi2, 1.0)))
                 return spread * abs(get(self.hypothesis, key)) if unknown.log else spread
         return float("nan")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Rows (rows, k) of an effect per unit of each of its k amplitudes, scaled to unit length; their lengths (k,), 0
+    where a column vanishes, and their products with each other (k, k)."""
+
+    scaled: Array = field(repr=False)
+    lengths: Array
+    products: Array
+
+
+def _scaled(rows: Array) -> tuple[Array, ...]:
+    lengths = np.linalg.norm(rows, axis=0)
+    scaled = rows / np.where(lengths > 0, lengths, 1.0)
+    return scaled, lengths, scaled.T @ scaled
 
 
 def _with_noise(part: Part, errors: Sequence[Array], sign: float) -> Part:
@@ -217,11 +233,11 @@ class Problem:
         only = {**term.values, **dict.fromkeys(term.effect.amplitudes, 0.0), name: 1.0}
         return list(self._force(hypothesis, Term(term.effect, only), signals))
 
-    def columns(self, effect: Effect, shapes: Mapping[str, float], signals: Sequence[Signals]) -> Array | None:
-        """Rows (rows, amplitudes) of an effect per unit of each amplitude; None where it never acts, or is not finite.
+    def columns(self, effect: Effect, shapes: Mapping[str, float], signals: Sequence[Signals]) -> Columns | None:
+        """What an effect adds to the rows; None where it never acts, or is not finite.
 
-        A threshold that the largest motion does not reach is reached by none. What is integrated and depends on the
-        motion alone is the same in every scan, and remembered.
+        A threshold that the largest motion does not reach is reached by none. What depends on the motion alone is the
+        same in every scan, and remembered.
         """
 
         def made() -> tuple[Array, ...]:
@@ -231,11 +247,10 @@ class Problem:
                 return ()
             acts = any(np.any(column[self._largest]) for column in raw)
             finite = all(np.max(np.abs(f)) < 1e100 for column in raw for f in column)
-            return (np.stack([self.reduce(column) for column in raw], axis=1),) if acts and finite else ()
+            return _scaled(np.stack([self.reduce(column) for column in raw], axis=1)) if acts and finite else ()
 
-        lasting = effect.remembers and "h" not in effect.reads
-        found = self._columns.get(_key(Term(effect, shapes)), made) if lasting else made()
-        return found[0] if found else None
+        found = self._columns.get(_key(Term(effect, shapes)), made) if effect.lasts else made()
+        return Columns(*found) if found else None
 
     def predicted(self, hypothesis: Hypothesis) -> list[Array]:
         """R and the effects, without inertia, per part [N]."""

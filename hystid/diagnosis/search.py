@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from hystid.diagnosis.blocks import Effect, Signals
-from hystid.diagnosis.fitting import Fit, Hypothesis, Key, Problem, Term, Unknown, fit, get, put
+from hystid.diagnosis.fitting import Columns, Fit, Hypothesis, Key, Problem, Term, Unknown, fit, get, put
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -62,10 +62,11 @@ def scan(
 ) -> list[Candidate]:
     """The best grid point of every form, the largest gain first. Forms without any finite column are left out."""
     outside = complement(problem, fitted)
+    beside = _Beside(outside.basis, outside(fitted.residual))
     signals = problem.signals(fitted.hypothesis)
     found = []
     for effect in effects:
-        points = _points(problem, fitted, effect, outside, signals)
+        points = _points(problem, effect, beside, signals)
         if points:
             best = points[0]
             found.append(replace(best, others=tuple(point.term for point in points[1:4])))
@@ -73,9 +74,19 @@ def scan(
     return sorted(found, key=lambda c: -c.gain)
 
 
-def _points(
-    problem: Problem, fitted: Fit, effect: Effect, outside: Complement, signals: Sequence[Signals]
-) -> list[Candidate]:
+class _Beside:
+    """What a scan asks of columns: what the basis takes of them, and their products with the rest of the residual."""
+
+    def __init__(self, basis: Array, rest: Array) -> None:
+        self._rows = np.ascontiguousarray(np.vstack([basis.T, rest]))
+
+    def __call__(self, columns: Columns) -> tuple[Array, Array]:
+        """Products (k, k) of the parts of the columns that the basis cannot give, and (k,) of these with the rest."""
+        shares = self._rows @ columns.scaled
+        return columns.products - shares[:-1].T @ shares[:-1], shares[-1]
+
+
+def _points(problem: Problem, effect: Effect, beside: _Beside, signals: Sequence[Signals]) -> list[Candidate]:
     """Grid points of one form, the largest gain first."""
     points = []
     for shapes in effect.grid(problem.scales):
@@ -83,24 +94,21 @@ def _points(
         if columns is None:
             continue
         allowed = np.array([effect.lowest.get(name, -np.inf) for name in effect.amplitudes])
-        made = _score(columns, outside, fitted.residual, allowed)
+        made = _score(columns, beside, allowed)
         if made is not None:
             values = {**shapes, **dict(zip(effect.amplitudes, map(float, made[2]), strict=True))}
             points.append(Candidate(Term(effect, values), made[0], made[1]))
     return sorted(points, key=lambda point: -point.gain)
 
 
-def _score(columns: Array, outside: Complement, residual: Array, lowest: Array) -> tuple[float, float, Array] | None:
+def _score(columns: Columns, beside: _Beside, lowest: Array) -> tuple[float, float, Array] | None:
     """Gain, absorbed share and amplitudes of a group of columns; None for columns that vanish or are not finite."""
-    norms = np.linalg.norm(columns, axis=0)
+    norms = columns.lengths
     if not np.any(norms > 0):
         return None
-    scaled = columns / np.where(norms > 0, norms, 1.0)
-    rest = outside(scaled)
-    left = np.sum(rest**2, axis=0)
-    normal = rest.T @ rest
+    normal, right = beside(columns)
+    left = np.maximum(np.diag(normal), 0.0)
     normal[np.diag_indices_from(normal)] += 1e-9
-    right = rest.T @ residual
     amplitude = np.linalg.solve(normal, right)
     refused = amplitude < np.where(norms > 0, lowest, -np.inf)
     if np.all(refused):

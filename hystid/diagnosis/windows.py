@@ -59,6 +59,11 @@ class Windowed(Effect):
     near: Mapping[str, float] = field(default_factory=dict)
     owners: tuple[int, ...] | None = None
 
+    @property
+    def lasts(self) -> bool:
+        """No: a window is looked into once."""
+        return False
+
     def forces(self, signals: Sequence[Signals], parameters: Mapping[str, float]) -> list[Array]:
         """Force f [N] over several recordings."""
         law = {name: value for name, value in parameters.items() if name not in self.near}
