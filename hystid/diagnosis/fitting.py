@@ -32,6 +32,7 @@ _AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
 _PACE = 0.04  # share of the way to the bar that every step must make
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
+_SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
 _KEPT = (40_000_000, 24_000_000, 120_000_000)  # bytes that are remembered: laws, forces of effects, columns of scans
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
 Key = tuple[str, str]
@@ -482,7 +483,9 @@ class Problem:
             step = _STEP * (abs(values[name]) or 1.0)
             there = self.law({**values, name: values[name] + step})
             made[name] = [((R1 - R0) / step, (h1 - h0) / step) for (R0, h0), (R1, h1) in zip(here, there, strict=True)]
-        self._slopes = [(shapes, made), *self._slopes[:2]]
+        size = sum(column.nbytes for pairs in made.values() for pair in pairs for column in pair)
+        most = max(_FEWEST, _SLOPES // max(size, 1))  # many fits begin at the same point
+        self._slopes = [(shapes, made), *self._slopes[: most - 1]]
         return made
 
     def _base_unknown(self, name: str) -> Unknown:
