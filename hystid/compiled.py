@@ -10,7 +10,7 @@ import ctypes
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -72,6 +72,16 @@ class Column:
     samples: Array
     held: bool = False
     slopes: Array | None = None
+
+    @cached_property
+    def pointers(self) -> tuple[int, int]:
+        """Addresses of samples and slopes; both are the column's own as long as it lives."""
+        for name in ("samples", "slopes"):
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, np.ascontiguousarray(values, np.float64))
+        first = int(self.samples.ctypes.data)
+        return first, first if self.slopes is None else int(self.slopes.ctypes.data)
 
 
 @dataclass(frozen=True)
@@ -201,10 +211,11 @@ def _fill(table: _Table, run: Run, outcome: Outcome, keep: list[Any]) -> None:
     table.n_columns = len(columns)
     table.column_slots = _address(np.array([c.slot for c in columns], np.intc), keep)
     table.column_modes = _address(np.array([_mode(c) for c in columns], np.intc), keep)
-    table.samples = _pointers([c.samples for c in columns], keep)
-    table.slopes = _pointers([c.samples if c.slopes is None else c.slopes for c in columns], keep)
-    table.outputs = _pointers(list(outcome.outputs), keep)
-    table.gradients = _pointers(list(outcome.gradients.reshape(-1, run.rows)), keep) if outcome.gradients.size else 0
+    keep.append(columns)
+    table.samples = _address(np.array([c.pointers[0] for c in columns], np.uintp), keep)
+    table.slopes = _address(np.array([c.pointers[1] for c in columns], np.uintp), keep)
+    table.outputs = _rows_of(outcome.outputs, keep)
+    table.gradients = _rows_of(outcome.gradients.reshape(-1, run.rows), keep) if outcome.gradients.size else 0
 
 
 def _address(array: NDArray[Any], keep: list[Any]) -> int:
@@ -212,10 +223,10 @@ def _address(array: NDArray[Any], keep: list[Any]) -> int:
     return int(array.ctypes.data)
 
 
-def _pointers(arrays: Sequence[Array], keep: list[Any]) -> int:
-    arrays = [np.ascontiguousarray(array, np.float64) for array in arrays]
-    keep.extend(arrays)
-    return _address(np.array([array.ctypes.data for array in arrays], np.uintp), keep)
+def _rows_of(array: Array, keep: list[Any]) -> int:
+    """Addresses of the rows of a contiguous array that the caller keeps."""
+    first, stride = int(array.ctypes.data), array.strides[0]
+    return _address(np.array([first + stride * i for i in range(len(array))], np.uintp), keep)
 
 
 @cache
