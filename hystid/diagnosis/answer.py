@@ -15,7 +15,7 @@ from hystid.diagnosis.chain import Fault
 from hystid.diagnosis.fitting import ADDED_MASS, HYSTERESIS, Fit, Problem, Term
 from hystid.diagnosis.locate import where_term
 from hystid.diagnosis.result import Diagnosis, Finding, Value, Verdict, Where
-from hystid.diagnosis.selection import Choice
+from hystid.diagnosis.selection import PRELOAD, Choice
 from hystid.diagnosis.sensors import DRIFT, NUISANCES, ChannelEffect, is_constant
 from hystid.diagnosis.trials import DELAY
 from hystid.diagnosis.windows import Windowed, edges, has_own_windows, term_for, widest
@@ -23,7 +23,6 @@ from hystid.diagnosis.windows import Windowed, edges, has_own_windows, term_for,
 Array = NDArray[np.float64]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
 GAIN = "force_gain"
-PRELOAD = "preload"
 PINCHING, BACKLASH = "pinching", "backlash"
 _FEW = 4.0  # samples at full speed over which friction must build up to be told from one without memory,
 _SMALL = 0.02  # or else this share of the stroke
@@ -89,9 +88,7 @@ class Answer:
     def _is_constant(self) -> bool:
         """Whether the named drift of the force channel is next to nothing but a constant per recording."""
         term = self.term(DRIFT)
-        if term is None:
-            return False
-        return is_constant(term.values, [float(part.t[-1]) for part in self.problem.parts])
+        return term is not None and is_constant(term.values, self.problem.parts)
 
     def _vanishing(self) -> float:
         """Share of the hysteretic force that is missing in the middle of its range, whatever the displacement."""

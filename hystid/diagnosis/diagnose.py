@@ -475,7 +475,8 @@ def _refuted(runs: Runs, case: Case) -> str:
 
     Physics that was left out makes the free run better. A wrong law that explains the force of the recordings that it
     was fitted to gives itself away in two ways: their displacement is not reproduced any better, or that of an unseen
-    recording far worse.
+    recording far worse. Beside a drift of the force channel the second alone counts: the drift of an unseen recording
+    is not known.
     """
     whole = runs.answer.is_model()
     if not runs.answer.names() or not (whole or runs.answer.is_beside_a_drift()):

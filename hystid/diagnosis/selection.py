@@ -184,7 +184,7 @@ def _is_constant(problem: Problem, trial: Trial) -> bool:
     many forms, and what a ramp leaves of it is no further finding."""
     if trial.name != DRIFT or trial.term is None:
         return trial.name == PRELOAD
-    return is_constant(trial.term.values, [float(part.t[-1]) for part in problem.parts])
+    return is_constant(trial.term.values, problem.parts)
 
 
 def _beside_preload(

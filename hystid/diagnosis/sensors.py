@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hystid.diagnosis.blocks import Array, Effect, Signals
+from hystid.diagnosis.parts import Part
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
 _STEADY = 0.05  # rms of the ramps over that of the offsets below which a force channel does not drift
@@ -72,8 +73,8 @@ def force_drift(recordings: int, *, bow: bool) -> ForceDrift:
     return ForceDrift(DRIFT, "Bowed" if bow else "", "", None, amplitudes=tuple(names), units=units)
 
 
-def is_constant(values: Mapping[str, float], spans: Sequence[float]) -> bool:
-    """Whether a drift of the force channel is next to nothing but a constant per recording; spans: lengths [s]."""
-    offset = sum(values[f"offset_{i + 1}"] ** 2 for i in range(len(spans)))
-    ramp = sum((values[f"ramp_{i + 1}"] * span) ** 2 / 12 for i, span in enumerate(spans))
-    return ramp < _STEADY**2 * offset
+def is_constant(values: Mapping[str, float], parts: Sequence[Part]) -> bool:
+    """Whether a drift of the force channel is next to nothing but a constant per recording."""
+    offset = sum(values[f"offset_{i + 1}"] ** 2 for i in range(len(parts)))
+    ramp = sum((values[f"ramp_{i + 1}"] * part.t[-1]) ** 2 / 12 for i, part in enumerate(parts))
+    return bool(ramp < _STEADY**2 * offset)

@@ -139,8 +139,7 @@ def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
         clear = [any(abs(values[n]) > _MOVING * fit.stderr((str(number), n)) for n in names) for names in seen]
         return 2 * sum(clear) > count
 
-    steady = is_constant(values, [float(part.t[-1]) for part in problem.parts])
-    return most(("offset",)) if steady else most(("ramp", "bow"))
+    return most(("offset",)) if is_constant(values, problem.parts) else most(("ramp", "bow"))
 
 
 def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
