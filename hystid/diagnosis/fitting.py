@@ -475,7 +475,7 @@ class Problem:
         cost."""
         shapes = tuple(values[name] for name in self.baseline.shapes)
         for known, slopes in self._slopes:
-            if all(abs(there - here) <= _REUSE * abs(here) for there, here in zip(known, shapes, strict=True)):
+            if _are_near(known, shapes):
                 return slopes
         here = self.law(values)
         made = {}
@@ -487,6 +487,18 @@ class Problem:
         most = max(_FEWEST, _SLOPES // max(size, 1))  # many fits begin at the same point
         self._slopes = [(shapes, made), *self._slopes[: most - 1]]
         return made
+
+    def renew(self, hypothesis: Hypothesis) -> bool:
+        """Have derivatives of the law computed at this very point next time; False where those in use are.
+
+        Beside a corner of the law those of a point near by may lead nowhere.
+        """
+        shapes = tuple(hypothesis.values[name] for name in self.baseline.shapes)
+        near = [known for known, _ in self._slopes if _are_near(known, shapes)]
+        if not near or near[0] == shapes:
+            return False
+        self._slopes = [entry for entry in self._slopes if entry[0] not in near]
+        return True
 
     def _base_unknown(self, name: str) -> Unknown:
         positive = name in self.baseline.positive
@@ -505,6 +517,11 @@ class Problem:
                 moved = self._follow(self._held, {**base.nominal, name: base.nominal[name] + step})
                 units[name] = [(there - here) / step for (here, _), (there, _) in zip(start, moved, strict=True)]
         return units
+
+
+def _are_near(known: Sequence[float], shapes: Sequence[float]) -> bool:
+    """Whether derivatives of the law at a known point serve at another one."""
+    return all(abs(there - here) <= _REUSE * abs(here) for there, here in zip(known, shapes, strict=True))
 
 
 def _key(term: Term) -> tuple[object, ...]:
@@ -551,6 +568,9 @@ def fit(
                 accepted = True
                 break
             damping *= 8.0
+        if (not accepted or found is None) and problem.renew(here):
+            normal, damping = _Normal(problem.jacobian(here, unknowns), rows), 1e-4
+            continue
         if not accepted or found is None:
             break
         gain = 1.0 - float(found @ found) / cost
