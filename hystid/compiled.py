@@ -73,13 +73,14 @@ class Column:
     held: bool = False
     slopes: Array | None = None
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "samples", np.ascontiguousarray(self.samples, np.float64))
+        if self.slopes is not None:
+            object.__setattr__(self, "slopes", np.ascontiguousarray(self.slopes, np.float64))
+
     @cached_property
     def pointers(self) -> tuple[int, int]:
-        """Addresses of samples and slopes; both are the column's own as long as it lives."""
-        for name in ("samples", "slopes"):
-            values = getattr(self, name)
-            if values is not None:
-                object.__setattr__(self, name, np.ascontiguousarray(values, np.float64))
+        """Addresses of samples and slopes, as long as the column lives."""
         first = int(self.samples.ctypes.data)
         return first, first if self.slopes is None else int(self.slopes.ctypes.data)
 

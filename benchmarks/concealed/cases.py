@@ -19,7 +19,7 @@ from benchmarks.concealed.rig import Diverged, Rig
 TARGETS = (0.5, 2.5)  # mismatch left after a refit, in noise units: from just visible to plain
 MOST_SHARE = 0.35  # of the restoring force
 LEAST_ADDED = 0.045  # of the mass
-ATTEMPTS = 300
+ATTEMPTS = 300  # a few draws do for most cases; an added mass beside a jump in the force took more than 30
 DRAFT = 6  # coarse oversampling while sizes are being searched
 
 

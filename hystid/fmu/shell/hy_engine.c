@@ -54,7 +54,6 @@ int hy_open(hy_engine *e, const hy_model *model, void (*log)(void *, int, const 
     e->free = calloc(at_least_one(model->n_x), sizeof *e->free);
     e->crossings = calloc(3 * at_least_one(model->n_z), sizeof *e->crossings);
     e->n_X = e->n_free = model->n_x;
-    e->plain = 1;
     if (!saved || !e->free || !e->crossings || allocate_scratch(e)) {
         hy_close(e);
         return HY_ERROR;
@@ -130,7 +129,6 @@ int hy_carry(hy_engine *e, const int *slots, int n)
     e->n_seeds = n;
     e->seed_slots = slots;
     e->n_X = e->n_free * (1 + n);
-    e->plain = n == 0;
     free(e->seed);
     e->seed = calloc(2 * at_least_one(e->model->n_values), sizeof *e->seed);
     e->sens = e->seed ? e->seed + e->model->n_values : NULL;

@@ -46,7 +46,6 @@ typedef struct {
     int n_seeds;       /* sensitivities carried along, to the parameters in seed_slots */
     const int *seed_slots;
     double *seed, *sens; /* n_values each, or NULL */
-    int plain;         /* 1: no sensitivity is carried */
     int z_stands;      /* 1: z belongs to the present values */
     int n_X;           /* length of the extended state: n_free states, then n_free sensitivities per seed */
     double *X;         /* extended state at the left end of the present step */

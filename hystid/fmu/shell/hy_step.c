@@ -141,7 +141,7 @@ static int reach(hy_engine *e, const stretch *w, double s)
         place(e, end, e->X);
         return HY_OK;
     }
-    if (e->plain) {
+    if (!e->n_seeds) {
         e->status->stale = 1;
         return reach_plain(e, h, middle, end);
     }
@@ -320,7 +320,7 @@ static int quiet_step(hy_engine *e, const stretch *w, int *done)
     double target;
     int any = 1, outcome;
     *done = 0;
-    if (!e->plain || e->n_clamped || next_target(e, w, &target)) return HY_OK;
+    if (e->n_seeds || e->n_clamped || next_target(e, w, &target)) return HY_OK;
     outcome = left_end(e);
     if (outcome) return outcome;
     outcome = reach(e, w, w->h);
