@@ -26,11 +26,12 @@ from hystid.diagnosis.freerun import errors
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.noise import noise_level
 from hystid.diagnosis.parts import HiddenMotion, Part, prepare_part, visible
+from hystid.diagnosis.refutation import contradiction
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.runs import Run, Runs, compile_text, free_runs, write_beside
 from hystid.diagnosis.search import other_valleys, try_fit
-from hystid.diagnosis.selection import Choice, choose
+from hystid.diagnosis.selection import Choice, choose, others_of_the_class
 from hystid.diagnosis.sensors import history
 from hystid.diagnosis.starts import scaled, sizes_of
 from hystid.diagnosis.uncertainty import honest
@@ -56,8 +57,6 @@ _VALLEYS = 2  # rounds of looking for a better valley of the refit
 _JUMPS = 2  # rounds in which rows near jumps are found, and the refit begins again without them
 _APART = 0.01  # relative difference of mean squares that makes two optima of the refit
 _REST = 1.3  # residual over the noise beyond which a named answer says that something is left
-_NO_BETTER = 1.05  # error of the free run over that without what was named, mean of all recordings, that refutes it
-_WORSE = 1.35  # error of the free run of an unseen recording, over that without what was named, that refutes it
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
 
@@ -125,7 +124,7 @@ def diagnose(
         )
         untestable = {*choice.untestable, *((left_out - {*exclude}) & {effect.id for effect in everything})}
         choice = replace(choice, untestable=tuple(sorted(untestable)))
-        answer, extended = _conclude(case, _with_errors(case.problem, choice, library), out is not None)
+        answer, extended = _conclude(case, _with_errors(case.problem, choice, library), library)
     return _written(answer, extended, out)
 
 
@@ -427,21 +426,23 @@ def _with_errors(problem: Problem, choice: Choice, library: Sequence[Effect]) ->
     return replace(choice, before=before, after=honest(problem, choice.after), left_open=left_open)
 
 
-def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis, str | None]:
+def _conclude(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Diagnosis, str | None]:
     """Findings, extended model and free runs."""
-    runs = free_runs(
-        Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults),
-        _skeleton(case.baseline),
-        case.unseen,
-    )
-    refuted = _refuted(runs, case)
+    runs = _runs(case, choice)
+    refuted = _contradiction(case, runs)
+    notes: tuple[str, ...] = ()
     if refuted:
         withdrawn = replace(
             choice, after=choice.before, floor_after=choice.floor_before, named=(), classes=(), margins=(),
             left_open={}, unknown=True,
         )  # fmt: skip
-        nothing = Answer(case.problem, case.baseline, withdrawn, case.nominal_chi2, case.faults)
-        runs = free_runs(nothing, _skeleton(case.baseline), case.unseen)
+        for other in others_of_the_class(case.problem, choice):
+            instead = _runs(case, _with_errors(case.problem, other, library))
+            if not _contradiction(case, instead):
+                runs, refuted, notes = instead, "", (f"{refuted}; {' and '.join(instead.answer.names())} stands",)
+                break
+        else:
+            runs = _runs(case, withdrawn)
     answer, choice, (before, after) = runs.answer, runs.answer.choice, (runs.before, runs.after)
     found = findings(answer)
     names = [part.name for part in case.problem.parts]
@@ -451,7 +452,7 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
         Errors(p.name, f, (b[1], a[1])) for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
     )
     verdict = answer.verdict()
-    notes = (*case.notes, *runs.notes, *_rest(choice))
+    notes = (*case.notes, *runs.notes, *notes, *_rest(choice))
     unknown = None
     if verdict == "unknown_physics":
         rest = case.problem.balance(choice.after.hypothesis)
@@ -470,40 +471,24 @@ def _conclude(case: Case, choice: Choice, needs_files: bool) -> tuple[Diagnosis,
     return told, runs.text
 
 
-def _refuted(runs: Runs, case: Case) -> str:
-    """How the free run contradicts what was named; "" where it does not.
-
-    Physics that was left out makes the free run better. A wrong law that explains the force of the recordings that it
-    was fitted to gives itself away in two ways: their displacement is not reproduced any better, or that of an unseen
-    recording far worse. Beside a drift of the force channel the second alone counts: the drift of an unseen recording
-    is not known.
-    """
-    whole = runs.answer.is_model()
-    if not runs.answer.names() or not (whole or runs.answer.is_beside_a_drift()):
-        return ""
-    names = [[part.name for part in parts] for parts in (case.problem.parts, case.unseen)]
-    used, unseen = (_changes(*group) for group in zip(names, runs.before, runs.after, strict=True))
-    told = " and ".join(runs.answer.names()) + " would explain the force, but with it the free run "
-    if whole and used and float(np.mean([*used.values(), *unseen.values()])) > np.log(_NO_BETTER):
-        return told + "comes no closer to the measured displacement"
-    worst = max(unseen, key=lambda name: unseen[name], default="")
-    if worst and unseen[worst] > np.log(_WORSE):
-        return told + f"of {worst}, which was held out, is {np.exp(unseen[worst]):.2g} times as far off"
-    return ""
-
-
-def _changes(names: Sequence[str], before: Run, after: Run) -> dict[str, float]:
-    """Logarithm of the error of the free run after, over that before, where both ran."""
-    pairs = [(name, b[1], a[1]) for name, b, a in zip(names, before, after, strict=True)]
-    return {name: float(np.log(a / b)) for name, b, a in pairs if a is not None and b is not None and min(a, b) > 0}
-
-
 def _rest(choice: Choice) -> list[str]:
     """A sentence where what is named leaves clearly more than noise."""
     left = float(np.sqrt(choice.after.chi2 / max(choice.floor_after, 1e-300)))
     if not choice.named or left < _REST:
         return []
     return [f"what is named leaves {left:.2g} times the noise: something smaller has no name yet"]
+
+
+def _runs(case: Case, choice: Choice) -> Runs:
+    """Free runs before and after what was named, and the answer that comes of them."""
+    answer = Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults)
+    return free_runs(answer, _skeleton(case.baseline), case.unseen)
+
+
+def _contradiction(case: Case, runs: Runs) -> str:
+    """How the recordings contradict what was named; "" where they do not."""
+    names = [part.name for part in case.problem.parts], [part.name for part in case.unseen]
+    return contradiction(runs, *names, *_force_errors(case, runs.answer.choice))
 
 
 def _skeleton(baseline: Baseline) -> Skeleton:

@@ -7,7 +7,7 @@ above the floor that noise alone leaves. With tens of thousands of samples every
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hystid.diagnosis.blocks import Effect
@@ -27,6 +27,7 @@ from hystid.diagnosis.trials import (
     Step,
     Trial,
     chain_trials,
+    distinct,
     exchanged,
     finished,
     searched_again,
@@ -385,6 +386,22 @@ def _to_the_end(problem: Problem, reached: Fit) -> Fit:
             return best
         reached = best
     return reached
+
+
+def others_of_the_class(problem: Problem, choice: Choice) -> Iterator[Choice]:
+    """The same with each other member of the class in turn, best first, where one effect was named for all that was
+    found."""
+    if len(choice.named) != 1:
+        return
+    excess = choice.before.chi2 - choice.floor_before
+    for trial in distinct(choice.trials):
+        if trial.name == choice.named[0] or trial.name not in choice.classes[0]:
+            continue
+        after = _to_the_end(problem, trial.fit)
+        floor = problem.floor(after.hypothesis)
+        if _explains(problem, after, floor, choice.before, excess):
+            alike = tuple(dict.fromkeys((trial.name, *choice.classes[0])))
+            yield replace(choice, after=after, floor_after=floor, named=(trial.name,), classes=(alike,), left_open={})
 
 
 def _untestable(candidates: Sequence[Candidate]) -> tuple[str, ...]:
