@@ -38,7 +38,7 @@ def contradiction(
     answer = runs.answer
     if not answer.names():
         return ""
-    told = " and ".join(answer.names()) + " would explain the force, but "
+    told = " and ".join(answer.names()) + " would explain the force of the recordings used, but "
     whole = answer.is_model()
     if (whole or answer.is_beside_a_drift()) and not _is_met(force_used, force_unseen):
         near, far = (_changes(*group) for group in zip((used, unseen), runs.before, runs.after, strict=True))
