@@ -26,6 +26,7 @@ from hystid.diagnosis.freerun import errors
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.noise import noise_level
 from hystid.diagnosis.parts import HiddenMotion, Part, prepare_part, visible
+from hystid.diagnosis.redundancy import without_redundancy
 from hystid.diagnosis.refutation import contradiction
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
@@ -304,10 +305,11 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     start = {**starts, **values}
     baseline = baseline_of(model, code, start, frozenset(fixed) | dampers, weighed=weighed, length=length, model=runs)
     parts, kept, running = beginning(parts, baseline)
+    baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, _scales(parts, baseline))
     refit, valleys, nominal = _refit(problem, kept)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
-    notes = (*told, *hidden, *running, *(note for test in tests for note in test.notes))
+    notes = (*told, *hidden, *running, *held_back, *(note for test in tests for note in test.notes))
     return Case(problem, baseline, refit, valleys, nominal, tuple(faults), chain.consistency(lags), held, notes)
 
 
