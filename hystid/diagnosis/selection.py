@@ -147,8 +147,7 @@ def _chosen(
         )
     ):
         return _named(problem, baseline, floor, [partly], first, untestable)
-    first = exchanged(problem, searched_again(problem, first, floor, excess, valleys), baseline)
-    first = finished(problem, first, excess)
+    first = _settled(problem, searched_again(problem, first, floor, excess, valleys), baseline, excess)
     chosen = single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
@@ -178,6 +177,19 @@ def _chosen(
     if baseline.chi2 - first[0].chi2 < _SILENT * excess and is_noise(problem, baseline):
         return _quiet(problem, baseline, floor, chain, untestable)
     return Choice(baseline, baseline, floor, floor, unknown=True, trials=tuple(first), untestable=untestable)
+
+
+def _settled(problem: Problem, found: Sequence[Trial], before: Fit, excess: float) -> list[Trial]:
+    """The leading ids, all fitted from where the best one stands, and to the end.
+
+    Again where that brings the best to a better valley: the others must be seen there as well before they lose.
+    """
+    for _ in range(_ROUNDS):
+        near = exchanged(problem, found, before)
+        found = finished(problem, near, excess)
+        if near[0].chi2 - found[0].chi2 < WORTH:
+            break
+    return list(found)
 
 
 def _is_constant(problem: Problem, trial: Trial) -> bool:
@@ -356,7 +368,7 @@ def _led_on(
     if len(steps) > 1 or last.trial.chi2 - best.chi2 < WORTH:
         return [*steps[:-1], replace(last, trial=best)]
     excess = before.chi2 - floor
-    step = single(problem, finished(problem, exchanged(problem, [best, *first], before), excess), before, excess)
+    step = single(problem, _settled(problem, [best, *first], before, excess), before, excess)
     return [replace(step, trial=replace(step.trial, fit=_to_the_end(problem, step.trial.fit)))]
 
 
