@@ -298,12 +298,20 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     whole = {v.name for v in code.variables if v.type != "Real"}
     values = {name: given.values[key] for name, key in named.items() if name not in whole}
     weighed = "m" in values and "m" not in free and "m" not in fixed
-    starts, told = _starts(parts, code, values, model, quasi_static=still)
-    dampers = {v.name for v in real_parameters(code) if v.unit == "N.s/m"} - set(values) if still else set()
-    starts |= dict.fromkeys(dampers, 0.0)
     length = max(float(np.max(np.abs(part.x))) for part in parts)
-    start = {**starts, **values}
-    baseline = baseline_of(model, code, start, frozenset(fixed) | dampers, weighed=weighed, length=length, model=runs)
+
+    def begun(values: Mapping[str, float]) -> tuple[Baseline, list[str]]:
+        starts, told = _starts(parts, code, values, model, quasi_static=still)
+        dampers = {v.name for v in real_parameters(code) if v.unit == "N.s/m"} - set(values) if still else set()
+        start, rest = {**starts, **dict.fromkeys(dampers, 0.0), **values}, frozenset(fixed) | dampers
+        return baseline_of(model, code, start, rest, weighed=weighed, length=length, model=runs), told
+
+    baseline, told = begun(values)
+    if (sentence := _no_force(baseline, parts)) and model.startswith(_LIBRARY):
+        baseline, told = begun({name: value for name, value in values.items() if name in {"m", *fixed}})
+        told = [f"the parameters that were given are no start: {sentence}", *told]
+    if sentence := _no_force(baseline, parts):
+        raise NumericalError(f"{sentence}; give parameters at which {model} has an answer on these recordings")
     parts, kept, running = beginning(parts, baseline)
     baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, _scales(parts, baseline))
@@ -311,6 +319,15 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
     notes = (*told, *hidden, *running, *held_back, *(note for test in tests for note in test.notes))
     return Case(problem, baseline, refit, valleys, nominal, tuple(faults), chain.consistency(lags), held, notes)
+
+
+def _no_force(baseline: Baseline, parts: Sequence[Part]) -> str:
+    """Why the law has no finite force along a recording at its nominal values; "" where it has."""
+    try:
+        baseline.forces([baseline.held(part.x, part.v, part.dt) for part in parts], baseline.nominal)
+    except NumericalError as error:
+        return str(error)
+    return ""
 
 
 def _compiled(model: str, values: Mapping[str, float]) -> tuple[ModelCode, FmuModel | None]:
