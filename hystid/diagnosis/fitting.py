@@ -545,16 +545,14 @@ def fit(
     iterations: int = 25,
     tolerance: float = 1e-4,
     bar: float = 0.0,
-    held: Key | None = None,
 ) -> Fit:
     """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
 
-    held: an unknown that stays where it is. bar: mean square that another hypothesis has reached; this one is given up
-    when it cannot come near at its pace.
+    bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
     Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row.
     Raises NumericalError when the start itself has no finite residual.
     """
-    unknowns = tuple(u for u in problem.unknowns(start) if u.key != held)
+    unknowns = problem.unknowns(start)
     here = _clip(start, unknowns)
     rows = problem.rows(here)
     cost = float(rows @ rows)

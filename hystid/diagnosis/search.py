@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from hystid.diagnosis.blocks import Effect, Signals
@@ -15,7 +16,9 @@ from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
 _SPREAD = (1.4, 1.8)  # factor either way over which shapes of the law, and of effects, are spread for new starts
-_STRIDES, _STRIDE, _SHORT = 5, 0.1, 4  # steps (logarithmic) towards another valley, and iterations at each
+_SIMPLEX = 0.35  # size of a first simplex (logarithmic)
+_EACH, _EVALUATIONS = 25, 80  # evaluations of a simplex per shape, and in all
+_NEAR, _FLAT = 3e-3, 1e-3  # size of a simplex, and relative differences of the cost in it, that end the search
 ABSORBED = 0.99  # share of a column that the refit takes over, above which the recordings cannot test the effect
 
 
@@ -128,12 +131,10 @@ def try_term(problem: Problem, fitted: Fit, term: Term, iterations: int = 12, ba
     return try_fit(problem, replace(start, terms=(*start.terms, term)), iterations, bar)
 
 
-def try_fit(
-    problem: Problem, start: Hypothesis, iterations: int = 12, bar: float = 0.0, held: Key | None = None
-) -> Fit | None:
+def try_fit(problem: Problem, start: Hypothesis, iterations: int = 12, bar: float = 0.0) -> Fit | None:
     """``fit``, or None where it has no finite answer."""
     try:
-        return fit(problem, start, iterations=iterations, bar=bar, held=held)
+        return fit(problem, start, iterations=iterations, bar=bar)
     except (NumericalError, np.linalg.LinAlgError):
         return None
 
@@ -163,48 +164,39 @@ def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) ->
 
 
 def other_valleys(problem: Problem, fitted: Fit) -> list[Hypothesis]:
-    """Starts for leaving a side valley: behind the ridges beside a fit, and scattered ones."""
-    return [*beyond(problem, fitted), *scattered(problem, fitted)]
+    """Starts for leaving a side valley: where a simplex comes to from a fit, and scattered ones."""
+    return [*downhill(problem, fitted), *scattered(problem, fitted)]
 
 
-def beyond(problem: Problem, fitted: Fit) -> list[Hypothesis]:
-    """New starts behind the ridges on either side of a fit: at most one each.
-
-    Valleys of a law with corners follow each other along the shape that is determined least. It is moved in steps, held
-    there, everything else fitted; where the cost falls again, another valley begins.
-    """
+def downhill(problem: Problem, fitted: Fit) -> list[Hypothesis]:
+    """Where a simplex of the law's shapes, large enough to lie across the ridges, comes to from a fit (Nelder and Mead
+    1965), everything linear solved at each point; [] where the law has no shapes."""
     unknowns = problem.unknowns(fitted.hypothesis)
-    law = [u for u in unknowns if u.log and u.key[0] == "base"]
-    if not law:
+    shapes = [u for u in unknowns if u.log and u.key[0] == "base"]
+    linear = [u for u in unknowns if u.linear]
+    if not shapes:
         return []
-    weakest = _weakest(problem, fitted, law, [u for u in unknowns if u.linear])
-    found = []
-    for sign in (1.0, -1.0):
-        here, cost = fitted.hypothesis, fitted.rss
-        for _ in range(_STRIDES):
-            value = get(here, weakest.key) * float(np.exp(sign * _STRIDE))
-            if not weakest.low < value < weakest.high:
-                break
-            made = try_fit(problem, put(here, {weakest.key: value}), _SHORT, held=weakest.key)
-            if made is None:
-                break
-            if made.rss < cost and here is not fitted.hypothesis:
-                found.append(made.hypothesis)
-                break
-            here, cost = made.hypothesis, made.rss
-    return found
 
+    def there(steps: Array) -> Hypothesis:
+        values = [get(fitted.hypothesis, u.key) * np.exp(step) for u, step in zip(shapes, steps, strict=True)]
+        return put(
+            fitted.hypothesis, {u.key: float(np.clip(at, u.low, u.high)) for u, at in zip(shapes, values, strict=True)}
+        )
 
-def _weakest(problem: Problem, fitted: Fit, law: Sequence[Unknown], linear: Sequence[Unknown]) -> Unknown:
-    """The shape of a law with the largest part in the change that is seen least, everything linear following."""
-    columns = problem.jacobian(fitted.hypothesis, law)
-    if linear:
-        around = problem.jacobian(fitted.hypothesis, linear)
-        size = np.linalg.norm(around, axis=0)
-        basis, _ = np.linalg.qr(around[:, size > 0] / size[size > 0])
-        columns = columns - basis @ (basis.T @ columns)
-    _, _, directions = np.linalg.svd(columns, full_matrices=False)
-    return law[int(np.argmax(np.abs(directions[-1])))]
+    def cost(steps: Array) -> float:
+        found = _solved(problem, there(steps), linear)
+        return found[0] / fitted.rss if found is not None else np.inf
+
+    count = len(shapes)
+    corners = _SIMPLEX * (np.vstack([np.zeros(count), np.eye(count)]) - 1 / (count + 1))
+    end = minimize(
+        cost, np.zeros(count), method="Nelder-Mead",
+        options={
+            "initial_simplex": corners, "maxfev": min(_EACH * count, _EVALUATIONS), "xatol": _NEAR, "fatol": _FLAT,
+        },
+    )  # fmt: skip
+    found = _solved(problem, there(end.x), linear)
+    return [found[1]] if found is not None else []
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a start that is not finite loses
