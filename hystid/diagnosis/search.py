@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from hystid.diagnosis.blocks import Effect, Signals
-from hystid.diagnosis.fitting import Columns, Fit, Hypothesis, Key, Problem, Term, Unknown, fit, get, put
+from hystid.diagnosis.fitting import Columns, Fit, Hypothesis, Key, Problem, Term, Unknown, fit, get, put, standing
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -197,6 +197,17 @@ def downhill(problem: Problem, fitted: Fit) -> list[Hypothesis]:
     )  # fmt: skip
     found = _solved(problem, there(end.x), linear)
     return [found[1]] if found is not None else []
+
+
+def from_nominal(problem: Problem, fitted: Fit) -> Fit | None:
+    """The baseline at its nominal shapes, everything linear solved, beside the terms of a fit; None where it has no
+    shapes, or nothing is finite."""
+    here, base = fitted.hypothesis, problem.baseline
+    if not base.shapes:
+        return None
+    start = replace(here, values={**here.values, **{name: base.nominal[name] for name in base.shapes}})
+    found = _solved(problem, start, [u for u in problem.unknowns(start) if u.linear])
+    return standing(problem, found[1]) if found is not None else None
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a start that is not finite loses

@@ -147,7 +147,7 @@ def _chosen(
         )
     ):
         return _named(problem, baseline, floor, [partly], first, untestable)
-    first = _settled(problem, searched_again(problem, first, floor, excess, valleys), baseline, excess)
+    first = _settled(problem, searched_again(problem, first, baseline, floor, valleys, library), baseline, excess)
     chosen = single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
