@@ -64,6 +64,11 @@ REFUSED = {
         4,
         "clocks are not supported",
     ),
+    "name taken": (
+        model("  extends P;\n  parameter Real a = 1;\nequation\n  a*x = time;\n", "partial model P\n  Real x;\n  Real a;\nend P;\n"),
+        3,
+        "conflicting definitions.*the name is taken by what the class extends",
+    ),
     "stream": (
         model("  C c;\n", "connector C\n  Real p;\n  flow Real m;\n  stream Real h;\nend C;\n"),
         4,

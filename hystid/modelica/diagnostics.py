@@ -126,6 +126,7 @@ def declared_at(name: str, sources: Sequence[Source]) -> str:
 
 # What to say after the front end's own words, by a pattern in them.
 _ADVICE = (
+    (r"conflicting definitions", "; the name is taken by what the class extends: choose another one"),
     (r"unbalanced model", "; give every unknown one equation"),
     (r"derivative expression", "; der() takes one variable: give the expression a name and derive that"),
     (

@@ -1,0 +1,164 @@
+"""Fits that arrive: bounds, redundant parameters, side valleys, starts; and names that unseen recordings contradict."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.concealed.cases import draw
+from benchmarks.concealed.deck import deck
+from benchmarks.concealed.generate import write_case
+from hystid.compiled import CompiledModel
+from hystid.diagnosis import diagnose
+from hystid.diagnosis.baseline import Baseline, baseline_of
+from hystid.diagnosis.fitting import Hypothesis, _Normal, fit
+from hystid.diagnosis.parts import Part, prepare_part
+from hystid.diagnosis.redundancy import without_redundancy
+from hystid.errors import NumericalError
+from hystid.modelica import compile_model
+from hystid.recording import Recording
+from tests.test_diagnosis import run
+from tests.test_diagnosis_cost import VALUES, problem_of
+
+BOUCWEN = "HystId.Oscillators.BoucWen"
+SCALED = """
+model Scaled "force scale*share*tanh(x/w) - only a product shows"
+  extends HystId.Interfaces.PartialOscillator;
+  parameter Real scale(unit = "N") = 30;
+  parameter Real share(unit = "1") = 2;
+  parameter Real w(unit = "m") = 1e-3;
+equation
+  f_h = scale*share*tanh(x/w);
+end Scaled;
+"""
+
+
+def motion(values: Mapping[str, float], seed: int = 1) -> Part:
+    """A noisy free run of a Bouc-Wen oscillator."""
+    rng, dt = np.random.default_rng(seed), 1e-3
+    t = np.arange(1500) * dt
+    force = 60.0 * np.sin(2 * np.pi * 9 * t) + 25.0 * np.sin(2 * np.pi * 23 * t)
+    model = CompiledModel(compile_model(BOUCWEN))
+    found = model.simulate({"F": force}, dt, parameters=values, outputs=["x", "v", "a"], interpolation="cubic")
+    noisy = {k: u + 1e-3 * np.std(u) * rng.standard_normal(len(t)) for k, u in {**found, "F": force}.items()}
+    return prepare_part(Recording(name="run", t=t, **noisy))
+
+
+def boucwen(**changes: float) -> Baseline:
+    return baseline_of(BOUCWEN, compile_model(BOUCWEN), {**VALUES, **changes}, weighed=True)
+
+
+def from_deck(folder: Path, seed: int, index: int, **nominal: float) -> Path:
+    """A case of a deck of 153, with other nominal values where they are given."""
+    place = folder / f"case_{index:04d}"
+    specs = deck(seed, 153, (), ())
+    write_case(draw(specs[index], np.random.default_rng([seed, 2, index])), place, folder / "sealed")
+    known = json.loads((place / "parameters.json").read_text())
+    assert set(nominal) <= set(known)
+    (place / "parameters.json").write_text(json.dumps(known | nominal))
+    return place
+
+
+def test_a_shape_at_its_bound_does_not_hold_the_others() -> None:
+    """nu is 1 and cannot be less: steps count on the others alone. As good as with nu fixed there: within 1e-3."""
+    part = motion({**VALUES, "nu": 1.0})
+    start = {"alpha": 1.3e4, "delta": 0.9, "B": 8.0, "Kl": 1.2e4}
+    free, _ = without_redundancy(boucwen(nu=1.6, **start), [part])
+    bound = replace(free, nominal={**free.nominal, "nu": 1.0}, free=tuple(n for n in free.free if n != "nu"))
+    ends = [
+        fit(p, Hypothesis(dict(p.baseline.nominal)), iterations=30)
+        for p in (problem_of([part], b) for b in (free, bound))
+    ]
+    assert ends[0].rss < (1 + 1e-3) * ends[1].rss
+    assert ends[0].chi2 < 1.3  # the noise, and what a start of small motions leaves
+
+
+def test_no_step_is_tried_twice() -> None:
+    """Dampings far below the squares of the columns give one step; those that are tried differ by a tenth and more."""
+    part = motion(VALUES)
+    problem = problem_of([part], without_redundancy(boucwen(alpha=1.5e4), [part])[0])
+    here = Hypothesis(dict(problem.baseline.nominal))
+    unknowns = problem.unknowns(here)
+    normal = _Normal(problem.jacobian(here, unknowns), problem.rows(here))
+    tried = [
+        np.array([normal._moves(here, unknowns, damping)]) * normal.scale
+        for damping, _, _ in normal.steps(here, unknowns, 1e-9)
+    ]
+    assert 1 < len(tried) < 7
+    for one, other in pairwise(tried):
+        assert np.linalg.norm(other - one) > 0.1 * np.linalg.norm(one)
+
+
+def test_a_redundant_parameter_is_held() -> None:
+    part = motion(VALUES)
+    kept, told = without_redundancy(boucwen(), [part])
+    assert set(boucwen().free) - set(kept.free) == {"beta"}
+    (sentence,) = told
+    assert "beta is held" in sentence and "gamma, delta" in sentence
+    scaled = {**VALUES, "beta": 2 * VALUES["beta"], "gamma": VALUES["gamma"] / 2, "delta": VALUES["delta"] / 2}
+    one, other = (kept.force(part.x, part.v, part.dt, values)[0] for values in (VALUES, scaled))
+    np.testing.assert_allclose(other, one, atol=1e-9 * float(np.max(np.abs(one))))  # the order of multiplications
+    fixed = baseline_of(BOUCWEN, compile_model(BOUCWEN), VALUES, frozenset({"gamma"}), weighed=True)
+    assert without_redundancy(fixed, [part]) == (fixed, [])  # what is fixed is no part of a relation
+
+
+def test_redundancy_is_found_in_any_law(tmp_path: Path) -> None:
+    path = tmp_path / "Scaled.mo"
+    path.write_text(SCALED)
+    code = compile_model(f"{path}:Scaled")
+    part = motion(VALUES)
+    kept, told = without_redundancy(baseline_of("Scaled", code, {"m": 2.0}, weighed=True), [part])
+    assert "scale" not in kept.free and {"share", "w"} <= set(kept.free) and len(told) == 1
+    jenkins = baseline_of("HystId.Oscillators.Jenkins", compile_model("HystId.Oscillators.Jenkins"), {}, weighed=True)
+    assert without_redundancy(jenkins, [part]) == (jenkins, [])
+
+
+def test_a_refit_leaves_side_valleys(tmp_path: Path) -> None:
+    """An Iwan law whose given parameters are off by a factor of three: steps along slopes end in a side valley."""
+    place = from_deck(tmp_path, 20261122, 93, Ks=14144.0, fc=5.87, B=99.1, Kl=231459.0)
+    assert run(place).verdict == "recalibrated"
+
+
+def test_what_a_refit_took_for_its_own_is_sought_from_the_nominal_model(tmp_path: Path) -> None:
+    """Hysteretic friction beside a law of friction: 99 % of it is absorbed where the refit ends."""
+    found = run(from_deck(tmp_path, 483920, 137))
+    assert [finding.effect for finding in found.findings] == ["hysteretic_friction"]
+
+
+def test_look_alikes_are_compared_where_the_best_one_ends(tmp_path: Path) -> None:
+    """Two stops without loss: an impact whose damper is zero came to a better valley alone, and had won for that."""
+    found = run(from_deck(tmp_path, 483920, 3))
+    assert [finding.effect for finding in found.findings] == ["two_sided_stop"]
+
+
+def test_a_force_that_unseen_recordings_contradict_is_not_named(tmp_path: Path) -> None:
+    """Stiffness that drifts with the time of a sweep looks like a gain of the force channel, in these sweeps alone."""
+    found = run(from_deck(tmp_path, 483920, 135))
+    assert found.verdict == "unknown_physics" and found.findings == ()
+    assert "force_gain" in found.refuted and "holdout, which was held out, is missed by" in found.refuted
+
+
+def test_another_of_the_class_stands_where_the_first_is_contradicted(tmp_path: Path) -> None:
+    found = run(from_deck(tmp_path, 20261122, 135))
+    (finding,) = found.findings
+    assert finding.effect == "bilinear_stiffness" and "quadratic_stiffness" in finding.alike
+    assert any(
+        "quadratic_stiffness would explain" in note and "bilinear_stiffness stands" in note for note in found.notes
+    )
+    assert found.refuted == ""
+
+
+def test_parameters_without_a_force_are_no_start(tmp_path: Path) -> None:
+    place = from_deck(tmp_path, 20261122, 45)
+    known = json.loads((place / "parameters.json").read_text())
+    wild = known | {"beta": 500 * known["beta"]}
+    tests = sorted(place.glob("rec_*.csv"))
+    found = diagnose(tests, model=BOUCWEN, parameters=wild)
+    assert found.verdict == "recalibrated"
+    assert any("are no start" in note for note in found.notes)
+    with pytest.raises(NumericalError, match=r"give parameters at which HystId\.Oscillators\.BoucWen has an answer"):
+        diagnose(tests, model=BOUCWEN, parameters=wild | {"beta": {"value": wild["beta"], "fixed": True}})
