@@ -152,6 +152,19 @@ def test_another_of_the_class_stands_where_the_first_is_contradicted(tmp_path: P
     assert found.refuted == ""
 
 
+def test_a_window_of_time_stands_where_a_law_without_one_is_contradicted(tmp_path: Path) -> None:
+    """Drag in a window in which all chirps are loudest: without the window it fits them as well, but not the held-out
+    recording. The window of the rig is 1.68 to 4.33 s, opened and closed over 0.24 s."""
+    found = run(from_deck(tmp_path, 20261122, 22))
+    (finding,) = found.findings
+    assert finding.effect == "quadratic_damping"
+    closes = [value.value for name, value in finding.parameters.items() if name.startswith("t_off")]
+    assert closes == pytest.approx([4.33] * len(closes), abs=0.1)
+    assert any("in a window of time stands" in note for note in found.notes)
+    before, after = found.holdout[0].free_run
+    assert before is not None and after is not None and after < 0.2 * before
+
+
 def test_parameters_without_a_force_are_no_start(tmp_path: Path) -> None:
     place = from_deck(tmp_path, 20261122, 45)
     known = json.loads((place / "parameters.json").read_text())

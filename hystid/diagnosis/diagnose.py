@@ -32,11 +32,11 @@ from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.runs import Run, Runs, compile_text, free_runs, write_beside
 from hystid.diagnosis.search import other_valleys, try_fit
-from hystid.diagnosis.selection import Choice, choose, others_of_the_class
+from hystid.diagnosis.selection import Choice, choose, others_instead
 from hystid.diagnosis.sensors import history
 from hystid.diagnosis.starts import scaled, sizes_of
 from hystid.diagnosis.uncertainty import honest
-from hystid.diagnosis.windows import for_recording
+from hystid.diagnosis.windows import for_recording, has_windows
 from hystid.errors import NumericalError, RecordingError, UsageError
 from hystid.files import write_json, write_text
 from hystid.modelcode import ModelCode
@@ -455,10 +455,12 @@ def _conclude(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Di
             choice, after=choice.before, floor_after=choice.floor_before, named=(), classes=(), margins=(),
             left_open={}, unknown=True,
         )  # fmt: skip
-        for other in others_of_the_class(case.problem, choice):
-            instead = _runs(case, _with_errors(case.problem, other, library))
-            if not _contradiction(case, instead):
-                runs, refuted, notes = instead, "", (f"{refuted}; {' and '.join(instead.answer.names())} stands",)
+        for other in others_instead(case.problem, choice, library):
+            second = _runs(case, _with_errors(case.problem, other, library))
+            if not _contradiction(case, second, instead=True):
+                window = " in a window of time" if has_windows(other.after.hypothesis) else ""
+                notes = (f"{refuted}; {' and '.join(second.answer.names())}{window} stands",)
+                runs, refuted = second, ""
                 break
         else:
             runs = _runs(case, withdrawn)
@@ -504,10 +506,10 @@ def _runs(case: Case, choice: Choice) -> Runs:
     return free_runs(answer, _skeleton(case.baseline), case.unseen)
 
 
-def _contradiction(case: Case, runs: Runs) -> str:
+def _contradiction(case: Case, runs: Runs, *, instead: bool = False) -> str:
     """How the recordings contradict what was named; "" where they do not."""
     names = [part.name for part in case.problem.parts], [part.name for part in case.unseen]
-    return contradiction(runs, *names, *_force_errors(case, runs.answer.choice))
+    return contradiction(runs, *names, *_force_errors(case, runs.answer.choice), instead=instead)
 
 
 def _skeleton(baseline: Baseline) -> Skeleton:

@@ -16,7 +16,7 @@ import numpy as np
 from hystid.diagnosis.answer import Answer
 from hystid.diagnosis.runs import Run, Runs
 from hystid.diagnosis.sensors import DRIFT
-from hystid.diagnosis.windows import Windowed
+from hystid.diagnosis.windows import has_windows
 
 _NO_BETTER = 1.05  # error of the free run over that without what was named, mean of all recordings, that refutes it
 _WORSE = 1.35  # error of the free run of an unseen recording, over that without what was named, that refutes it
@@ -28,11 +28,18 @@ Pairs = Sequence[tuple[float, float]]
 
 
 def contradiction(
-    runs: Runs, used: Sequence[str], unseen: Sequence[str], force_used: Pairs, force_unseen: Pairs
+    runs: Runs,
+    used: Sequence[str],
+    unseen: Sequence[str],
+    force_used: Pairs,
+    force_unseen: Pairs,
+    *,
+    instead: bool = False,
 ) -> str:
     """How the recordings contradict what was named; "" where they do not.
 
     used, unseen: names of the recordings; force_used, force_unseen: NRMSE of their force balance before and after.
+    instead: whether it takes the place of what was contradicted: then a window of time must hold for unseen recordings.
     Beside a drift of the force channel only what is far worse counts: the drift of an unseen recording is not known.
     """
     answer = runs.answer
@@ -48,7 +55,10 @@ def contradiction(
         if worst and far[worst] > np.log(_WORSE):
             worse = f"{np.exp(far[worst]):.2g} times as far off"
             return told + f"with it the free run of {worst}, which was held out, is {worse}"
-    if _has_one_state(answer):
+    windows = has_windows(answer.choice.after.hypothesis)
+    if windows and instead and not _is_met(force_used, force_unseen):
+        return told + "its window of time does not hold for what was held out"
+    if not windows and _has_one_state(answer):
         least = _APART * max(after for _, after in force_used)
         for name, (before, after) in zip(unseen, force_unseen, strict=True):
             if after > max(least, _CLEARLY * before):
@@ -66,11 +76,7 @@ def _is_met(used: Pairs, unseen: Pairs) -> bool:
 
 def _has_one_state(answer: Answer) -> bool:
     """Whether what was named acts in every recording alike, so that it holds for an unseen one as it stands."""
-    terms = answer.choice.after.hypothesis.terms
-    windows = any(isinstance(term.effect, Windowed) for term in terms)
-    return (
-        not answer.faults and not windows and DRIFT not in answer.choice.named and not _IN_A_STATE & {*answer.names()}
-    )
+    return not answer.faults and DRIFT not in answer.choice.named and not _IN_A_STATE & {*answer.names()}
 
 
 def _changes(names: Sequence[str], before: Run, after: Run) -> dict[str, float]:

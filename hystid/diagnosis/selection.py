@@ -262,17 +262,24 @@ def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Ef
     Stricter than a single effect: outside of the window the baseline alone must reach the noise, the same law would
     have to be seen there if it acted there, and all the time it must explain far less.
     """
+    steps = _in_windows(problem, before, floor, [effect for effect in effects if effect.id not in _SLOW])
+    chosen = next((step for step in steps if _is_window(problem, before, floor, step.trial.fit)), None)
+    return _with_settled_window(problem, chosen) if chosen is not None else None
+
+
+def _in_windows(problem: Problem, before: Fit, floor: float, effects: Sequence[Effect]) -> Iterator[Step]:
+    """The best of the effects in each window outside of which the baseline alone reaches the noise."""
     for window, start in windows_of(problem, before, floor):
-        laws = [windowed(effect, window) for effect in effects if effect.id not in _SLOW]
         left = start.chi2 - floor
-        candidates = scan(problem, start, laws)
+        candidates = scan(problem, start, [windowed(effect, window) for effect in effects])
         telling = bool(candidates) and candidates[0].gain > _TELLING * left * len(start.residual)
         found = trials(problem, start, candidates, left) if telling else []
         if found:
-            chosen = single(problem, found, start, left)
-            if _is_window(problem, before, floor, chosen.trial.fit):
-                return replace(chosen, trial=replace(chosen.trial, fit=settled(problem, chosen.trial.fit)))
-    return None
+            yield single(problem, found, start, left)
+
+
+def _with_settled_window(problem: Problem, step: Step) -> Step:
+    return replace(step, trial=replace(step.trial, fit=settled(problem, step.trial.fit)))
 
 
 def _worth_a_window(effects: Sequence[Effect], candidates: Sequence[Candidate], excess: float) -> list[Effect]:
@@ -400,20 +407,27 @@ def _to_the_end(problem: Problem, reached: Fit) -> Fit:
     return reached
 
 
-def others_of_the_class(problem: Problem, choice: Choice) -> Iterator[Choice]:
-    """The same with each other member of the class in turn, best first, where one effect was named for all that was
-    found."""
+def others_instead(problem: Problem, choice: Choice, library: Sequence[Effect]) -> Iterator[Choice]:
+    """What else there is where one effect was named for all that was found: each other member of the class, best first,
+    and the same law in a window of time that makes it better."""
     if len(choice.named) != 1:
         return
+    (name,), (alike,) = choice.named, choice.classes
     excess = choice.before.chi2 - choice.floor_before
     for trial in distinct(choice.trials):
-        if trial.name == choice.named[0] or trial.name not in choice.classes[0]:
-            continue
-        after = _to_the_end(problem, trial.fit)
-        floor = problem.floor(after.hypothesis)
-        if _explains(problem, after, floor, choice.before, excess):
-            alike = tuple(dict.fromkeys((trial.name, *choice.classes[0])))
-            yield replace(choice, after=after, floor_after=floor, named=(trial.name,), classes=(alike,), left_open={})
+        after = _to_the_end(problem, trial.fit) if trial.name in alike and trial.name != name else None
+        if after is not None and _explains(problem, after, problem.floor(after.hypothesis), choice.before, excess):
+            yield _instead(problem, choice, trial.name, after)
+    forms = [effect for effect in library if effect.id == name and name not in _SLOW]
+    for step in _in_windows(problem, choice.before, choice.floor_before, forms):
+        if has_edges(step.trial.fit) and choice.after.chi2 - step.trial.chi2 > WORTH:
+            yield _instead(problem, choice, name, _with_settled_window(problem, step).trial.fit)
+
+
+def _instead(problem: Problem, choice: Choice, name: str, after: Fit) -> Choice:
+    alike = tuple(dict.fromkeys((name, *choice.classes[0])))
+    floor = problem.floor(after.hypothesis)
+    return replace(choice, after=after, floor_after=floor, named=(name,), classes=(alike,), left_open={})
 
 
 def _untestable(candidates: Sequence[Candidate]) -> tuple[str, ...]:

@@ -122,6 +122,11 @@ def _windowed(effect: Effect, near: Mapping[str, float], owners: tuple[int, ...]
     return Windowed(**own, inner=effect, near=near, owners=owners)
 
 
+def has_windows(hypothesis: Hypothesis) -> bool:
+    """Whether an effect acts for a part of the time."""
+    return any(isinstance(term.effect, Windowed) for term in hypothesis.terms)
+
+
 def has_own_windows(hypothesis: Hypothesis) -> bool:
     """Whether an effect has a window of its own in each recording."""
     return any(isinstance(term.effect, Windowed) and term.effect.owners is not None for term in hypothesis.terms)
