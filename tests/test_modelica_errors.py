@@ -65,7 +65,10 @@ REFUSED = {
         "clocks are not supported",
     ),
     "name taken": (
-        model("  extends P;\n  parameter Real a = 1;\nequation\n  a*x = time;\n", "partial model P\n  Real x;\n  Real a;\nend P;\n"),
+        model(
+            "  extends P;\n  parameter Real a = 1;\nequation\n  a*x = time;\n",
+            "partial model P\n  Real x;\n  Real a;\nend P;\n",
+        ),
         3,
         "conflicting definitions.*the name is taken by what the class extends",
     ),
