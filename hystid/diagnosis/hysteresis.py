@@ -31,6 +31,7 @@ _FORMS, _NEAR = 3, 1.5  # forms of friction that are followed, and their mean sq
 _CANDIDATES, _COMPARED = 5, 2  # forms of further effects that are tried, and that are fitted long
 _SHORT, _LONG = 10, 40  # iterations for the comparison, and for the best
 _BLOCKS, _GAINING = 12, 0.75  # of these blocks of rows, or of branches that rise, the share in which it must help
+_MOSTLY = 0.6  # the same share of blocks where the branches show the effect besides
 _REGION = 2 / 3  # of the stroke, or of the force, that a pinched region may take: a tenth of it is left at the ends
 _TIE = 0.03  # share of the mean square below which the claim with fewer parameters wins
 _LITTLE = 0.05  # share of the mean square that pinching must take where the branches show it
@@ -135,11 +136,12 @@ class _Search:
         rising = before > _RISE
         closer = float(np.mean(np.abs(after[rising]) < before[rising]))
         shaped = closer >= _GAINING and float(after @ after) < (1 - _SHAPE) * float(before @ before)
-        return shaped and self._is_sound(end, fit)
+        return shaped and self._is_sound(end, fit, _MOSTLY)
 
-    def _is_sound(self, end: Fit, fit: Fit) -> bool:
-        """Whether the last effect helps everywhere, and is no pinching without a region or that a spring feigns."""
-        if not helps_everywhere(end, fit):
+    def _is_sound(self, end: Fit, fit: Fit, share: float = _GAINING) -> bool:
+        """Whether the last effect helps in a share of all blocks, and is no pinching without a region or that a spring
+        feigns."""
+        if not helps_everywhere(end, fit, share):
             return False
         return fit.hypothesis.terms[-1].effect.id != PINCHING or (
             self._is_local(fit) and not self._is_feigned(end, fit)
@@ -170,7 +172,7 @@ def _is_reader(effect: Effect) -> bool:
     return effect.uses_h and effect.id in _COMPANIONS
 
 
-def helps_everywhere(before: Fit, after: Fit) -> bool:
-    """Whether the residual falls in most parts of the recordings, not in a few."""
+def helps_everywhere(before: Fit, after: Fit, share: float = _GAINING) -> bool:
+    """Whether the residual falls in a share of all parts of the recordings, not in a few."""
     pairs = zip(np.array_split(before.residual, _BLOCKS), np.array_split(after.residual, _BLOCKS), strict=True)
-    return float(np.mean([float(b @ b) > float(a @ a) for b, a in pairs])) >= _GAINING
+    return float(np.mean([float(b @ b) > float(a @ a) for b, a in pairs])) >= share
