@@ -1,8 +1,8 @@
 """Candidate effects: Modelica blocks, and what a fit must know of their parameters.
 
 Nothing about an effect is written here. Of its parameters, those in which f is linear are amplitudes (found by a
-numeric
-test); the others are shapes, whose range follows from the unit and the recordings. A new effect is a new ``.mo`` file.
+numeric test); the others are shapes, whose range follows from the unit and the recordings. A new effect is a new
+``.mo`` file.
 """
 
 from __future__ import annotations

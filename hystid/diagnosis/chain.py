@@ -1,8 +1,7 @@
 """Is the measurement chain sound: do x, v and a describe one motion, and does a channel stop at a level?
 
 Sensor faults keep their signature in units of the signal: a shift in time, a level that is never passed. They are
-looked for
-before any physics is, and taken out where they can be.
+looked for before any physics is, and taken out where they can be.
 """
 
 from __future__ import annotations

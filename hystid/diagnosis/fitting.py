@@ -1,8 +1,7 @@
 """Joint least squares over baseline, nuisances and effects, in the force domain.
 
 The unknowns of a hypothesis are the free parameters of the baseline, small corrections that every rig needs (a delay
-below
-a sample, a weighing error), and amplitudes and shapes of the effects. Levenberg-Marquardt in scaled unknowns.
+below a sample, a weighing error), and amplitudes and shapes of the effects. Levenberg-Marquardt in scaled unknowns.
 """
 
 from __future__ import annotations

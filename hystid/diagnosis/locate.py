@@ -1,8 +1,7 @@
 """Where a mismatch acts: in displacement, speed, time, amplitude; even or odd; conservative or dissipative.
 
-A named effect is located by its own force: refitting moves the residual to where the effect is not. Without a name,
-by the
-level of the residual above the noise.
+A named effect is located by its own force: refitting moves the residual to where the effect is not. Without a name, by
+the level of the residual above the noise.
 """
 
 from __future__ import annotations

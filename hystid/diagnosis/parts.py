@@ -1,8 +1,8 @@
 """Recordings made ready: smoothed motion as regressors, raw force balance as evidence, one reduction for both.
 
 The force balance F - m a is taken from the raw channels, so that its noise is white and of known level. Only the
-regressors
-are smoothed. Whatever is done to the balance (whitening, block averages, weights) is done to every column alike.
+regressors are smoothed. Whatever is done to the balance (whitening, block averages, weights) is done to every column
+alike.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """From candidates to names: forward, backward and exchange steps, simpler laws first, and when to say nothing.
 
 Everything is judged by the share of the excess that a hypothesis explains: the excess is the mean square of the
-residual
-above the floor that noise alone leaves. With tens of thousands of samples every p-value is zero, so none is used.
+residual above the floor that noise alone leaves. With tens of thousands of samples every p-value is zero, so none is
+used.
 """
 
 from __future__ import annotations
@@ -62,12 +62,10 @@ _SLOW = frozenset({"cyclic_degradation", "stiffness_drift", PRELOAD})  # laws th
 class Choice:
     """Outcome of the selection.
 
-    before: the refitted baseline; after: with the named effects (the same where none is named). named: ids in the
-    order of
-    strength; classes: ids that cannot be told from each name. explained: share of the excess. unknown: something is
-    left
-    that no candidate explains. trials: all that was tried first, best first. untestable: ids that the refit absorbs.
-    left_open: standard deviation that other forms of what is named leave in each parameter.
+    before: the refitted baseline; after: with the named effects (the same where none is named). named: ids in the order
+    of strength; classes: ids that cannot be told from each name. explained: share of the excess. unknown: something is
+    left that no candidate explains. trials: all that was tried first, best first. untestable: ids that the refit
+    absorbs. left_open: standard deviation that other forms of what is named leave in each parameter.
     """
 
     before: Fit

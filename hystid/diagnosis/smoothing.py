@@ -2,8 +2,7 @@
 
 x, v and a are three measurements of one motion. The smoother knows v = dx/dt and a = dv/dt and takes a derivative of
 the acceleration as white noise: the first one (jerk) for rough motions, a higher one for smooth ones. Which one, and
-its
-level, are chosen by likelihood. Rauch, Tung and Striebel (1965), AIAA Journal 3(8), 1445-1450.
+its level, are chosen by likelihood. Rauch, Tung and Striebel (1965), AIAA Journal 3(8), 1445-1450.
 """
 
 from __future__ import annotations
