@@ -31,7 +31,7 @@ from hystid.diagnosis.refutation import contradiction
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
 from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.runs import Run, Runs, compile_text, free_runs, write_beside
-from hystid.diagnosis.search import other_valleys, try_fit
+from hystid.diagnosis.search import downhill, from_nominal, other_valleys, try_fit
 from hystid.diagnosis.selection import Choice, choose, others_instead
 from hystid.diagnosis.sensors import history
 from hystid.diagnosis.starts import scaled, sizes_of
@@ -370,8 +370,8 @@ def _starts(
 def _refit(problem: Problem, kept: Sequence[int] = ()) -> tuple[Fit, tuple[Fit, ...], float]:
     """The baseline from several starts, other optima that were met, and the mean square at the nominal values.
 
-    Further starts only while something is left: the nominal shapes made smaller and larger, then shapes scattered
-    around the best and behind the ridges beside it, since a law with corners has side valleys.
+    Further starts only while something is left: where a simplex comes to from the nominal shapes, these made smaller
+    and larger, then where it comes to from the best, and shapes scattered around: a law with corners has side valleys.
     kept: numbers of recordings in which a contact keeps a force of the time before.
     """
     before = history(kept)
@@ -379,14 +379,17 @@ def _refit(problem: Problem, kept: Sequence[int] = ()) -> tuple[Fit, tuple[Fit, 
     nominal = Hypothesis(dict(problem.baseline.nominal), terms)
     rows = problem.rows(nominal)
     fits = [made for made in (try_fit(problem, nominal, 25),) if made is not None]
+    if fits and not _sits(problem, fits[0]) and (relaxed := from_nominal(problem, fits[0])) is not None:
+        fits += [made for h in downhill(problem, relaxed) if (made := try_fit(problem, h, 25)) is not None]
     for factor in _STARTS if problem.baseline.shapes else ():
+        fits.sort(key=lambda f: f.chi2)
         if fits and _sits(problem, fits[0]):
             break
         values = dict(problem.baseline.nominal)
         for name in problem.baseline.shapes:
             values[name] *= factor if name in problem.baseline.positive else 1.0
         fits += [made for made in (try_fit(problem, Hypothesis(values, terms), 25),) if made is not None]
-        fits.sort(key=lambda f: f.chi2)
+    fits.sort(key=lambda f: f.chi2)
     if not fits:
         raise NumericalError("the baseline has no finite force on these recordings; check its nominal parameters")
     for _ in range(_VALLEYS):
