@@ -19,7 +19,7 @@ _SHIFTS = 40  # circular shifts of the rest against the motion: what independent
 _CELLS = 7  # bins per axis
 _KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it where most of the rest is excess:
 # mismatches of 0.08 of the floor show 0.05 and more, larger ones 0.1 to 1
-_LINE = 60.0  # power of a line over the median beside it; noise of any colour reaches 28 in some 10^5 lines, lines begin at 700
+_LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
 _SHOCKS = 3.6  # kurtosis; 3 for Gaussian noise
 
 
