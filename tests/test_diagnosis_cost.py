@@ -10,7 +10,8 @@ import pytest
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.baseline import Baseline, baseline_of
 from hystid.diagnosis.blocks import Effect, Scales, Signals
-from hystid.diagnosis.fitting import Hypothesis, Problem, Term, fit
+from hystid.diagnosis.descent import fit
+from hystid.diagnosis.fitting import Hypothesis, Problem, Term
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.memory import Memory
 from hystid.diagnosis.parts import Advanced, Part, Reduction, prepare_part

@@ -8,8 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from hystid.diagnosis import forms
+from hystid.diagnosis.descent import fit
 from hystid.diagnosis.diagnose import _given, _prepare
-from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term, fit
+from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.uncertainty import honest
 from hystid.recording import Recording

@@ -8,8 +8,9 @@ import pytest
 
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.constancy import are_constant, variation
+from hystid.diagnosis.descent import fit
 from hystid.diagnosis.diagnose import _given, _load, _prepare
-from hystid.diagnosis.fitting import Fit, Problem, Term, fit
+from hystid.diagnosis.fitting import Fit, Problem, Term
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.limits import is_beyond_weighing, is_itself, untried
 from hystid.diagnosis.search import scan, try_term

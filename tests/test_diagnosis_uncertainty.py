@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hystid.diagnosis.descent import fit
 from hystid.diagnosis.diagnose import _given, _load, _prepare
-from hystid.diagnosis.fitting import Fit, Problem, Term, fit
+from hystid.diagnosis.fitting import Fit, Problem, Term
 from hystid.diagnosis.library import load_effects
-from hystid.diagnosis.search import beyond
+from hystid.diagnosis.search import downhill
 from hystid.diagnosis.trials import are_reached
 from hystid.diagnosis.uncertainty import honest
 from tests.test_diagnosis import JENKINS, case, spec
@@ -69,7 +70,7 @@ def test_friction_that_never_slides_is_none(healthy: tuple[Problem, Fit]) -> Non
 
 
 def test_a_fit_in_a_side_valley_is_led_out(tmp_path: Path) -> None:
-    """Few sliders make valleys along the stiffness and strength of a group; a step over the ridge finds the deeper."""
+    """Few sliders make valleys along the stiffness and strength of a group; a simplex across them finds the deeper."""
     place, _ = case(tmp_path, spec("null", (), "iwan"), 87)
     tests = _load(sorted(place.glob("rec_*.csv")))
     made = _prepare(tests, [], "HystId.Oscillators.Iwan", _given(place / "parameters.json"))
@@ -78,5 +79,5 @@ def test_a_fit_in_a_side_valley_is_led_out(tmp_path: Path) -> None:
     start = replace(best.hypothesis, values={**values, "fc": 0.65 * values["fc"], "Ks": 0.82 * values["Ks"]})
     aside = fit(problem, start)
     assert aside.chi2 > 1.02 * best.chi2  # a descent alone does not come out
-    ends = [fit(problem, h).chi2 for h in beyond(problem, aside)]
+    ends = [fit(problem, h).chi2 for h in downhill(problem, aside)]
     assert ends and min(ends) < aside.chi2

@@ -11,7 +11,8 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from hystid.diagnosis.blocks import Effect, Signals
-from hystid.diagnosis.fitting import Columns, Fit, Hypothesis, Key, Problem, Term, Unknown, fit, get, put, standing
+from hystid.diagnosis.descent import fit
+from hystid.diagnosis.fitting import Columns, Fit, Hypothesis, Key, Problem, Term, Unknown, get, put, standing
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]

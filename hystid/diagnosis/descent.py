@@ -1,0 +1,161 @@
+"""Levenberg-Marquardt on a hypothesis: steps from normal equations, within bounds, none tried twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Unknown, get, put
+from hystid.errors import NumericalError
+
+Array = NDArray[np.float64]
+_PACE = 0.04  # share of the way to the bar that every step must make
+_DAMPINGS, _HARDER = 7, 8.0  # dampings per step, and the factor from one to the next
+_ANOTHER = 0.1  # relative difference of steps that makes another one worth its cost
+_NOTHING = 1e-5  # share of the sum of squares below which a promised fall is not worth a step
+
+
+@np.errstate(over="ignore", invalid="ignore")  # refused steps may be as wild as they like
+def fit(
+    problem: Problem,
+    start: Hypothesis,
+    *,
+    iterations: int = 25,
+    tolerance: float = 1e-4,
+    bar: float = 0.0,
+) -> Fit:
+    """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
+
+    bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
+    Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row.
+    Raises NumericalError when the start itself has no finite residual.
+    """
+    unknowns = problem.unknowns(start)
+    here = _clip(start, unknowns)
+    rows = problem.rows(here)
+    cost = float(rows @ rows)
+    if not np.isfinite(cost):
+        raise NumericalError("the start of a fit has no finite residual; check the nominal parameters")
+    damping, small = 1e-4, 0
+    normal = _Normal(problem.jacobian(here, unknowns), rows)
+    for done in range(iterations):
+        taken = _step(problem, here, unknowns, normal, cost, damping)
+        if taken is None and problem.renew(here):
+            normal, damping = _Normal(problem.jacobian(here, unknowns), rows), 1e-4
+            continue
+        if taken is None:
+            break
+        there, found, damping = taken
+        gain = 1.0 - float(found @ found) / cost
+        here, rows, cost = there, found, float(found @ found)
+        damping = max(damping / 10.0, 1e-9)
+        normal = _Normal(problem.jacobian(here, unknowns), rows)
+        small = small + 1 if gain < tolerance else 0
+        if done > 2 and gain < _PACE * (1.0 - bar * len(rows) / cost):
+            break
+        if small == 2 or gain < 1e-8:
+            break
+    freedom = max(1, len(rows) - len(unknowns))
+    return Fit(here, rows, cost / freedom, unknowns, normal.covariance())
+
+
+def _step(
+    problem: Problem, here: Hypothesis, unknowns: Sequence[Unknown], normal: _Normal, cost: float, damping: float
+) -> tuple[Hypothesis, Array, float] | None:
+    """The first step that lowers the sum of squares, its rows and damping; None where there is none worth its name."""
+    for tried, promised, there in normal.steps(here, unknowns, damping):
+        if promised < _NOTHING * cost:
+            return None
+        found = _rows_or_none(problem, there)
+        if found is not None and float(found @ found) < cost:
+            return there, found, tried
+    return None
+
+
+class _Normal:
+    """Normal equations of one Jacobian, in columns of unit length: many steps are tried from one point."""
+
+    def __init__(self, jacobian: Array, rows: Array) -> None:
+        self.scale = np.linalg.norm(jacobian, axis=0)
+        self.scale[self.scale == 0] = 1.0
+        scaled = jacobian / self.scale
+        self.matrix, self.right = scaled.T @ scaled, scaled.T @ rows
+
+    def steps(
+        self, here: Hypothesis, unknowns: Sequence[Unknown], first: float
+    ) -> Iterator[tuple[float, float, Hypothesis]]:
+        """Damping, fall of the sum of squares that the normal equations promise, and where the step leads.
+
+        The first damping, and larger ones that lead to another step: among columns of unit length a small damping
+        changes nothing, and what was refused would be refused again.
+        """
+        last: Array | None = None
+        for power in range(_DAMPINGS):
+            damping = first * _HARDER**power
+            moves = self._moves(here, unknowns, damping)
+            scaled = moves * self.scale
+            if last is None or np.linalg.norm(scaled - last) > _ANOTHER * np.linalg.norm(last):
+                last = scaled
+                promised = float(scaled @ (2 * self.right - self.matrix @ scaled))
+                yield damping, promised, self._there(here, unknowns, moves)
+
+    @staticmethod
+    def _there(here: Hypothesis, unknowns: Sequence[Unknown], moves: Array) -> Hypothesis:
+        targets = {u.key: _moved(here, u, move) for u, move in zip(unknowns, moves, strict=True)}
+        return put(here, {u.key: float(np.clip(targets[u.key], u.low, u.high)) for u in unknowns})
+
+    def _moves(self, here: Hypothesis, unknowns: Sequence[Unknown], damping: float) -> Array:
+        """Damped Gauss-Newton step; unknowns that it would push over their bounds are set there and the rest solved
+        anew."""
+        free = list(range(len(unknowns)))
+        moves = np.zeros(len(unknowns))
+        right = self.right
+        while free:
+            moves[free] = self._solved(free, right, damping)
+            over = []
+            for i in free:
+                target = _moved(here, unknowns[i], moves[i])
+                bounded = float(np.clip(target, unknowns[i].low, unknowns[i].high))
+                if bounded != target:
+                    moves[i] = _move(here, unknowns[i], bounded)
+                    over.append(i)
+            if not over:
+                break
+            for i in over:
+                right = right - self.matrix[:, i] * self.scale[i] * moves[i]
+                free.remove(i)
+        return moves
+
+    def _solved(self, free: list[int], right: Array, damping: float) -> Array:
+        damped = self.matrix[np.ix_(free, free)]
+        damped[np.diag_indices_from(damped)] += damping + 1e-12
+        return np.asarray(np.linalg.solve(damped, right[free]) / self.scale[free])
+
+    def covariance(self) -> Array:
+        """Covariance of the unknowns for rows of unit noise."""
+        return np.asarray(np.linalg.pinv(self.matrix, rcond=1e-12) / np.outer(self.scale, self.scale))
+
+
+def _moved(here: Hypothesis, unknown: Unknown, move: float) -> float:
+    value = get(here, unknown.key)
+    return float(value * np.exp(np.clip(move, -1.2, 1.2))) if unknown.log else value + move
+
+
+def _move(here: Hypothesis, unknown: Unknown, target: float) -> float:
+    """Step of an unknown that leads to a value: the reverse of ``_moved``."""
+    value = get(here, unknown.key)
+    return float(np.log(target / value)) if unknown.log else target - value
+
+
+def _clip(hypothesis: Hypothesis, unknowns: Sequence[Unknown]) -> Hypothesis:
+    return put(hypothesis, {u.key: float(np.clip(get(hypothesis, u.key), u.low, u.high)) for u in unknowns})
+
+
+def _rows_or_none(problem: Problem, hypothesis: Hypothesis) -> Array | None:
+    try:
+        rows = problem.rows(hypothesis)
+    except NumericalError:
+        return None
+    return rows if np.all(np.isfinite(rows)) else None
