@@ -406,15 +406,17 @@ def _to_the_end(problem: Problem, reached: Fit) -> Fit:
 
 
 def others_instead(problem: Problem, choice: Choice, library: Sequence[Effect]) -> Iterator[Choice]:
-    """What else there is where one effect was named for all that was found: each other member of the class, best first,
-    and the same law in a window of time that makes it better."""
+    """What else there is where one effect was named for all that was found: each other effect that explains it, best
+    first, and the same law in a window of time that makes it better."""
     if len(choice.named) != 1:
         return
-    (name,), (alike,) = choice.named, choice.classes
+    (name,) = choice.named
     excess = choice.before.chi2 - choice.floor_before
     for trial in distinct(choice.trials):
-        after = _to_the_end(problem, trial.fit) if trial.name in alike and trial.name != name else None
-        if after is not None and _explains(problem, after, problem.floor(after.hypothesis), choice.before, excess):
+        if trial.name == name or not _explains(problem, trial.fit, choice.floor_after, choice.before, excess):
+            continue
+        after = _to_the_end(problem, trial.fit)
+        if _explains(problem, after, problem.floor(after.hypothesis), choice.before, excess):
             yield _instead(problem, choice, trial.name, after)
     forms = [effect for effect in library if effect.id == name and name not in _SLOW]
     for step in _in_windows(problem, choice.before, choice.floor_before, forms):
