@@ -26,6 +26,7 @@ from hystid.diagnosis.trials import (
     SOUND,
     Step,
     Trial,
+    added_mass_of,
     chain_trials,
     distinct,
     exchanged,
@@ -157,6 +158,8 @@ def _chosen(
     enough = alone and left < max(sound(problem, baseline.hypothesis.delay), FORM * excess)
     if enough and steady:
         return _named(problem, baseline, floor, [chosen], first, untestable)
+    if enough and (heavier := _heavier(problem, baseline, chosen, effects)) is not None:
+        return _named(problem, baseline, floor, [chosen, heavier], first, untestable)
     # What one law explains under a wrong name, two would explain as well.
     several = several_effects(problem, baseline, first, library, excess) if not enough else None
     if several is not None and not _is_steady(problem, baseline, several[-1].trial.fit):
@@ -252,6 +255,15 @@ def _explains(problem: Problem, fit: Fit, floor: float, before: Fit, excess: flo
 def _is_steady(problem: Problem, before: Fit, fitted: Fit) -> bool:
     """Whether a fit may be named: its parameters are parameters, and it leaves the mass where weighing found it."""
     return are_constant(problem, before, fitted) and not is_beyond_weighing(problem, fitted)
+
+
+def _heavier(problem: Problem, before: Fit, chosen: Step, effects: Sequence[Effect]) -> Step | None:
+    """A mass, or gain of the force channel, beyond weighing beside an effect that explains everything else; None where
+    the mass is within it, or the two are no answer."""
+    if not is_beyond_weighing(problem, chosen.trial.fit):
+        return None
+    made = added_mass_of(problem, chosen.trial.fit, effects)
+    return Step(made, (), 0.0) if made is not None and _is_steady(problem, before, made.fit) else None
 
 
 def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Effect]) -> Step | None:

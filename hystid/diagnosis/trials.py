@@ -253,13 +253,13 @@ def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> li
         if made is not None and abs(made.hypothesis.delay) > DELAY_LIMIT:
             found.append(Trial(DELAY, "", 1, made))
     if abs(here.weighing) > 0.95 * WEIGHING_LIMIT:
-        heavier = _added_mass(problem, fitted, effects)
+        heavier = added_mass_of(problem, fitted, effects)
         found += [heavier] if heavier is not None else []
     return found
 
 
-def _added_mass(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
-    """The weighing error as an effect without a limit."""
+def added_mass_of(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
+    """The weighing error of a fit as an effect without a limit; None where there is none, or no such effect."""
     here = fitted.hypothesis
     mass = next((effect for effect in effects if effect.id == ADDED_MASS), None)
     if mass is None or here.weighing == 0.0:
