@@ -263,7 +263,8 @@ def _heavier(problem: Problem, before: Fit, chosen: Step, effects: Sequence[Effe
     if not is_beyond_weighing(problem, chosen.trial.fit):
         return None
     made = added_mass_of(problem, chosen.trial.fit, effects)
-    return Step(made, (), 0.0) if made is not None and _is_steady(problem, before, made.fit) else None
+    better = made is not None and made.chi2 < chosen.trial.chi2 and _is_steady(problem, before, made.fit)
+    return Step(made, (), 0.0) if made is not None and better else None
 
 
 def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Effect]) -> Step | None:
