@@ -146,7 +146,7 @@ def _chosen(
         )
     ):
         return _named(problem, baseline, floor, [partly], first, untestable)
-    first = _settled(problem, searched_again(problem, first, baseline, floor, valleys, library), baseline, excess)
+    first = _compared(problem, searched_again(problem, first, baseline, floor, valleys, library), baseline, excess)
     chosen = single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)
@@ -180,7 +180,7 @@ def _chosen(
     return Choice(baseline, baseline, floor, floor, unknown=True, trials=tuple(first), untestable=untestable)
 
 
-def _settled(problem: Problem, found: Sequence[Trial], before: Fit, excess: float) -> list[Trial]:
+def _compared(problem: Problem, found: Sequence[Trial], before: Fit, excess: float) -> list[Trial]:
     """The leading ids, all fitted from where the best one stands, and to the end.
 
     Again where that brings the best to a better valley: the others must be seen there as well before they lose.
@@ -263,8 +263,9 @@ def _heavier(problem: Problem, before: Fit, chosen: Step, effects: Sequence[Effe
     if not is_beyond_weighing(problem, chosen.trial.fit):
         return None
     made = added_mass_of(problem, chosen.trial.fit, effects)
-    better = made is not None and made.chi2 < chosen.trial.chi2 and _is_steady(problem, before, made.fit)
-    return Step(made, (), 0.0) if made is not None and better else None
+    if made is None or made.chi2 >= chosen.trial.chi2 or not _is_steady(problem, before, made.fit):
+        return None
+    return Step(made, (), 0.0)
 
 
 def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Effect]) -> Step | None:
@@ -386,7 +387,7 @@ def _led_on(
     if len(steps) > 1 or last.trial.chi2 - best.chi2 < WORTH:
         return [*steps[:-1], replace(last, trial=best)]
     excess = before.chi2 - floor
-    step = single(problem, _settled(problem, [best, *first], before, excess), before, excess)
+    step = single(problem, _compared(problem, [best, *first], before, excess), before, excess)
     return [replace(step, trial=replace(step.trial, fit=_to_the_end(problem, step.trial.fit)))]
 
 
