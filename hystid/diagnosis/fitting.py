@@ -25,7 +25,8 @@ HYSTERESIS = "hysteretic_friction"
 ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
 WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _TURN = 0.05  # share of the peak speed over which a contact may turn
-_ROUND = 0.1  # share of a jump that the shape of a turn and filters leave open, where the law has its own turn
+_ROUND = 0.1  # share of a jump that the shape of a turn leaves open, where the law has its own turn
+_FILTERED = 0.3  # share of a jump that filters of the recording chain leave open in the samples beside it
 _RARE, _SEEN = 0.999, 0.1  # quantile of rows, and noise power, from which what a turn leaves open is seen
 _AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
@@ -307,35 +308,40 @@ class Problem:
         """
         self.reduce.trust()
         jumps = [self._jumps(hypothesis) for hypothesis in hypotheses]
-        self.turns = any(float(np.quantile(rows**2, _RARE)) > _SEEN for found in jumps for rows in found)
-        changed = self.reduce.distrust([*self.movements(hypotheses[0]), *np.maximum.reduce(jumps)])
+        self.turns = any(float(np.quantile(rows**2, _RARE)) > _SEEN for rows in jumps)
+        changed = self.reduce.distrust(self.movements(hypotheses[0]), np.maximum.reduce(jumps))
         self._columns.clear()
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
         return changed
 
-    def _jumps(self, hypothesis: Hypothesis) -> list[Array]:
-        """Rows of the bend that a law without memory makes over some of the largest speed, either way.
+    def _jumps(self, hypothesis: Hypothesis) -> Array:
+        """Rows of what the bend of a law without memory leaves open: over some of the largest speed, and over one
+        sample, either way.
 
-        Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed, and filters of
-        the measurement chain round the jump: the force near it says little. A law that turns over a speed of its own
-        is fitted to what there is.
+        Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed: the force near
+        the jump says little. A law that turns over a speed of its own is fitted to what there is. Filters of the
+        recording chain round and ring over the samples beside a jump, and beside any turn that is shorter than a sample.
         """
         if not self.baseline.memoryless:
-            return []
+            return np.zeros(1)
         fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
 
-        def law(velocity: Callable[[Array, float], Array], share: float) -> list[Array]:
-            moved = [self._hold(p, p.x, velocity(p.v, share * fastest)) for p in self.parts]
+        def law(velocity: Callable[[Part], Array]) -> list[Array]:
+            moved = [self._hold(p, p.x, velocity(p)) for p in self.parts]
             return [R for R, _ in self._follow(moved, hypothesis.values)]
 
-        here = law(lambda v, _: v, 0.0)
-        behind, ahead = (law(lambda v, shift: v + shift, share) for share in (-_TURN, _TURN))
-        falling, rising = (law(lambda v, shift: np.full_like(v, shift), share) for share in (-_AT_ONCE, _AT_ONCE))
-        bend = [np.abs(b + c - 2 * a) for a, b, c in zip(here, behind, ahead, strict=True)]
+        def bend(shift: Callable[[Part], Array | float]) -> list[Array]:
+            sides = (law(lambda p: p.v - shift(p)), law(lambda p: p.v + shift(p)))
+            return [np.abs(b + c - 2 * a) for a, b, c in zip(here, *sides, strict=True)]
+
+        here = law(lambda p: p.v)
+        falling, rising = (law(lambda p, v=share * fastest: np.full_like(p.v, v)) for share in (-_AT_ONCE, _AT_ONCE))
         jump = max(float(np.max(np.abs(r - f))) for r, f in zip(rising, falling, strict=True))
-        sharp = jump > 0.5 * max(float(np.max(b)) for b in bend)
+        slow, quick = bend(lambda _: _TURN * fastest), bend(lambda p: p.a * p.dt)
+        sharp = jump > 0.5 * max(float(np.max(b)) for b in slow)
         share = 1.0 if sharp else _ROUND
-        return [self.reduce([share * b for b in bend])]  # its sign changes with that of v: blocks would lose it
+        # Their sign changes with that of v: blocks would lose it.
+        return self.reduce([np.maximum(share * s, _FILTERED * q) for s, q in zip(slow, quick, strict=True)])
 
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
         moved = []

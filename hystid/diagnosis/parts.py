@@ -225,14 +225,15 @@ class Reduction:
         rows = np.concatenate([self.one(index, column) for index, column in enumerate(columns)])
         return rows if self._trust is None else rows * self._trust
 
-    def distrust(self, draws: Sequence[Array]) -> bool:
+    def distrust(self, draws: Sequence[Array], open_to: Array) -> bool:
         """Weigh down the rows in which the noise of the regressors moves the force by more than its own noise.
 
-        draws: rows of such movements, not weighed. A law that jumps where the velocity changes sign is the case in
-        mind: where the jump falls is not known to the sample, and its neighbours say nothing about the law.
+        draws: rows of such movements, not weighed. open_to: rows of what the recording chain leaves open. A law that
+        jumps where the velocity changes sign is the case in mind: where the jump falls is not known to the sample, and
+        its neighbours say nothing about the law.
         """
         spread = np.mean([rows**2 for rows in draws], axis=0)
-        wide = maximum_filter1d(spread, 3)
+        wide = maximum_filter1d(spread, 3) + open_to**2
         if float(np.quantile(wide, 0.999)) > _JUMP:
             self._trust = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0)
         return self._trust is not None
