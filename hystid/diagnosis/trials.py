@@ -23,7 +23,8 @@ _FORMS = 3  # forms of the leading id that are searched again
 _CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share of the excess) behind the best, fitted on
 LAST = 60  # iterations for what is named
 _MOVING = 6.0  # standard errors (of white noise) beyond which a recording drifts: real ones show 15 and more
-_REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold
+_REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold, where a law acts short of it
+_TOUCHED = 4  # samples of some recording beyond the threshold of a law that does not act short of it
 _SLIDES = 0.25  # of the largest speed, within which dry friction must have turned; rigs turn within 0.05
 _SAME = (0.007, 0.003)  # mean square, and share of excess and rest, that a simpler law may lack to be preferred
 _SIZES = 3  # parameters more than which a law that has them need not pay for (a drift has two per recording)
@@ -116,8 +117,10 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
             return False
         if "gap" in term.values:
             side = term.values.get("side", 0.0)
-            beyond = [np.mean((side * p.x if side else np.abs(p.x)) > term.values["gap"]) for p in problem.parts]
-            if float(max(beyond)) < _REACHED:
+            beyond = [(side * p.x if side else np.abs(p.x)) > term.values["gap"] for p in problem.parts]
+            if max(np.mean(flags) for flags in beyond) < _REACHED and (
+                "w" in term.values or max(map(np.count_nonzero, beyond)) < _TOUCHED
+            ):
                 return False
         if term.values.get("v_s", 0.0) > _SLIDES * problem.scales.v[-1] or not is_itself(problem, term, signals):
             return False
