@@ -24,7 +24,8 @@ _HIDDEN, _RELAXATION, _STIFFENING = "hidden_mode", "viscoelastic_relaxation", "s
 _KINKED = frozenset({"bilinear_stiffness", CONTACT_LOSS})
 _AT = 0.98  # of the highest frequency that is tried, and of the largest weighing error: fits that want more end there
 _CRITICAL = 1.0  # damping ratio from which nothing resonates
-_SURE = 4.0  # standard errors by which the mass lies beyond what weighing explains
+_SURE = 4.0  # standard errors by which the mass lies beyond what weighing explains,
+_WORTH = 0.01  # and fall of the mean square that it is worth: less is what the form of an effect leaves
 _STRETCHES, _FOLLOWS = 10, 0.9  # stretches of a recording, and rank correlation of stiffness and frequency over them
 
 
@@ -77,8 +78,8 @@ def is_beyond_weighing(problem: Problem, fitted: Fit) -> bool:
     outside = complement(problem, replace(fitted, unknowns=(*unknowns[:at], *unknowns[at + 1 :])))
     column = outside(problem.jacobian(hypothesis, [unknowns[at]])[:, 0])
     # in standard errors, since rows have unit noise
-    pull = float(column @ problem.rows(hypothesis)) / float(np.linalg.norm(column))
-    return bool(pull * np.sign(hypothesis.weighing) > _SURE)
+    pull = float(column @ problem.rows(hypothesis)) / float(np.linalg.norm(column)) * np.sign(hypothesis.weighing)
+    return bool(pull > max(_SURE, np.sqrt(_WORTH * len(column))))
 
 
 def untried(problem: Problem, fit: Fit, term: Term, known: Collection[str]) -> tuple[str, ...]:

@@ -263,9 +263,11 @@ def _heavier(problem: Problem, before: Fit, chosen: Step, effects: Sequence[Effe
     if not is_beyond_weighing(problem, chosen.trial.fit):
         return None
     made = added_mass_of(problem, chosen.trial.fit, effects)
-    if made is None or made.chi2 >= chosen.trial.chi2 or not _is_steady(problem, before, made.fit):
+    if made is None or not _is_steady(problem, before, made.fit):
         return None
-    return Step(made, (), 0.0)
+    # An effect reads the smoothed acceleration, a weighing error the raw one: their floors differ.
+    left, was = (fit.chi2 - problem.floor(fit.hypothesis) for fit in (made.fit, chosen.trial.fit))
+    return Step(made, (), 0.0) if left < max(was, SOUND / 2) else None
 
 
 def _part_time(problem: Problem, before: Fit, floor: float, effects: Sequence[Effect]) -> Step | None:

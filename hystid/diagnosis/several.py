@@ -107,7 +107,8 @@ def grow(problem: Problem, line: Sequence[Trial], library: Sequence[Effect], exc
     end = line[-1]
     used = {trial.name for trial in line}
     candidates = [c for c in scan(problem, end.fit, library) if c.effect.id not in used]
-    found = trials(problem, end.fit, candidates, excess, chain_trials(problem, end.fit, library), most=6)
+    left = end.chi2 - problem.floor(end.fit.hypothesis)
+    found = trials(problem, end.fit, candidates, left, chain_trials(problem, end.fit, library), most=6)
     if not found:
         return list(line)
     step = single(problem, found, end.fit, excess)
