@@ -320,7 +320,7 @@ class Problem:
 
         Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed: the force near
         the jump says little. A law that turns over a speed of its own is fitted to what there is. Filters of the
-        recording chain round and ring over the samples beside a jump, and beside any turn that is shorter than a sample.
+        recording chain round and ring over the samples beside a jump, and beside any turn shorter than a sample.
         """
         if not self.baseline.memoryless:
             return np.zeros(1)
