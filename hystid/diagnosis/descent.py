@@ -15,6 +15,8 @@ _PACE = 0.04  # share of the way to the bar that every step must make
 _DAMPINGS, _HARDER = 7, 8.0  # dampings per step, and the factor from one to the next
 _ANOTHER = 0.1  # relative difference of steps that makes another one worth its cost
 _NOTHING = 1e-5  # share of the sum of squares below which a promised fall is not worth a step
+_REFUSED, _MUCH = 2, 0.1  # refusals after which the law is held, and share of the promised fall that must be left then
+_FIRST = 1e-4  # damping at the start
 
 
 @np.errstate(over="ignore", invalid="ignore")  # refused steps may be as wild as they like
@@ -38,12 +40,12 @@ def fit(
     cost = float(rows @ rows)
     if not np.isfinite(cost):
         raise NumericalError("the start of a fit has no finite residual; check the nominal parameters")
-    damping, small = 1e-4, 0
+    damping, small = _FIRST, 0
     normal = _Normal(problem.jacobian(here, unknowns), rows)
     for done in range(iterations):
         taken = _step(problem, here, unknowns, normal, cost, damping)
         if taken is None and problem.renew(here):
-            normal, damping = _Normal(problem.jacobian(here, unknowns), rows), 1e-4
+            normal, damping = _Normal(problem.jacobian(here, unknowns), rows), _FIRST
             continue
         if taken is None:
             break
@@ -64,14 +66,33 @@ def fit(
 def _step(
     problem: Problem, here: Hypothesis, unknowns: Sequence[Unknown], normal: _Normal, cost: float, damping: float
 ) -> tuple[Hypothesis, Array, float] | None:
-    """The first step that lowers the sum of squares, its rows and damping; None where there is none worth its name."""
-    for tried, promised, there in normal.steps(here, unknowns, damping):
+    """The first step that lowers the sum of squares, its rows and damping; None where there is none worth its name.
+
+    Corners of the law may refuse step after step, each of which costs an evaluation of it: then all else moves alone.
+    """
+    for refused, (tried, promised, there) in enumerate(normal.steps(here, unknowns, damping)):
         if promised < _NOTHING * cost:
             return None
+        if refused == _REFUSED:
+            alone = _beside_law(problem, here, unknowns, normal, max(_NOTHING * cost, _MUCH * promised))
+            found = _rows_or_none(problem, alone) if alone is not None else None
+            if alone is not None and found is not None and float(found @ found) < cost:
+                return alone, found, tried
         found = _rows_or_none(problem, there)
         if found is not None and float(found @ found) < cost:
             return there, found, tried
     return None
+
+
+def _beside_law(
+    problem: Problem, here: Hypothesis, unknowns: Sequence[Unknown], normal: _Normal, least: float
+) -> Hypothesis | None:
+    """Where the step leads with the shapes of the law held; None where it promises less than the least, or there are
+    none."""
+    shapes = {("base", name) for name in problem.baseline.shapes}
+    held = frozenset(i for i, unknown in enumerate(unknowns) if unknown.key in shapes)
+    _, promised, there = next(normal.steps(here, unknowns, _FIRST, held))
+    return there if held and promised > least else None
 
 
 class _Normal:
@@ -84,17 +105,17 @@ class _Normal:
         self.matrix, self.right = scaled.T @ scaled, scaled.T @ rows
 
     def steps(
-        self, here: Hypothesis, unknowns: Sequence[Unknown], first: float
+        self, here: Hypothesis, unknowns: Sequence[Unknown], first: float, held: frozenset[int] = frozenset()
     ) -> Iterator[tuple[float, float, Hypothesis]]:
         """Damping, fall of the sum of squares that the normal equations promise, and where the step leads.
 
         The first damping, and larger ones that lead to another step: among columns of unit length a small damping
-        changes nothing, and what was refused would be refused again.
+        changes nothing, and what was refused would be refused again. held: unknowns that stay where they are.
         """
         last: Array | None = None
         for power in range(_DAMPINGS):
             damping = first * _HARDER**power
-            moves = self._moves(here, unknowns, damping)
+            moves = self._moves(here, unknowns, damping, held)
             scaled = moves * self.scale
             if last is None or np.linalg.norm(scaled - last) > _ANOTHER * np.linalg.norm(last):
                 last = scaled
@@ -106,10 +127,10 @@ class _Normal:
         targets = {u.key: _moved(here, u, move) for u, move in zip(unknowns, moves, strict=True)}
         return put(here, {u.key: float(np.clip(targets[u.key], u.low, u.high)) for u in unknowns})
 
-    def _moves(self, here: Hypothesis, unknowns: Sequence[Unknown], damping: float) -> Array:
+    def _moves(self, here: Hypothesis, unknowns: Sequence[Unknown], damping: float, held: frozenset[int]) -> Array:
         """Damped Gauss-Newton step; unknowns that it would push over their bounds are set there and the rest solved
         anew."""
-        free = list(range(len(unknowns)))
+        free = [i for i in range(len(unknowns)) if i not in held]
         moves = np.zeros(len(unknowns))
         right = self.right
         while free:

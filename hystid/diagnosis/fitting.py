@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -295,11 +296,16 @@ class Problem:
         return self.reduce.level + float(np.mean(added))
 
     def movements(self, hypothesis: Hypothesis) -> list[Array]:
-        """Rows of what draws of the regressors' noise make of the force."""
+        """Rows of what draws of the regressors' noise make of the force; zeros where the law has no answer there, as at
+        the edge of what it allows."""
         here = self.predicted(hypothesis)
-        return [
-            self.reduce([b - a for a, b in zip(here, self._shaken(hypothesis, d), strict=True)]) for d in range(DRAWS)
-        ]
+        return [self.reduce(self._moved(hypothesis, draw, here)) for draw in range(DRAWS)]
+
+    def _moved(self, hypothesis: Hypothesis, draw: int, here: list[Array]) -> list[Array]:
+        try:
+            return [b - a for a, b in zip(here, self._shaken(hypothesis, draw), strict=True)]
+        except NumericalError:
+            return [np.zeros_like(a) for a in here]
 
     def distrust(self, *hypotheses: Hypothesis) -> bool:
         """Weigh down rows in which a law jumps; true where there are such rows.
@@ -335,7 +341,7 @@ class Problem:
             return [np.abs(b + c - 2 * a) for a, b, c in zip(here, *sides, strict=True)]
 
         here = law(lambda p: p.v)
-        falling, rising = (law(lambda p, v=share * fastest: np.full_like(p.v, v)) for share in (-_AT_ONCE, _AT_ONCE))
+        falling, rising = (law(partial(_steadily, share * fastest)) for share in (-_AT_ONCE, _AT_ONCE))
         jump = max(float(np.max(np.abs(r - f))) for r, f in zip(rising, falling, strict=True))
         slow, quick = bend(lambda _: _TURN * fastest), bend(lambda p: p.a * p.dt)
         sharp = jump > 0.5 * max(float(np.max(b)) for b in slow)
@@ -526,6 +532,11 @@ class Problem:
 def _are_near(known: Sequence[float], shapes: Sequence[float]) -> bool:
     """Whether derivatives of the law at a known point serve at another one."""
     return all(abs(there - here) <= _REUSE * abs(here) for there, here in zip(known, shapes, strict=True))
+
+
+def _steadily(speed: float, part: Part) -> Array:
+    """The same velocity at every sample [m/s]."""
+    return np.full_like(part.v, speed)
 
 
 def _key(term: Term) -> tuple[object, ...]:
