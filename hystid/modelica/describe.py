@@ -17,6 +17,7 @@ from hystid.modelica.expr import refs
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.layout import Layout
 from hystid.modelica.scalar import ScalarVariable
+from hystid.modelica.stops import Stop, stops_of
 
 _TOKEN = "{token}"  # stands in the text until its hash is known
 _FEW_COUPLES = 16  # pairs of states per state that are worth a table: large models that are dense have none
@@ -88,7 +89,7 @@ def _table(model: HybridModel, layout: Layout, functions: Mapping[str, list[str]
         if name in layout.slots and name not in model.aliases:
             starts[layout.slots[name]] = value
     rows = [", ".join(number(v) for v in starts[k : k + 12]) for k in range(0, len(starts), 12)]
-    pairs = _couples(model)
+    pairs, stops = _couples(model), stops_of(model)
     fields = [
         f".name = {quoted(model.flat.name)}, .token = {quoted(token)}, .n_values = {layout.size},",
         *(f".{s} = {layout.first(s)}, .n_{s} = {layout.count(s)}," for s in _SECTIONS if s not in ("dx", "pre")),
@@ -96,6 +97,7 @@ def _table(model: HybridModel, layout: Layout, functions: Mapping[str, list[str]
         f".n_z = {sum(len(r.indicators) for r in model.relations)}, .step = {number(_step(model.flat.experiment))},",
         ".start = hy_start_values,",
         *([f".couples = hy_pairs, .n_couples = {len(pairs)},"] if pairs else []),
+        *([f".stops = hy_sliders, .n_stops = {len(stops)},"] if stops else []),
         *(f".{name} = hy_{name}," for name in functions),
     ]
     return [
@@ -104,6 +106,7 @@ def _table(model: HybridModel, layout: Layout, functions: Mapping[str, list[str]
         "};",
         "",
         *(_pair_table(pairs) if pairs else []),
+        *(_stop_table(stops, layout) if stops else []),
         "const hy_model hy_the_model = {",
         *indented(fields),
         "};",
@@ -124,6 +127,11 @@ def _couples(model: HybridModel) -> list[tuple[int, int]]:
 def _pair_table(pairs: Sequence[tuple[int, int]]) -> list[str]:
     rows = [", ".join(f"{{{i}, {j}}}" for i, j in pairs[k : k + 12]) for k in range(0, len(pairs), 12)]
     return [f"static const int hy_pairs[{len(pairs)}][2] = {{", *indented(r + "," for r in rows), "};", ""]
+
+
+def _stop_table(stops: Sequence[Stop], layout: Layout) -> list[str]:
+    rows = [", ".join(str(layout.slots[name]) for name in stop.names()) for stop in stops]
+    return [f"static const hy_stop hy_sliders[{len(rows)}] = {{", *indented(f"{{{r}}}," for r in rows), "};", ""]
 
 
 def _step(experiment: Experiment) -> float:

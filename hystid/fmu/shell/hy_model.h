@@ -39,6 +39,12 @@ typedef struct {
     void *owner;
 } hy_data;
 
+/* Slots of a spring in series with a dry slider: der(force) = slips ? 0 : stiffness speed, where slips says that the force
+ * is at its limit and the speed drives it on; stiffness and limit are parameters, the others relations. */
+typedef struct {
+    int force, stiffness, limit, speed, slips, above, forward, below, backward;
+} hy_stop;
+
 typedef struct {
     const char *name;
     const char *token;        /* instantiation token, GUID of FMI 2 */
@@ -47,6 +53,8 @@ typedef struct {
     int n_z;                  /* event indicators */
     int n_couples;            /* pairs (i, j): between events der(x[i]) depends on x[j] */
     const int (*couples)[2];  /* NULL: any may depend on any */
+    int n_stops;
+    const hy_stop *stops;     /* NULL unless all relations and discrete states of the model are theirs */
     double step;              /* default internal step [s] */
     const double *start;      /* n_values start values */
 

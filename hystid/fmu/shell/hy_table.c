@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "hy_engine.h"
+#include "hy_stops.h"
 
 static void note(void *owner, int level, const char *text)
 {
@@ -127,6 +128,16 @@ static int integrated_row(hy_engine *e, hy_table *t, int row)
     return outcome ? outcome : put_row(e, t, row);
 }
 
+/* Springs with sliders and nothing else to integrate: no step, no event. */
+static int stopped_row(hy_engine *e, hy_table *t, int row)
+{
+    set_polynomials(e, t, row - 1);
+    hy_move_stops(e, t->dt);
+    set_row(e, t, row);
+    hy_mark_stops(e);
+    return put_row(e, t, row);
+}
+
 /* A model without anything to integrate or to locate: one evaluation a sample. */
 static int evaluated_row(hy_engine *e, hy_table *t, int row)
 {
@@ -136,13 +147,15 @@ static int evaluated_row(hy_engine *e, hy_table *t, int row)
 
 static int run(hy_engine *e, hy_table *t)
 {
+    int (*next)(hy_engine *, hy_table *, int) = integrated_row;
     int outcome = prepare(e, t);
-    const int plain = !e->n_X && !hy_has_events(e);
     t->failed_row = 0;
     if (!outcome) outcome = first_row(e, t);
+    if (!e->n_X && !hy_has_events(e)) next = evaluated_row;
+    if (!outcome && hy_stops_follow(e)) next = stopped_row;
     for (int row = 1; row < t->rows && !outcome; row++) {
         t->failed_row = row;
-        outcome = plain ? evaluated_row(e, t, row) : integrated_row(e, t, row);
+        outcome = next(e, t, row);
     }
     if (!outcome) t->failed_row = -1;
     return outcome;
