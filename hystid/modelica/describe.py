@@ -130,7 +130,7 @@ def _pair_table(pairs: Sequence[tuple[int, int]]) -> list[str]:
 
 
 def _stop_table(stops: Sequence[Stop], layout: Layout) -> list[str]:
-    rows = [", ".join(str(layout.slots[name]) for name in stop.names()) for stop in stops]
+    rows = [", ".join("-1" if name is None else str(layout.slots[name]) for name in stop.names()) for stop in stops]
     return [f"static const hy_stop hy_sliders[{len(rows)}] = {{", *indented(f"{{{r}}}," for r in rows), "};", ""]
 
 

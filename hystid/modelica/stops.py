@@ -13,10 +13,10 @@ from hystid.modelica.hybrid import HybridModel
 
 @dataclass(frozen=True)
 class Stop:
-    """Names of the variables of ``hy_stop`` in hy_model.h, in its order."""
+    """Names of the variables of ``hy_stop`` in hy_model.h, in its order; no stiffness stands for 1."""
 
     force: str
-    stiffness: str
+    stiffness: str | None
     limit: str
     speed: str
     slips: str
@@ -25,7 +25,7 @@ class Stop:
     below: str
     backward: str
 
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> tuple[str | None, ...]:
         """The names, in order."""
         return astuple(self)
 
@@ -33,7 +33,7 @@ class Stop:
 def stops_of(model: HybridModel) -> tuple[Stop, ...]:
     """All stops of a model of which nothing else happens at instants; none where something does.
 
-    A stop is der(z) = if slips then 0 else K*v with slips = (z >= c and v > 0) or (z <= -c and v < 0), K and c
+    A stop is der(z) = if slips then 0 else K*v, or v, with slips = (z >= c and v > 0) or (z <= -c and v < 0), K and c
     parameters.
     """
     found = tuple(stop for state in model.states if (stop := _stop(model, state)) is not None)
@@ -44,9 +44,12 @@ def stops_of(model: HybridModel) -> tuple[Stop, ...]:
 
 
 def _stop(model: HybridModel, state: str) -> Stop | None:
+    stiffness: str | None
     match _values(model.derivatives).get(der(state)):
-        case Op("if", (Ref(slips), Num(0.0), Op("*", (Ref(stiffness), Ref(speed))))):
-            pass
+        case Op("if", (Ref(slips), Num(0.0), Op("*", (Ref(factor), Ref(speed))))):
+            stiffness = factor
+        case Op("if", (Ref(slips), Num(0.0), Ref(speed))):
+            stiffness = None
         case _:
             return None
     match _values(model.event).get(slips):
@@ -65,7 +68,7 @@ def _stop(model: HybridModel, state: str) -> Stop | None:
     }
     parameters = {*model.settable, *model.computed}
     same = all(relations.get(name) == value for name, value in wanted.items())
-    return stop if same and {stiffness, limit} <= parameters else None
+    return stop if same and {stiffness or limit, limit} <= parameters else None
 
 
 def _limit(value: Expr | None, state: str) -> str:

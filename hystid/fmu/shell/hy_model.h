@@ -40,7 +40,7 @@ typedef struct {
 } hy_data;
 
 /* Slots of a spring in series with a dry slider: der(force) = slips ? 0 : stiffness speed, where slips says that the force
- * is at its limit and the speed drives it on; stiffness and limit are parameters, the others relations. */
+ * is at its limit and the speed drives it on; stiffness (-1: 1) and limit are parameters, the others relations. */
 typedef struct {
     int force, stiffness, limit, speed, slips, above, forward, below, backward;
 } hy_stop;

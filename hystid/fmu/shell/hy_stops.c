@@ -17,13 +17,15 @@ static const double *polynomial_of(const hy_engine *e, int slot)
     return NULL;
 }
 
+static double stiffness_of(const hy_engine *e, const hy_stop *s) { return s->stiffness < 0 ? 1 : e->data.v[s->stiffness]; }
+
 int hy_stops_follow(const hy_engine *e)
 {
     const double *const v = e->data.v;
     if (!hy_only_stops_are_free(e)) return 0;
     for (int i = 0; i < e->model->n_stops; i++) {
         const hy_stop *s = &e->model->stops[i];
-        if (!polynomial_of(e, s->speed) || !(v[s->stiffness] >= 0) || !(v[s->limit] >= 0)) return 0;
+        if (!polynomial_of(e, s->speed) || !(stiffness_of(e, s) >= 0) || !(v[s->limit] >= 0)) return 0;
     }
     return 1;
 }
@@ -120,7 +122,7 @@ void hy_move_stops(hy_engine *e, double h)
         const hy_stop *s = &e->model->stops[i];
         if (s->speed != speed) n = ways_of(polynomial_of(e, s->speed), h, ways);
         speed = s->speed;
-        for (int k = 0; k < n; k++) v[s->force] = moved(v[s->force], v[s->stiffness] * ways[k], v[s->limit]);
+        for (int k = 0; k < n; k++) v[s->force] = moved(v[s->force], stiffness_of(e, s) * ways[k], v[s->limit]);
     }
     e->status->stale = 1;
 }

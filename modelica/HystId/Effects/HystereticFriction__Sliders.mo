@@ -5,14 +5,15 @@ block HystereticFriction__Sliders "Five sliders behind springs: slip begins in t
   parameter Real x_c(unit="m", min = 0) = 0.0001 "Displacement at which the last of the sliders slips";
   parameter Real ratio(unit="1", min = 0.3, max = 0.95) = 0.6 "Displacement at which a slider slips, relative to the next one";
 protected
-  Real w[5](each unit = "1", each start = 0, each fixed = true) "Force of each slider relative to its full value";
-  Real length[5](each unit = "m") "Displacement at which each slider slips";
+  parameter Real limit[5](each unit = "m") = {x_c*ratio^(5 - i) for i in 1:5} "Deflection at which each slider slips";
+  Boolean slips[5] "The slider follows the motion";
+  Real z[5](each unit = "m", each start = 0, each fixed = true) "Deflection of each spring";
 equation
-  length = {x_c*ratio^(5 - i) for i in 1:5};
   for i in 1:5 loop
-    der(w[i]) = noEvent(if w[i] > 1 and v > 0 then v/length[i]*(1 - w[i])*2 else if w[i] < -1 and v < 0 then -v/length[i]*(-1 - w[i])*2 else v/length[i]);
+    slips[i] = (z[i] >= limit[i] and v > 0) or (z[i] <= -limit[i] and v < 0);
+    der(z[i]) = if slips[i] then 0 else v;
   end for;
-  f = Fc*(length*w)/sum(length);
+  f = Fc*sum(z)/sum(limit);
   annotation(Documentation(info = "<html><p>Iwan (1966): springs of equal stiffness, slip displacements in geometric
-progression, with corners that a solver can follow.</p></html>"));
+progression.</p></html>"));
 end HystereticFriction__Sliders;
