@@ -127,7 +127,9 @@ class _Normal:
         targets = {u.key: _moved(here, u, move) for u, move in zip(unknowns, moves, strict=True)}
         return put(here, {u.key: float(np.clip(targets[u.key], u.low, u.high)) for u in unknowns})
 
-    def _moves(self, here: Hypothesis, unknowns: Sequence[Unknown], damping: float, held: frozenset[int]) -> Array:
+    def _moves(
+        self, here: Hypothesis, unknowns: Sequence[Unknown], damping: float, held: frozenset[int] = frozenset()
+    ) -> Array:
         """Damped Gauss-Newton step; unknowns that it would push over their bounds are set there and the rest solved
         anew."""
         free = [i for i in range(len(unknowns)) if i not in held]
