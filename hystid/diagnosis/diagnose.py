@@ -402,8 +402,8 @@ def _refit(problem: Problem, kept: Sequence[int] = ()) -> tuple[Fit, tuple[Fit, 
             break
     best, *others = fits
     for _ in range(_JUMPS):
-        jumped = problem.reduce.jumps
-        if not problem.distrust(best.hypothesis, nominal) and not jumped:
+        weighed = problem.reduce.weighs
+        if not problem.distrust(best.hypothesis, nominal) and not weighed:
             break
         again = [best.hypothesis, nominal]  # jumps may have led the fits astray: begin again without them
         fits = [made for h in again if (made := try_fit(problem, h, 25)) is not None]

@@ -313,14 +313,18 @@ class Problem:
         hypotheses: the fit, and others that a law may have jumped in where the fit was led astray.
         """
         self.reduce.trust()
-        jumps = [self._jumps(hypothesis) for hypothesis in hypotheses]
-        self.turns = any(float(np.quantile(rows**2, _RARE)) > _SEEN for rows in jumps)
-        changed = self.reduce.distrust(self.movements(hypotheses[0]), np.maximum.reduce(jumps))
+        if self.baseline.memoryless:
+            turns, filtered = (np.maximum.reduce(rows) for rows in zip(*map(self._jumps, hypotheses), strict=True))
+            self.turns = float(np.quantile(np.maximum(turns, filtered) ** 2, _RARE)) > _SEEN
+            self.reduce.distrust([*self.movements(hypotheses[0]), turns], filtered)
+        else:
+            self.turns = False
+            self.reduce.distrust(self.movements(hypotheses[0]), np.zeros(1))
         self._columns.clear()
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
-        return changed
+        return self.reduce.weighs
 
-    def _jumps(self, hypothesis: Hypothesis) -> Array:
+    def _jumps(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
         """Rows of what the bend of a law without memory leaves open: over some of the largest speed, and over one
         sample, either way.
 
@@ -328,8 +332,6 @@ class Problem:
         the jump says little. A law that turns over a speed of its own is fitted to what there is. Filters of the
         recording chain round and ring over the samples beside a jump, and beside any turn shorter than a sample.
         """
-        if not self.baseline.memoryless:
-            return np.zeros(1)
         fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
 
         def law(velocity: Callable[[Part], Array]) -> list[Array]:
@@ -347,7 +349,7 @@ class Problem:
         sharp = jump > 0.5 * max(float(np.max(b)) for b in slow)
         share = 1.0 if sharp else _ROUND
         # Their sign changes with that of v: blocks would lose it.
-        return self.reduce([np.maximum(share * s, _FILTERED * q) for s, q in zip(slow, quick, strict=True)])
+        return self.reduce([share * s for s in slow]), self.reduce([_FILTERED * q for q in quick])
 
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
         moved = []

@@ -28,7 +28,7 @@ _DECAY = 10.0  # radians at the corner of a whitening filter after which nothing
 _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
 _SAME = 0.02  # difference, over the size of a channel, below which it was computed from another one
 _SHORT = 7  # samples per block that are added column by column
-_JUMP = 4.0  # mean square movement of a row, noise units, beyond which it is weighed down
+_JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
 # Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
@@ -215,6 +215,7 @@ class Reduction:
         total = sum(len(part) for part in parts)
         self.block = max(1, total // _ROWS)
         self._trust: Array | None = None
+        self.jumps = False  # whether a law jumps: noise of the regressors, or its shape, moves rows far
         stiffness = _stiffness(parts, mass)
         self._filters = [_whitening(part, mass, stiffness) for part in parts]
         self._trims = [_trim(len(p), filt, p.first) for p, filt in zip(self.parts, self._filters, strict=True)]
@@ -225,30 +226,30 @@ class Reduction:
         rows = np.concatenate([self.one(index, column) for index, column in enumerate(columns)])
         return rows if self._trust is None else rows * self._trust
 
-    def distrust(self, draws: Sequence[Array], open_to: Array) -> bool:
+    def distrust(self, draws: Sequence[Array], filtered: Array) -> None:
         """Weigh down the rows in which the noise of the regressors moves the force by more than its own noise.
 
-        draws: rows of such movements, not weighed. open_to: rows of what the recording chain leaves open. A law that
-        jumps where the velocity changes sign is the case in mind: where the jump falls is not known to the sample, and
-        its neighbours say nothing about the law.
+        draws: rows of such movements, not weighed. filtered: rows of what filters of the recording chain leave open. A
+        law that jumps where the velocity changes sign is the case in mind: where the jump falls is not known to the
+        sample, and its neighbours say nothing about the law.
         """
-        spread = np.mean([rows**2 for rows in draws], axis=0)
-        wide = maximum_filter1d(spread, 3) + open_to**2
-        if float(np.quantile(wide, 0.999)) > _JUMP:
+        spread = maximum_filter1d(np.mean([rows**2 for rows in draws], axis=0), 3)
+        wide = spread + filtered**2
+        self.jumps = float(np.quantile(spread, _RARE)) > _JUMP
+        if float(np.quantile(wide, _RARE)) > _JUMP:
             self._trust = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0)
-        return self._trust is not None
 
     def trust(self) -> None:
         """Weigh all rows alike again."""
-        self._trust = None
+        self._trust, self.jumps = None, False
 
     def evenly(self, rows: Array) -> Array:
         """Rows as if all were trusted alike."""
         return rows if self._trust is None else rows / self._trust
 
     @property
-    def jumps(self) -> bool:
-        """Whether rows are weighed down because a law jumps there."""
+    def weighs(self) -> bool:
+        """Whether some rows are weighed down."""
         return self._trust is not None
 
     @property
