@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,15 +63,22 @@ def complement(problem: Problem, fitted: Fit) -> Complement:
 
 @np.errstate(over="ignore", invalid="ignore")  # columns that are not finite are left out
 def scan(
-    problem: Problem, fitted: Fit, effects: Sequence[Effect], progress: Callable[[], None] = lambda: None
+    problem: Problem,
+    fitted: Fit,
+    effects: Sequence[Effect],
+    progress: Callable[[], None] = lambda: None,
+    near: Mapping[str, float] = MappingProxyType({}),
 ) -> list[Candidate]:
-    """The best grid point of every form, the largest gain first. Forms without any finite column are left out."""
+    """The best grid point of every form, the largest gain first. Forms without any finite column are left out.
+
+    near: values of shapes by name; forms that have shapes of these names are looked at there as well.
+    """
     outside = complement(problem, fitted)
     beside = _Beside(outside.basis, outside(fitted.residual))
     signals = problem.signals(fitted.hypothesis)
     found = []
     for effect in effects:
-        points = _points(problem, effect, beside, signals)
+        points = _points(problem, effect, beside, signals, near)
         if points:
             best = points[0]
             found.append(replace(best, others=tuple(point.term for point in points[1:4])))
@@ -90,10 +98,14 @@ class _Beside:
         return columns.products - shares[:-1].T @ shares[:-1], shares[-1]
 
 
-def _points(problem: Problem, effect: Effect, beside: _Beside, signals: Sequence[Signals]) -> list[Candidate]:
+def _points(
+    problem: Problem, effect: Effect, beside: _Beside, signals: Sequence[Signals], near: Mapping[str, float]
+) -> list[Candidate]:
     """Grid points of one form, the largest gain first."""
     points = []
-    for shapes in effect.grid(problem.scales):
+    grid = effect.grid(problem.scales)
+    beyond = [{**shapes, **{name: near[name] for name in shapes if name in near}} for shapes in grid] if near else []
+    for shapes in (*grid, *(there for i, there in enumerate(beyond) if there not in (*grid, *beyond[:i]))):
         columns = problem.columns(effect, shapes, signals)
         if columns is None:
             continue

@@ -186,9 +186,9 @@ def _compared(problem: Problem, found: Sequence[Trial], before: Fit, excess: flo
     Again where that brings the best to a better valley: the others must be seen there as well before they lose.
     """
     for _ in range(_ROUNDS):
-        near = exchanged(problem, found, before)
-        found = finished(problem, near, excess)
-        if near[0].chi2 - found[0].chi2 < WORTH:
+        best = found[0].chi2
+        found = finished(problem, exchanged(problem, found, before), excess)
+        if best - found[0].chi2 < WORTH:
             break
     return list(found)
 

@@ -216,8 +216,9 @@ def exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Tri
     bare = replace(here, terms=here.terms[:-1])
     start = standing(problem, bare)
     effects = [t.form_of for t in forms.values() if t.form_of]
-    again = list(found)
-    for candidate in scan(problem, start, effects)[:_EXCHANGED]:
+    again, law = list(found), here.terms[-1]
+    shapes = {name: value for name, value in law.values.items() if name not in law.effect.amplitudes}
+    for candidate in scan(problem, start, effects, near=shapes)[:_EXCHANGED]:
         made = try_term(problem, start, candidate.term, bar=best.chi2)
         if made is not None and made.chi2 < forms[candidate.effect.class_name].chi2 - _TIE[0]:
             again.append(replace(forms[candidate.effect.class_name], fit=made, others=()))
