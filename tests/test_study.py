@@ -121,7 +121,13 @@ def test_ctrl_c_keeps_what_was_finished(recordings, tmp_path):
     write_csv(test[0], tmp_path / "test.csv")
     arguments = ["study", "grid", "train.csv", "--holdout", "test.csv", "--mass", "1", "--workers", "1", "-o", "out"]
     command = [sys.executable, "-c", f"from hystid.cli import main; main({arguments!r})"]
-    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    run = subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background job begins without it
+    )
     trainings, deadline = tmp_path / "out" / "trainings", time.monotonic() + 60
     while len(list(trainings.glob("[!.]*.npz"))) < 2 and run.poll() is None and time.monotonic() < deadline:
         time.sleep(0.01)
