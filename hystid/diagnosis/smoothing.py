@@ -29,6 +29,8 @@ BELOW = {"v": 0.1, "a": 0.3}  # corner over the lowest visible frequency: the mo
 _CLEAR = 10.0  # power of the motion over that of the noise at the lowest frequency that counts
 _BLOCK = 100_000  # samples smoothed at a time, with an overlap far beyond the smoother's memory: bounds the memory
 _OVERLAP = 2_000
+_ONE = 0.1  # noises of x by which x and the integral of v may differ
+_LOUDER = (4.0, 16.0, 64.0, 256.0)  # power of the noise over that of its level, where they differ by more
 
 
 @dataclass(frozen=True)
@@ -76,10 +78,27 @@ def smooth(
         variance[0] = variance[2] / (BELOW["a"] * lowest * dt) ** 4
     chosen = roughness or replace(_likely(table, variance), lowest=lowest)
     motion, spread = _in_blocks(table, variance, chosen)
+    for louder in _LOUDER if roughness is None else ():
+        if _wander(motion) < _ONE * np.sqrt(variance[0]):
+            break
+        likely = _likely(table, louder * variance)
+        chosen = replace(likely, level=likely.level / louder, lowest=lowest)  # their ratio decides what is smoothed
+        motion, spread = _in_blocks(table, variance, chosen)
     unit = np.array([1.0, dt, dt * dt])
     x, v, a = (np.ascontiguousarray(column) for column in (motion / unit).T)
     error = np.sqrt(np.maximum(spread, 0.0)) / unit
     return Smoothed(x, v, a, (float(error[0]), float(error[1]), float(error[2])), chosen)
+
+
+def _wander(motion: Array) -> float:
+    """Standard deviation of x from the integral of v, both smoothed (n, 3), in units of the sample time.
+
+    The three are one motion, to a thousandth of the noise of x. Noise that is louder at low frequencies than its level
+    says may be taken for roughness, and then they drift apart: the noise is to be taken as louder.
+    """
+    x, v, a = motion.T
+    way = np.cumsum(0.5 * (v[1:] + v[:-1]) - (a[1:] - a[:-1]) / 12)
+    return float(np.std(x[1:] - way))
 
 
 def _lowest(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> float:
