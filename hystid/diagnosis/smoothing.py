@@ -78,7 +78,8 @@ def smooth(
         variance[0] = variance[2] / (BELOW["a"] * lowest * dt) ** 4
     chosen = roughness or replace(_likely(table, variance), lowest=lowest)
     motion, spread = _in_blocks(table, variance, chosen)
-    for louder in _LOUDER if roughness is None else ():
+    parted = roughness is None and "x" in channels and len(channels) > 1  # one channel cannot drift away from another
+    for louder in _LOUDER if parted else ():
         if _wander(motion) < _ONE * np.sqrt(variance[0]):
             break
         likely = _likely(table, louder * variance)
