@@ -24,6 +24,7 @@ def located(code: ModelCode) -> CompiledModel:
     """The same model with every slip and stick as an event."""
     text = re.sub(r" *\.stops = hy_sliders, \.n_stops = \d+,\n", "", code.sources["model.c"])
     text = re.sub(r"static const hy_stop hy_sliders\[\d+\] = \{.*?\};\n", "", text, flags=re.DOTALL)
+    assert text != code.sources["model.c"], "the model has no stops"
     return CompiledModel(replace(code, sources={**code.sources, "model.c": text}))
 
 

@@ -91,8 +91,10 @@ def _beside_law(
     none."""
     shapes = {("base", name) for name in problem.baseline.shapes}
     held = frozenset(i for i, unknown in enumerate(unknowns) if unknown.key in shapes)
+    if not held:
+        return None
     _, promised, there = next(normal.steps(here, unknowns, _FIRST, held))
-    return there if held and promised > least else None
+    return there if promised > least else None
 
 
 class _Normal:
