@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from fmu_models import bouncing, contact, effect, jenkins, linear, memory, sampled
 
+from benchmarks.closed_forms import integrated
 from hystid.compiled import CompiledModel, slopes_of
 from hystid.errors import NumericalError, UsageError
 from hystid.modelica import compile_model
@@ -218,7 +219,7 @@ def test_several_motions_at_once_are_each_alone_to_the_bit(law: str) -> None:
 
 def test_a_lane_that_fails_is_named_and_hinders_none() -> None:
     """Friction that builds up over a path far below that of a step has no finite answer with one step a sample."""
-    model = CompiledModel(compile_model("HystId.Effects.HystereticFriction"))
+    model = integrated(compile_model("HystId.Effects.HystereticFriction"))
     v = np.cos(np.arange(3000) * 1e-2)
     calm, wild = (model.motion({}, {"v": size * v}, 1e-3) for size in (1e-3, 10.0))
     parameters = {"Fc": 1.0, "x_c": 1e-5}

@@ -8,8 +8,10 @@ import subprocess
 import pytest
 from fmu_models import EVERY, FOLDER, bouncing, jenkins, linear
 
+from hystid.compiled import shell_text
 from hystid.fmu.build import fmu_sources
 from hystid.fmu.interface import interface
+from hystid.modelica import compile_model
 
 STRICT = ("-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror", "-fvisibility=hidden")
 
@@ -58,3 +60,20 @@ def test_valgrind_finds_nothing_and_steps_allocate_nothing(tmp_path, version):
         assert run.returncode == 0, run.stderr
         allocations.append(next(line for line in run.stderr.splitlines() if "total heap usage" in line).split()[4])
     assert allocations[0] == allocations[1]
+
+
+@pytest.mark.parametrize("law", ["BoucWen", "MicroSlip", "Iwan"])
+def test_sanitizers_find_nothing_where_a_motion_is_followed(tmp_path, law):
+    code = compile_model(f"HystId.Oscillators.{law}")
+    shell = {f"{name}.{end}" for name in ("hy_engine", "hy_ways", "hy_stops", "hy_duhem", "hy_table") for end in "ch"}
+    sources = {name: shell_text(name) for name in {*shell, "hy_step.c", "hy_model.h"}}
+    sources |= {**code.sources, "follow.c": (FOLDER / "follow.c").read_text()}
+    for name, text in sources.items():
+        (tmp_path / name).write_text(text)
+    main = [name for name in sources if name.endswith(".c")]
+    flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    subprocess.run(["gcc", *STRICT, *flags, *main, "-o", "follow", "-lm"], cwd=tmp_path, check=True)
+    slots = {variable.name: str(variable.slot) for variable in code.variables}
+    command = [tmp_path / "follow", *(slots[name] for name in ("x", "v", "R", "law.loss"))]
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr

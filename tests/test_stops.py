@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from benchmarks.stops import SIZES, located
+from benchmarks.closed_forms import SIZES, integrated
 from hystid.compiled import CompiledModel, slopes_of
 from hystid.errors import UsageError
 from hystid.modelcode import ModelCode
@@ -19,6 +19,7 @@ from hystid.modelica import compile_model
 Array = NDArray[np.float64]
 DT = 1e-3
 T = DT * np.arange(2000)
+STOPS = ("Jenkins", "Iwan")
 
 
 def code_of(name: str) -> ModelCode:
@@ -53,7 +54,7 @@ def motions() -> dict[str, Array]:
     }
 
 
-@pytest.mark.parametrize("name", SIZES)
+@pytest.mark.parametrize("name", STOPS)
 @pytest.mark.parametrize("kind", motions())
 def test_force_is_that_of_the_oracle(name: str, kind: str) -> None:
     """The oracle finds a reversal to 1/200 of a sample: its square is what the force may differ by, 2.5e-5."""
@@ -64,7 +65,7 @@ def test_force_is_that_of_the_oracle(name: str, kind: str) -> None:
     assert np.max(np.abs(found["f_h"] - wanted)) < 2.5e-5 * np.max(np.abs(wanted))
 
 
-@pytest.mark.parametrize("name", SIZES)
+@pytest.mark.parametrize("name", STOPS)
 def test_closed_form_and_located_events_agree(name: str) -> None:
     """Force, loss and mode: an event is located to 1e-11 of a step, which the loss multiplies by a sample's slip."""
     code = code_of(name)
@@ -73,7 +74,7 @@ def test_closed_form_and_located_events_agree(name: str) -> None:
     mode = "law.slips" if name == "Jenkins" else "law.element[3].slips"
     results = [
         model.clamp({"x": x, "v": v}, {}, DT, parameters=SIZES[name], outputs=("f_h", "law.loss", mode))
-        for model in (CompiledModel(code), located(code))
+        for model in (CompiledModel(code), integrated(code))
     ]
     for output in ("f_h", "law.loss"):
         size = np.max(np.abs(results[1][output]))
@@ -104,7 +105,7 @@ def slider(tmp_path_factory: pytest.TempPathFactory) -> tuple[CompiledModel, Com
     path = tmp_path_factory.mktemp("slider") / "slider.mo"
     path.write_text(SLIDER)
     code = compile_model(f"{path}:Slider")
-    return CompiledModel(code), located(code)
+    return CompiledModel(code), integrated(code)
 
 
 SPEEDS = st.lists(st.floats(-1, 1).filter(lambda v: v == 0 or abs(v) > 1e-6), min_size=3, max_size=30)

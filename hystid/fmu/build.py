@@ -25,8 +25,8 @@ from hystid.modelcode import ModelCode
 
 Version = Literal[2, 3]
 
-_SHELL_C = ("hy_engine.c", "hy_step.c", "hy_stops.c", "hy_table.c", "hy_fmi.c", "hy_state.c")
-_SHELL_H = ("hy_model.h", "hy_engine.h", "hy_stops.h", "hy_table.h", "hy_fmi.h")
+_SHELL_C = ("hy_engine.c", "hy_step.c", "hy_ways.c", "hy_stops.c", "hy_duhem.c", "hy_table.c", "hy_fmi.c", "hy_state.c")
+_SHELL_H = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_duhem.h", "hy_table.h", "hy_fmi.h")
 _FMI_H = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),

@@ -10,13 +10,15 @@ from functools import lru_cache
 from hystid.modelcode import Experiment, ModelCode, Variable
 from hystid.modelica.blocks import Step, sources, targets
 from hystid.modelica.c_expr import comment, number, quoted
+from hystid.modelica.duhem import DuhemState, duhem_states
 from hystid.modelica.emit_c import Emitter, indented
 from hystid.modelica.emit_derivatives import DerivativeEmitter
 from hystid.modelica.events import der
 from hystid.modelica.expr import refs
-from hystid.modelica.hybrid import HybridModel
+from hystid.modelica.hybrid import HybridModel, is_output
 from hystid.modelica.layout import Layout
 from hystid.modelica.scalar import ScalarVariable
+from hystid.modelica.shown import Shown, shown_of
 from hystid.modelica.stops import Stop, stops_of
 
 _TOKEN = "{token}"  # stands in the text until its hash is known
@@ -59,6 +61,9 @@ def _c_text(model: HybridModel, layout: Layout, token: str) -> str:
         "initialise": emitter.initialise(),
         "evaluate": emitter.evaluate(),
     }
+    shown = shown_of(model) if stops_of(model) or duhem_states(model) else None
+    if shown:
+        functions["show"] = emitter.show(shown.steps)
     if any(r.indicators for r in model.relations):
         functions["indicators"] = emitter.indicators()
     if model.relations or model.discrete or model.reinits or model.checks:
@@ -79,17 +84,19 @@ def _c_text(model: HybridModel, layout: Layout, token: str) -> str:
         *(["#include <stdio.h>"] if any("snprintf" in line for line in [*body, *emitter.preamble()]) else []),
         "",
     ]
-    return "\n".join([*head, *emitter.preamble(), *body, *_table(model, layout, functions, token), ""])
+    return "\n".join([*head, *emitter.preamble(), *body, *_table(model, layout, functions, token, shown), ""])
 
 
-def _table(model: HybridModel, layout: Layout, functions: Mapping[str, list[str]], token: str) -> list[str]:
+def _table(
+    model: HybridModel, layout: Layout, functions: Mapping[str, list[str]], token: str, shown: Shown | None
+) -> list[str]:
     starts = [0.0] * layout.size
     starts[0] = model.flat.experiment.start
     for name, value in model.starts.items():
         if name in layout.slots and name not in model.aliases:
             starts[layout.slots[name]] = value
     rows = [", ".join(number(v) for v in starts[k : k + 12]) for k in range(0, len(starts), 12)]
-    pairs, stops = _couples(model), stops_of(model)
+    pairs, stops, duhem = _couples(model), stops_of(model), duhem_states(model)
     fields = [
         f".name = {quoted(model.flat.name)}, .token = {quoted(token)}, .n_values = {layout.size},",
         *(f".{s} = {layout.first(s)}, .n_{s} = {layout.count(s)}," for s in _SECTIONS if s not in ("dx", "pre")),
@@ -98,6 +105,8 @@ def _table(model: HybridModel, layout: Layout, functions: Mapping[str, list[str]
         ".start = hy_start_values,",
         *([f".couples = hy_pairs, .n_couples = {len(pairs)},"] if pairs else []),
         *([f".stops = hy_sliders, .n_stops = {len(stops)},"] if stops else []),
+        *([f".duhem = hy_rate_independent, .n_duhem = {len(duhem)},"] if duhem else []),
+        *([f".shown = hy_outputs, .n_shown = {len(shown.variables)},"] if shown else []),
         *(f".{name} = hy_{name}," for name in functions),
     ]
     return [
@@ -107,6 +116,8 @@ def _table(model: HybridModel, layout: Layout, functions: Mapping[str, list[str]
         "",
         *(_pair_table(pairs) if pairs else []),
         *(_stop_table(stops, layout) if stops else []),
+        *(_duhem_table(duhem, layout) if duhem else []),
+        *(_shown_table(shown, layout) if shown else []),
         "const hy_model hy_the_model = {",
         *indented(fields),
         "};",
@@ -132,6 +143,18 @@ def _pair_table(pairs: Sequence[tuple[int, int]]) -> list[str]:
 def _stop_table(stops: Sequence[Stop], layout: Layout) -> list[str]:
     rows = [", ".join("-1" if name is None else str(layout.slots[name]) for name in stop.names()) for stop in stops]
     return [f"static const hy_stop hy_sliders[{len(rows)}] = {{", *indented(f"{{{r}}}," for r in rows), "};", ""]
+
+
+def _duhem_table(found: Sequence[DuhemState], layout: Layout) -> list[str]:
+    rows = [", ".join(str(layout.slots[name]) for name in (one.state, der(one.state), one.speed)) for one in found]
+    head = f"static const hy_duhem_state hy_rate_independent[{len(rows)}] = {{"
+    return [head, *indented(f"{{{row}}}," for row in rows), "};", ""]
+
+
+def _shown_table(shown: Shown, layout: Layout) -> list[str]:
+    slots = [str(layout.slots[name]) for name in shown.variables]
+    rows = [", ".join(slots[k : k + 12]) for k in range(0, len(slots), 12)]
+    return [f"static const int hy_outputs[{len(slots)}] = {{", *indented(f"{row}," for row in rows), "};", ""]
 
 
 def _step(experiment: Experiment) -> float:
@@ -204,8 +227,7 @@ def _role(name: str, v: ScalarVariable, model: HybridModel) -> tuple[str, str, s
         return "calculatedParameter", "fixed" if fixed else "tunable", "calculated"
     if v.kind == "input":
         return "input", "continuous" if v.flat.type == "Real" else "discrete", None
-    outside = v.flat.causality == "output" and "." not in name
-    causality = "output" if outside else "local"
+    causality = "output" if is_output(name, v) else "local"
     if name in model.discrete:
         return causality, "discrete", "calculated"
     if name in model.states:
@@ -246,7 +268,7 @@ def _dependencies(model: HybridModel) -> dict[str, tuple[str, ...]]:
         needs = frozenset(k for n in sources(step) for k in known.get(n, frozenset()))
         for t in targets(step):
             known[t] = needs
-    wanted = [n for n, v in model.variables.items() if _role_is_output(n, v)]
+    wanted = [n for n, v in model.variables.items() if is_output(n, v)]
     named = {n: known.get(model.aliases.get(n, n), frozenset()) for n in wanted}
     named |= {der(n): known.get(der(n), frozenset()) for n in model.states}
     return {n: tuple(k for k in order if k in needs) for n, needs in named.items()}
@@ -254,7 +276,3 @@ def _dependencies(model: HybridModel) -> dict[str, tuple[str, ...]]:
 
 def _discrete_steps(model: HybridModel) -> list[Step]:
     return [s for s in model.event if any(t in model.discrete for t in targets(s))]
-
-
-def _role_is_output(name: str, v: ScalarVariable) -> bool:
-    return v.kind == "unknown" and v.flat.causality == "output" and "." not in name

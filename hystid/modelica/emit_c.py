@@ -193,6 +193,10 @@ class Emitter:
         """Derivatives and algebraic variables."""
         return self.function("int", "evaluate", "hy_data *m", self.steps(self.model.derivatives))
 
+    def show(self, steps: Sequence[Step]) -> list[str]:
+        """Outputs alone."""
+        return self.function("int", "show", "hy_data *m", self.steps(steps))
+
     def initialise(self) -> list[str]:
         """Solves the initial equations; relations are looked at until they agree with the values."""
         lines = [f"{self.slot(INITIAL)} = 1;"]

@@ -42,3 +42,8 @@ class HybridModel:
     reinits: tuple[Reinit, ...]
     assertions: tuple[Assertion, ...]
     checks: tuple[tuple[Expr, Assertion], ...]
+
+
+def is_output(name: str, v: ScalarVariable) -> bool:
+    """Whether a variable is an output of the model as a whole."""
+    return v.kind == "unknown" and v.flat.causality == "output" and "." not in name

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "hy_duhem.h"
+
 enum { MOST_PASSES = 100 }; /* of one event iteration: a model that needs more switches back and forth */
 
 void hy_report(hy_engine *e, int level, const char *format, ...)
@@ -75,6 +77,7 @@ void hy_close(hy_engine *e)
     free(e->crossings);
     free(e->scratch);
     free(e->seed);
+    hy_close_duhem(e->duhem);
     memset(e, 0, sizeof *e);
 }
 
@@ -138,6 +141,13 @@ int hy_carry(hy_engine *e, const int *slots, int n)
 int hy_has_events(const hy_engine *e)
 {
     return e->model->update != NULL; /* a when-clause on a Boolean input needs neither indicator nor time event */
+}
+
+hy_driven *hy_driven_at(const hy_engine *e, int slot)
+{
+    for (int i = 0; i < e->status->n_driven; i++)
+        if (e->driven[i].slot == slot) return &e->driven[i];
+    return NULL;
 }
 
 void hy_drive(hy_engine *e)

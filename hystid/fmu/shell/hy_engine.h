@@ -11,6 +11,7 @@
  * known, or a state clamped to a measured motion. value(t) = c[0] + s (c[1] + s (c[2] + s c[3])), s = t - origin. */
 typedef struct {
     int slot;
+    int followed; /* 1: its polynomial is needed though nothing is integrated: a state runs along its integral */
     double c[4];
 } hy_driven;
 
@@ -27,6 +28,8 @@ typedef struct {
     double start_time, stop_time; /* stop_time is INFINITY where none was given */
     double last_time;  /* last successful communication point [s] */
 } hy_status;
+
+typedef struct hy_duhem hy_duhem; /* curves of rate-independent states */
 
 typedef struct {
     const hy_model *model;
@@ -53,6 +56,8 @@ typedef struct {
     double *x_before, *z, *z_left;
     int *crossings;    /* how often each indicator crossed zero within the present step; then n_z marks and n_z indices, scratch */
     double *scratch;   /* one allocation behind X ... z_left */
+    hy_duhem *duhem;   /* while a table is run that way, else NULL */
+    int shows;         /* 1: a table asks for nothing but what the model's show gives */
 } hy_engine;
 
 enum { HY_EVENT = 3 }; /* hy_advance stopped at an event that it was told not to handle */
@@ -67,6 +72,7 @@ void hy_sensitivity(hy_engine *e, int which);               /* sens := d(everyth
 int hy_start(hy_engine *e);                        /* solves the initial equations; event iteration not yet done */
 int hy_settle(hy_engine *e);                       /* evaluate, if stale */
 void hy_drive(hy_engine *e);                       /* driven values at the present time */
+hy_driven *hy_driven_at(const hy_engine *e, int slot); /* NULL where that is not driven */
 int hy_event(hy_engine *e, int *states_changed);   /* event iteration at the present time */
 int hy_note_signs(hy_engine *e);                   /* takes the indicators' present signs as reference */
 int hy_crossed(hy_engine *e, int *any);            /* whether an indicator left its reference sign */

@@ -45,6 +45,12 @@ typedef struct {
     int force, stiffness, limit, speed, slips, above, forward, below, backward;
 } hy_stop;
 
+/* Slots of a rate-independent state: its derivative, slope, is that per way times the size of the speed (a state or an
+ * input), and depends on nothing else but the state itself, the sense of the motion and parameters. */
+typedef struct {
+    int state, slope, speed;
+} hy_duhem_state;
+
 typedef struct {
     const char *name;
     const char *token;        /* instantiation token, GUID of FMI 2 */
@@ -55,12 +61,17 @@ typedef struct {
     const int (*couples)[2];  /* NULL: any may depend on any */
     int n_stops;
     const hy_stop *stops;     /* NULL unless all relations and discrete states of the model are theirs */
+    int n_duhem;
+    const hy_duhem_state *duhem; /* NULL where something happens at instants */
+    int n_shown;
+    const int *shown;         /* algebraic variables that show gives */
     double step;              /* default internal step [s] */
     const double *start;      /* n_values start values */
 
     int (*parameters)(hy_data *m);                  /* dependent parameters from the settable ones */
     int (*initialise)(hy_data *m);                  /* solves the initial equations: p (fixed=false), x, d, pre, rel, w */
     int (*evaluate)(hy_data *m);                    /* dx and y from time, p, u, x, d, rel */
+    int (*show)(hy_data *m);                        /* outputs and what they need, from time, p, u, x; dx stay as they were */
     int (*indicators)(hy_data *m, double *z);       /* n_z functions whose sign changes mark state events (after evaluate) */
     int (*update)(hy_data *m, int *again);          /* one pass of event iteration: rel from the current values, when-clauses
                                                        with pre, reinit of x; *again = 1 when anything changed. The shell sets

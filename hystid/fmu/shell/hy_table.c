@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "hy_duhem.h"
 #include "hy_engine.h"
 #include "hy_stops.h"
 
@@ -81,6 +82,30 @@ static int put_row(hy_engine *e, hy_table *t, int row)
     return outcome;
 }
 
+/* The same where the states are known without their derivatives, and nothing but outputs is asked for. */
+static int put_known(hy_engine *e, hy_table *t, int row)
+{
+    int outcome;
+    if (!e->shows) return put_row(e, t, row);
+    outcome = e->model->show(&e->data);
+    for (int k = 0; k < t->n_outputs && !outcome; k++) t->outputs[k][row] = e->data.v[t->output_slots[k]];
+    return outcome;
+}
+
+static int is_shown(const hy_model *m, int slot)
+{
+    for (int i = 0; i < m->n_shown; i++)
+        if (m->shown[i] == slot) return 1;
+    return slot < m->dx;
+}
+
+static int are_shown(const hy_model *m, const hy_table *t)
+{
+    for (int k = 0; k < t->n_outputs; k++)
+        if (!is_shown(m, t->output_slots[k])) return 0;
+    return m->show && !m->completed_step;
+}
+
 static int prepare(hy_engine *e, const hy_table *t)
 {
     for (int i = 0; i < t->n_settings; i++) e->settings[t->setting_slots[i]] = t->settings[i];
@@ -128,14 +153,30 @@ static int integrated_row(hy_engine *e, hy_table *t, int row)
     return outcome ? outcome : put_row(e, t, row);
 }
 
+/* Of the columns that are followed over their way; what is evaluated at samples alone needs none. */
+static void set_speeds(hy_engine *e, const hy_table *t, int row)
+{
+    for (int i = 0; i < t->n_columns; i++)
+        if (e->driven[i].followed) interpolate(t, i, row, e->driven[i].c);
+}
+
 /* Springs with sliders and nothing else to integrate: no step, no event. */
 static int stopped_row(hy_engine *e, hy_table *t, int row)
 {
-    set_polynomials(e, t, row - 1);
+    set_speeds(e, t, row - 1);
     hy_move_stops(e, t->dt);
     set_row(e, t, row);
-    hy_mark_stops(e);
-    return put_row(e, t, row);
+    if (!e->shows) hy_mark_stops(e);
+    return put_known(e, t, row);
+}
+
+/* Rate-independent states and nothing else to integrate: no step. */
+static int followed_row(hy_engine *e, hy_table *t, int row)
+{
+    set_speeds(e, t, row - 1);
+    if (hy_move_duhem(e->duhem, e, t->dt)) return HY_RETRY;
+    set_row(e, t, row);
+    return put_known(e, t, row);
 }
 
 /* A model without anything to integrate or to locate: one evaluation a sample. */
@@ -150,9 +191,15 @@ static int run(hy_engine *e, hy_table *t)
     int (*next)(hy_engine *, hy_table *, int) = integrated_row;
     int outcome = prepare(e, t);
     t->failed_row = 0;
+    e->shows = are_shown(e->model, t);
     if (!outcome) outcome = first_row(e, t);
     if (!e->n_X && !hy_has_events(e)) next = evaluated_row;
-    if (!outcome && hy_stops_follow(e)) next = stopped_row;
+    if (!outcome && hy_open_stops(e)) next = stopped_row;
+    if (!outcome && hy_duhem_follows(e)) {
+        next = followed_row;
+        e->duhem = hy_open_duhem(e);
+        if (!e->duhem) return HY_ERROR;
+    }
     for (int row = 1; row < t->rows && !outcome; row++) {
         t->failed_row = row;
         outcome = next(e, t, row);

@@ -1,0 +1,308 @@
+#include "hy_duhem.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "hy_ways.h"
+
+enum { FIRST_NODES = 64, MOST_NODES = 100000, MOST_LOOKS = 60 };
+
+static const double EXACT = 3e-8;     /* error that a curve may have between its nodes, share of the state */
+static const double AT_REST = 1e-12;  /* slope, share of that at z = 0, below which a state has come to rest */
+static const double SHORTEST = 1e-12; /* step, share of the way so far, in which a law jumps */
+static const double TENFOLD = 10;     /* change of slope within a step, beyond which a curve would not come to rest */
+
+/* A point of a curve: way, state, and the state's slope over the way; c2, c3: of the cubic to the next point. */
+typedef struct {
+    double s, z, slope, c2, c3;
+} node;
+
+/* A curve on one side of z = 0; step: the length to be tried next, negative on the
+ * earlier side; first: the length of the first one. */
+typedef struct {
+    node *nodes;
+    int n, room;
+    double step, first;
+    enum { GOES_ON, RESTS, BREAKS } end;
+} side;
+
+/* The curve in one sense of the motion, from z = 0 on. */
+typedef struct {
+    side later, earlier;
+    double sense; /* speed: 1 or -1 */
+} curve;
+
+/* One state with its curves, and where it is: on a curve (NULL where on none), after a node, at a way. */
+typedef struct {
+    const hy_duhem_state *slots;
+    curve curves[2];
+    curve *on;
+    int at;
+    double s;
+} follower;
+
+struct hy_duhem {
+    hy_data data; /* a block of its own, in which speed and state are whatever is asked about */
+    int (*evaluate)(hy_data *m);
+    follower *followers;
+    int n;
+};
+
+static void say_nothing(void *owner, int level, const char *text)
+{
+    (void)owner;
+    (void)level;
+    (void)text;
+}
+
+static double slope_at(hy_duhem *d, const hy_duhem_state *slots, double sense, double z)
+{
+    double *const v = d->data.v;
+    v[slots->speed] = sense;
+    v[slots->state] = z;
+    return d->evaluate(&d->data) == HY_OK ? v[slots->slope] : NAN;
+}
+
+/* State after one Runge-Kutta step along a curve. */
+static double stepped(hy_duhem *d, const hy_duhem_state *slots, double sense, const node *from, double step)
+{
+    const double k1 = from->slope, k2 = slope_at(d, slots, sense, from->z + 0.5 * step * k1);
+    const double k3 = slope_at(d, slots, sense, from->z + 0.5 * step * k2);
+    const double k4 = slope_at(d, slots, sense, from->z + step * k3);
+    return from->z + step / 6 * (k1 + 2 * (k2 + k3) + k4);
+}
+
+/* The cubic from a node to the next one, with the slopes of both. */
+static void join(node *from, const node *to)
+{
+    const double h = to->s - from->s, mean = (to->z - from->z) / h;
+    from->c2 = (3 * mean - 2 * from->slope - to->slope) / h;
+    from->c3 = (from->slope + to->slope - 2 * mean) / (h * h);
+}
+
+static double after(const node *from, double s)
+{
+    const double u = s - from->s;
+    return from->z + u * (from->slope + u * (from->c2 + u * from->c3));
+}
+
+/* Joins a node to the next one. Returns the error of the step over that allowed; middle: the state in its middle. */
+static double misfit(node *from, const node *to, double middle)
+{
+    const double size = fmax(fabs(to->z), fabs(from->z)), change = to->slope / from->slope;
+    double error;
+    join(from, to);
+    error = fabs(after(from, 0.5 * (from->s + to->s)) - middle) / (EXACT * size);
+    return (change == 0 || (change > 1 / TENFOLD && change < TENFOLD)) && isfinite(error) ? error : INFINITY;
+}
+
+/* The next node of a side; 0 where there is none. A jump of the law is passed in the shortest step. */
+static int advance(hy_duhem *d, const hy_duhem_state *slots, double sense, side *one)
+{
+    node *const from = one->nodes + one->n - 1;
+    const double shortest = SHORTEST * fmax(fabs(from->s), one->first);
+    for (;;) {
+        const double z = stepped(d, slots, sense, from, one->step), middle = stepped(d, slots, sense, from, 0.5 * one->step);
+        const node to = {.s = from->s + one->step, .z = z, .slope = slope_at(d, slots, sense, z)};
+        const double error = misfit(from, &to, middle), factor = 0.9 / sqrt(sqrt(error));
+        if (error <= 1 || (fabs(one->step) <= shortest && isfinite(z + to.slope))) {
+            one->nodes[one->n] = to;
+            one->step *= fmin(fmax(factor, 0.5), 2.5);
+            return to.s != from->s;
+        }
+        if (fabs(one->step) <= shortest) return 0;
+        one->step *= fmin(fmax(factor, 0.1), 0.7);
+    }
+}
+
+static void grow(hy_duhem *d, const hy_duhem_state *slots, double sense, side *one)
+{
+    if (one->n == one->room) {
+        node *const more = one->n < MOST_NODES ? realloc(one->nodes, 2 * sizeof *more * (size_t)one->room) : NULL;
+        if (!more) {
+            one->end = BREAKS;
+            return;
+        }
+        one->nodes = more;
+        one->room *= 2;
+    }
+    if (fabs(one->nodes[one->n - 1].slope) <= AT_REST * fabs(one->nodes->slope))
+        one->end = RESTS;
+    else if (advance(d, slots, sense, one))
+        one->n++;
+    else
+        one->end = BREAKS;
+}
+
+static int open_side(side *one, node origin)
+{
+    one->room = FIRST_NODES;
+    one->n = 1;
+    one->nodes = malloc(sizeof *one->nodes * FIRST_NODES);
+    if (!one->nodes) return 0;
+    one->nodes[0] = origin;
+    one->end = isfinite(origin.slope) && origin.slope != 0 ? GOES_ON : BREAKS;
+    return 1;
+}
+
+static int is_followed(const hy_engine *e, const hy_duhem_state *one)
+{
+    return !hy_driven_at(e, one->state) && hy_driven_at(e, one->speed);
+}
+
+int hy_duhem_follows(const hy_engine *e)
+{
+    const hy_model *m = e->model;
+    int n = 0;
+    for (int i = 0; i < m->n_duhem; i++) n += is_followed(e, m->duhem + i);
+    return n && n == m->n_x - e->n_clamped && !e->n_seeds && !hy_has_events(e);
+}
+
+void hy_close_duhem(hy_duhem *d)
+{
+    if (!d) return;
+    for (int i = 0; d->followers && i < d->n; i++)
+        for (int k = 0; k < 2; k++) {
+            free(d->followers[i].curves[k].later.nodes);
+            free(d->followers[i].curves[k].earlier.nodes);
+        }
+    free(d->followers);
+    free(d->data.v);
+    free(d);
+}
+
+hy_duhem *hy_open_duhem(hy_engine *e)
+{
+    const hy_model *const m = e->model;
+    const size_t block = sizeof(double) * (size_t)m->n_values;
+    hy_duhem *const d = calloc(1, sizeof *d);
+    int complete;
+    if (!d) return NULL;
+    d->evaluate = m->evaluate;
+    d->data.log = say_nothing;
+    d->data.v = malloc(block);
+    d->followers = calloc((size_t)m->n_duhem, sizeof *d->followers);
+    complete = d->data.v && d->followers;
+    if (complete) memcpy(d->data.v, e->data.v, block);
+    for (int i = 0; complete && i < m->n_duhem; i++) {
+        follower *const f = d->followers + d->n;
+        if (!is_followed(e, m->duhem + i)) continue;
+        d->n++;
+        f->slots = m->duhem + i;
+        hy_driven_at(e, f->slots->speed)->followed = 1;
+        for (int k = 0; complete && k < 2; k++) {
+            curve *const c = f->curves + k;
+            c->sense = k ? 1 : -1;
+            complete = open_side(&c->later, (node){.slope = slope_at(d, f->slots, c->sense, 0)});
+            complete = complete && open_side(&c->earlier, c->later.nodes[0]);
+        }
+    }
+    if (complete) return d;
+    hy_close_duhem(d);
+    return NULL;
+}
+
+/* Whether a state lies further out than a node of a side that leads to larger states, or to smaller ones. */
+static int is_beyond(double z, const node *edge, int rises) { return rises ? z > edge->z : z < edge->z; }
+
+/* Way at which a curve meets a state between two nodes. */
+static double way_to(const node *from, const node *to, double z)
+{
+    double low = from->s, high = to->s, s = low + (high - low) * (z - from->z) / (to->z - from->z);
+    for (int i = 0; i < MOST_LOOKS; i++) {
+        const double u = s - from->s, error = after(from, s) - z, slope = from->slope + u * (2 * from->c2 + u * 3 * from->c3);
+        double next = s - error / slope;
+        if ((error > 0) == (to->z > from->z))
+            high = s;
+        else
+            low = s;
+        if (!((next - low) * (next - high) < 0)) next = 0.5 * (low + high);
+        if (error == 0 || next == s || next == low || next == high) return s;
+        s = next;
+    }
+    return s;
+}
+
+/* Finds a state on a curve. 0 where the curve does not come there: a fixed point of the law lies in between. */
+static int locate(hy_duhem *d, follower *f, curve *c, double z)
+{
+    const int rises = c->later.nodes->slope > 0, on_later = z == 0 || (z > 0) == rises;
+    side *const one = on_later ? &c->later : &c->earlier;
+    int low = 0, high;
+    while (one->end == GOES_ON && is_beyond(z, one->nodes + one->n - 1, on_later == rises)) grow(d, f->slots, c->sense, one);
+    high = one->n - 1;
+    if (!high || is_beyond(z, one->nodes + high, on_later == rises)) return 0;
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (is_beyond(z, one->nodes + middle, on_later == rises))
+            low = middle;
+        else
+            high = middle;
+    }
+    f->on = c;
+    f->at = on_later ? low : -high;
+    f->s = way_to(one->nodes + low, one->nodes + high, z);
+    return 1;
+}
+
+/* Goes on along the curve; at: number of the node before, negative on the earlier side. */
+static double along(hy_duhem *d, follower *f, double way)
+{
+    side *const later = &f->on->later, *const earlier = &f->on->earlier;
+    f->s += way;
+    while (f->at < 0 && earlier->nodes[-f->at - 1].s < f->s) f->at++;
+    if (f->at < 0) return after(earlier->nodes - f->at - 1, f->s);
+    for (;; f->at++) {
+        while (f->at == later->n - 1 && later->end == GOES_ON) grow(d, f->slots, f->on->sense, later);
+        if (f->at == later->n - 1) return later->end == RESTS ? later->nodes[f->at].z : NAN;
+        if (later->nodes[f->at + 1].s >= f->s) return after(later->nodes + f->at, f->s);
+    }
+}
+
+/* The same from where no curve through z = 0 comes. */
+static double apart(hy_duhem *d, const follower *f, double sense, double z, double way)
+{
+    side one = {.step = way, .first = way};
+    double reached = z;
+    if (!open_side(&one, (node){.z = z, .slope = slope_at(d, f->slots, sense, z)})) return NAN;
+    if (one.nodes->slope != 0) {
+        while (one.end == GOES_ON && one.nodes[one.n - 1].s < way) grow(d, f->slots, sense, &one);
+        reached = one.nodes[one.n - 1].z;
+        if (one.nodes[one.n - 1].s >= way) reached = after(one.nodes + one.n - 2, way);
+        else if (one.end != RESTS) reached = NAN;
+    }
+    free(one.nodes);
+    return reached;
+}
+
+static double followed(hy_duhem *d, follower *f, double z, double way)
+{
+    curve *const c = &f->curves[way > 0];
+    const double length = fabs(way);
+    if (!(length > 0)) return z + way; /* no motion, or not a number */
+    if (!c->later.step) {
+        c->later.step = c->later.first = c->earlier.first = length;
+        c->earlier.step = -length;
+    }
+    if (f->on != c && !locate(d, f, c, z)) {
+        f->on = NULL;
+        return apart(d, f, c->sense, z, length);
+    }
+    return along(d, f, length);
+}
+
+int hy_move_duhem(hy_duhem *d, hy_engine *e, double h)
+{
+    double *const v = e->data.v, ways[HY_MOST_WAYS];
+    int n = 0, speed = -1;
+    for (int i = 0; i < d->n; i++) {
+        follower *const f = d->followers + i;
+        double *const z = v + f->slots->state;
+        if (f->slots->speed != speed) n = hy_ways(hy_driven_at(e, speed = f->slots->speed)->c, h, ways);
+        for (int k = 0; k < n; k++) *z = followed(d, f, *z, ways[k]);
+        if (!isfinite(*z)) return HY_RETRY;
+    }
+    e->status->stale = 1;
+    return HY_OK;
+}

@@ -1,0 +1,80 @@
+#include "hy_ways.h"
+
+#include <math.h>
+
+enum { MOST_LOOKS = 100 };
+
+static double value(const double *c, double s) { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); }
+static double integral(const double *c, double s) { return s * (c[0] + s * (c[1] / 2 + s * (c[2] / 3 + s * c[3] / 4))); }
+
+/* Whether the polynomial keeps its sign over [0, h]: its Bernstein coefficients do. */
+static int keeps_sign(const double *c, double h)
+{
+    const double b1 = c[0] + c[1] * h / 3, b2 = c[0] + h * (2 * c[1] + c[2] * h) / 3, b3 = value(c, h);
+    return (c[0] >= 0 && b1 >= 0 && b2 >= 0 && b3 >= 0) || (c[0] <= 0 && b1 <= 0 && b2 <= 0 && b3 <= 0);
+}
+
+/* Offsets in (0, h) at which the polynomial has a slope of 0, in rising order. */
+static int extremes(const double *c, double h, double *at)
+{
+    const double p = 3 * c[3], q = c[2], r = c[1], root = q * q - p * r;
+    double first, second;
+    int n = 0;
+    if (!(root >= 0)) return 0;
+    {
+        const double w = -(q + copysign(sqrt(root), q)); /* no difference of numbers that are alike */
+        first = p != 0 ? w / p : INFINITY;
+        second = w != 0 ? r / w : INFINITY;
+    }
+    if (first > second) {
+        const double other = first;
+        first = second;
+        second = other;
+    }
+    if (first > 0 && first < h) at[n++] = first;
+    if (second > first && second > 0 && second < h) at[n++] = second;
+    return n;
+}
+
+/* Where the polynomial, monotone over [low, high] with ends of different sign, is 0. */
+static double zero(const double *c, double low, double high)
+{
+    const int rising = value(c, high) > value(c, low);
+    double at = 0.5 * (low + high);
+    for (int i = 0; i < MOST_LOOKS; i++) {
+        const double f = value(c, at), slope = c[1] + at * (2 * c[2] + at * 3 * c[3]);
+        double next;
+        if (f == 0) return at;
+        if ((f > 0) == rising)
+            high = at;
+        else
+            low = at;
+        next = at - f / slope;
+        if (!(next > low && next < high)) next = 0.5 * (low + high);
+        if (fabs(next - at) <= 1e-16 * fabs(at) || next == low || next == high) return next;
+        at = next;
+    }
+    return at;
+}
+
+int hy_ways(const double *c, double h, double ways[HY_MOST_WAYS])
+{
+    double edges[4], before = 0;
+    int n = 0, inner;
+    if (keeps_sign(c, h)) {
+        ways[0] = integral(c, h);
+        return 1;
+    }
+    inner = extremes(c, h, edges + 1);
+    edges[0] = 0;
+    edges[inner + 1] = h;
+    for (int i = 0; i <= inner; i++) {
+        double reached;
+        if (!(value(c, edges[i]) * value(c, edges[i + 1]) < 0)) continue;
+        reached = integral(c, zero(c, edges[i], edges[i + 1]));
+        ways[n++] = reached - before;
+        before = reached;
+    }
+    ways[n++] = integral(c, h) - before;
+    return n;
+}

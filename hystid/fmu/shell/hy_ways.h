@@ -1,0 +1,10 @@
+/* Ways that a cubic speed leads from one reversal to the next: what rate-independent laws see of a motion. */
+#ifndef HY_WAYS_H
+#define HY_WAYS_H
+
+enum { HY_MOST_WAYS = 4 };
+
+/* c: speed c[0] + s (c[1] + s (c[2] + s c[3])) over s in [0, h]; returns how many ways there are, each of one sign. */
+int hy_ways(const double *c, double h, double ways[HY_MOST_WAYS]);
+
+#endif
