@@ -103,6 +103,21 @@ class Effect:
         """Whether the force follows from the motion alone: the same at a grid point in every scan."""
         return "h" not in self.reads
 
+    @property
+    def law(self) -> Effect:
+        """What costs an evaluation of a block: the effect itself, but for one that is switched on and off."""
+        return self
+
+    def law_values(self, parameters: Mapping[str, float]) -> Mapping[str, float]:
+        """Parameters of ``law``."""
+        return parameters
+
+    def switched(
+        self, forces: Sequence[Array], signals: Sequence[Signals], parameters: Mapping[str, float]
+    ) -> Sequence[Array]:
+        """Forces of the effect from those of its law."""
+        return forces
+
     def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
         """Force f [N] over one recording, shape (n,)."""
         return self.forces([signals], parameters)[0]

@@ -215,16 +215,18 @@ class Problem:
         """The effects whose force is the hysteretic force of a baseline without one."""
         return [] if self.baseline.has_h else [term for term in terms if is_source(term.effect)]
 
-    def _force(self, hypothesis: Hypothesis, term: Term, signals: Sequence[Signals]) -> tuple[Array, ...]:
-        """Force of an effect per part, remembered; term: one of the hypothesis, or that with other values.
+    def _force(self, hypothesis: Hypothesis, term: Term, signals: Sequence[Signals]) -> Sequence[Array]:
+        """Force of an effect per part; term: one of the hypothesis, or that with other values. That of its law is
+        remembered.
 
         signals: those of the hypothesis.
         """
-        effect, seen = term.effect, tuple[object, ...]()
-        if "h" in effect.reads:
+        law, seen = Term(term.effect.law, term.effect.law_values(term.values)), tuple[object, ...]()
+        if "h" in law.effect.reads:
             shapes = tuple(hypothesis.values[name] for name in self.baseline.shapes)
             seen = (shapes, *(_key(source) for source in self._sources(hypothesis.terms)))
-        return self._forces.get((*_key(term), seen), lambda: tuple(effect.forces(signals, term.values)))
+        forces = self._forces.get((*_key(law), seen), lambda: tuple(law.effect.forces(signals, law.values)))
+        return term.effect.switched(forces, signals, term.values)
 
     def _unit(self, hypothesis: Hypothesis, term: Term, name: str, signals: Sequence[Signals]) -> list[Array]:
         """Force of an effect per unit of one of its amplitudes."""
@@ -240,6 +242,13 @@ class Problem:
         A threshold that the largest motion does not reach is reached by none. What depends on the motion alone is the
         same in every scan, and remembered.
         """
+        if effect.law is not effect and self.reduce.is_local:
+            always = self.columns(effect.law, effect.law_values(shapes), signals)
+            ones = [np.ones_like(part.x) for part in self.parts]
+            gates = np.concatenate(
+                [self.reduce.plain(i, g) for i, g in enumerate(effect.switched(ones, signals, shapes))]
+            )
+            return Columns(*_scaled(always.scaled * always.lengths * gates[:, None])) if always else None
 
         def made() -> tuple[Array, ...]:
             try:
@@ -467,7 +476,7 @@ class Problem:
         value = get(hypothesis, unknown.key)
         step = _STEP * (abs(value) or 1.0) * (-1.0 if value * (1 + _STEP) > unknown.high else 1.0)
         term = hypothesis.terms[int(unknown.key[0])]
-        there = term.effect.forces(signals, {**term.values, unknown.key[1]: value + step})
+        there = self._force(hypothesis, replace(term, values={**term.values, unknown.key[1]: value + step}), signals)
         return [(g - f) / step for f, g in zip(self._force(hypothesis, term, signals), there, strict=True)]
 
     def _law_column(self, hypothesis: Hypothesis, name: str, signals: list[Signals]) -> list[Array]:

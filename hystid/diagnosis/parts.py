@@ -248,6 +248,11 @@ class Reduction:
         return rows if self._trust is None else rows / self._trust
 
     @property
+    def is_local(self) -> bool:
+        """Whether a row holds what its own samples do, and nothing of those before and after."""
+        return all(filt is None for filt in self._filters)
+
+    @property
     def weighs(self) -> bool:
         """Whether some rows are weighed down."""
         return self._trust is not None

@@ -64,12 +64,25 @@ class Windowed(Effect):
         """No: a window is looked into once."""
         return False
 
+    @property
+    def law(self) -> Effect:
+        """The effect that is switched on and off."""
+        return self.inner
+
+    def law_values(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """All parameters but the times of the window."""
+        return {name: value for name, value in parameters.items() if name not in self.near}
+
+    def switched(
+        self, forces: Sequence[Array], signals: Sequence[Signals], parameters: Mapping[str, float]
+    ) -> list[Array]:
+        """Forces where the window is open."""
+        gates = [_gate(len(f), s.dt, self.times(parameters, s.index)) for f, s in zip(forces, signals, strict=True)]
+        return [force * gate for force, gate in zip(forces, gates, strict=True)]
+
     def forces(self, signals: Sequence[Signals], parameters: Mapping[str, float]) -> list[Array]:
         """Force f [N] over several recordings."""
-        law = {name: value for name, value in parameters.items() if name not in self.near}
-        found = self.inner.forces(signals, law)
-        gates = [_gate(len(f), s.dt, self.times(parameters, s.index)) for f, s in zip(found, signals, strict=True)]
-        return [force * gate for force, gate in zip(found, gates, strict=True)]
+        return self.switched(self.inner.forces(signals, self.law_values(parameters)), signals, parameters)
 
     def times(self, parameters: Mapping[str, float], index: int) -> tuple[float, ...]:
         """Beginning, end and ramp [s] in a recording; a window that never opens where it has none."""
