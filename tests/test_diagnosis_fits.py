@@ -87,7 +87,7 @@ def test_no_step_is_tried_twice() -> None:
     normal = _Normal(problem.jacobian(here, unknowns), problem.rows(here))
     tried = [
         np.array([normal._moves(here, unknowns, damping)]) * normal.scale
-        for damping, _, _ in normal.steps(here, unknowns, 1e-9)
+        for damping, _, _ in normal.steps(here, unknowns, 1e-11)
     ]
     assert 1 < len(tried) < 7
     for one, other in pairwise(tried):
@@ -186,7 +186,7 @@ def test_a_window_of_time_stands_where_a_law_without_one_is_contradicted(tmp_pat
 def test_parameters_without_a_force_are_no_start(tmp_path: Path) -> None:
     place = from_deck(tmp_path, 20261122, 45)
     known = json.loads((place / "parameters.json").read_text())
-    wild = known | {"beta": 500 * known["beta"]}
+    wild = known | {"beta": -500 * known["beta"]}  # the force grows with itself, beyond all numbers
     tests = sorted(place.glob("rec_*.csv"))
     found = diagnose(tests, model=BOUCWEN, parameters=wild)
     assert found.verdict == "recalibrated"

@@ -51,7 +51,8 @@ _SILENT = 0.25  # share of the excess below which the best trial says nothing ab
 _CONSTANT = 0.9  # share of the excess beyond which a constant force is named though what it leaves is unknown
 _IDLE = 0.1  # share of the excess below which no candidate has anything to say about it
 PRELOAD = "preload"
-_TELLING = 0.15  # share of what is left inside a window that a law must take at once to be fitted
+_TELLING = 0.3  # share of what is left inside a window that a law must take at once to be fitted; right ones take 0.4
+_RIVAL = 0.7  # of the largest such share, below which another law is not fitted there
 _SOMETHING = 0.01  # share of the excess that a law must take without a window to be tried with one
 _WINDOW_LEFT = 0.05  # share of the excess that a law in a window may leave
 _WINDOW_WORTH = (0.04, 0.25)  # share of the excess that a window must be worth, and that makes it the main thing
@@ -287,7 +288,7 @@ def _in_windows(problem: Problem, before: Fit, floor: float, effects: Sequence[E
         left = start.chi2 - floor
         candidates = scan(problem, start, [windowed(effect, window) for effect in effects])
         telling = bool(candidates) and candidates[0].gain > _TELLING * left * len(start.residual)
-        found = trials(problem, start, candidates, left) if telling else []
+        found = trials(problem, start, candidates, left, least=_RIVAL) if telling else []
         if found:
             yield single(problem, found, start, left)
 

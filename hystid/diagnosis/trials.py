@@ -16,6 +16,7 @@ from hystid.diagnosis.sensors import DRIFT, is_constant
 SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
 _HELD = 0.35  # samples of delay: a force that is held is half a sample late, and no shift undoes the steps
 FORM = 0.045  # share of the excess that another form of the right law leaves; more may be a second effect
+_PROMISING = 0.3  # share of the largest gain of a scan that makes a form worth a fit
 _HOPEFUL = 0.6  # share of the excess that the best trial may leave to be searched again
 _NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
 _RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
@@ -85,11 +86,15 @@ def trials(
     excess: float,
     extra: Sequence[Trial] = (),
     most: int = 12,
+    least: float = _PROMISING,
 ) -> list[Trial]:
-    """Joint fits of the promising forms, best first. Absorbed ones count for nothing unless they change much."""
+    """Joint fits of the promising forms, best first. Absorbed ones count for nothing unless they change much.
+
+    most: how many; least: share of the largest gain that makes a form promising.
+    """
     found = [*extra]
     top = max((c.gain for c in candidates), default=0.0)
-    promising = [c for c in candidates if c.gain > 0.3 * top][:most]
+    promising = [c for c in candidates if c.gain > least * top][:most]
     promising += [c for c in candidates[:most] if c not in promising][: max(0, 5 - len(promising))]
     for candidate in promising:
         bar = min((t.chi2 for t in found), default=0.0)
