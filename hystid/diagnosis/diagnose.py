@@ -48,7 +48,7 @@ from hystid.recording import Recording, read_all
 Array = NDArray[np.float64]
 SHORTEST = 200  # samples: below this nothing can be told from noise
 TOLERATED = ("clipped", "not_one_motion", "swapped_sign")  # faults that the diagnosis names instead of refusing them
-_MOST = 400_000  # samples of all recordings together: memory stays below 0.5 GB
+_MOST = 1_200_000  # samples of all recordings together: memory stays below 1 GB
 _CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 _GOOD_RIG = 2e-3  # noise over spread, 54 dB
@@ -174,7 +174,7 @@ def _check_apart(tests: Sequence[Recording], unseen: Sequence[Recording]) -> Non
 
 
 def _bounded(tests: list[Recording]) -> list[Recording]:
-    """Recordings of bounded size: beyond 400 000 samples together all are decimated, without aliasing, and say so."""
+    """Recordings of bounded size: beyond 1.2 million samples all are decimated, without aliasing, and say so."""
     factor = -(-sum(len(test) for test in tests) // _MOST)
     return [prepare(test, decimate=factor) for test in tests] if factor > 1 else tests
 
@@ -441,11 +441,12 @@ def _band(parts: Sequence[Part]) -> tuple[float, float]:
 
 def _with_errors(problem: Problem, choice: Choice, library: Sequence[Effect]) -> Choice:
     """The selection with standard errors that hold, and what the forms of the named laws leave open."""
+    named = choice.after is not choice.before
+    left_open = forms.left_open(problem, choice.after, library) if named else {}
+    problem.forget_columns()  # what follows takes room of its own
     before = honest(problem, choice.before)
-    if choice.after is choice.before:
-        return replace(choice, before=before, after=before)
-    left_open = forms.left_open(problem, choice.after, library)
-    return replace(choice, before=before, after=honest(problem, choice.after), left_open=left_open)
+    after = honest(problem, choice.after) if named else before
+    return replace(choice, before=before, after=after, left_open=left_open)
 
 
 def _conclude(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Diagnosis, str | None]:

@@ -262,6 +262,10 @@ class Problem:
         found = self._columns.get(_key(Term(effect, shapes)), made) if effect.lasts else made()
         return Columns(*found) if found else None
 
+    def forget_columns(self) -> None:
+        """Free what is remembered of scans."""
+        self._columns.clear()
+
     def predicted(self, hypothesis: Hypothesis) -> list[Array]:
         """R and the effects, without inertia, per part [N]."""
         forces = [R for R, _ in self.law(hypothesis.values)]

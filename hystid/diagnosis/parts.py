@@ -21,7 +21,11 @@ from hystid.recording import Recording
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Single = NDArray[np.float32]
 _ROWS = 16_000  # rows of the least squares problems; more are averaged in blocks
+_SLOW, _LEAST = 8, 2  # blocks per period of the quickest motion, and samples that are averaged all the same
+_MOST, _STRETCHES = 40_000, 24  # rows beyond which stretches of each recording are taken, and how many
+_QUICKEST = 0.99  # share of the power of the velocity below the frequency of the quickest motion
 _MODEL_ERROR = 5e-4  # share of a channel below which differences are not worth a name (integration, interpolation)
 DRAWS = 3
 _DECAY = 10.0  # radians at the corner of a whitening filter after which nothing is left of an end (exp(-7))
@@ -46,7 +50,8 @@ class Part:
     (the channel itself, or a plain derivative of the best one). noise: standard deviation per channel.
     lowest: angular frequency [rad/s] below which the motion is not seen and x is held at zero; 0 where x was measured.
     past: samples after the first one that are run backwards before it: a law with memory begins as in mid-motion.
-    jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia.
+    jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia; in single
+    precision, as they are many.
     """
 
     name: str
@@ -63,7 +68,7 @@ class Part:
     valid: Flags | None = field(repr=False, default=None)
     lowest: float = 0.0
     past: int = 0
-    jitter: tuple[tuple[Array, Array, Array, Array], ...] = field(repr=False, default=())
+    jitter: tuple[tuple[Single, ...], ...] = field(repr=False, default=())
 
     def __len__(self) -> int:
         return len(self.t)
@@ -172,7 +177,7 @@ def stencil(values: Array, weights: Array) -> Array:
 
 def _jitter(
     measured: dict[str, Array], noise: dict[str, float], dt: float, motion: Smoothed, seed: int
-) -> tuple[tuple[Array, Array, Array, Array], ...]:
+) -> tuple[tuple[Single, ...], ...]:
     """The smoother is linear, so that smoothed noise is the error that noise leaves."""
     rng = np.random.default_rng(seed)
     draws = []
@@ -182,7 +187,8 @@ def _jitter(
         held = {name: values if (at := stairs[name]) is None else values[at] for name, values in drawn.items()}
         only_noise = {name: noise[name] * values for name, values in held.items()}
         error = smooth(only_noise, noise, dt, motion.roughness)
-        draws.append((error.x, error.v, error.a, _inertia(only_noise, dt)[0]))
+        errors = (error.x, error.v, error.a, _inertia(only_noise, dt)[0])
+        draws.append(tuple(values.astype(np.float32) for values in errors))
     return tuple(draws)
 
 
@@ -213,13 +219,14 @@ class Reduction:
     def __init__(self, parts: Sequence[Part], mass: float) -> None:
         self.parts = tuple(parts)
         total = sum(len(part) for part in parts)
-        self.block = max(1, total // _ROWS)
+        self.block = max(1, min(total // _ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
         self._trust: Array | None = None
         self.jumps = False  # whether a law jumps: noise of the regressors, or its shape, moves rows far
         stiffness = _stiffness(parts, mass)
         self._filters = [_whitening(part, mass, stiffness) for part in parts]
         self._trims = [_trim(len(p), filt, p.first) for p, filt in zip(self.parts, self._filters, strict=True)]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
+        self._kept = [self._stretches(i, total) for i in range(len(self.parts))]
 
     def __call__(self, columns: Sequence[Array]) -> Array:
         """Rows of all parts, shape (rows,), from one column per part."""
@@ -279,15 +286,32 @@ class Reduction:
 
     def plain(self, index: int, column: Array) -> Array:
         """A column of one part at its rows: trimmed and averaged alike, but neither whitened nor weighted."""
-        part = self.parts[index]
         trim = self._trims[index]
         inner = column[trim : len(column) - trim]
         rows = len(inner) // self.block
         means = _means(inner[: rows * self.block].reshape(rows, self.block))
-        if part.valid is None:
-            return np.asarray(means)
-        kept = part.valid[trim : trim + rows * self.block].reshape(rows, self.block).all(axis=1)
-        return np.asarray(means[kept])
+        kept = self._kept[index]
+        return np.asarray(means if kept is None else means[kept])
+
+    def _stretches(self, index: int, total: int) -> Flags | None:
+        """Rows of one part that are taken: those that are valid, in stretches all along where there are very many. None
+        for all of them. What runs along with the time, or with the path, is seen from the beginning to the end."""
+        part, trim = self.parts[index], self._trims[index]
+        rows = (len(part) - 2 * trim) // self.block
+        share = _MOST * self.block / total
+        kept = np.ones(rows, dtype=bool)
+        if share < 1:
+            kept &= np.arange(rows) * _STRETCHES / rows % 1 < share
+        if part.valid is not None:
+            kept &= part.valid[trim : trim + rows * self.block].reshape(rows, self.block).all(axis=1)
+        return None if kept.all() else kept
+
+
+def _slowly(part: Part) -> int:
+    """Samples over which the quickest motion of a part changes little."""
+    power = np.cumsum(np.abs(np.fft.rfft(part.v * np.hanning(len(part)))) ** 2)
+    quickest = max(1, int(np.searchsorted(power, _QUICKEST * power[-1]))) / len(part)
+    return int(1 / (_SLOW * quickest))
 
 
 def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
