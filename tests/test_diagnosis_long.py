@@ -50,8 +50,8 @@ def test_rows_of_short_records_are_all_there() -> None:
 
 
 def test_a_quarter_of_a_million_samples() -> None:
-    """A cubic spring beside a slider in sweeps of 50 s: it is named alone. A free run of the slider was driven without it,
-    and its force added. A tenth of it may go to other forms of the law."""
+    """A cubic spring beside a slider in sweeps of 50 s: it is named alone. A free run of the slider was driven without
+    it, and its force added. A tenth of it may go to other forms of the law."""
     n, rng = 250_000, np.random.default_rng(3)
     t = DT * np.arange(n)
     within = t % 50
