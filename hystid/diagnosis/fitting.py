@@ -304,7 +304,7 @@ class Problem:
         """
         mass, added = hypothesis.mass(), []
         for draw, moved in enumerate(self.movements(hypothesis)):
-            balance = self.reduce([mass * part.jitter[draw][3] for part in self.parts])
+            balance = self.reduce([mass * part.jitter[draw][3].astype(float) for part in self.parts])
             added.append(float(np.mean(moved * (moved + 2 * balance))))
         return self.reduce.level + float(np.mean(added))
 

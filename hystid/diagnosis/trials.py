@@ -20,6 +20,7 @@ _PROMISING = 0.3  # share of the largest gain of a scan that makes a form worth 
 _HOPEFUL = 0.6  # share of the excess that the best trial may leave to be searched again
 _NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
 _RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
+_EQUAL, _SIMPLER = 0.99, 2  # share of the gain that a simpler look-alike has, and how many of these are fitted as well
 _FORMS = 3  # forms of the leading id that are searched again
 _CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share of the excess) behind the best, fitted on
 LAST = 60  # iterations for what is named
@@ -223,11 +224,18 @@ def exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Tri
     effects = [t.form_of for t in forms.values() if t.form_of]
     again, law = list(found), here.terms[-1]
     shapes = {name: value for name, value in law.values.items() if name not in law.effect.amplitudes}
-    for candidate in scan(problem, start, effects, near=shapes)[:_EXCHANGED]:
+    for candidate in _rivals(scan(problem, start, effects, near=shapes), law.effect.size):
         made = try_term(problem, start, candidate.term, bar=best.chi2)
         if made is not None and made.chi2 < forms[candidate.effect.class_name].chi2 - _TIE[0]:
             again.append(replace(forms[candidate.effect.class_name], fit=made, others=()))
     return ranked(problem, again)
+
+
+def _rivals(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
+    """Candidates that are fitted again: those that take most, and simpler ones that take as much."""
+    leading, others = candidates[:_EXCHANGED], candidates[_EXCHANGED:]
+    simpler = [c for c in others if c.gain > _EQUAL * candidates[0].gain and c.effect.size < size]
+    return [*leading, *sorted(simpler, key=lambda c: c.effect.size)[:_SIMPLER]]
 
 
 def finished(problem: Problem, found: Sequence[Trial], excess: float) -> list[Trial]:
