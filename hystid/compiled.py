@@ -86,6 +86,21 @@ class Column:
         return first, first if self.slopes is None else int(self.slopes.ctypes.data)
 
 
+class Columns(tuple[Column, ...]):
+    """Given signals as the C side reads them; many runs share them."""
+
+    @cached_property
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        slots, modes = np.array([c.slot for c in self], np.intc), np.array([_mode(c) for c in self], np.intc)
+        samples, slopes = np.array([c.pointers for c in self], np.uintp).reshape(-1, 2).T.copy()
+        return slots, modes, samples, slopes
+
+    @cached_property
+    def addresses(self) -> tuple[int, ...]:
+        """Addresses of slots, modes, samples and slopes, as long as these columns live."""
+        return tuple(int(array.ctypes.data) for array in self._arrays)
+
+
 @dataclass(frozen=True)
 class Job:
     """One run: given signals, sample grid, values set before the start (name -> value), and what is wanted."""
@@ -204,18 +219,15 @@ def _mode(column: Column) -> int:
 
 def _fill(table: _Table, run: Run, outcome: Outcome, keep: list[Any]) -> None:
     """A table's own fields; what C reads is put into keep, to outlive the call."""
-    settings, columns = run.settings, run.columns
+    settings, columns = run.settings, run.columns if isinstance(run.columns, Columns) else Columns(run.columns)
     table.version, table.rows, table.substeps = _VERSION, run.rows, run.substeps
     table.start_time, table.dt = run.start_time, run.dt
     table.n_settings = len(settings)
     table.setting_slots = _address(np.array([*settings], np.intc), keep)
     table.settings = _address(np.array([*settings.values()], np.float64), keep)
     table.n_columns = len(columns)
-    table.column_slots = _address(np.array([c.slot for c in columns], np.intc), keep)
-    table.column_modes = _address(np.array([_mode(c) for c in columns], np.intc), keep)
+    table.column_slots, table.column_modes, table.samples, table.slopes = columns.addresses
     keep.append(columns)
-    table.samples = _address(np.array([c.pointers[0] for c in columns], np.uintp), keep)
-    table.slopes = _address(np.array([c.pointers[1] for c in columns], np.uintp), keep)
     table.outputs = _rows_of(outcome.outputs, keep)
     table.gradients = _rows_of(outcome.gradients.reshape(-1, run.rows), keep) if outcome.gradients.size else 0
 
@@ -316,7 +328,7 @@ class CompiledModel:
         """States and inputs of ``clamp``, checked and made ready once for many runs."""
         _check_steps(self.code.name, dt, substeps)
         columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
-        return Motion(columns, _rows(columns, None), dt, substeps)
+        return Motion(Columns(columns), _rows(columns, None), dt, substeps)
 
     def follow(
         self, motions: Sequence[Motion], parameters: Mapping[str, float], outputs: Sequence[str]
