@@ -25,6 +25,7 @@ from hystid.diagnosis.trials import (
 
 _PAIR_WORTH = 0.08  # fall of the mean square that each of several effects must be worth
 PAIR_SHARE = 0.045  # share of the excess that each of several effects must cost when it is taken away
+_BEGINS = 0.2  # share of the excess that an effect explains from which a line of effects begins
 _PAIR_LEFT = 0.05  # share of the excess that several right effects may leave
 _RIVALS = 4  # look-alikes of each member, besides its own forms, that are fitted in its place
 _LINES, _STARTING = 2, 5  # lines of effects that are followed, from this many ids where lines end in nonsense
@@ -59,7 +60,7 @@ def several_effects(
 def _starts(first: Sequence[Trial], before: Fit, excess: float) -> list[Trial]:
     """Ids from which lines begin, the best first, of those that are not told apart the simplest; the others come
     last."""
-    worth = [t for t in distinct(first) if before.chi2 - t.chi2 > 0.08 * excess]
+    worth = [t for t in distinct(first) if before.chi2 - t.chi2 > _BEGINS * excess]
     leading: list[Trial] = []
     for trial in worth:
         if all(trial.chi2 - other.chi2 > tie(other, excess) for other in leading):
