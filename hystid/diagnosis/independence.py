@@ -21,6 +21,8 @@ _KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it
 # mismatches of 0.08 of the floor show 0.05 and more, larger ones 0.1 to 1
 _LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
 _SHOCKS = 3.6  # kurtosis; 3 for Gaussian noise
+_RARE, _LITTLE = 3.8, 0.05  # standard deviations, and share of the power beyond them that is no shock: where noise is
+# louder than its level says, so is that of the motion, and a law that jumps is off by a sample here and there
 
 
 def is_noise(problem: Problem, fitted: Fit) -> bool:
@@ -33,7 +35,7 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
     residual = problem.reduce.evenly(fitted.residual)  # weights that follow the motion would make any noise follow it
     rests = [(rest - np.mean(rest)) / (float(np.std(rest)) or 1.0) for rest in np.split(residual, ends)]
-    if any(np.mean(rest**4) > _SHOCKS or _has_line(rest) for rest in rests):
+    if any(_has_shocks(rest) or _has_line(rest) for rest in rests):
         return False
     pairs = ((0, 1), (1, 2), (3, 1), (4, 0))
     excess = max(0.0, 1.0 - problem.reduce.level / fitted.chi2)
@@ -79,6 +81,12 @@ def _between(values: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> flo
         sums = np.bincount(cell, weights=value, minlength=_CELLS**2)
         total += float(np.sum(sums**2 / np.maximum(count, 1)))
     return total
+
+
+def _has_shocks(rest: Array) -> bool:
+    """Whether much of the power of a rest (unit variance) is in few samples."""
+    rare = np.abs(rest) > _RARE
+    return bool(np.mean(rest**4) > _SHOCKS and np.mean(rest**2 * rare) > _LITTLE)
 
 
 def _has_line(rest: Array) -> bool:

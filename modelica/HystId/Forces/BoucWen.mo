@@ -5,7 +5,7 @@ block BoucWen "Bouc-Wen hysteresis"
   parameter Real beta(unit = "1/m") = 1e3 "Scale of the bend (with nu = 1)";
   parameter Units.Dimensionless gamma = 0.8 "Share that depends on the direction of motion alone";
   parameter Units.Dimensionless delta = -1.1 "Share that depends on loading or unloading";
-  parameter Units.Dimensionless nu(min = 1, max = 20) = 1 "Sharpness of the bend; a corner where large";
+  parameter Units.Dimensionless nu(min = 1, max = 10) = 1 "Sharpness of the bend; a corner where large";
 protected
   Units.Force z(start = 0, fixed = true) "Hysteretic force";
   Real bend(unit = "N/s") "What the bend takes from the rate of z";

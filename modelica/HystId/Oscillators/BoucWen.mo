@@ -5,7 +5,7 @@ model BoucWen "Oscillator with Bouc-Wen hysteresis"
   parameter Real beta(unit = "1/m") = 1e3 "Scale of the bend (with nu = 1)";
   parameter Units.Dimensionless gamma = 0.8 "Share that depends on the direction of motion alone";
   parameter Units.Dimensionless delta = -1.1 "Share that depends on loading or unloading";
-  parameter Units.Dimensionless nu(min = 1, max = 20) = 1 "Sharpness of the bend; a corner where large";
+  parameter Units.Dimensionless nu(min = 1, max = 10) = 1 "Sharpness of the bend; a corner where large";
   Forces.BoucWen law(alpha = alpha, beta = beta, gamma = gamma, delta = delta, nu = nu) "Hysteretic law";
 equation
   law.x = x;
