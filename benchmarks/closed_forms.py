@@ -32,7 +32,7 @@ def integrated(code: ModelCode) -> CompiledModel:
     """The same model in steps of time, with every slip and stick as an event."""
     text = code.sources["model.c"]
     for field, table in _TABLES.items():
-        text = re.sub(rf" *\.{field} = \w+, \.n_{field} = \d+,\n", "", text)
+        text = re.sub(rf" *\.{field} = \w+, \.n_{field} = \d+,.*\n", "", text)
         text = re.sub(rf"static const {table}\[\d+\] = \{{.*?\}};\n", "", text, flags=re.DOTALL)
     assert text != code.sources["model.c"], "the model has no closed form"
     return CompiledModel(replace(code, sources={**code.sources, "model.c": text}))

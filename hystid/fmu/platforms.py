@@ -63,13 +63,12 @@ def compile_for(target: Platform, shell: Mapping[str, str], model: Mapping[str, 
     shell: file name -> text of what all FMUs share, headers included; compiled once. model: the model's own files.
     """
     command: tuple[str, ...] | None = None
-    strip: tuple[str, ...] = ()
+    strip = () if target.suffix == ".dylib" else ("-s",)
     libraries: tuple[str, ...] = ("-lm",)
     if target.tuple != host():
         if not find_spec("ziglang"):
             raise ToolchainError(f"building for {target.tuple} needs a cross compiler: pip install hystid[cross]")
         command = (sys.executable, "-m", "ziglang", "cc", "-target", target.zig)
-        strip = () if target.suffix == ".dylib" else ("-s",)
         libraries = ("-lm",) if target.suffix == ".so" else ()
     if target.suffix == ".dll":  # half of a Windows library is the compiler's run-time: for size, it shrinks by a third
         flags = tuple("-Os" if flag == "-O2" else flag for flag in flags)

@@ -105,7 +105,11 @@ def _table(
         ".start = hy_start_values,",
         *([f".couples = hy_pairs, .n_couples = {len(pairs)},"] if pairs else []),
         *([f".stops = hy_sliders, .n_stops = {len(stops)},"] if stops else []),
-        *([f".duhem = hy_rate_independent, .n_duhem = {len(duhem)},"] if duhem else []),
+        *(
+            [f".duhem = hy_rate_independent, .n_duhem = {len(duhem)}, .duhem_methods = &hy_duhem_methods,"]
+            if duhem
+            else []
+        ),
         *([f".shown = hy_outputs, .n_shown = {len(shown.variables)},"] if shown else []),
         *(f".{name} = hy_{name}," for name in functions),
     ]

@@ -1,4 +1,8 @@
-#include "hy_duhem.h"
+/* Rate-independent states on a given motion: der(z) = g(z, sign(speed)) |speed| (Duhem's law; Visintin, Differential
+ * Models of Hysteresis, 1994, chapter V). While the motion keeps its sense such a state runs along one curve of z over the
+ * way, the same one wherever it comes on. The curves of both senses are integrated once, as far as the motion asks for;
+ * then the state is read off from one reversal to the next, in no steps of time. */
+#include "hy_engine.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -151,7 +155,7 @@ static int is_followed(const hy_engine *e, const hy_duhem_state *one)
     return !hy_driven_at(e, one->state) && hy_driven_at(e, one->speed);
 }
 
-int hy_duhem_follows(const hy_engine *e)
+static int follows(const hy_engine *e)
 {
     const hy_model *m = e->model;
     int n = 0;
@@ -159,7 +163,7 @@ int hy_duhem_follows(const hy_engine *e)
     return n && n == m->n_x - e->n_clamped && !e->n_seeds && !hy_has_events(e);
 }
 
-void hy_close_duhem(hy_duhem *d)
+static void close_all(hy_duhem *d)
 {
     if (!d) return;
     for (int i = 0; d->followers && i < d->n; i++)
@@ -172,7 +176,8 @@ void hy_close_duhem(hy_duhem *d)
     free(d);
 }
 
-hy_duhem *hy_open_duhem(hy_engine *e)
+/* After the start; NULL where there is no memory. Asks for the polynomials of the speeds. */
+static hy_duhem *open_all(hy_engine *e)
 {
     const hy_model *const m = e->model;
     const size_t block = sizeof(double) * (size_t)m->n_values;
@@ -199,7 +204,7 @@ hy_duhem *hy_open_duhem(hy_engine *e)
         }
     }
     if (complete) return d;
-    hy_close_duhem(d);
+    close_all(d);
     return NULL;
 }
 
@@ -292,7 +297,7 @@ static double followed(hy_duhem *d, follower *f, double z, double way)
     return along(d, f, length);
 }
 
-int hy_move_duhem(hy_duhem *d, hy_engine *e, double h)
+static int move(hy_duhem *d, hy_engine *e, double h)
 {
     double *const v = e->data.v, ways[HY_MOST_WAYS];
     int n = 0, speed = -1;
@@ -306,3 +311,5 @@ int hy_move_duhem(hy_duhem *d, hy_engine *e, double h)
     e->status->stale = 1;
     return HY_OK;
 }
+
+const struct hy_duhem_methods hy_duhem_methods = {follows, open_all, move, close_all};

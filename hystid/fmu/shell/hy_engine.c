@@ -6,8 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "hy_duhem.h"
-
 enum { MOST_PASSES = 100 }; /* of one event iteration: a model that needs more switches back and forth */
 
 void hy_report(hy_engine *e, int level, const char *format, ...)
@@ -77,7 +75,7 @@ void hy_close(hy_engine *e)
     free(e->crossings);
     free(e->scratch);
     free(e->seed);
-    hy_close_duhem(e->duhem);
+    if (e->duhem) e->model->duhem_methods->close(e->duhem);
     memset(e, 0, sizeof *e);
 }
 

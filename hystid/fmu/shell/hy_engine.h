@@ -60,6 +60,14 @@ typedef struct {
     int shows;         /* 1: a table asks for nothing but what the model's show gives */
 } hy_engine;
 
+/* How rate-independent states are followed (hy_duhem.c); a model that has such states brings it along. */
+struct hy_duhem_methods {
+    int (*follows)(const hy_engine *e);  /* whether such states alone are integrated, their speeds driven, no sensitivity */
+    hy_duhem *(*open)(hy_engine *e);
+    int (*move)(hy_duhem *d, hy_engine *e, double h); /* states after h, the driven polynomials beginning now */
+    void (*close)(hy_duhem *d);
+};
+
 enum { HY_EVENT = 3 }; /* hy_advance stopped at an event that it was told not to handle */
 
 int hy_open(hy_engine *e, const hy_model *model, void (*log)(void *, int, const char *), void *owner);

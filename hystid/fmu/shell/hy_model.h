@@ -51,6 +51,8 @@ typedef struct {
     int state, slope, speed;
 } hy_duhem_state;
 
+extern const struct hy_duhem_methods hy_duhem_methods;
+
 typedef struct {
     const char *name;
     const char *token;        /* instantiation token, GUID of FMI 2 */
@@ -63,6 +65,7 @@ typedef struct {
     const hy_stop *stops;     /* NULL unless all relations and discrete states of the model are theirs */
     int n_duhem;
     const hy_duhem_state *duhem; /* NULL where something happens at instants */
+    const struct hy_duhem_methods *duhem_methods;
     int n_shown;
     const int *shown;         /* algebraic variables that show gives */
     double step;              /* default internal step [s] */

@@ -4,7 +4,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "hy_duhem.h"
 #include "hy_engine.h"
 #include "hy_stops.h"
 
@@ -170,11 +169,13 @@ static int stopped_row(hy_engine *e, hy_table *t, int row)
     return put_known(e, t, row);
 }
 
+static int follows_duhem(const hy_engine *e) { return e->model->n_duhem && e->model->duhem_methods->follows(e); }
+
 /* Rate-independent states and nothing else to integrate: no step. */
 static int followed_row(hy_engine *e, hy_table *t, int row)
 {
     set_speeds(e, t, row - 1);
-    if (hy_move_duhem(e->duhem, e, t->dt)) return HY_RETRY;
+    if (e->model->duhem_methods->move(e->duhem, e, t->dt)) return HY_RETRY;
     set_row(e, t, row);
     return put_known(e, t, row);
 }
@@ -195,9 +196,9 @@ static int run(hy_engine *e, hy_table *t)
     if (!outcome) outcome = first_row(e, t);
     if (!e->n_X && !hy_has_events(e)) next = evaluated_row;
     if (!outcome && hy_open_stops(e)) next = stopped_row;
-    if (!outcome && hy_duhem_follows(e)) {
+    if (!outcome && follows_duhem(e)) {
         next = followed_row;
-        e->duhem = hy_open_duhem(e);
+        e->duhem = e->model->duhem_methods->open(e);
         if (!e->duhem) return HY_ERROR;
     }
     for (int row = 1; row < t->rows && !outcome; row++) {
