@@ -105,7 +105,7 @@ class Columns(tuple[Column, ...]):
 class Job:
     """One run: given signals, sample grid, values set before the start (name -> value), and what is wanted."""
 
-    columns: Sequence[Column]
+    columns: Columns
     rows: int
     dt: float
     start_time: float
@@ -118,7 +118,7 @@ class Job:
 class Run:
     """One table for the runner: a job in value references (settings: slot -> value)."""
 
-    columns: Sequence[Column]
+    columns: Columns
     rows: int
     dt: float
     settings: Mapping[int, float]
@@ -133,7 +133,7 @@ class Motion:
     dt: sample time [s]. substeps: Runge-Kutta steps per sample.
     """
 
-    columns: Sequence[Column] = field(repr=False)
+    columns: Columns = field(repr=False)
     rows: int
     dt: float
     substeps: int = 1
@@ -177,7 +177,7 @@ class TableRunner:
 
         Raises NumericalError with the model's own words where a step fails or an output is not finite.
         """
-        return self.run_all([Run(columns, rows, dt, settings, start_time, substeps)], outputs, seeds)[0]
+        return self.run_all([Run(Columns(columns), rows, dt, settings, start_time, substeps)], outputs, seeds)[0]
 
     def run_all(self, runs: Sequence[Run], outputs: Sequence[int], seeds: Sequence[int] = ()) -> list[Outcome]:
         """``run`` for several tables, side by side where the model integrates: that takes half the time of one by one.
@@ -219,7 +219,7 @@ def _mode(column: Column) -> int:
 
 def _fill(table: _Table, run: Run, outcome: Outcome, keep: list[Any]) -> None:
     """A table's own fields; what C reads is put into keep, to outlive the call."""
-    settings, columns = run.settings, run.columns if isinstance(run.columns, Columns) else Columns(run.columns)
+    settings, columns = run.settings, run.columns
     table.version, table.rows, table.substeps = _VERSION, run.rows, run.substeps
     table.start_time, table.dt = run.start_time, run.dt
     table.n_settings = len(settings)
@@ -291,7 +291,9 @@ class CompiledModel:
         """
         columns = [self._input(name, values, dt, interpolation) for name, values in inputs.items()]
         settings = {**(parameters or {}), **(start or {})}
-        return self._run(Job(columns, _rows(columns, rows), dt, start_time, settings, tuple(outputs), substeps))
+        return self._run(
+            Job(Columns(columns), _rows(columns, rows), dt, start_time, settings, tuple(outputs), substeps)
+        )
 
     def clamp(
         self,
@@ -315,7 +317,7 @@ class CompiledModel:
         """
         columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
         settings = {**(parameters or {}), **(start or {})}
-        job = Job(columns, _rows(columns, None), dt, start_time, settings, tuple(outputs), substeps)
+        job = Job(Columns(columns), _rows(columns, None), dt, start_time, settings, tuple(outputs), substeps)
         if not sensitivities:
             return self._run(job)
         if self._forward_is_exact(frozenset(states), job, sensitivities):
@@ -351,7 +353,7 @@ class CompiledModel:
         columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
         names = tuple(outputs)
         table = np.broadcast_arrays(*(np.atleast_1d(np.asarray(p, np.float64)) for p in parameters.values()))
-        job = Job(columns, _rows(columns, None), dt, 0.0, {}, names, substeps)
+        job = Job(Columns(columns), _rows(columns, None), dt, 0.0, {}, names, substeps)
         vectors = [dict(zip(parameters, map(float, vector), strict=True)) for vector in zip(*table, strict=True)]
         found = self._run_all([replace(job, settings=vector) for vector in vectors])
         return {name: np.array([run[name] for run in found]) for name in names}

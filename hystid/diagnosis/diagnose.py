@@ -25,7 +25,7 @@ from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term
 from hystid.diagnosis.freerun import errors
 from hystid.diagnosis.library import load_effects
 from hystid.diagnosis.noise import noise_level
-from hystid.diagnosis.parts import HiddenMotion, Part, prepare_part, visible
+from hystid.diagnosis.parts import HiddenMotion, Part, band, prepare_part, visible
 from hystid.diagnosis.redundancy import without_redundancy
 from hystid.diagnosis.refutation import contradiction
 from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
@@ -429,14 +429,9 @@ def _scales(parts: Sequence[Part], baseline: Baseline) -> Scales:
 
 
 def _band(parts: Sequence[Part]) -> tuple[float, float]:
-    """Frequencies that hold all but 1 % of the power of the velocity at either end [Hz]."""
-    low, high = [], []
-    for part in parts:
-        power = np.cumsum(np.abs(np.fft.rfft(part.v * np.hanning(len(part)))) ** 2)
-        frequency = np.fft.rfftfreq(len(part), part.dt)
-        low.append(frequency[np.searchsorted(power, 0.01 * power[-1])])
-        high.append(frequency[np.searchsorted(power, 0.99 * power[-1])])
-    return max(float(min(low)), 1.0 / float(parts[0].t[-1])), float(max(high))
+    """Frequencies between which all recordings move [Hz]."""
+    low, high = zip(*map(band, parts), strict=True)
+    return max(min(low), 1.0 / float(parts[0].t[-1])), max(high)
 
 
 def _with_errors(problem: Problem, choice: Choice, library: Sequence[Effect]) -> Choice:

@@ -45,6 +45,11 @@ class Term:
     effect: Effect
     values: Mapping[str, float]
 
+    @property
+    def law(self) -> Term:
+        """The same law, acting all the time."""
+        return Term(self.effect.law, self.effect.law_values(self.values))
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -221,7 +226,7 @@ class Problem:
 
         signals: those of the hypothesis.
         """
-        law, seen = Term(term.effect.law, term.effect.law_values(term.values)), tuple[object, ...]()
+        law, seen = term.law, tuple[object, ...]()
         if "h" in law.effect.reads:
             shapes = tuple(hypothesis.values[name] for name in self.baseline.shapes)
             seen = (shapes, *(_key(source) for source in self._sources(hypothesis.terms)))

@@ -18,7 +18,7 @@ from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import Fit, Key, Problem, get, put, standing
 from hystid.diagnosis.search import scan, try_fit
 from hystid.diagnosis.trials import are_reached
-from hystid.diagnosis.windows import in_window_of, unwindowed
+from hystid.diagnosis.windows import in_window_of
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ def _simpler(problem: Problem, fitted: Fit, index: int, library: Sequence[Effect
     nothing else; it counts for less the more it explains.
     """
     term = fitted.hypothesis.terms[index]
-    effect, shapes = term.effect, {shape.name for shape in unwindowed(term).effect.shapes}
+    effect, shapes = term.effect, {shape.name for shape in term.law.effect.shapes}
     kin = [e for e in library if e.id == effect.id and set(e.amplitudes) < set(effect.amplitudes)]
     simpler = [in_window_of(e, term) for e in kin if {shape.name for shape in e.shapes} == shapes]
     if not simpler:

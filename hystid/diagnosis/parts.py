@@ -25,7 +25,7 @@ Single = NDArray[np.float32]
 _ROWS = 16_000  # rows of the least squares problems; more are averaged in blocks
 _SLOW, _LEAST = 8, 2  # blocks per period of the quickest motion, and samples that are averaged all the same
 _MOST, _STRETCHES = 40_000, 24  # rows beyond which stretches of each recording are taken, and how many
-_QUICKEST = 0.99  # share of the power of the velocity below the frequency of the quickest motion
+_SLOWEST, _QUICKEST = 0.01, 0.99  # shares of the power of the velocity below the slowest and the quickest motion
 _MODEL_ERROR = 5e-4  # share of a channel below which differences are not worth a name (integration, interpolation)
 DRAWS = 3
 _DECAY = 10.0  # radians at the corner of a whitening filter after which nothing is left of an end (exp(-7))
@@ -307,11 +307,17 @@ class Reduction:
         return None if kept.all() else kept
 
 
+def band(part: Part) -> tuple[float, float]:
+    """Frequencies that hold all but 1 % of the power of the velocity at either end [Hz]."""
+    power = np.cumsum(np.abs(np.fft.rfft(part.v * np.hanning(len(part)))) ** 2)
+    frequency = np.fft.rfftfreq(len(part), part.dt)
+    low, high = np.searchsorted(power, [_SLOWEST * power[-1], _QUICKEST * power[-1]])
+    return float(frequency[low]), float(frequency[high])
+
+
 def _slowly(part: Part) -> int:
     """Samples over which the quickest motion of a part changes little."""
-    power = np.cumsum(np.abs(np.fft.rfft(part.v * np.hanning(len(part)))) ** 2)
-    quickest = max(1, int(np.searchsorted(power, _QUICKEST * power[-1]))) / len(part)
-    return int(1 / (_SLOW * quickest))
+    return int(1 / (_SLOW * part.dt * max(band(part)[1], 1 / (len(part) * part.dt))))
 
 
 def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:

@@ -36,7 +36,7 @@ from hystid.diagnosis.trials import (
     sound,
     trials,
 )  # fmt: skip
-from hystid.diagnosis.windows import has_edges, is_off_outside, settled, unwindowed, windowed, windows_of
+from hystid.diagnosis.windows import has_edges, is_off_outside, settled, windowed, windows_of
 
 WORTH = 0.05  # fall of the mean square below which no effect is named
 EXPLAINED = 0.93  # share of the excess that a right law explains
@@ -313,7 +313,7 @@ def _is_window(problem: Problem, before: Fit, floor: float, fitted: Fit) -> bool
     healthy = sound(problem, before.hypothesis.delay) * max(1.0, floor)
     if fitted.chi2 - problem.floor(end) > max(healthy, _WINDOW_LEFT * excess):
         return False
-    always = try_fit(problem, replace(end, terms=(*end.terms[:-1], unwindowed(end.terms[-1]))))
+    always = try_fit(problem, replace(end, terms=(*end.terms[:-1], end.terms[-1].law)))
     worth = (always.chi2 - fitted.chi2) / excess if always is not None else 1.0
     if worth > _WINDOW_WORTH[1]:
         return is_off_outside(end.terms[-1], problem.signals(end))

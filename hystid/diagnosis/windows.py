@@ -165,15 +165,8 @@ def term_for(term: Term, index: int | None = None) -> Term:
         return term
     times = effect.times(term.values, widest(term) if index is None else index)
     near = dict(zip(_time_window()[1], times, strict=True))
-    law = unwindowed(term)
+    law = term.law
     return Term(_windowed(effect.inner, near, None), {**law.values, **near})
-
-
-def unwindowed(term: Term) -> Term:
-    """The same law, acting all the time."""
-    if not isinstance(term.effect, Windowed):
-        return term
-    return Term(term.effect.inner, {k: value for k, value in term.values.items() if k not in term.effect.near})
 
 
 def in_window_of(effect: Effect, term: Term) -> Effect:
@@ -380,7 +373,7 @@ def edges(problem: Problem, hypothesis: Hypothesis, term: Term) -> dict[str, tup
     effect = term.effect
     if not isinstance(effect, Windowed):
         return {}
-    law = unwindowed(term)
+    law = term.law
     forces = law.effect.forces(problem.signals(hypothesis), law.values)
     noise = [part.balance_noise(problem.baseline.mass) for part in problem.parts]
     pairs = zip(problem.parts, forces, noise, strict=True)
@@ -442,7 +435,7 @@ def is_off_outside(term: Term, signals: Sequence[Signals]) -> bool:
     effect = term.effect
     if not isinstance(effect, Windowed):
         return False
-    law = unwindowed(term)
+    law = term.law
     inside, outside = [], []
     for s, force in zip(signals, law.effect.forces(signals, law.values), strict=True):
         gate = _gate(len(s.x), s.dt, effect.times(term.values, s.index))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from hystid.modelcode import Experiment, ModelCode, Variable
@@ -61,7 +61,8 @@ def _c_text(model: HybridModel, layout: Layout, token: str) -> str:
         "initialise": emitter.initialise(),
         "evaluate": emitter.evaluate(),
     }
-    shown = shown_of(model) if stops_of(model) or duhem_states(model) else None
+    stops, duhem = stops_of(model), duhem_states(model)
+    shown = shown_of(model) if stops or duhem else None
     if shown:
         functions["show"] = emitter.show(shown.steps)
     if any(r.indicators for r in model.relations):
@@ -84,11 +85,22 @@ def _c_text(model: HybridModel, layout: Layout, token: str) -> str:
         *(["#include <stdio.h>"] if any("snprintf" in line for line in [*body, *emitter.preamble()]) else []),
         "",
     ]
-    return "\n".join([*head, *emitter.preamble(), *body, *_table(model, layout, functions, token, shown), ""])
+    return "\n".join(
+        [*head, *emitter.preamble(), *body, *_table(model, layout, functions, token, _Known(stops, duhem, shown)), ""]
+    )
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What is known of inner states without a step of time."""
+
+    stops: tuple[Stop, ...]
+    duhem: tuple[DuhemState, ...]
+    shown: Shown | None
 
 
 def _table(
-    model: HybridModel, layout: Layout, functions: Mapping[str, list[str]], token: str, shown: Shown | None
+    model: HybridModel, layout: Layout, functions: Mapping[str, list[str]], token: str, known: _Known
 ) -> list[str]:
     starts = [0.0] * layout.size
     starts[0] = model.flat.experiment.start
@@ -96,7 +108,7 @@ def _table(
         if name in layout.slots and name not in model.aliases:
             starts[layout.slots[name]] = value
     rows = [", ".join(number(v) for v in starts[k : k + 12]) for k in range(0, len(starts), 12)]
-    pairs, stops, duhem = _couples(model), stops_of(model), duhem_states(model)
+    pairs, stops, duhem, shown = _couples(model), known.stops, known.duhem, known.shown
     fields = [
         f".name = {quoted(model.flat.name)}, .token = {quoted(token)}, .n_values = {layout.size},",
         *(f".{s} = {layout.first(s)}, .n_{s} = {layout.count(s)}," for s in _SECTIONS if s not in ("dx", "pre")),

@@ -10,7 +10,7 @@
 
 #include "hy_ways.h"
 
-enum { FIRST_NODES = 64, MOST_NODES = 100000, MOST_LOOKS = 60 };
+enum { FIRST_NODES = 64, MOST_NODES = 100000 };
 
 static const double EXACT = 3e-8;     /* error that a curve may have between its nodes, share of the state */
 static const double AT_REST = 1e-12;  /* slope, share of that at z = 0, below which a state has come to rest */
@@ -22,8 +22,8 @@ typedef struct {
     double s, z, slope, c2, c3;
 } node;
 
-/* A curve on one side of z = 0; step: the length to be tried next, negative on the
- * earlier side; first: the length of the first one. */
+/* A curve on one side of z = 0; step: the length to be tried next, negative on the earlier side; first: that of the first
+ * one. */
 typedef struct {
     node *nodes;
     int n, room;
@@ -214,19 +214,8 @@ static int is_beyond(double z, const node *edge, int rises) { return rises ? z >
 /* Way at which a curve meets a state between two nodes. */
 static double way_to(const node *from, const node *to, double z)
 {
-    double low = from->s, high = to->s, s = low + (high - low) * (z - from->z) / (to->z - from->z);
-    for (int i = 0; i < MOST_LOOKS; i++) {
-        const double u = s - from->s, error = after(from, s) - z, slope = from->slope + u * (2 * from->c2 + u * 3 * from->c3);
-        double next = s - error / slope;
-        if ((error > 0) == (to->z > from->z))
-            high = s;
-        else
-            low = s;
-        if (!((next - low) * (next - high) < 0)) next = 0.5 * (low + high);
-        if (error == 0 || next == s || next == low || next == high) return s;
-        s = next;
-    }
-    return s;
+    const double c[4] = {from->z - z, from->slope, from->c2, from->c3}, h = to->s - from->s;
+    return from->s + hy_zero(c, fmin(0, h), fmax(0, h));
 }
 
 /* Finds a state on a curve. 0 where the curve does not come there: a fixed point of the law lies in between. */

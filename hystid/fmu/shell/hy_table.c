@@ -70,6 +70,11 @@ static void put_gradients(hy_engine *e, hy_table *t, int row)
     }
 }
 
+static void put_outputs(const hy_engine *e, hy_table *t, int row)
+{
+    for (int k = 0; k < t->n_outputs; k++) t->outputs[k][row] = e->data.v[t->output_slots[k]];
+}
+
 /* A row is an accepted sample: it shows what its acceptance has changed in the memory. Gradients belong to the values
  * before that. */
 static int put_row(hy_engine *e, hy_table *t, int row)
@@ -77,7 +82,7 @@ static int put_row(hy_engine *e, hy_table *t, int row)
     int outcome = hy_settle(e);
     if (!outcome && t->n_seeds) put_gradients(e, t, row);
     if (!outcome) outcome = hy_completed(e);
-    for (int k = 0; k < t->n_outputs && !outcome; k++) t->outputs[k][row] = e->data.v[t->output_slots[k]];
+    if (!outcome) put_outputs(e, t, row);
     return outcome;
 }
 
@@ -87,7 +92,7 @@ static int put_known(hy_engine *e, hy_table *t, int row)
     int outcome;
     if (!e->shows) return put_row(e, t, row);
     outcome = e->model->show(&e->data);
-    for (int k = 0; k < t->n_outputs && !outcome; k++) t->outputs[k][row] = e->data.v[t->output_slots[k]];
+    if (!outcome) put_outputs(e, t, row);
     return outcome;
 }
 

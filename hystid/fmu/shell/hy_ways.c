@@ -36,8 +36,7 @@ static int extremes(const double *c, double h, double *at)
     return n;
 }
 
-/* Where the polynomial, monotone over [low, high] with ends of different sign, is 0. */
-static double zero(const double *c, double low, double high)
+double hy_zero(const double *c, double low, double high)
 {
     const int rising = value(c, high) > value(c, low);
     double at = 0.5 * (low + high);
@@ -71,7 +70,7 @@ int hy_ways(const double *c, double h, double ways[HY_MOST_WAYS])
     for (int i = 0; i <= inner; i++) {
         double reached;
         if (!(value(c, edges[i]) * value(c, edges[i + 1]) < 0)) continue;
-        reached = integral(c, zero(c, edges[i], edges[i + 1]));
+        reached = integral(c, hy_zero(c, edges[i], edges[i + 1]));
         ways[n++] = reached - before;
         before = reached;
     }

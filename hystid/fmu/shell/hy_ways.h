@@ -7,4 +7,7 @@ enum { HY_MOST_WAYS = 4 };
 /* c: speed c[0] + s (c[1] + s (c[2] + s c[3])) over s in [0, h]; returns how many ways there are, each of one sign. */
 int hy_ways(const double *c, double h, double ways[HY_MOST_WAYS]);
 
+/* Where a cubic with such coefficients, monotone over [low, high] with ends of different sign, is 0. */
+double hy_zero(const double *c, double low, double high);
+
 #endif
