@@ -15,7 +15,9 @@ enum { FIRST_NODES = 64, MOST_NODES = 100000 };
 static const double EXACT = 3e-8;     /* error that a curve may have between its nodes, share of the state */
 static const double AT_REST = 1e-12;  /* slope, share of that at z = 0, below which a state has come to rest */
 static const double SHORTEST = 1e-12; /* step, share of the way so far, in which a law jumps */
-static const double TENFOLD = 10;     /* change of slope within a step, beyond which a curve would not come to rest */
+static const double TENFOLD = 10;     /* change of slope that a step may have */
+static const double OF_STEP = 0.01;   /* error, share of the change of state in a step: beyond it a step leaps over rest */
+static const double ROUNDING = 1e-14; /* error that numbers have, share of the state */
 
 /* A point of a curve: way, state, and the state's slope over the way; c2, c3: of the cubic to the next point. */
 typedef struct {
@@ -95,9 +97,10 @@ static double after(const node *from, double s)
 static double misfit(node *from, const node *to, double middle)
 {
     const double size = fmax(fabs(to->z), fabs(from->z)), change = to->slope / from->slope;
+    const double allowed = fmin(EXACT * size, fmax(OF_STEP * fabs(to->z - from->z), ROUNDING * size));
     double error;
     join(from, to);
-    error = fabs(after(from, 0.5 * (from->s + to->s)) - middle) / (EXACT * size);
+    error = fabs(after(from, 0.5 * (from->s + to->s)) - middle) / allowed;
     return (change == 0 || (change > 1 / TENFOLD && change < TENFOLD)) && isfinite(error) ? error : INFINITY;
 }
 
