@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.compiled import CompiledModel
+from hystid.compiled import CompiledModel, Motion
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
 
@@ -33,7 +33,10 @@ _PROBE = 2001  # samples of the signal on which linearity is tested
 
 @dataclass(frozen=True)
 class Signals:
-    """What an effect sees in one recording: x, v, a, h, shape (n,) each, SI units; dt [s]; number of the recording."""
+    """What an effect sees in one recording: x, v, a, h, shape (n,) each, SI units; dt [s]; number of the recording.
+
+    ready: the same, h apart, as compiled models have taken it already.
+    """
 
     x: Array
     v: Array
@@ -41,6 +44,12 @@ class Signals:
     h: Array
     dt: float
     index: int = 0
+    ready: dict[tuple[CompiledModel, int], Motion] = field(default_factory=dict, repr=False, compare=False)
+
+    @cached_property
+    def path(self) -> float:
+        """Longest way between two samples [m]."""
+        return float(np.max(np.abs(self.v))) * self.dt
 
 
 @dataclass(frozen=True)
@@ -126,12 +135,18 @@ class Effect:
         """``force`` over several recordings at once, which costs half."""
         if self.model is None:
             return [self.force(s, parameters) for s in signals]
-        names = sorted(self.reads) or ["x"]
-        motions = [
-            self.model.motion({}, {n: getattr(s, n) for n in names}, s.dt, substeps=self._substeps(s, parameters))
-            for s in signals
-        ]
+        motions = [self._motion(self.model, s, self._substeps(s, parameters)) for s in signals]
         return [found["f"] for found in self.model.follow(motions, parameters, ("f",))]
+
+    def _motion(self, model: CompiledModel, signals: Signals, substeps: int) -> Motion:
+        """What the block reads of one recording."""
+        known = signals.ready.get((model, substeps))
+        if known is None:
+            inputs = {name: getattr(signals, name) for name in sorted(self.reads) or ["x"]}
+            known = model.motion({}, inputs, signals.dt, substeps=substeps)
+            if "h" not in inputs:
+                signals.ready[model, substeps] = known
+        return known
 
     @cached_property
     def _paths(self) -> tuple[str, ...]:
@@ -146,8 +161,7 @@ class Effect:
         if not lengths:
             return 1
         shortest = min((length for length in lengths if length > 0), default=np.inf)
-        path = float(np.max(np.abs(signals.v))) * signals.dt
-        return int(np.clip(np.ceil(path / shortest), 1, _SUBSTEPS))
+        return int(np.clip(np.ceil(signals.path / shortest), 1, _SUBSTEPS))
 
     def columns(self, signals: Sequence[Signals], shapes: Mapping[str, float]) -> list[list[Array]]:
         """Force per unit of each amplitude (outer) over recordings (inner), at given shapes and choices."""

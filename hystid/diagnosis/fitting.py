@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.baseline import Baseline, Held
 from hystid.diagnosis.blocks import Effect, Scales, Signals, shape_bounds
 from hystid.diagnosis.memory import Memory
@@ -166,6 +167,7 @@ class Problem:
         self.baseline = baseline
         self.scales = scales
         self.reduce = Reduction(parts, baseline.mass)
+        self._ready: list[dict[tuple[CompiledModel, int], Motion]] = [{} for _ in self.parts]  # motions for the effects
         self._shifted: dict[tuple[int, float], Array] = {}
         self._movable: dict[int, Advanced] = {}
         self.turns = False  # whether the law turns within a small part of the speeds, in a way that is seen
@@ -207,7 +209,7 @@ class Problem:
     def signals(self, hypothesis: Hypothesis) -> list[Signals]:
         """What the effects see. Where the baseline has no hysteresis, h is that of the effects that bring one."""
         found = [
-            Signals(p.x, p.v, p.a, h, p.dt, i)
+            Signals(p.x, p.v, p.a, h, p.dt, i, self._ready[i])
             for i, (p, (_, h)) in enumerate(zip(self.parts, self._law_at(hypothesis.values), strict=True))
         ]
         return self._with_h(found, hypothesis.terms)

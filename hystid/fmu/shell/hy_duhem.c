@@ -12,6 +12,8 @@
 
 enum { FIRST_NODES = 64, MOST_NODES = 100000 };
 
+static const double FIRST_STEP = 1e-9; /* way to be tried first: a step that is far too short grows within a few nodes */
+
 static const double EXACT = 3e-8;     /* error that a curve may have between its nodes, share of the state */
 static const double AT_REST = 1e-12;  /* slope, share of that at z = 0, below which a state has come to rest */
 static const double SHORTEST = 1e-12; /* step, share of the way so far, in which a law jumps */
@@ -24,12 +26,11 @@ typedef struct {
     double s, z, slope, c2, c3;
 } node;
 
-/* A curve on one side of z = 0; step: the length to be tried next, negative on the earlier side; first: that of the first
- * one. */
+/* A curve on one side of z = 0; step: the length to be tried next, negative on the earlier side. */
 typedef struct {
     node *nodes;
     int n, room;
-    double step, first;
+    double step;
     enum { GOES_ON, RESTS, BREAKS } end;
 } side;
 
@@ -108,7 +109,7 @@ static double misfit(node *from, const node *to, double middle)
 static int advance(hy_duhem *d, const hy_duhem_state *slots, double sense, side *one)
 {
     node *const from = one->nodes + one->n - 1;
-    const double shortest = SHORTEST * fmax(fabs(from->s), one->first);
+    const double shortest = SHORTEST * fmax(fabs(from->s), FIRST_STEP);
     for (;;) {
         const double z = stepped(d, slots, sense, from, one->step), middle = stepped(d, slots, sense, from, 0.5 * one->step);
         const node to = {.s = from->s + one->step, .z = z, .slope = slope_at(d, slots, sense, z)};
@@ -142,8 +143,9 @@ static void grow(hy_duhem *d, const hy_duhem_state *slots, double sense, side *o
         one->end = BREAKS;
 }
 
-static int open_side(side *one, node origin)
+static int open_side(side *one, node origin, double step)
 {
+    one->step = step;
     one->room = FIRST_NODES;
     one->n = 1;
     one->nodes = malloc(sizeof *one->nodes * FIRST_NODES);
@@ -179,8 +181,17 @@ static void close_all(hy_duhem *d)
     free(d);
 }
 
-/* After the start; NULL where there is no memory. Asks for the polynomials of the speeds. */
-static hy_duhem *open_all(hy_engine *e)
+/* Whether the curves of an earlier run are those of this one: its parameters are, and its states. */
+static int serves(const hy_duhem *d, const hy_engine *e)
+{
+    const hy_model *const m = e->model;
+    int n = 0;
+    for (int i = 0; i < m->n_duhem; i++)
+        if (is_followed(e, m->duhem + i) && (n == d->n || d->followers[n++].slots != m->duhem + i)) return 0;
+    return n == d->n && !memcmp(d->data.v + m->p, e->data.v + m->p, sizeof(double) * (size_t)m->n_p);
+}
+
+static hy_duhem *opened(const hy_engine *e)
 {
     const hy_model *const m = e->model;
     const size_t block = sizeof(double) * (size_t)m->n_values;
@@ -198,17 +209,31 @@ static hy_duhem *open_all(hy_engine *e)
         if (!is_followed(e, m->duhem + i)) continue;
         d->n++;
         f->slots = m->duhem + i;
-        hy_driven_at(e, f->slots->speed)->followed = 1;
         for (int k = 0; complete && k < 2; k++) {
             curve *const c = f->curves + k;
             c->sense = k ? 1 : -1;
-            complete = open_side(&c->later, (node){.slope = slope_at(d, f->slots, c->sense, 0)});
-            complete = complete && open_side(&c->earlier, c->later.nodes[0]);
+            complete = open_side(&c->later, (node){.slope = slope_at(d, f->slots, c->sense, 0)}, FIRST_STEP);
+            complete = complete && open_side(&c->earlier, c->later.nodes[0], -FIRST_STEP);
         }
     }
     if (complete) return d;
     close_all(d);
     return NULL;
+}
+
+/* After the start; NULL where there is no memory. Asks for the ways of the speeds. */
+static hy_duhem *open_all(hy_engine *e)
+{
+    hy_duhem *d = e->duhem;
+    if (!d || !serves(d, e)) {
+        close_all(d);
+        d = opened(e);
+    }
+    for (int i = 0; d && i < d->n; i++) {
+        d->followers[i].on = NULL;
+        hy_driven_at(e, d->followers[i].slots->speed)->followed = 1;
+    }
+    return d;
 }
 
 /* Whether a state lies further out than a node of a side that leads to larger states, or to smaller ones. */
@@ -227,7 +252,8 @@ static int locate(hy_duhem *d, follower *f, curve *c, double z)
     const int rises = c->later.nodes->slope > 0, on_later = z == 0 || (z > 0) == rises;
     side *const one = on_later ? &c->later : &c->earlier;
     int low = 0, high;
-    while (one->end == GOES_ON && is_beyond(z, one->nodes + one->n - 1, on_later == rises)) grow(d, f->slots, c->sense, one);
+    while (one->end == GOES_ON && (one->n == 1 || is_beyond(z, one->nodes + one->n - 1, on_later == rises)))
+        grow(d, f->slots, c->sense, one);
     high = one->n - 1;
     if (!high || is_beyond(z, one->nodes + high, on_later == rises)) return 0;
     while (high - low > 1) {
@@ -260,9 +286,9 @@ static double along(hy_duhem *d, follower *f, double way)
 /* The same from where no curve through z = 0 comes. */
 static double apart(hy_duhem *d, const follower *f, double sense, double z, double way)
 {
-    side one = {.step = way, .first = way};
+    side one;
     double reached = z;
-    if (!open_side(&one, (node){.z = z, .slope = slope_at(d, f->slots, sense, z)})) return NAN;
+    if (!open_side(&one, (node){.z = z, .slope = slope_at(d, f->slots, sense, z)}, way)) return NAN;
     if (one.nodes->slope != 0) {
         while (one.end == GOES_ON && one.nodes[one.n - 1].s < way) grow(d, f->slots, sense, &one);
         reached = one.nodes[one.n - 1].z;
@@ -278,10 +304,6 @@ static double followed(hy_duhem *d, follower *f, double z, double way)
     curve *const c = &f->curves[way > 0];
     const double length = fabs(way);
     if (!(length > 0)) return z + way; /* no motion, or not a number */
-    if (!c->later.step) {
-        c->later.step = c->later.first = c->earlier.first = length;
-        c->earlier.step = -length;
-    }
     if (f->on != c && !locate(d, f, c, z)) {
         f->on = NULL;
         return apart(d, f, c->sense, z, length);
@@ -296,7 +318,7 @@ static int move(hy_duhem *d, hy_engine *e, double h)
     for (int i = 0; i < d->n; i++) {
         follower *const f = d->followers + i;
         double *const z = v + f->slots->state;
-        if (f->slots->speed != speed) n = hy_ways(hy_driven_at(e, speed = f->slots->speed)->c, h, ways);
+        if (f->slots->speed != speed) n = hy_ways(hy_driven_at(e, speed = f->slots->speed), h, ways);
         for (int k = 0; k < n; k++) *z = followed(d, f, *z, ways[k]);
         if (!isfinite(*z)) return HY_RETRY;
     }

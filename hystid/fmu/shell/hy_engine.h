@@ -11,7 +11,8 @@
  * known, or a state clamped to a measured motion. value(t) = c[0] + s (c[1] + s (c[2] + s c[3])), s = t - origin. */
 typedef struct {
     int slot;
-    int followed; /* 1: its polynomial is needed though nothing is integrated: a state runs along its integral */
+    int followed; /* 1: what is needed is its integral: a state runs along it, and nothing is integrated in steps of time */
+    double way;   /* then: its integral over the row, or NaN where its sign changes and the polynomial has to say where */
     double c[4];
 } hy_driven;
 
@@ -56,14 +57,14 @@ typedef struct {
     double *x_before, *z, *z_left;
     int *crossings;    /* how often each indicator crossed zero within the present step; then n_z marks and n_z indices, scratch */
     double *scratch;   /* one allocation behind X ... z_left */
-    hy_duhem *duhem;   /* while a table is run that way, else NULL */
+    hy_duhem *duhem;   /* of a table that is run that way, or NULL */
     int shows;         /* 1: a table asks for nothing but what the model's show gives */
 } hy_engine;
 
 /* How rate-independent states are followed (hy_duhem.c); a model that has such states brings it along. */
 struct hy_duhem_methods {
     int (*follows)(const hy_engine *e);  /* whether such states alone are integrated, their speeds driven, no sensitivity */
-    hy_duhem *(*open)(hy_engine *e);
+    hy_duhem *(*open)(hy_engine *e);     /* goes on with the engine's where the parameters are the same, else closes them */
     int (*move)(hy_duhem *d, hy_engine *e, double h); /* states after h, the driven polynomials beginning now */
     void (*close)(hy_duhem *d);
 };

@@ -160,8 +160,8 @@ static void close_lane(lane *l)
     hy_close(&l->e);
 }
 
-/* Opens a table and puts its first row. 0 where it is over already, or was run by itself. */
-static int open_lane(lane *l, hy_table *t, int *outcome)
+/* Opens a table and puts its first row. 0 where it is over already, or was run by itself; curves: of tables before it. */
+static int open_lane(lane *l, hy_table *t, int *outcome, hy_duhem **curves)
 {
     memset(l, 0, sizeof *l);
     l->t = t;
@@ -174,7 +174,10 @@ static int open_lane(lane *l, hy_table *t, int *outcome)
     l->kept = malloc(kept_size(l->e.model));
     *outcome = l->kept ? prepare(&l->e, t) : HY_ERROR;
     if (!*outcome && !goes_in_lanes(&l->e, t)) {
+        l->e.duhem = *curves;
         *outcome = run(&l->e, t);
+        *curves = l->e.duhem;
+        l->e.duhem = NULL;
     } else if (!*outcome) {
         *outcome = first_row(&l->e, t);
         l->row = 1;
@@ -188,11 +191,12 @@ static int open_lane(lane *l, hy_table *t, int *outcome)
 void hy_run_tables(hy_table *tables, int n, int *outcomes)
 {
     lane lanes[LANES], *on[LANES];
+    hy_duhem *curves = NULL;
     int next = 0, open = 0;
     for (int i = 0; i < LANES; i++) on[i] = &lanes[i];
     for (;;) {
-        for (; open < LANES && next < n; next++) open += open_lane(on[open], &tables[next], &outcomes[next]);
-        if (!open) return;
+        for (; open < LANES && next < n; next++) open += open_lane(on[open], &tables[next], &outcomes[next], &curves);
+        if (!open) break;
         step_all(on, open);
         for (int i = open - 1; i >= 0; i--) {
             lane *const over = on[i];
@@ -202,4 +206,5 @@ void hy_run_tables(hy_table *tables, int n, int *outcomes)
             on[open] = over;
         }
     }
+    if (curves) hy_the_model.duhem_methods->close(curves);
 }

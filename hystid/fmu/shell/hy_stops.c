@@ -43,7 +43,7 @@ void hy_move_stops(hy_engine *e, double h)
     int n = 0, speed = -1;
     for (int i = 0; i < e->model->n_stops; i++) {
         const hy_stop *s = &e->model->stops[i];
-        if (s->speed != speed) n = hy_ways(hy_driven_at(e, s->speed)->c, h, ways);
+        if (s->speed != speed) n = hy_ways(hy_driven_at(e, s->speed), h, ways);
         speed = s->speed;
         for (int k = 0; k < n; k++) v[s->force] = moved(v[s->force], stiffness_of(e, s) * ways[k], v[s->limit]);
     }

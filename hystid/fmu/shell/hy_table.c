@@ -157,11 +157,31 @@ static int integrated_row(hy_engine *e, hy_table *t, int row)
     return outcome ? outcome : put_row(e, t, row);
 }
 
+/* Integral of a column over the interval after a row; NaN where it may change its sign there. */
+static double way_after(const hy_table *t, int column, int row)
+{
+    const double *const u = t->samples[column] + row, h = t->dt;
+    double bend = 0, early = u[0], late = u[1]; /* early, late: Bernstein coefficients between the two ends */
+    if (t->column_modes[column] == HY_HOLD) return h * u[0];
+    if (t->column_modes[column] == HY_HERMITE) {
+        const double *const d = t->slopes[column] + row;
+        early += h / 3 * d[0];
+        late -= h / 3 * d[1];
+        bend = h / 12 * (d[0] - d[1]);
+    }
+    if ((u[0] >= 0 && early >= 0 && late >= 0 && u[1] >= 0) || (u[0] <= 0 && early <= 0 && late <= 0 && u[1] <= 0))
+        return h * (0.5 * (u[0] + u[1]) + bend);
+    return NAN;
+}
+
 /* Of the columns that are followed over their way; what is evaluated at samples alone needs none. */
 static void set_speeds(hy_engine *e, const hy_table *t, int row)
 {
-    for (int i = 0; i < t->n_columns; i++)
-        if (e->driven[i].followed) interpolate(t, i, row, e->driven[i].c);
+    for (int i = 0; i < t->n_columns; i++) {
+        if (!e->driven[i].followed) continue;
+        e->driven[i].way = way_after(t, i, row);
+        if (isnan(e->driven[i].way)) interpolate(t, i, row, e->driven[i].c);
+    }
 }
 
 /* Springs with sliders and nothing else to integrate: no step, no event. */

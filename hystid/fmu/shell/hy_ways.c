@@ -7,13 +7,6 @@ enum { MOST_LOOKS = 100 };
 static double value(const double *c, double s) { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); }
 static double integral(const double *c, double s) { return s * (c[0] + s * (c[1] / 2 + s * (c[2] / 3 + s * c[3] / 4))); }
 
-/* Whether the polynomial keeps its sign over [0, h]: its Bernstein coefficients do. */
-static int keeps_sign(const double *c, double h)
-{
-    const double b1 = c[0] + c[1] * h / 3, b2 = c[0] + h * (2 * c[1] + c[2] * h) / 3, b3 = value(c, h);
-    return (c[0] >= 0 && b1 >= 0 && b2 >= 0 && b3 >= 0) || (c[0] <= 0 && b1 <= 0 && b2 <= 0 && b3 <= 0);
-}
-
 /* Offsets in (0, h) at which the polynomial has a slope of 0, in rising order. */
 static int extremes(const double *c, double h, double *at)
 {
@@ -56,12 +49,13 @@ double hy_zero(const double *c, double low, double high)
     return at;
 }
 
-int hy_ways(const double *c, double h, double ways[HY_MOST_WAYS])
+int hy_ways(const hy_driven *speed, double h, double ways[HY_MOST_WAYS])
 {
+    const double *const c = speed->c;
     double edges[4], before = 0;
     int n = 0, inner;
-    if (keeps_sign(c, h)) {
-        ways[0] = integral(c, h);
+    if (!isnan(speed->way)) {
+        ways[0] = speed->way;
         return 1;
     }
     inner = extremes(c, h, edges + 1);

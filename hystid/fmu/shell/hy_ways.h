@@ -2,10 +2,12 @@
 #ifndef HY_WAYS_H
 #define HY_WAYS_H
 
+#include "hy_engine.h"
+
 enum { HY_MOST_WAYS = 4 };
 
-/* c: speed c[0] + s (c[1] + s (c[2] + s c[3])) over s in [0, h]; returns how many ways there are, each of one sign. */
-int hy_ways(const double *c, double h, double ways[HY_MOST_WAYS]);
+/* Over s in [0, h] of a followed speed; returns how many ways there are, each of one sign. */
+int hy_ways(const hy_driven *speed, double h, double ways[HY_MOST_WAYS]);
 
 /* Where a cubic with such coefficients, monotone over [low, high] with ends of different sign, is 0. */
 double hy_zero(const double *c, double low, double high);
