@@ -222,7 +222,7 @@ class _Wanted:
         each = len(outputs) * (1 + len(seeds))
         block = np.empty(each * sum(run.rows for run in runs))
         first, rows = _place(block), [run.rows for run in runs for _ in range(each)]
-        self._rows = first + 8 * np.cumsum([0, *rows[:-1]], dtype=np.uintp)  # address of each output, then each gradient
+        self._rows = first + 8 * np.cumsum([0, *rows[:-1]], dtype=np.uintp)  # addresses of outputs, then of gradients
         self.outcomes = [self._outcome(part) for part in np.split(block, each * np.cumsum([r.rows for r in runs])[:-1])]
         shared = {id(run.settings): run.settings for run in runs}
         self._settings = {
@@ -239,8 +239,8 @@ class _Wanted:
         """The runs as the C side takes them."""
         (n, seeds), made = self._counts, (_Table * len(self._runs))()
         outputs, gradients = _place(self._rows), _place(self._rows) + 8 * n
-        wanted, carried = map(_place, self._slots)
-        settings = {key: tuple(map(_place, arrays)) for key, arrays in self._settings.items()}
+        wanted, carried = (_place(slots) for slots in self._slots)
+        settings = {key: (_place(slots), _place(values)) for key, (slots, values) in self._settings.items()}
         for i, (table, run) in enumerate(zip(made, self._runs, strict=True)):
             before = 8 * i * n * (1 + seeds)
             table.version, table.rows, table.substeps = _VERSION, run.rows, run.substeps
@@ -342,19 +342,32 @@ class CompiledModel:
         return self._central_differences(job, sensitivities, relative_step=1e-4)
 
     def motion(
-        self, states: Mapping[str, ArrayLike], inputs: Mapping[str, ArrayLike], dt: float, *, substeps: int = 1
+        self,
+        states: Mapping[str, ArrayLike],
+        inputs: Mapping[str, ArrayLike],
+        dt: float,
+        *,
+        interpolation: Interpolation = "linear",
+        substeps: int = 1,
     ) -> Motion:
-        """States and inputs of ``clamp``, checked and made ready once for many runs."""
+        """States and inputs of ``clamp`` (or, without states, of ``simulate``), checked and made ready once for many
+        runs."""
         _check_steps(self.code.name, dt, substeps)
-        columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
+        columns = [*self._motion(states, dt), *(self._input(name, u, dt, interpolation) for name, u in inputs.items())]
         return Motion(Columns(columns), _rows(columns, None), dt, substeps)
 
     def follow(
-        self, motions: Sequence[Motion], parameters: Mapping[str, float], outputs: Sequence[str]
+        self,
+        motions: Sequence[Motion],
+        parameters: Mapping[str, float] | Sequence[Mapping[str, float]],
+        outputs: Sequence[str],
     ) -> list[dict[str, Array]]:
-        """``clamp`` along several motions at the same parameters, in one call; the numbers are the same to the bit."""
-        names = tuple(outputs)
-        return self._run_all([Job(m.columns, m.rows, m.dt, 0.0, parameters, names, m.substeps) for m in motions])
+        """``clamp`` or ``simulate`` along several motions, at the same parameters or at those of each, in one call; the
+        numbers are the same to the bit."""
+        names, each = tuple(outputs), [parameters] * len(motions) if isinstance(parameters, Mapping) else parameters
+        return self._run_all(
+            [Job(m.columns, m.rows, m.dt, 0.0, p, names, m.substeps) for m, p in zip(motions, each, strict=True)]
+        )
 
     def clamp_many(
         self,

@@ -446,7 +446,7 @@ class Problem:
         unknowns)."""
         here = self.predicted(hypothesis)
         signals = self.signals(hypothesis)
-        return np.stack([self._column(hypothesis, u, here, signals) for u in unknowns], axis=1)
+        return np.array([self._column(hypothesis, u, here, signals) for u in unknowns]).T
 
     def _column(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array], signals: list[Signals]) -> Array:
         kind, name = unknown.key

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.parts import Part, advanced
 from hystid.diagnosis.rig import Model
 from hystid.errors import NumericalError
@@ -16,6 +17,7 @@ Array = NDArray[np.float64]
 
 SUBSTEPS = 4  # Runge-Kutta steps per sample: with a cubic force 6e-4 of the displacement at five samples per period
 _WRAP = 3.0  # steps of a channel, from its last sample to its first, within which a recording closes on itself
+_FAR = 1e3  # times the largest displacement, beyond which a run has diverged
 _UNREST = 0.05  # share of the rms that the first sample must show for a recording to begin in motion
 
 
@@ -37,10 +39,10 @@ def free_run(model: Model, part: Part, values: Mapping[str, float], delay: float
 
 
 def run_from(
-    model: Model, part: Part, values: Mapping[str, float], delay: float = 0.0, periods: int = 1, rows: int | None = None
+    model: Model, part: Part, values: Mapping[str, float], delay: float = 0.0, periods: int = 1
 ) -> Array | None:
-    """The last of a number of passes through a recording (or its first ``rows`` samples); None where it diverges."""
-    force = (advanced(part.F, delay) if delay else part.F)[:rows]
+    """The last of a number of passes through a recording; None where it diverges."""
+    force = advanced(part.F, delay) if delay else part.F
     settings = {**start_of(model, part), **values}
     inputs = {"F": np.tile(force, periods)}
     try:
@@ -50,7 +52,36 @@ def run_from(
     except NumericalError:
         return None
     x = found["x"][-len(force) :]
-    return x if float(np.max(np.abs(x))) < 1e3 * float(np.max(np.abs(part.x))) else None
+    return None if diverges(x, part) else x
+
+
+def runs_from(
+    model: CompiledModel, motions: Sequence[Motion], settings: Sequence[Mapping[str, float]]
+) -> list[Array] | None:
+    """Displacements [m] under ``driven`` forces, all in one call; None where one of them has no finite answer."""
+    try:
+        return [found["x"] for found in model.follow(motions, settings, ("x",))]
+    except NumericalError:
+        return None
+
+
+def driven(
+    model: CompiledModel,
+    part: Part,
+    delay: float = 0.0,
+    *,
+    periods: int = 1,
+    rows: int | None = None,
+    substeps: int = SUBSTEPS,
+) -> Motion:
+    """The force of ``run_from``, made ready for many runs: of the first ``rows`` samples, for so many passes."""
+    force = np.tile((advanced(part.F, delay) if delay else part.F)[:rows], periods)
+    return model.motion({}, {"F": force}, part.dt, interpolation="cubic", substeps=substeps)
+
+
+def diverges(x: Array, part: Part) -> bool:
+    """Whether a simulated displacement leaves the measured one by orders of magnitude."""
+    return not float(np.max(np.abs(x))) < _FAR * float(np.max(np.abs(part.x)))
 
 
 def _remembers(model: Model) -> bool:

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fitting import Hypothesis, Unknown, get, put
-from hystid.diagnosis.freerun import free_run, run_from, start_of
+from hystid.diagnosis.freerun import SUBSTEPS, diverges, driven, free_run, run_from, runs_from, start_of
 from hystid.diagnosis.parts import Part
-from hystid.diagnosis.rig import Model
 
 Array = NDArray[np.float64]
 Settings = Callable[[Hypothesis], Mapping[str, float]]
@@ -24,6 +24,7 @@ _FITTED = 0.75  # share of each recording that is fitted; the rest decides
 _WORTH = 0.8  # error on the rest, over that before, above which the parameters of the balance are kept
 _QUIET = 1.5  # error of the free run in units of the noise of x below which nothing is left to polish
 _LOST = 0.7  # error of the free run beyond which the run tells nothing about the parameters
+_EXACT = 0.01  # error of the integration, units of the noise of x: it averages out as noise does, over 10,000 samples
 _STEP = 1e-4  # step of difference quotients in scaled unknowns
 _CHAIN = 0.1  # scale of a delay [samples] and of a weighing error
 _REACH = 0.5  # largest move of a scaled unknown in one step
@@ -51,7 +52,8 @@ class Polished:
 
 @dataclass(frozen=True)
 class _Track:
-    """One recording as it is fitted: displacement, its scale, samples that are run, passes, start state."""
+    """One recording as it is fitted: displacement, its scale, samples that are run, passes, start state, steps of
+    integration per sample."""
 
     part: Part
     target: Array
@@ -59,11 +61,22 @@ class _Track:
     rows: int
     periods: int
     start: Mapping[str, float]
+    substeps: int = SUBSTEPS
+    forces: dict[float, Motion] = field(default_factory=dict, repr=False)  # by their delay
 
-    def misfit(self, model: Model, settings: Mapping[str, float], delay: float) -> Array | None:
+    def force(self, model: CompiledModel, delay: float) -> Motion:
+        """What drives the model."""
+        if delay not in self.forces:
+            self.forces.clear()
+            self.forces[delay] = driven(
+                model, self.part, delay, periods=self.periods, rows=self.rows, substeps=self.substeps
+            )
+        return self.forces[delay]
+
+    def misfit(self, run: Array) -> Array | None:
         """Simulated less measured displacement over its scale, shape (rows,); None where the run diverges."""
-        run = run_from(model, self.part, {**settings, **self.start}, delay, self.periods, self.rows)
-        return None if run is None else (run - self.target[: self.rows]) / self.scale
+        x = run[-self.rows :]
+        return None if diverges(x, self.part) else (x - self.target[: self.rows]) / self.scale
 
     def split(self, misfit: Array) -> tuple[Array, Array]:
         """What is fitted and what is kept back."""
@@ -72,7 +85,7 @@ class _Track:
 
 
 def polish(
-    model: Model,
+    model: CompiledModel,
     start: Hypothesis,
     unknowns: Sequence[Unknown],
     parts: Sequence[Part],
@@ -90,6 +103,7 @@ def polish(
     if not tracks or not unknowns:
         return None
     search = _Search(model, unknowns, settings)
+    tracks = search.in_long_steps(start, tracks)
     first = search.errors(start, tracks)
     if first is None or not _worth_trying(first, tracks):
         return None
@@ -100,7 +114,7 @@ def polish(
     return Polished(end, float(np.mean(first)), float(np.mean(last)), search.covariance(end, begun))
 
 
-def _tracks(model: Model, start: Hypothesis, parts: Sequence[Part], settings: Settings) -> list[_Track]:
+def _tracks(model: CompiledModel, start: Hypothesis, parts: Sequence[Part], settings: Settings) -> list[_Track]:
     """The recordings, each begun in the way in which it runs closer; none where one of them diverges or lacks x."""
     found = []
     for part in parts:
@@ -126,7 +140,7 @@ def _shortened(tracks: Sequence[_Track], count: int, work: int) -> list[_Track]:
         return list(tracks)
     if any(track.periods > 1 for track in tracks):  # half a period does not close on itself
         return []
-    made = [replace(track, rows=int(share * track.rows)) for track in tracks]
+    made = [replace(track, rows=int(share * track.rows), forces={}) for track in tracks]
     return made if min(track.rows for track in made) >= _SHORTEST else []
 
 
@@ -144,7 +158,7 @@ def _worth_trying(errors: Sequence[float], tracks: Sequence[_Track]) -> bool:
 class _Search:
     """The model and what may move."""
 
-    model: Model
+    model: CompiledModel
     moved: Sequence[Unknown]
     settings: Settings
 
@@ -155,6 +169,19 @@ class _Search:
             return None
         kept = [track.split(misfit)[1] for track, misfit in zip(tracks, misfits, strict=True)]
         return [float(np.sqrt(np.mean(values**2))) for values in kept]
+
+    def in_long_steps(self, at: Hypothesis, tracks: Sequence[_Track]) -> list[_Track]:
+        """The tracks in the fewest steps per sample that change nothing."""
+        exact = self._misfits(at, tracks)
+        for substeps in range(1, SUBSTEPS):
+            made = [replace(track, substeps=substeps, forces={}) for track in tracks]
+            found = self._misfits(at, made)
+            if exact is None or found is None:
+                continue
+            off = [float(np.sqrt(np.mean((a - b) ** 2))) for a, b in zip(exact, found, strict=True)]
+            if all(e < _EXACT * t.part.noise["x"] / t.scale for e, t in zip(off, tracks, strict=True)):
+                return made
+        return list(tracks)
 
     def covariance(self, at: Hypothesis, tracks: Sequence[_Track]) -> Array:
         """See ``Polished``; all NaN where the end cannot be differentiated."""
@@ -190,14 +217,17 @@ class _Search:
         return at, tracks
 
     def _misfits(self, at: Hypothesis, tracks: Sequence[_Track]) -> list[Array] | None:
-        values = self.settings(at)
-        found = []
-        for track in tracks:
-            misfit = track.misfit(self.model, values, at.delay)
-            if misfit is None:
-                return None
-            found.append(misfit)
-        return found
+        return self._all_misfits([(at, track) for track in tracks])
+
+    def _all_misfits(self, wanted: Sequence[tuple[Hypothesis, _Track]]) -> list[Array] | None:
+        """Misfit of every track at its hypothesis, from runs side by side; None where one of them diverges."""
+        settings = [{**self.settings(at), **track.start} for at, track in wanted]
+        runs = runs_from(self.model, [track.force(self.model, at.delay) for at, track in wanted], settings)
+        if runs is None:
+            return None
+        misfits = [track.misfit(run) for (_, track), run in zip(wanted, runs, strict=True)]
+        found = [misfit for misfit in misfits if misfit is not None]
+        return found if len(found) == len(misfits) else None
 
     def _rows(self, at: Hypothesis, tracks: Sequence[_Track]) -> Array | None:
         misfits = self._misfits(at, tracks)
@@ -207,23 +237,23 @@ class _Search:
 
     def _jacobian(self, at: Hypothesis, tracks: Sequence[_Track], rows: Array) -> Array | None:
         """Difference quotients; a start state needs a run of its own recording alone."""
-        columns = []
         count = len(self.moved)
         owners = [i for i, track in enumerate(tracks) for _ in track.start]
         edges = np.cumsum([0, *(int(_FITTED * track.rows) for track in tracks)])
-        for i in range(count + len(owners)):
-            step = np.zeros(count + len(owners))
-            step[i] = _STEP
+        wanted, places = [], []  # runs, and the column and recording that each belongs to
+        for i, step in enumerate(_STEP * np.eye(count + len(owners))):
             there, others = self._moved(at, tracks, step)
-            own = slice(None) if i < count else slice(owners[i - count], owners[i - count] + 1)
-            tried = self._rows(there, others[own])
-            if tried is None:
-                return None
-            place = slice(edges[own.start or 0], edges[own.stop if own.stop is not None else -1])
-            column = np.zeros(len(rows))
-            column[place] = (tried - rows[place]) / _STEP
-            columns.append(column)
-        return np.stack(columns, axis=1)
+            for k in range(len(tracks)) if i < count else (owners[i - count],):
+                wanted.append((there, others[k]))
+                places.append((i, k))
+        found = self._all_misfits(wanted)
+        if found is None:
+            return None
+        columns = np.zeros((count + len(owners), len(rows)))
+        for (i, k), (_, track), misfit in zip(places, wanted, found, strict=True):
+            part = slice(edges[k], edges[k + 1])
+            columns[i, part] = (track.split(misfit)[0] - rows[part]) / _STEP
+        return columns.T
 
     def _moved(self, at: Hypothesis, tracks: Sequence[_Track], step: Array) -> tuple[Hypothesis, list[_Track]]:
         """Unknowns moved by scaled steps: relative to their own size, start states to the size of the motion."""

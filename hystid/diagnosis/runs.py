@@ -14,7 +14,7 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis.answer import Answer, refit_values
 from hystid.diagnosis.extended import CLASS, Skeleton, extended_model, settings_of
 from hystid.diagnosis.fitting import Fit, Hypothesis
-from hystid.diagnosis.freerun import error, errors
+from hystid.diagnosis.freerun import diverges, error, errors
 from hystid.diagnosis.parts import Part, advanced
 from hystid.diagnosis.polish import polish
 from hystid.diagnosis.windows import for_recording, has_own_windows
@@ -103,7 +103,7 @@ def _coupled_run(
         x = simulate_with_effects(rig, effects, force, part.dt, parameters=values, start=start)
     except NumericalError:
         return None
-    return x if float(np.max(np.abs(x))) < 1e3 * float(np.max(np.abs(part.x))) else None
+    return None if diverges(x, part) else x
 
 
 def _polished(answer: Answer, skeleton: Skeleton, model: CompiledModel) -> tuple[Answer, tuple[str, ...]]:
