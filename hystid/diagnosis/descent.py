@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ _ANOTHER = 0.1  # relative difference of steps that makes another one worth its 
 _NOTHING = 1e-5  # share of the sum of squares below which a promised fall is not worth a step
 _REFUSED, _MUCH = 2, 0.1  # refusals after which the law is held, and share of the promised fall that must be left then
 _FIRST = 1e-4  # damping at the start
+_EASIER, _LEAST = 0.1, 1e-9  # factor by which a damping falls at most, and how far
 
 
 @np.errstate(over="ignore", invalid="ignore")  # refused steps may be as wild as they like
@@ -49,10 +51,8 @@ def fit(
             continue
         if taken is None:
             break
-        there, found, damping = taken
-        gain = 1.0 - float(found @ found) / cost
-        here, rows, cost = there, found, float(found @ found)
-        damping = max(damping / 10.0, 1e-9)
+        gain = 1.0 - taken.cost / cost
+        here, rows, cost, damping = taken.there, taken.rows, taken.cost, taken.damping
         normal = _Normal(problem.jacobian(here, unknowns), rows)
         small = small + 1 if gain < tolerance else 0
         if done > 2 and gain < _PACE * (1.0 - bar * len(rows) / cost):
@@ -63,10 +63,30 @@ def fit(
     return Fit(here, rows, cost / freedom, unknowns, normal.covariance())
 
 
+@dataclass(frozen=True)
+class _Step:
+    """Where a step leads, its rows and their sum of squares, and the damping for the next one."""
+
+    there: Hypothesis
+    rows: Array
+    cost: float
+    damping: float
+
+
+def _taken(there: Hypothesis, rows: Array | None, cost: float, promised: float, damping: float) -> _Step | None:
+    """A step that lowers the sum of squares; None for another one. The damping falls where the fall was as promised,
+    stays where it was half of that, and grows beyond (Nielsen 1999)."""
+    found = float(rows @ rows) if rows is not None else np.inf
+    if rows is None or not found < cost:
+        return None
+    kept = 2 * (cost - found) / promised - 1
+    return _Step(there, rows, found, max(damping * max(_EASIER, 1 - kept**3), _LEAST))
+
+
 def _step(
     problem: Problem, here: Hypothesis, unknowns: Sequence[Unknown], normal: _Normal, cost: float, damping: float
-) -> tuple[Hypothesis, Array, float] | None:
-    """The first step that lowers the sum of squares, its rows and damping; None where there is none worth its name.
+) -> _Step | None:
+    """The first step that lowers the sum of squares; None where there is none worth its name.
 
     Corners of the law may refuse step after step, each of which costs an evaluation of it: then all else moves alone.
     """
@@ -75,12 +95,12 @@ def _step(
             return None
         if refused == _REFUSED:
             alone = _beside_law(problem, here, unknowns, normal, max(_NOTHING * cost, _MUCH * promised))
-            found = _rows_or_none(problem, alone) if alone is not None else None
-            if alone is not None and found is not None and float(found @ found) < cost:
-                return alone, found, tried
-        found = _rows_or_none(problem, there)
-        if found is not None and float(found @ found) < cost:
-            return there, found, tried
+            beside = _taken(alone, _rows_or_none(problem, alone), cost, promised, tried) if alone is not None else None
+            if beside is not None:
+                return beside
+        taken = _taken(there, _rows_or_none(problem, there), cost, promised, tried)
+        if taken is not None:
+            return taken
     return None
 
 
