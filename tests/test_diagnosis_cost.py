@@ -115,7 +115,7 @@ def test_rows_that_are_weighed_down_are_not_remembered_as_they_were(
     assert problem.distrust(Hypothesis(VALUES, (jump,)))
     after = problem.columns(effect, {"tau": 0.05}, signals)
     assert before is not None and after is not None
-    rows = problem.reduce(effect.columns(signals, {"tau": 0.05})[0])
+    rows = problem.reduce(effect.forces(signals, effect.units_at({"tau": 0.05})[0]))
     again = after.scaled[:, 0] * after.lengths[0]
     np.testing.assert_allclose(again, rows, rtol=1e-14)  # scaled and back: two roundings
     assert not np.array_equal(before.scaled, after.scaled)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 
@@ -75,7 +75,7 @@ class Effect:
 
     id: snake case, form: "" or what follows the double underscore. amplitudes: names in which f is linear. shapes: the
     other continuous parameters. choices: integer parameters and their values. lowest: least values that the block
-    allows. remembers: has inner states.
+    allows. remembers: has inner states. uses_h: depends on the hysteretic force; per_h: in proportion, at each sample.
     """
 
     id: str
@@ -89,6 +89,7 @@ class Effect:
     lowest: Mapping[str, float] = field(default_factory=dict)
     remembers: bool = False
     uses_h: bool = False
+    per_h: bool = False
 
     @property
     def size(self) -> int:
@@ -163,10 +164,10 @@ class Effect:
         shortest = min((length for length in lengths if length > 0), default=np.inf)
         return int(np.clip(np.ceil(signals.path / shortest), 1, _SUBSTEPS))
 
-    def columns(self, signals: Sequence[Signals], shapes: Mapping[str, float]) -> list[list[Array]]:
-        """Force per unit of each amplitude (outer) over recordings (inner), at given shapes and choices."""
+    def units_at(self, shapes: Mapping[str, float]) -> list[dict[str, float]]:
+        """Parameters with one of the amplitudes at 1 and the others at 0, for each in turn."""
         zero = dict.fromkeys(self.amplitudes, 0.0)
-        return [self.forces(signals, {**shapes, **zero, name: 1.0}) for name in self.amplitudes]
+        return [{**shapes, **zero, name: 1.0} for name in self.amplitudes]
 
     def grid(self, scales: Scales) -> list[dict[str, float]]:
         """Starting points for the shapes and choices: the first shape in fine steps, the others coarsely."""
@@ -208,7 +209,7 @@ def effect_of(class_name: str, code: ModelCode) -> Effect:
         tuple(variable for variable in reals if variable.name not in linear), choices,
         {variable.name: variable.unit for variable in parameters},
         {variable.name: float(variable.min) for variable in reals if variable.min is not None}, bool(code.states),
-        _reads_h(bare, linear),
+        _reads_h(bare, linear), _is_per_h(bare, linear),
     )  # fmt: skip
 
 
@@ -248,6 +249,13 @@ def _reads_h(effect: Effect, linear: Sequence[str]) -> bool:
     other = Signals(signals.x, signals.v, signals.a, 0.5 * signals.h + 1.0, signals.dt)
     ones = dict.fromkeys(linear, 1.0)
     return not np.array_equal(effect.force(signals, ones), effect.force(other, ones))
+
+
+def _is_per_h(effect: Effect, linear: Sequence[str]) -> bool:
+    signals, ones = _probe(), dict.fromkeys(linear, 1.0)
+    found = effect.force(signals, ones)
+    unit = effect.force(replace(signals, h=np.ones_like(signals.h)), ones)
+    return np.allclose(found, signals.h * unit, rtol=0, atol=1e-9 * float(np.max(np.abs(found))))
 
 
 def shape_bounds(shape: Variable, scales: Scales) -> tuple[float, float]:

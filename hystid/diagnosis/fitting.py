@@ -34,7 +34,7 @@ _AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
 _SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
-_KEPT = (40_000_000, 24_000_000, 120_000_000)  # bytes that are remembered: laws, forces of effects, columns of scans
+_KEPT = (40_000_000, 60_000_000, 120_000_000)  # bytes that are remembered: laws, forces of effects, columns of scans
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
 Key = tuple[str, str]
 
@@ -229,11 +229,27 @@ class Problem:
         signals: those of the hypothesis.
         """
         law, seen = term.law, tuple[object, ...]()
+        if law.effect.per_h:
+            return term.effect.switched(self._law_force(law, signals), signals, term.values)
         if "h" in law.effect.reads:
             shapes = tuple(hypothesis.values[name] for name in self.baseline.shapes)
             seen = (shapes, *(_key(source) for source in self._sources(hypothesis.terms)))
         forces = self._forces.get((*_key(law), seen), lambda: tuple(law.effect.forces(signals, law.values)))
         return term.effect.switched(forces, signals, term.values)
+
+    def _law_force(self, law: Term, signals: Sequence[Signals]) -> Sequence[Array]:
+        """Force of an effect that acts all the time; where it is proportional to h, that per unit of h is remembered.
+
+        signals: motion of the parts, whatever h is.
+        """
+
+        def per_unit() -> tuple[Array, ...]:
+            return tuple(law.effect.forces([replace(s, h=np.ones_like(s.h)) for s in signals], law.values))
+
+        if not law.effect.per_h:
+            return law.effect.forces(signals, law.values)
+        units = self._forces.get((*_key(law), "per unit of h"), per_unit)
+        return [s.h * unit for s, unit in zip(signals, units, strict=True)]
 
     def _unit(self, hypothesis: Hypothesis, term: Term, name: str, signals: Sequence[Signals]) -> list[Array]:
         """Force of an effect per unit of one of its amplitudes."""
@@ -259,7 +275,7 @@ class Problem:
 
         def made() -> tuple[Array, ...]:
             try:
-                raw = effect.columns(signals, shapes)
+                raw = [self._law_force(Term(effect, at), signals) for at in effect.units_at(shapes)]
             except NumericalError:
                 return ()
             acts = any(np.any(column[self._largest]) for column in raw)
@@ -498,7 +514,8 @@ class Problem:
         for term in hypothesis.terms:
             if term.effect.uses_h:
                 moved = [replace(s, h=s.h + step * dh) for s, (_, dh) in zip(signals, slopes, strict=True)]
-                here, there = self._force(hypothesis, term, signals), term.effect.forces(moved, term.values)
+                here = self._force(hypothesis, term, signals)
+                there = term.effect.switched(self._law_force(term.law, moved), moved, term.values)
                 columns = [c + (g - f) / step for c, f, g in zip(columns, here, there, strict=True)]
         return columns
 
