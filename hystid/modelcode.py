@@ -60,6 +60,7 @@ class ModelCode:
     has_memory: the model has a ``completed_step``, which must be called once per accepted step.
     resources: path below ``resources/`` -> bytes.
     reinit: names of the states that events may set anew; None where that is not known.
+    unread: inputs that nothing in the model depends on.
     token: instantiation token (GUID), a hash of everything above.
     """
 
@@ -78,6 +79,7 @@ class ModelCode:
     resources: Mapping[str, bytes] = field(default_factory=dict)
     token: str = ""
     reinit: tuple[str, ...] | None = None
+    unread: tuple[str, ...] = field(default=(), repr=False)
 
     def variable(self, name: str) -> Variable:
         """The named variable; KeyError when the model has none of that name."""

@@ -98,9 +98,12 @@ class Effect:
 
     @cached_property
     def reads(self) -> frozenset[str]:
-        """Inputs that the force depends on, by its equations; all where the block has events."""
-        if self.model is None or self.model.code.n_indicators or self.model.code.has_memory:
+        """Inputs that the force depends on, by its equations; all that occur in any of them where the block has
+        events."""
+        if self.model is None:
             return _INPUTS
+        if self.model.code.n_indicators or self.model.code.has_memory:
+            return _INPUTS - {*self.model.code.unread}
         known = self.model.code.dependencies
         found, new = set[str](), {"f"}
         while new:

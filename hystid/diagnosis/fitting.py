@@ -34,7 +34,8 @@ _AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
 _SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
-_KEPT = (40_000_000, 60_000_000, 120_000_000)  # bytes that are remembered: laws, forces of effects, columns of scans
+# Bytes that are remembered: laws, forces of effects, and of scans columns, and forces per unit of h.
+_KEPT = (40_000_000, 24_000_000, 120_000_000, 40_000_000)
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
 Key = tuple[str, str]
 
@@ -172,7 +173,7 @@ class Problem:
         self._movable: dict[int, Advanced] = {}
         self.turns = False  # whether the law turns within a small part of the speeds, in a way that is seen
         self._held = [self._hold(p, p.x, p.v) for p in self.parts]
-        self._laws, self._forces, self._columns = (Memory(most) for most in _KEPT)
+        self._laws, self._forces, self._columns, self._grids = (Memory(most) for most in _KEPT)
         self._largest = int(np.argmax([np.max(np.abs(p.x)) for p in self.parts]))
         self._slopes: list[tuple[tuple[float, ...], dict[str, list[tuple[Array, Array]]]]] = []
         self._units = self._linear_columns()
@@ -237,7 +238,7 @@ class Problem:
         forces = self._forces.get((*_key(law), seen), lambda: tuple(law.effect.forces(signals, law.values)))
         return term.effect.switched(forces, signals, term.values)
 
-    def _law_force(self, law: Term, signals: Sequence[Signals]) -> Sequence[Array]:
+    def _law_force(self, law: Term, signals: Sequence[Signals], memory: Memory | None = None) -> Sequence[Array]:
         """Force of an effect that acts all the time; where it is proportional to h, that per unit of h is remembered.
 
         signals: motion of the parts, whatever h is.
@@ -248,7 +249,7 @@ class Problem:
 
         if not law.effect.per_h:
             return law.effect.forces(signals, law.values)
-        units = self._forces.get((*_key(law), "per unit of h"), per_unit)
+        units = (memory or self._forces).get((*_key(law), "per unit of h"), per_unit)
         return [s.h * unit for s, unit in zip(signals, units, strict=True)]
 
     def _unit(self, hypothesis: Hypothesis, term: Term, name: str, signals: Sequence[Signals]) -> list[Array]:
@@ -275,7 +276,7 @@ class Problem:
 
         def made() -> tuple[Array, ...]:
             try:
-                raw = [self._law_force(Term(effect, at), signals) for at in effect.units_at(shapes)]
+                raw = [self._law_force(Term(effect, at), signals, self._grids) for at in effect.units_at(shapes)]
             except NumericalError:
                 return ()
             acts = any(np.any(column[self._largest]) for column in raw)
@@ -288,6 +289,7 @@ class Problem:
     def forget_columns(self) -> None:
         """Free what is remembered of scans."""
         self._columns.clear()
+        self._grids.clear()
 
     def predicted(self, hypothesis: Hypothesis) -> list[Array]:
         """R and the effects, without inertia, per part [N]."""

@@ -43,6 +43,7 @@ def model_code(model: HybridModel) -> ModelCode:
         has_adjoint=True,
         has_memory=bool(model.assertions),
         experiment=model.flat.experiment,
+        unread=_unread(model),
     )
     text = _c_text(model, layout, _TOKEN)
     token = hashlib.sha256(f"{text}{draft}".encode()).hexdigest()
@@ -288,6 +289,18 @@ def _dependencies(model: HybridModel) -> dict[str, tuple[str, ...]]:
     named = {n: known.get(model.aliases.get(n, n), frozenset()) for n in wanted}
     named |= {der(n): known.get(der(n), frozenset()) for n in model.states}
     return {n: tuple(k for k in order if k in needs) for n, needs in named.items()}
+
+
+def _unread(model: HybridModel) -> tuple[str, ...]:
+    """Inputs that no equation, relation, sampler, reinit or assertion mentions."""
+    steps = (*model.dependent, *model.derivatives, *model.event, *model.initialisation)
+    exprs = [e for r in model.relations for e in (r.value, *r.indicators, *((r.deadline,) if r.deadline else ()))]
+    exprs += [e for s in model.samplers for e in (s.start, s.interval)]
+    exprs += [e for r in model.reinits for e in (r.value, r.active)]
+    exprs += [e for a in (*model.assertions, *(a for _, a in model.checks)) for e in (a.condition, a.message)]
+    exprs += [condition for condition, _ in model.checks]
+    read = frozenset[str]().union(*map(sources, steps), *map(refs, exprs))
+    return tuple(name for name in model.inputs if name not in read)
 
 
 def _discrete_steps(model: HybridModel) -> list[Step]:
