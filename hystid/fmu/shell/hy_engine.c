@@ -75,6 +75,7 @@ void hy_close(hy_engine *e)
     free(e->crossings);
     free(e->scratch);
     free(e->seed);
+    free(e->stops);
     if (e->duhem) e->model->duhem_methods->close(e->duhem);
     memset(e, 0, sizeof *e);
 }

@@ -57,6 +57,7 @@ typedef struct {
     double *x_before, *z, *z_left;
     int *crossings;    /* how often each indicator crossed zero within the present step; then n_z marks and n_z indices, scratch */
     double *scratch;   /* one allocation behind X ... z_left */
+    double *stops;     /* of a table whose springs with sliders are moved in closed form, or NULL */
     hy_duhem *duhem;   /* of a table that is run that way, or NULL */
     int shows;         /* 1: a table asks for nothing but what the model's show gives */
 } hy_engine;

@@ -1,6 +1,6 @@
 #include "hy_stops.h"
 
-#include <math.h>
+#include <stdlib.h>
 
 #include "hy_ways.h"
 
@@ -10,16 +10,25 @@ int hy_only_stops_are_free(const hy_engine *e)
     return m->n_stops && !e->n_seeds && m->n_x - e->n_clamped == m->n_stops;
 }
 
-static double stiffness_of(const hy_engine *e, const hy_stop *s) { return s->stiffness < 0 ? 1 : e->data.v[s->stiffness]; }
+/* Forces, stiffnesses and limits of all stops one after another, as the loop over them reads them. */
+static double *forces_of(const hy_engine *e) { return e->stops; }
+static double *stiffnesses_of(const hy_engine *e) { return e->stops + e->model->n_stops; }
+static double *limits_of(const hy_engine *e) { return e->stops + 2 * e->model->n_stops; }
 
 int hy_open_stops(hy_engine *e)
 {
+    const int n = e->model->n_stops;
     const double *const v = e->data.v;
-    if (!hy_only_stops_are_free(e)) return 0;
-    for (int i = 0; i < e->model->n_stops; i++) {
+    double *const room = hy_only_stops_are_free(e) ? malloc(3 * sizeof *room * (size_t)n) : NULL;
+    if (!room) return 0;
+    e->stops = room;
+    for (int i = 0; i < n; i++) {
         const hy_stop *s = &e->model->stops[i];
         hy_driven *const speed = hy_driven_at(e, s->speed);
-        if (!speed || !(stiffness_of(e, s) >= 0) || !(v[s->limit] >= 0)) return 0;
+        forces_of(e)[i] = v[s->force];
+        stiffnesses_of(e)[i] = s->stiffness < 0 ? 1 : v[s->stiffness];
+        limits_of(e)[i] = v[s->limit];
+        if (!speed || !(stiffnesses_of(e)[i] >= 0) || !(limits_of(e)[i] >= 0)) return 0;
         speed->followed = 1;
     }
     return 1;
@@ -30,23 +39,27 @@ static double larger(double a, double b) { return a > b ? a : b; }
 
 /* Without a branch on the force: where a slider slips is hard to foresee, for a processor too. A force beyond its limit,
  * where a start value put it, rests until the motion turns. */
-static double moved(double force, double by, double limit)
+static void move(double *restrict force, const double *restrict stiffness, const double *restrict limit, int n, double way)
 {
-    if (by > 0) return smaller(force + by, larger(force, limit));
-    if (by < 0) return larger(force + by, smaller(force, -limit));
-    return force + by; /* no motion, or not a number */
+    if (way > 0)
+        for (int i = 0; i < n; i++) force[i] = smaller(force[i] + stiffness[i] * way, larger(force[i], limit[i]));
+    else if (way < 0)
+        for (int i = 0; i < n; i++) force[i] = larger(force[i] + stiffness[i] * way, smaller(force[i], -limit[i]));
+    else
+        for (int i = 0; i < n; i++) force[i] += stiffness[i] * way; /* no motion, or not a number */
 }
 
 void hy_move_stops(hy_engine *e, double h)
 {
-    double *const v = e->data.v, ways[HY_MOST_WAYS];
-    int n = 0, speed = -1;
-    for (int i = 0; i < e->model->n_stops; i++) {
-        const hy_stop *s = &e->model->stops[i];
-        if (s->speed != speed) n = hy_ways(hy_driven_at(e, s->speed), h, ways);
-        speed = s->speed;
-        for (int k = 0; k < n; k++) v[s->force] = moved(v[s->force], stiffness_of(e, s) * ways[k], v[s->limit]);
+    const hy_stop *const stops = e->model->stops;
+    const int n = e->model->n_stops;
+    double *const v = e->data.v, *const force = forces_of(e), ways[HY_MOST_WAYS];
+    for (int i = 0, next; i < n; i = next) { /* stops that one speed moves */
+        const int count = hy_ways(hy_driven_at(e, stops[i].speed), h, ways);
+        for (next = i + 1; next < n && stops[next].speed == stops[i].speed; next++) continue;
+        for (int k = 0; k < count; k++) move(force + i, stiffnesses_of(e) + i, limits_of(e) + i, next - i, ways[k]);
     }
+    for (int i = 0; i < n; i++) v[stops[i].force] = force[i];
     e->status->stale = 1;
 }
 
