@@ -94,6 +94,21 @@ def test_every_output_agrees_with_steps_of_time(name: str) -> None:
     assert np.array_equal(alone["R"], found["R"])
 
 
+def test_a_law_at_its_limit_rests_there() -> None:
+    """Slip within 30 nm, a thousandth of a sample's way: the force is the limit, in the sense of the motion.
+
+    Samples just behind a reversal apart. 1e-9: the curve comes to rest at 1e-12 of its first slope.
+    """
+    p = {"alpha": 5e7, "beta": 1.5e3, "gamma": 2.5e4, "delta": 0.0, "nu": 1.0}
+    limit = p["alpha"] / (p["beta"] * p["gamma"])
+    model = CompiledModel(compile_model("HystId.Oscillators.BoucWen"))
+    force = model.clamp({"x": X, "v": V}, {}, DT, parameters=p, outputs=("f_h",))["f_h"]
+    step, before = np.diff(X, prepend=X[0]), np.roll(V, 1)
+    steady = (np.abs(step) > 1e-6) & (np.sign(step) == np.sign(V)) & (np.sign(before) == np.sign(V))
+    assert np.mean(steady) > 0.5
+    assert np.max(np.abs(force[steady] - limit * np.sign(V[steady]))) < 1e-9 * limit
+
+
 def test_tables_side_by_side_are_those_one_by_one() -> None:
     model = CompiledModel(compile_model("HystId.Oscillators.BoucWen"))
     motions = [model.motion({"x": k * X, "v": k * V}, {}, DT) for k in (0.1, 1.0, 3.0)]
