@@ -50,9 +50,9 @@ def main() -> None:
     t = DT * np.arange(SAMPLES)
     x = 1e-3 * np.sin(2 * np.pi * 30 * t) * (0.2 + 0.8 * np.sin(2 * np.pi * 0.3 * t) ** 2)
     motion = {"x": x, "v": np.gradient(x, DT)}
-    print("law                   followed [ns]  integrated [ns]  ratio  error followed  error integrated")
+    print("law        followed [ns]  integrated [ns]  ratio  error followed  error integrated")
     for name, sizes in SIZES.items():
-        code = compile_model(f"HystId.Oscillators.{name.split()[0]}")
+        code = compile_model(f"HystId.Oscillators.{name}")
         models = (CompiledModel(code), integrated(code))
         spent: list[list[float]] = [[], []]
         for _ in range(ROUNDS + 1):  # the first round compiles
@@ -64,7 +64,7 @@ def main() -> None:
         fine = models[1].clamp(motion, {}, DT, parameters=sizes, outputs=("f_h",), substeps=FINE)["f_h"]
         forces = [model.clamp(motion, {}, DT, parameters=sizes, outputs=("f_h",))["f_h"] for model in models]
         errors = [float(np.max(np.abs(force - fine)) / np.max(np.abs(fine))) for force in forces]
-        print(f"{name:21} {followed:13.0f} {steps:16.0f} {steps / followed:6.1f} {errors[0]:15.1e} {errors[1]:17.1e}")
+        print(f"{name:10} {followed:13.0f} {steps:16.0f} {steps / followed:6.1f} {errors[0]:15.1e} {errors[1]:17.1e}")
 
 
 if __name__ == "__main__":
