@@ -22,13 +22,6 @@ SIZES = {
     "Jenkins": {"Ks": 5e4, "fc": 20.0},
     "Iwan": {"Ks": 5e4, "fc": 25.0},
     "BoucWen": {"alpha": 5e4, "beta": 30.0, "gamma": 0.8, "delta": -0.5, "nu": 1.5},
-    "BoucWen at its limit": {
-        "alpha": 5e7,
-        "beta": 1.5e3,
-        "gamma": 2.5e4,
-        "delta": 0.0,
-        "nu": 1.0,
-    },  # slips within 30 nm
     "Dahl": {},
     "MicroSlip": {},
 }
