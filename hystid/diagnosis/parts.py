@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct, idct
 from scipy.ndimage import maximum_filter1d
 
 from hystid.diagnosis.noise import noise_level, steps
@@ -366,9 +367,8 @@ def _response(weights: Array, omega: Array) -> Array:
 
 
 def _filtered(column: Array, response: Array) -> Array:
-    """Zero-phase filter; the column is continued by its mirror image, so that it is periodic."""
-    both = np.concatenate([column, column[::-1]])
-    return np.asarray(np.fft.irfft(np.fft.rfft(both) * response, len(both))[: len(column)])
+    """Zero-phase filter; the column is continued by its mirror image, so that it is periodic: a cosine transform."""
+    return np.asarray(idct(dct(column) * response[:-1]))
 
 
 def _means(blocks: Array) -> Array:
