@@ -226,14 +226,24 @@ class Reduction:
         self.jumps = False  # whether a law jumps: noise of the regressors, or its shape, moves rows far
         stiffness = _stiffness(parts, mass)
         self._filters = [_whitening(part, mass, stiffness) for part in parts]
+        filters = [filt for filt in self._filters if filt is not None]
+        alike = len(filters) == len(parts) and len({len(part) for part in parts}) == 1
+        self._together = np.stack(filters) if alike else None
         self._trims = [_trim(len(p), filt, p.first) for p, filt in zip(self.parts, self._filters, strict=True)]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
         self._kept = [self._stretches(i, total) for i in range(len(self.parts))]
 
     def __call__(self, columns: Sequence[Array]) -> Array:
         """Rows of all parts, shape (rows,), from one column per part."""
-        rows = np.concatenate([self.one(index, column) for index, column in enumerate(columns)])
+        made = self._whitened(columns)
+        rows = np.concatenate([self.plain(i, column) * self._weights[i] for i, column in enumerate(made)])
         return rows if self._trust is None else rows * self._trust
+
+    def _whitened(self, columns: Sequence[Array]) -> Sequence[Array]:
+        """Columns of all parts after their filters, in one transform where the parts are of one length."""
+        if self._together is not None:
+            return list(_filtered(np.stack(columns), self._together))
+        return [c if filt is None else _filtered(c, filt) for c, filt in zip(columns, self._filters, strict=True)]
 
     def distrust(self, draws: Sequence[Array], filtered: Array) -> None:
         """Weigh down the rows in which the noise of the regressors moves the force by more than its own noise.
@@ -279,12 +289,6 @@ class Reduction:
         omega = np.linspace(0.0, np.pi / self.block, 2049)[1:]
         high = (omega / part.first) ** 8
         return float(np.mean(high / (1.0 + high)))
-
-    def one(self, index: int, column: Array) -> Array:
-        """Rows of one part."""
-        filt = self._filters[index]
-        values = column if filt is None else _filtered(column, filt)
-        return np.asarray(self.plain(index, values) * self._weights[index])
 
     def plain(self, index: int, column: Array) -> Array:
         """A column of one part at its rows: trimmed and averaged alike, but neither whitened nor weighted."""
@@ -367,8 +371,8 @@ def _response(weights: Array, omega: Array) -> Array:
 
 
 def _filtered(column: Array, response: Array) -> Array:
-    """Zero-phase filter; the column is continued by its mirror image, so that it is periodic: a cosine transform."""
-    return np.asarray(idct(dct(column) * response[:-1]))
+    """Zero-phase filter along the last axis; its mirror image continues the column, hence the cosine transform."""
+    return np.asarray(idct(dct(column) * response[..., :-1]))
 
 
 def _means(blocks: Array) -> Array:
