@@ -48,11 +48,25 @@ def beginning(parts: Sequence[Part], baseline: Baseline) -> tuple[list[Part], tu
 
 
 def _rests(part: Part) -> bool:
-    """Whether force and velocity are zero at the first sample, but for noise and a small offset."""
-    return all(
-        abs(float(np.mean(channel[:_FIRST]))) < _SURE * noise / np.sqrt(_FIRST) + _STILL * float(np.std(channel))
-        for channel, noise in ((part.F, part.noise["F"]), (part.v, 0.0))
+    """Whether a recording begins without velocity and, but for noise and a small offset, without force or displacement.
+
+    What a constant force moves from there on is not yet in motion at the first sample: the velocity is that of then.
+    """
+    since = 0.5 * (_FIRST - 1) * part.dt
+
+    def velocity(v: NDArray[np.floating], a: NDArray[np.floating]) -> float:
+        return float(np.mean(v[:_FIRST]) - since * np.mean(a[:_FIRST]))
+
+    noise = np.sqrt(np.mean([velocity(dv, da) ** 2 for _, dv, da, _ in part.jitter])) if part.jitter else 0.0
+    unloaded = _is_small(part.F, float(np.mean(part.F[:_FIRST])), part.noise["F"] / np.sqrt(_FIRST))
+    unmoved = "x" in part.measured and _is_small(
+        part.measured["x"], float(np.mean(part.measured["x"][:_FIRST])), part.noise["x"] / np.sqrt(_FIRST)
     )
+    return _is_small(part.v, velocity(part.v, part.a), float(noise)) and (unloaded or unmoved)
+
+
+def _is_small(channel: Array, value: float, noise: float) -> bool:
+    return abs(value) < _SURE * noise + _STILL * float(np.std(channel))
 
 
 def _past(part: Part) -> int:
