@@ -20,6 +20,7 @@ _FIRST = 8  # samples whose mean shows whether a recording begins at rest
 _SURE, _STILL = 4.0, 0.05  # standard errors of that mean, and share of the spread of a channel, that are still rest
 _VISIBLE = 0.5  # noise units: force of another past that is seen
 _MOST = 0.5  # share of a recording that is left out at most
+_STROKE = 60  # samples of a stroke that is put before a recording
 _NEAR, _LAST = 0.03, 20  # share of the stroke that is near an end, and part of a recording that has forgotten most
 
 
@@ -79,10 +80,22 @@ def _past(part: Part) -> int:
 
 def _remembered(part: Part, baseline: Baseline) -> tuple[int, bool]:
     """Samples from the first one to the last at which the past changes the force, and whether it leaves a constant:
-    from rest at the first sample, or through the part's past."""
+    from rest at the first sample, through the part's past, or at the end of a full stroke of either sense."""
+    pasts = [part.led_in(part.x, part.v), *(_after_stroke(part, sense) for sense in (-1.0, 1.0))]
     there, _ = baseline.force(part.x, part.v, part.dt, baseline.nominal)
-    after = baseline.force(*part.led_in(part.x, part.v), part.dt, baseline.nominal)[0][part.past :]
-    apart, seen = after - there, _VISIBLE * part.balance_noise(baseline.mass)
-    constant = float(np.median(apart[-len(apart) // _LAST :]))
-    changing = np.flatnonzero(np.abs(apart - constant) > seen)
-    return int(changing[-1]) + 1 if len(changing) else 0, abs(constant) > seen
+    seen, lasting, keeps = _VISIBLE * part.balance_noise(baseline.mass), 0, False
+    for x, v in pasts:
+        apart = baseline.force(x, v, part.dt, baseline.nominal)[0][-len(part) :] - there
+        constant = float(np.median(apart[-len(apart) // _LAST :]))
+        changing = np.flatnonzero(np.abs(apart - constant) > seen)
+        lasting = max(lasting, int(changing[-1]) + 1 if len(changing) else 0)
+        keeps |= abs(constant) > seen
+    return lasting, keeps
+
+
+def _after_stroke(part: Part, sense: float) -> tuple[Array, Array]:
+    """The motion with a stroke of its whole range before it, which slows down to its first point."""
+    left = np.linspace(1.0, 0.0, _STROKE, endpoint=False)
+    x = part.x[0] + sense * float(np.ptp(part.x)) * left**2
+    v = np.gradient(x, part.dt)
+    return np.concatenate([x, part.x]), np.concatenate([v, part.v])
