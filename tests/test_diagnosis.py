@@ -223,3 +223,23 @@ def test_a_motion_that_stays_on_one_side_may_begin_in_mid_motion() -> None:
     found = diagnose([test], model="HystId.Oscillators.Jenkins", parameters=given)
     assert any("begins in mid-motion" in note for note in found.notes)
     assert found.findings == ()
+
+
+def test_a_mass_that_has_just_been_let_go_begins_at_rest() -> None:
+    """A preload pulls from the first sample on: eight samples later the mass moves, and yet nothing was before.
+
+    Noise of 34 dB; the preload moves the mass by a fifth of the rms of the displacement, so that it is seen by itself.
+    """
+    dt, given = 6e-4, {"m": 0.8, "B": 3.5, "Kl": 7e3, "alpha": 5e3, "beta": 2.5e3, "gamma": 0.7, "delta": 0.3}
+    rig, rng = CompiledModel(compile_model("HystId.Oscillators.BoucWen")), np.random.default_rng(5)
+    t, tests = dt * np.arange(6000), []
+    for number, level in enumerate((0.8, 1.4)):
+        F = level * np.sin(2 * np.pi * (2 * t + 5 * t**2))
+        run = rig.simulate({"F": F + 0.35}, dt, parameters=given, outputs=("x", "v", "a"), interpolation="cubic")
+        clean = {"F": F, **run}
+        noisy = {k: u + 0.02 * np.std(u) * rng.standard_normal(len(t)) for k, u in clean.items()}
+        tests.append(Recording(f"let_go_{number}", t, **noisy))
+    found = diagnose(tests, model="HystId.Oscillators.BoucWen", parameters=given)
+    assert [finding.effect for finding in found.findings] == ["preload"]
+    assert abs(found.findings[0].parameters["f0"].value + 0.35) < 0.02
+    assert not any("begins in mid-motion" in note for note in found.notes)
