@@ -59,15 +59,16 @@ def _rests(part: Part) -> bool:
         return float(np.mean(v[:_FIRST]) - since * np.mean(a[:_FIRST]))
 
     noise = np.sqrt(np.mean([velocity(dv, da) ** 2 for _, dv, da, _ in part.jitter])) if part.jitter else 0.0
-    unloaded = _is_small(part.F, float(np.mean(part.F[:_FIRST])), part.noise["F"] / np.sqrt(_FIRST))
-    unmoved = "x" in part.measured and _is_small(
-        part.measured["x"], float(np.mean(part.measured["x"][:_FIRST])), part.noise["x"] / np.sqrt(_FIRST)
-    )
-    return _is_small(part.v, velocity(part.v, part.a), float(noise)) and (unloaded or unmoved)
+    still = _is_small(velocity(part.v, part.a), part.v, float(noise))
+    return still and any(_begins_small(part.measured[name], part.noise[name]) for name in "Fx" if name in part.noise)
 
 
-def _is_small(channel: Array, value: float, noise: float) -> bool:
-    return abs(value) < _SURE * noise + _STILL * float(np.std(channel))
+def _begins_small(channel: Array, noise: float) -> bool:
+    return _is_small(float(np.mean(channel[:_FIRST])), channel, noise / np.sqrt(_FIRST))
+
+
+def _is_small(value: float, channel: Array, error: float) -> bool:
+    return abs(value) < _SURE * error + _STILL * float(np.std(channel))
 
 
 def _past(part: Part) -> int:

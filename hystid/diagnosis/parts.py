@@ -32,7 +32,7 @@ DRAWS = 3
 _DECAY = 10.0  # radians at the corner of a whitening filter after which nothing is left of an end (exp(-7))
 _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
 _SAME = 0.02  # difference, over the size of a channel, below which it was computed from another one
-_TERMS, _LONG = 16, 50_000  # of the series for delays, and samples beyond which it would take too much memory
+_TERMS, _LONG = 16, 50_000  # of the series for delays, and samples beyond which there is none
 _SHORT = 7  # samples per block that are added column by column
 _JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
 # Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
@@ -388,45 +388,54 @@ def _means(blocks: Array) -> Array:
 
 
 class Advanced:
-    """A signal that can be moved earlier by any number of samples: band-limited interpolation of its mirrored copy.
+    """``advanced`` for many numbers of samples, one after another.
 
     Between whole samples it is a power series in the rest, of which half a sample needs 16 terms to 1e-10; that of
-    the last whole number of samples is kept.
+    the last whole number of samples is kept. Long signals, for which it would take too much memory, go without.
     """
 
     def __init__(self, values: Array) -> None:
         self._values = values
-        self._spectrum = np.fft.rfft(np.concatenate([values, values[::-1]]))
-        self._turn = 2j * np.pi * np.fft.rfftfreq(2 * len(values))
         self._whole: int | None = None
         self._series = np.empty((0, 0))
 
     def __call__(self, samples: float) -> Array:
         """The signal, moved; its edges are kept."""
-        values, whole = self._values, round(samples)
-        if len(values) > _LONG:
-            moved = self._inverse(self._spectrum * np.exp(self._turn * samples))
-        else:
-            if whole != self._whole:
-                self._whole, self._series = whole, self._about(whole)
-            moved = (samples - whole) ** np.arange(_TERMS) @ self._series
-        edge = int(np.ceil(abs(samples))) + 1
-        moved[:edge], moved[-edge:] = values[:edge], values[-edge:]
-        return np.asarray(moved)
+        whole = round(samples)
+        if len(self._values) > _LONG:
+            return advanced(self._values, samples)
+        if whole != self._whole:
+            self._whole, self._series = whole, self._about(whole)
+        return _with_edges((samples - whole) ** np.arange(_TERMS) @ self._series, self._values, samples)
 
     def _about(self, whole: int) -> Array:
         """Coefficients of the powers of what is left beside a whole number of samples, shape (_TERMS, n)."""
-        spectrum, rows = self._spectrum * np.exp(self._turn * whole), []
+        spectrum, turn = _mirrored(self._values)
+        spectrum, rows = spectrum * np.exp(turn * whole), []
         for power in range(1, _TERMS + 1):
-            rows.append(self._inverse(spectrum))
-            spectrum = spectrum * (self._turn / power)
+            rows.append(_unmirrored(spectrum, self._values))
+            spectrum = spectrum * (turn / power)
         return np.stack(rows)
-
-    def _inverse(self, spectrum: NDArray[np.complex128]) -> Array:
-        n = len(self._values)
-        return np.asarray(np.fft.irfft(spectrum, 2 * n)[:n])
 
 
 def advanced(values: Array, samples: float) -> Array:
-    """A signal moved earlier by a number of samples, once."""
-    return Advanced(values)(samples)
+    """A signal moved earlier by any number of samples: band-limited interpolation of its mirrored copy. Its edges are
+    kept."""
+    spectrum, turn = _mirrored(values)
+    return _with_edges(_unmirrored(spectrum * np.exp(turn * samples), values), values, samples)
+
+
+def _mirrored(values: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Spectrum of a signal and its mirror image behind it, and by what a sample's advance turns it."""
+    spectrum = np.fft.rfft(np.concatenate([values, values[::-1]]))
+    return spectrum, np.asarray(2j * np.pi * np.fft.rfftfreq(2 * len(values)), np.complex128)
+
+
+def _unmirrored(spectrum: NDArray[np.complex128], values: Array) -> Array:
+    return np.asarray(np.fft.irfft(spectrum, 2 * len(values))[: len(values)])
+
+
+def _with_edges(moved: Array, values: Array, samples: float) -> Array:
+    edge = int(np.ceil(abs(samples))) + 1
+    moved[:edge], moved[-edge:] = values[:edge], values[-edge:]
+    return moved

@@ -173,13 +173,15 @@ class _Search:
     def in_long_steps(self, at: Hypothesis, tracks: Sequence[_Track]) -> list[_Track]:
         """The tracks in the fewest steps per sample that change nothing."""
         exact = self._misfits(at, tracks)
+        if exact is None:
+            return list(tracks)
+        allowed = [_EXACT * track.part.noise["x"] / track.scale for track in tracks]
         for substeps in range(1, SUBSTEPS):
             made = [replace(track, substeps=substeps, forces={}) for track in tracks]
             found = self._misfits(at, made)
-            if exact is None or found is None:
+            if found is None:
                 continue
-            off = [float(np.sqrt(np.mean((a - b) ** 2))) for a, b in zip(exact, found, strict=True)]
-            if all(e < _EXACT * t.part.noise["x"] / t.scale for e, t in zip(off, tracks, strict=True)):
+            if all(np.mean((b - a) ** 2) < most**2 for a, b, most in zip(exact, found, allowed, strict=True)):
                 return made
         return list(tracks)
 

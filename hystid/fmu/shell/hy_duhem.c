@@ -13,7 +13,6 @@
 enum { FIRST_NODES = 64, MOST_NODES = 100000 };
 
 static const double FIRST_STEP = 1e-9; /* way to be tried first: a step that is far too short grows within a few nodes */
-
 static const double EXACT = 3e-8;     /* error that a curve may have between its nodes, share of the state */
 static const double AT_REST = 1e-12;  /* slope, share of that at z = 0, below which a state has come to rest */
 static const double SHORTEST = 1e-12; /* step, share of the way so far, in which a law jumps */
