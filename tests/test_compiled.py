@@ -8,10 +8,13 @@ from fmu_models import bouncing, contact, effect, jenkins, linear, memory, sampl
 
 from benchmarks.closed_forms import integrated
 from hystid.compiled import CompiledModel, slopes_of
+from hystid.diagnosis.library import load_effects
 from hystid.errors import NumericalError, UsageError
 from hystid.modelica import compile_model
 
 G, E = 9.81, 0.7
+LAWS = ("Linear", "Jenkins", "Iwan", "BoucWen", "Dahl", "MicroSlip")
+EFFECTS = sorted({effect.class_name.removeprefix("HystId.") for effect in load_effects([])})
 
 
 def linear_response(t, m=2.0, b=4.0, k=800.0, x0=0.01):
@@ -215,6 +218,31 @@ def test_several_motions_at_once_are_each_alone_to_the_bit(law: str) -> None:
     for one, other in zip(alone, together, strict=True):
         for name in ("R", "f_h"):
             np.testing.assert_array_equal(other[name], one[name])
+
+
+@pytest.mark.parametrize("block", [*(f"Oscillators.{law}" for law in LAWS), *EFFECTS])
+def test_outputs_of_a_strip_are_those_of_each_row_to_the_bit(block: str) -> None:
+    """Outputs alone are computed strip by strip; beside a parameter, which no strip shows, row by row. 300 rows: two
+    whole strips and a part of one."""
+    model = CompiledModel(compile_model(f"HystId.{block}"))
+    t = 2e-3 * np.arange(300)
+    given = {
+        "x": 3e-3 * np.sin(40 * t) * (1 + t),
+        "v": 0.12 * np.cos(40 * t),
+        "F": 5 * np.sin(31 * t),
+        "a": -5 * np.sin(40 * t),
+        "h": 8 * np.sin(40 * t - 0.4),
+    }
+    code = model.code
+    states = {name: given[name] for name in ("x", "v") if name in code.states}
+    inputs = {v.name: given[v.name] for v in code.variables if v.causality == "input"}
+    outputs = [v.name for v in code.variables if v.causality == "output"]
+    parameter = next(v.name for v in code.variables if v.causality == "parameter")
+    motion = model.motion(states, inputs, 2e-3)
+    (strips,) = model.follow([motion], {}, outputs)
+    (rows,) = model.follow([motion], {}, [*outputs, parameter])
+    for name in outputs:
+        np.testing.assert_array_equal(strips[name], rows[name])
 
 
 def test_a_lane_that_fails_is_named_and_hinders_none() -> None:

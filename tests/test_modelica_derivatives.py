@@ -23,8 +23,10 @@ from hystid.toolchain import shared_library
 MODELS = Path(__file__).parent / "models"
 HARNESS = """
 #include "hy_model.h"
-struct hy_duhem_methods { int none; }; /* no motion is followed here */
+struct hy_duhem_methods { int none; }; /* no motion is followed here, and no table run */
+struct hy_strip_methods { int none; };
 const struct hy_duhem_methods hy_duhem_methods = {0};
+const struct hy_strip_methods hy_strip_methods = {0};
 __attribute__((visibility("default"))) int evaluate(hy_data *m)
 { int bad = hy_the_model.parameters(m); return bad ? bad : hy_the_model.evaluate(m); }
 __attribute__((visibility("default"))) int forward(hy_data *m, const double *a, double *b)

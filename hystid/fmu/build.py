@@ -26,8 +26,8 @@ from hystid.modelcode import ModelCode
 Version = Literal[2, 3]
 
 _SHELL_C = ("hy_engine.c", "hy_step.c", "hy_ways.c", "hy_stops.c", "hy_table.c", "hy_fmi.c", "hy_state.c")
-_SHELL_H = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_table.h", "hy_fmi.h")
-_DUHEM = "hy_duhem.c"  # comes with models that name its methods
+_SHELL_H = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_strip.h", "hy_table.h", "hy_fmi.h")
+_METHODS = {"hy_duhem_methods": "hy_duhem.c", "hy_strip_methods": "hy_strip.c"}  # come with models that name them
 _FMI_H = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
@@ -99,11 +99,11 @@ def shell_sources(version: Version) -> dict[str, str]:
 
 
 def _own_sources(model: Interface, version: Version) -> dict[str, str]:
-    clash = set(model.code.sources) & {*shell_sources(version), _DUHEM}
+    clash = set(model.code.sources) & {*shell_sources(version), *_METHODS.values()}
     if clash:
         raise FmuError(f"{model.code.name}: the source file {min(clash)} has the name of a file of the shell")
-    followed = any("hy_duhem_methods" in text for text in model.code.sources.values())
-    more = {_DUHEM: shell_text(_DUHEM)} if followed else {}
+    named = [name for name in _METHODS if any(name in text for text in model.code.sources.values())]
+    more = {_METHODS[name]: shell_text(_METHODS[name]) for name in named}
     return {**model.code.sources, **more, "hy_variables.c": variables_source(model)}
 
 

@@ -62,10 +62,9 @@ def _c_text(model: HybridModel, layout: Layout, token: str) -> str:
         "initialise": emitter.initialise(),
         "evaluate": emitter.evaluate(),
     }
-    stops, duhem = stops_of(model), duhem_states(model)
-    shown = shown_of(model) if stops or duhem else None
+    stops, duhem, shown = stops_of(model), duhem_states(model), shown_of(model)
     if shown:
-        functions["show"] = emitter.show(shown.steps)
+        functions["show"] = emitter.show(shown)
     if any(r.indicators for r in model.relations):
         functions["indicators"] = emitter.indicators()
     if model.relations or model.discrete or model.reinits or model.checks:
@@ -123,7 +122,7 @@ def _table(
             if duhem
             else []
         ),
-        *([f".shown = hy_outputs, .n_shown = {len(shown.variables)},"] if shown else []),
+        *([f".shown = hy_outputs, .n_shown = {len(shown.variables)}, .strips = &hy_strip_methods,"] if shown else []),
         *(f".{name} = hy_{name}," for name in functions),
     ]
     return [

@@ -11,7 +11,10 @@ from hystid.modelica.expr import Expr, Num, Op, Ref, Text, op
 from hystid.modelica.flat import Assertion
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.layout import Layout, tick, warned
+from hystid.modelica.shown import Shown
 
+# Arguments of show, and how its text reads them.
+_ROWS = {"v": "v[", "in": " in[", "out": " out["}
 # How often initialisation looks at the relations anew: a start that still changes then has no consistent modes.
 _START_PASSES = 50
 
@@ -193,9 +196,34 @@ class Emitter:
         """Derivatives and algebraic variables."""
         return self.function("int", "evaluate", "hy_data *m", self.steps(self.model.derivatives))
 
-    def show(self, steps: Sequence[Step]) -> list[str]:
-        """Outputs alone."""
-        return self.function("int", "show", "hy_data *m", self.steps(steps))
+    def show(self, shown: Shown) -> list[str]:
+        """Outputs of many samples: rows of time, inputs and states in, rows of outputs and what they need out."""
+        given = ["time", *self.model.inputs, *self.model.states]
+        taken = {self.layout.slots[name]: k for k, name in enumerate(given)}
+        known = {self.layout.slots[step.variable] for step in shown.steps}
+        read: dict[int, str] = {}
+
+        def name(variable: str) -> str:
+            slot = self.layout.slots[variable]
+            if slot in taken:
+                read[slot] = comment(variable)
+                return f"s{slot}[i]"
+            return f"y{slot}" if slot in known else self.slot(variable)
+
+        printer = Printer(name)
+        body = []
+        for step in shown.steps:
+            declarations, texts = printer.lines([step.value])
+            slot = self.layout.slots[step.variable]
+            body += [*declarations, f"const double y{slot} /* {comment(step.variable)} */ = {texts[0]};"]
+        body += [f"out{k}[i] = {name(variable)};" for k, variable in enumerate(shown.variables)]
+        self.printer.used |= printer.used
+        rows = [f"const double *restrict const s{k} = in[{taken[k]}]; /* {read[k]} */" for k in sorted(read)]
+        rows += [f"double *restrict const out{k} = out[{k}];" for k in range(len(shown.variables))]
+        text = "\n".join([*rows, *body])
+        unused = [f"(void){argument};" for argument, used in _ROWS.items() if used not in text]
+        head = "static void hy_show(const double *restrict v, const double *const *in, double *const *out, int n)"
+        return [head, "{", *indented([*unused, *rows, "for (int i = 0; i < n; i++) {", *indented(body), "}"]), "}", ""]
 
     def initialise(self) -> list[str]:
         """Solves the initial equations; relations are looked at until they agree with the values."""

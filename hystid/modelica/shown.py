@@ -1,30 +1,34 @@
-"""What the outputs of a model need: for models whose inner states are known without their derivatives."""
+"""What the outputs of a model need: for samples at which the states are known without their derivatives."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hystid.modelica.blocks import Step, sources, targets
+from hystid.modelica.blocks import Assign, sources, targets
+from hystid.modelica.events import pre
 from hystid.modelica.hybrid import HybridModel, is_output
 
 
 @dataclass(frozen=True)
 class Shown:
-    """Steps that give the outputs from states, inputs and parameters, and the algebraic variables that they give."""
+    """Steps that give the outputs from time, states, inputs and parameters, and the algebraic variables that they
+    give."""
 
-    steps: tuple[Step, ...]
+    steps: tuple[Assign, ...]
     variables: tuple[str, ...]
 
 
 def shown_of(model: HybridModel) -> Shown | None:
-    """The steps behind the outputs; None where they need modes of the model, or everything."""
+    """The steps behind the outputs; None where they need modes of the model, or simultaneous equations."""
     needed = {model.aliases.get(name, name) for name, v in model.variables.items() if is_output(name, v)}
-    steps: list[Step] = []
+    steps: list[Assign] = []
     for step in reversed(model.derivatives):
         if needed & {*targets(step)}:
+            if not isinstance(step, Assign):
+                return None
             needed |= sources(step)
             steps.insert(0, step)
-    modes = {*model.discrete, *(relation.name for relation in model.relations)}
-    if needed & modes or len(steps) == len(model.derivatives):
+    modes = {*model.discrete, *map(pre, model.discrete), *(relation.name for relation in model.relations)}
+    if needed & modes:
         return None
     return Shown(tuple(steps), tuple(name for name in model.algebraic if name in needed))

@@ -220,7 +220,7 @@ static hy_duhem *opened(const hy_engine *e)
     return NULL;
 }
 
-/* After the start; NULL where there is no memory. Asks for the ways of the speeds. */
+/* After the start; NULL where there is no memory. Asks for the paths of the speeds. */
 static hy_duhem *open_all(hy_engine *e)
 {
     hy_duhem *d = e->duhem;
@@ -230,7 +230,7 @@ static hy_duhem *open_all(hy_engine *e)
     }
     for (int i = 0; d && i < d->n; i++) {
         d->followers[i].on = NULL;
-        hy_driven_at(e, d->followers[i].slots->speed)->followed = 1;
+        hy_follow(e, d->followers[i].slots->speed);
     }
     return d;
 }
@@ -310,19 +310,29 @@ static double followed(hy_duhem *d, follower *f, double z, double way)
     return along(d, f, length);
 }
 
-static int move(hy_duhem *d, hy_engine *e, double h)
+/* Along a path, by n rows; returns the number of those that have an answer. */
+static int run_along(hy_duhem *d, follower *f, const hy_path *path, double *z, int n, double *restrict row)
 {
-    double *const v = e->data.v, ways[HY_MOST_WAYS];
-    int n = 0, speed = -1;
+    const double *way = path->ways;
+    for (int i = 0; i < n; i++) {
+        for (int k = 0; k < path->n[i]; k++) *z = followed(d, f, *z, *way++);
+        if (!isfinite(*z)) return i;
+        if (row) row[i] = *z;
+    }
+    return n;
+}
+
+static int move(hy_duhem *d, hy_engine *e, int n, double *const *rows)
+{
     for (int i = 0; i < d->n; i++) {
         follower *const f = d->followers + i;
-        double *const z = v + f->slots->state;
-        if (f->slots->speed != speed) n = hy_ways(hy_driven_at(e, speed = f->slots->speed), h, ways);
-        for (int k = 0; k < n; k++) *z = followed(d, f, *z, ways[k]);
-        if (!isfinite(*z)) return HY_RETRY;
+        const int state = f->slots->state;
+        double z = e->data.v[state];
+        n = run_along(d, f, hy_driven_at(e, f->slots->speed)->path, &z, n, rows ? rows[state - e->model->x] : NULL);
+        e->data.v[state] = z;
     }
     e->status->stale = 1;
-    return HY_OK;
+    return n;
 }
 
 const struct hy_duhem_methods hy_duhem_methods = {follows, open_all, move, close_all};

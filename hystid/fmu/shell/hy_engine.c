@@ -76,6 +76,7 @@ void hy_close(hy_engine *e)
     free(e->scratch);
     free(e->seed);
     free(e->stops);
+    free(e->paths);
     if (e->duhem) e->model->duhem_methods->close(e->duhem);
     memset(e, 0, sizeof *e);
 }

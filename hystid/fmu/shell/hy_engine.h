@@ -11,9 +11,8 @@
  * known, or a state clamped to a measured motion. value(t) = c[0] + s (c[1] + s (c[2] + s c[3])), s = t - origin. */
 typedef struct {
     int slot;
-    int followed; /* 1: what is needed is its integral: a state runs along it, and nothing is integrated in steps of time */
-    double way;   /* then: its integral over the row, or NaN where its sign changes and the polynomial has to say where */
     double c[4];
+    struct hy_path *path; /* of a speed that states run along, nothing being integrated in steps of time; else NULL */
 } hy_driven;
 
 /* What of an instance must survive saving and restoring, besides the block. */
@@ -59,14 +58,18 @@ typedef struct {
     double *scratch;   /* one allocation behind X ... z_left */
     double *stops;     /* of a table whose springs with sliders are moved in closed form, or NULL */
     hy_duhem *duhem;   /* of a table that is run that way, or NULL */
-    int shows;         /* 1: a table asks for nothing but what the model's show gives */
+    struct hy_path *paths; /* where driven speeds have theirs, or NULL */
 } hy_engine;
+
+/* Moves what runs along the paths of driven speeds by n rows; rows: of states, where each of them goes, or NULL. Gives the
+ * number of rows before one that has no finite answer. */
+typedef int hy_mover(hy_engine *e, int n, double *const *rows);
 
 /* How rate-independent states are followed (hy_duhem.c); a model that has such states brings it along. */
 struct hy_duhem_methods {
     int (*follows)(const hy_engine *e);  /* whether such states alone are integrated, their speeds driven, no sensitivity */
     hy_duhem *(*open)(hy_engine *e);     /* goes on with the engine's where the parameters are the same, else closes them */
-    int (*move)(hy_duhem *d, hy_engine *e, double h); /* states after h, the driven polynomials beginning now */
+    int (*move)(hy_duhem *d, hy_engine *e, int n, double *const *rows); /* as a hy_mover */
     void (*close)(hy_duhem *d);
 };
 

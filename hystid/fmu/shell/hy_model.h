@@ -52,6 +52,7 @@ typedef struct {
 } hy_duhem_state;
 
 extern const struct hy_duhem_methods hy_duhem_methods;
+extern const struct hy_strip_methods hy_strip_methods;
 
 typedef struct {
     const char *name;
@@ -67,14 +68,16 @@ typedef struct {
     const hy_duhem_state *duhem; /* NULL where something happens at instants */
     const struct hy_duhem_methods *duhem_methods;
     int n_shown;
-    const int *shown;         /* algebraic variables that show gives */
+    const int *shown;         /* slots of the algebraic variables that show gives, outputs among them */
     double step;              /* default internal step [s] */
     const double *start;      /* n_values start values */
 
     int (*parameters)(hy_data *m);                  /* dependent parameters from the settable ones */
     int (*initialise)(hy_data *m);                  /* solves the initial equations: p (fixed=false), x, d, pre, rel, w */
     int (*evaluate)(hy_data *m);                    /* dx and y from time, p, u, x, d, rel */
-    int (*show)(hy_data *m);                        /* outputs and what they need, from time, p, u, x; dx stay as they were */
+    /* Outputs and what they need, of n samples: rows of what shown names, from v (parameters) and rows of time, u, x. */
+    void (*show)(const double *v, const double *const *in, double *const *out, int n);
+    const struct hy_strip_methods *strips; /* with show */
     int (*indicators)(hy_data *m, double *z);       /* n_z functions whose sign changes mark state events (after evaluate) */
     int (*update)(hy_data *m, int *again);          /* one pass of event iteration: rel from the current values, when-clauses
                                                        with pre, reinit of x; *again = 1 when anything changed. The shell sets

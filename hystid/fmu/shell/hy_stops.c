@@ -24,12 +24,10 @@ int hy_open_stops(hy_engine *e)
     e->stops = room;
     for (int i = 0; i < n; i++) {
         const hy_stop *s = &e->model->stops[i];
-        hy_driven *const speed = hy_driven_at(e, s->speed);
         forces_of(e)[i] = v[s->force];
         stiffnesses_of(e)[i] = s->stiffness < 0 ? 1 : v[s->stiffness];
         limits_of(e)[i] = v[s->limit];
-        if (!speed || !(stiffnesses_of(e)[i] >= 0) || !(limits_of(e)[i] >= 0)) return 0;
-        speed->followed = 1;
+        if (!(stiffnesses_of(e)[i] >= 0) || !(limits_of(e)[i] >= 0) || hy_follow(e, s->speed)) return 0;
     }
     return 1;
 }
@@ -49,18 +47,31 @@ static void move(double *restrict force, const double *restrict stiffness, const
         for (int i = 0; i < n; i++) force[i] += stiffness[i] * way; /* no motion, or not a number */
 }
 
-void hy_move_stops(hy_engine *e, double h)
+/* Stops that one speed moves: those from first on, up to the last. */
+static void run_along(hy_engine *e, int first, int last, int n, double *const *rows)
+{
+    const hy_model *const m = e->model;
+    const hy_path *const path = hy_driven_at(e, m->stops[first].speed)->path;
+    const double *way = path->ways;
+    double *const force = forces_of(e);
+    for (int i = 0; i < n; i++) {
+        for (int k = 0; k < path->n[i]; k++, way++)
+            move(force + first, stiffnesses_of(e) + first, limits_of(e) + first, last - first, *way);
+        for (int k = first; rows && k < last; k++) rows[m->stops[k].force - m->x][i] = force[k];
+    }
+}
+
+int hy_move_stops(hy_engine *e, int n, double *const *rows)
 {
     const hy_stop *const stops = e->model->stops;
-    const int n = e->model->n_stops;
-    double *const v = e->data.v, *const force = forces_of(e), ways[HY_MOST_WAYS];
-    for (int i = 0, next; i < n; i = next) { /* stops that one speed moves */
-        const int count = hy_ways(hy_driven_at(e, stops[i].speed), h, ways);
-        for (next = i + 1; next < n && stops[next].speed == stops[i].speed; next++) continue;
-        for (int k = 0; k < count; k++) move(force + i, stiffnesses_of(e) + i, limits_of(e) + i, next - i, ways[k]);
+    const int count = e->model->n_stops;
+    for (int i = 0, next; i < count; i = next) {
+        for (next = i + 1; next < count && stops[next].speed == stops[i].speed; next++) continue;
+        run_along(e, i, next, n, rows);
     }
-    for (int i = 0; i < n; i++) v[stops[i].force] = force[i];
+    for (int i = 0; i < count; i++) e->data.v[stops[i].force] = forces_of(e)[i];
     e->status->stale = 1;
+    return n;
 }
 
 void hy_mark_stops(hy_engine *e)

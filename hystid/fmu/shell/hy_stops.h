@@ -8,8 +8,8 @@
 #include "hy_engine.h"
 
 int hy_only_stops_are_free(const hy_engine *e); /* nothing else is integrated, and no sensitivity is carried */
-int hy_open_stops(hy_engine *e);                /* and their speeds are driven, their limits not negative: asks for them */
-void hy_move_stops(hy_engine *e, double h);     /* forces after h, the driven polynomials beginning now */
+int hy_open_stops(hy_engine *e);                /* and their speeds are driven, their limits not negative: asks for paths */
+hy_mover hy_move_stops;
 void hy_mark_stops(hy_engine *e);               /* relations and modes from the present forces and speeds */
 
 #endif

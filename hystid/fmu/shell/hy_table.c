@@ -6,6 +6,8 @@
 
 #include "hy_engine.h"
 #include "hy_stops.h"
+#include "hy_strip.h"
+#include "hy_ways.h"
 
 static void note(void *owner, int level, const char *text)
 {
@@ -86,30 +88,6 @@ static int put_row(hy_engine *e, hy_table *t, int row)
     return outcome;
 }
 
-/* The same where the states are known without their derivatives, and nothing but outputs is asked for. */
-static int put_known(hy_engine *e, hy_table *t, int row)
-{
-    int outcome;
-    if (!e->shows) return put_row(e, t, row);
-    outcome = e->model->show(&e->data);
-    if (!outcome) put_outputs(e, t, row);
-    return outcome;
-}
-
-static int is_shown(const hy_model *m, int slot)
-{
-    for (int i = 0; i < m->n_shown; i++)
-        if (m->shown[i] == slot) return 1;
-    return slot < m->dx;
-}
-
-static int are_shown(const hy_model *m, const hy_table *t)
-{
-    for (int k = 0; k < t->n_outputs; k++)
-        if (!is_shown(m, t->output_slots[k])) return 0;
-    return m->show && !m->completed_step;
-}
-
 static int prepare(hy_engine *e, const hy_table *t)
 {
     for (int i = 0; i < t->n_settings; i++) e->settings[t->setting_slots[i]] = t->settings[i];
@@ -174,62 +152,110 @@ static double way_after(const hy_table *t, int column, int row)
     return NAN;
 }
 
-/* Of the columns that are followed over their way; what is evaluated at samples alone needs none. */
-static void set_speeds(hy_engine *e, const hy_table *t, int row)
+/* How a column leads through the n rows after one. */
+static void set_path(hy_path *p, const hy_table *t, int column, int row, int n)
 {
-    for (int i = 0; i < t->n_columns; i++) {
-        if (!e->driven[i].followed) continue;
-        e->driven[i].way = way_after(t, i, row);
-        if (isnan(e->driven[i].way)) interpolate(t, i, row, e->driven[i].c);
+    double *way = p->ways, c[4];
+    for (int i = 0; i < n; i++) {
+        const double simple = way_after(t, column, row + i);
+        if (isnan(simple)) {
+            interpolate(t, column, row + i, c);
+            p->n[i] = hy_ways(c, t->dt, way);
+        } else {
+            p->n[i] = 1;
+            *way = simple;
+        }
+        way += p->n[i];
     }
 }
 
-/* Springs with sliders and nothing else to integrate: no step, no event. */
-static int stopped_row(hy_engine *e, hy_table *t, int row)
+static void set_paths(hy_engine *e, const hy_table *t, int row, int n)
 {
-    set_speeds(e, t, row - 1);
-    hy_move_stops(e, t->dt);
-    set_row(e, t, row);
-    if (!e->shows) hy_mark_stops(e);
-    return put_known(e, t, row);
+    for (int i = 0; i < t->n_columns; i++)
+        if (e->driven[i].path) set_path(e->driven[i].path, t, i, row, n);
+}
+
+/* Of a model without anything to integrate or to locate. */
+static int move_nothing(hy_engine *e, int n, double *const *rows)
+{
+    (void)e, (void)rows;
+    return n;
 }
 
 static int follows_duhem(const hy_engine *e) { return e->model->n_duhem && e->model->duhem_methods->follows(e); }
 
-/* Rate-independent states and nothing else to integrate: no step. */
-static int followed_row(hy_engine *e, hy_table *t, int row)
+static int move_duhem(hy_engine *e, int n, double *const *rows)
 {
-    set_speeds(e, t, row - 1);
-    if (e->model->duhem_methods->move(e->duhem, e, t->dt)) return HY_RETRY;
-    set_row(e, t, row);
-    return put_known(e, t, row);
+    return e->model->duhem_methods->move(e->duhem, e, n, rows);
 }
 
-/* A model without anything to integrate or to locate: one evaluation a sample. */
-static int evaluated_row(hy_engine *e, hy_table *t, int row)
+/* How the states move without steps of time: springs with sliders and nothing else to integrate, or rate-independent
+ * states and nothing else, or nothing at all; NULL where they have to be integrated. */
+static hy_mover *mover_of(hy_engine *e)
 {
-    set_row(e, t, row);
-    return put_row(e, t, row);
+    if (follows_duhem(e)) return (e->duhem = e->model->duhem_methods->open(e)) ? move_duhem : NULL;
+    if (hy_open_stops(e)) return hy_move_stops;
+    return !e->n_X && !hy_has_events(e) ? move_nothing : NULL;
+}
+
+/* One row after another, with all that the model gives. */
+static int moved_rows(hy_engine *e, hy_table *t, hy_mover *move)
+{
+    int outcome = HY_OK;
+    for (int row = 1; row < t->rows && !outcome; row++) {
+        t->failed_row = row;
+        set_paths(e, t, row - 1, 1);
+        if (move(e, 1, NULL) < 1) return HY_RETRY;
+        set_row(e, t, row);
+        if (e->stops) hy_mark_stops(e);
+        outcome = put_row(e, t, row);
+    }
+    return outcome;
+}
+
+/* A strip of rows after another: how the speeds lead through it, the states, the outputs. */
+static int shown_rows(hy_engine *e, hy_table *t, hy_mover *move)
+{
+    const struct hy_strip_methods *const strips = e->model->strips;
+    hy_strip strip;
+    int outcome = strips->open(&strip, e);
+    for (int row = 1, n; row < t->rows && !outcome; row += n) {
+        n = t->rows - row < HY_STRIP ? t->rows - row : HY_STRIP;
+        set_paths(e, t, row - 1, n);
+        t->failed_row = row + move(e, n, strip.states);
+        if (t->failed_row < row + n)
+            outcome = HY_RETRY;
+        else
+            strips->show(&strip, e, t, row, n);
+    }
+    strips->close(&strip);
+    return outcome;
+}
+
+static int integrated_rows(hy_engine *e, hy_table *t)
+{
+    int outcome = HY_OK;
+    for (int row = 1; row < t->rows && !outcome; row++) {
+        t->failed_row = row;
+        outcome = integrated_row(e, t, row);
+    }
+    return outcome;
 }
 
 static int run(hy_engine *e, hy_table *t)
 {
-    int (*next)(hy_engine *, hy_table *, int) = integrated_row;
+    const hy_model *const m = e->model;
+    hy_mover *move;
     int outcome = prepare(e, t);
     t->failed_row = 0;
-    e->shows = are_shown(e->model, t);
     if (!outcome) outcome = first_row(e, t);
-    if (!e->n_X && !hy_has_events(e)) next = evaluated_row;
-    if (!outcome && hy_open_stops(e)) next = stopped_row;
-    if (!outcome && follows_duhem(e)) {
-        next = followed_row;
-        e->duhem = e->model->duhem_methods->open(e);
-        if (!e->duhem) return HY_ERROR;
-    }
-    for (int row = 1; row < t->rows && !outcome; row++) {
-        t->failed_row = row;
-        outcome = next(e, t, row);
-    }
+    if (!outcome && (m->n_stops || m->n_duhem)) outcome = hy_open_paths(e);
+    if (outcome) return outcome;
+    move = mover_of(e);
+    if (!move)
+        outcome = integrated_rows(e, t);
+    else
+        outcome = m->strips && m->strips->serves(e, t) ? shown_rows(e, t, move) : moved_rows(e, t, move);
     if (!outcome) t->failed_row = -1;
     return outcome;
 }

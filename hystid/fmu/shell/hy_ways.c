@@ -1,8 +1,11 @@
 #include "hy_ways.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 enum { MOST_LOOKS = 100 };
+
+static const double NEAR = 1e-9; /* step, share of the interval, after which Newton's method is at rounding */
 
 static double value(const double *c, double s) { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); }
 static double integral(const double *c, double s) { return s * (c[0] + s * (c[1] / 2 + s * (c[2] / 3 + s * c[3] / 4))); }
@@ -31,8 +34,9 @@ static int extremes(const double *c, double h, double *at)
 
 double hy_zero(const double *c, double low, double high)
 {
-    const int rising = value(c, high) > value(c, low);
-    double at = 0.5 * (low + high);
+    const double first = value(c, low), last = value(c, high), near = NEAR * (high - low);
+    const int rising = last > first;
+    double at = fmin(fmax(low + (high - low) * (first / (first - last)), low), high);
     for (int i = 0; i < MOST_LOOKS; i++) {
         const double f = value(c, at), slope = c[1] + at * (2 * c[2] + at * 3 * c[3]);
         double next;
@@ -43,22 +47,17 @@ double hy_zero(const double *c, double low, double high)
             low = at;
         next = at - f / slope;
         if (!(next > low && next < high)) next = 0.5 * (low + high);
-        if (fabs(next - at) <= 1e-16 * fabs(at) || next == low || next == high) return next;
+        if (fabs(next - at) <= near) return next;
         at = next;
     }
     return at;
 }
 
-int hy_ways(const hy_driven *speed, double h, double ways[HY_MOST_WAYS])
+int hy_ways(const double c[4], double h, double ways[HY_MOST_WAYS])
 {
-    const double *const c = speed->c;
     double edges[4], before = 0;
-    int n = 0, inner;
-    if (!isnan(speed->way)) {
-        ways[0] = speed->way;
-        return 1;
-    }
-    inner = extremes(c, h, edges + 1);
+    const int inner = extremes(c, h, edges + 1);
+    int n = 0;
     edges[0] = 0;
     edges[inner + 1] = h;
     for (int i = 0; i <= inner; i++) {
@@ -70,4 +69,18 @@ int hy_ways(const hy_driven *speed, double h, double ways[HY_MOST_WAYS])
     }
     ways[n++] = integral(c, h) - before;
     return n;
+}
+
+int hy_open_paths(hy_engine *e)
+{
+    e->paths = malloc(sizeof *e->paths * (size_t)(e->status->n_driven + 1));
+    return e->paths ? HY_OK : HY_ERROR;
+}
+
+int hy_follow(hy_engine *e, int slot)
+{
+    hy_driven *const speed = hy_driven_at(e, slot);
+    if (!speed) return HY_ERROR;
+    speed->path = e->paths + (speed - e->driven);
+    return HY_OK;
 }

@@ -4,10 +4,22 @@
 
 #include "hy_engine.h"
 
-enum { HY_MOST_WAYS = 4 };
+enum {
+    HY_STRIP = 128,  /* samples that are worked on at a time: those of a dozen variables stay near the processor */
+    HY_MOST_WAYS = 4 /* of a sample: a cubic has three reversals */
+};
 
-/* Over s in [0, h] of a followed speed; returns how many ways there are, each of one sign. */
-int hy_ways(const hy_driven *speed, double h, double ways[HY_MOST_WAYS]);
+/* How a speed leads through a strip of rows: how many ways each row has, and all of them one after another. */
+typedef struct hy_path {
+    int n[HY_STRIP];
+    double ways[HY_STRIP * HY_MOST_WAYS];
+} hy_path;
+
+int hy_open_paths(hy_engine *e);       /* room for the paths of what is driven; not 0: no memory */
+int hy_follow(hy_engine *e, int slot); /* has the path of a driven speed kept from now on; not 0: it is not driven */
+
+/* Over s in [0, h] of a cubic; returns how many ways there are, each of one sign. */
+int hy_ways(const double c[4], double h, double ways[HY_MOST_WAYS]);
 
 /* Where a cubic with such coefficients, monotone over [low, high] with ends of different sign, is 0. */
 double hy_zero(const double *c, double low, double high);
