@@ -27,6 +27,7 @@ from hystid.diagnosis.trials import (
     Step,
     Trial,
     added_mass_of,
+    also_from_nominal,
     chain_trials,
     distinct,
     exchanged,
@@ -140,6 +141,7 @@ def _chosen(
     freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=baseline.hypothesis.terms, late=False), 25)
     if freed is not None and baseline.chi2 - freed.chi2 > 0.1 * excess:  # the refit was stuck, and the effect a way out
         return _chosen(problem, freed, effects, progress, repaired=repaired, valleys=(baseline, *valleys))
+    first = also_from_nominal(problem, first, baseline, floor, library)
     best_floor = problem.floor(first[0].fit.hypothesis)
     if first[0].chi2 - best_floor > max(healthy, FORM * excess) and (
         partly := _part_time(
@@ -147,7 +149,7 @@ def _chosen(
         )
     ):
         return _named(problem, baseline, floor, [partly], first, untestable)
-    first = _compared(problem, searched_again(problem, first, baseline, floor, valleys, library), baseline, excess)
+    first = _compared(problem, searched_again(problem, first, baseline, floor, valleys), baseline, excess)
     chosen = single(problem, first, baseline, excess)
     end_floor = problem.floor(chosen.trial.fit.hypothesis)
     alone = _explains(problem, chosen.trial.fit, end_floor, baseline, excess)

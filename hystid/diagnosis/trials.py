@@ -157,28 +157,35 @@ def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
     return [replace(best, fit=f, others=()) for f in made if f is not None and f.chi2 < best.chi2]
 
 
-def searched_again(
-    problem: Problem,
-    found: Sequence[Trial],
-    before: Fit,
-    floor: float,
-    valleys: Sequence[Fit],
-    library: Sequence[Effect],
+def are_enough(found: Sequence[Trial], before: Fit, floor: float) -> bool:
+    """Whether the best of the trials explains what a right law explains."""
+    return found[0].chi2 - floor < max(SOUND * floor, FORM * (before.chi2 - floor))
+
+
+def also_from_nominal(
+    problem: Problem, found: Sequence[Trial], before: Fit, floor: float, library: Sequence[Effect]
 ) -> list[Trial]:
-    """The leading ids from other starts, where the best does not explain enough.
+    """Where the best does not explain enough, also the most promising forms fitted from the nominal baseline: a refit
+    that has taken the missing effect for one of its own may stand too far away."""
+    start = from_nominal(problem, before) if not are_enough(found, before, floor) else None
+    if start is None:
+        return list(found)
+    bar, candidates = found[0].chi2, scan(problem, start, library)[:_FORMS]
+    pairs = [(candidate, try_term(problem, start, candidate.term, bar=bar)) for candidate in candidates]
+    return ranked(problem, [*found, *(_trial(candidate, made) for candidate, made in pairs if made is not None)])
+
+
+def searched_again(
+    problem: Problem, found: Sequence[Trial], before: Fit, floor: float, valleys: Sequence[Fit]
+) -> list[Trial]:
+    """The leading ids from other starts, where the best explains much, and not enough.
 
     A law with corners has side valleys: the refit without the missing effect may stand in one, and no fit that starts
-    there comes out. Other starts are the nominal baseline, and where the best explains much, other valleys that the
-    refit has seen, and scattered shapes.
+    there comes out. Other starts are other valleys that the refit has seen, and scattered shapes.
     """
-    excess = before.chi2 - floor
-    enough = max(SOUND * floor, FORM * excess)
-    if found[0].chi2 - floor < enough:
+    left, excess = found[0].chi2 - floor, before.chi2 - floor
+    if are_enough(found, before, floor) or left > _HOPEFUL * excess:
         return list(found)
-    found = ranked(problem, [*found, *_nominal_trials(problem, before, library, found[0].chi2)])
-    left = found[0].chi2 - floor
-    if left < enough or left > _HOPEFUL * excess:
-        return found
     again = list(found)
     leading = [trial for trial in distinct(found)[:_SEARCHED] if trial.chi2 - floor < _NEAR * left]
     forms = {t.form_of.class_name: t for t in reversed(found) if t.form_of and t.name in {one.name for one in leading}}
@@ -187,23 +194,14 @@ def searched_again(
             made = try_term(problem, valley, candidate.term, bar=again[0].chi2)
             known = forms[candidate.effect.class_name]
             again += [replace(known, fit=made, others=())] if made is not None and made.chi2 < known.chi2 else []
-    if min(t.chi2 for t in again) - floor < enough:
-        return ranked(problem, again)
+    again = ranked(problem, again)
+    if are_enough(again, before, floor):
+        return again
     for trial in leading:
         starts = other_valleys(problem, trial.fit)
         fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
         again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
     return ranked(problem, again)
-
-
-def _nominal_trials(problem: Problem, before: Fit, library: Sequence[Effect], bar: float) -> list[Trial]:
-    """The most promising forms, fitted from the nominal baseline: a refit that has taken the missing effect for one of
-    its own may stand too far away."""
-    start = from_nominal(problem, before)
-    if start is None:
-        return []
-    pairs = [(c, try_term(problem, start, c.term, bar=bar)) for c in scan(problem, start, library)[:_FORMS]]
-    return [_trial(candidate, made) for candidate, made in pairs if made is not None]
 
 
 def exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Trial]:
