@@ -3,7 +3,8 @@
 The covariance of least squares counts on independent errors of the rows, on exact regressors and on a true law. Here
 the scores are summed over stretches of the recordings first (cluster-robust covariance: Liang and Zeger 1986). Long
 stretches are left out in turn (delete-a-group jackknife): recordings differ in amplitude and speed, so that what the
-law does not hold moves the parameters from one to the other. The bias that noise of the motion brings is found by
+law does not hold moves the parameters from one to the other. So are whole recordings: what one has of its own, as where
+its sliders stood when it began, its stretches share. The bias that noise of the motion brings is found by
 adding the same noise once more (simulation extrapolation: Cook and Stefanski 1994).
 """
 
@@ -20,7 +21,7 @@ from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
 _STRETCHES = 60  # of all rows together: long against the memory of the residual, many against the unknowns
-_LEFT_OUT = 12  # stretches, none across two recordings, that are left out in turn: each is a test of its own
+_LEFT_OUT = 12  # stretches that are left out in turn: each is a test of its own
 _ALONE = (0.5, 100.0)  # variance without a stretch over that with it, outside which only that stretch shows a parameter
 _FIRST = 1.5  # bias of the noise that is there over that of the same noise once more, which meets flattened slopes
 _SAME = 1e-9  # relative singular value below which directions are not told apart
@@ -37,17 +38,18 @@ def honest(problem: Problem, fitted: Fit) -> Fit:
     scores = np.stack([jacobian[r].T @ fitted.residual[r] for r in rows])
     robust = np.diag(inverse @ (scores.T @ scores) @ inverse)
     plain = np.diag(inverse) * max(fitted.chi2, 1.0)
-    told_apart = _jackknife(jacobian, fitted.residual, _stretches(problem), inverse)
+    left_out = [_stretches(problem, each) for each in (_LEFT_OUT, len(problem.parts))]
+    told_apart = np.max([_jackknife(jacobian, fitted.residual, parts, inverse) for parts in left_out], axis=0)
     bias = _FIRST * _bias(problem, fitted, scale, inverse, jacobian)
     variance = np.max([plain, robust, told_apart], axis=0) + bias**2
     spread = np.sqrt(variance / np.where(plain > 0, plain, 1.0))
     return replace(fitted, covariance=inverse / np.outer(scale, scale) * np.outer(spread, spread))
 
 
-def _stretches(problem: Problem) -> list[NDArray[np.int_]]:
-    """Rows of the stretches that are left out."""
+def _stretches(problem: Problem, number: int) -> list[NDArray[np.int_]]:
+    """Rows of at least so many stretches, none across two recordings."""
     counts = problem.row_counts()
-    each = -(-_LEFT_OUT // len(counts))
+    each = -(-number // len(counts))
     recordings = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
     return [stretch for rows in recordings for stretch in np.array_split(rows, each)]
 
