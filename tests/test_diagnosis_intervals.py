@@ -169,5 +169,5 @@ def test_a_further_power_is_believed_as_far_as_it_explains_more_than_is_left() -
         rest.append((value, error, error / made.stderr(("0", "k3"))))
     value, error, wider = rest[0]
     assert abs(value - k3) < 2.5 * error  # 99 %
-    assert error < 0.01 * k3 and wider < 1.5
-    assert rest[1][2] > 2
+    assert error < 0.01 * k3 and wider < 1.2
+    assert rest[1][2] > 1.5  # leaving out whole recordings shows a part of it already
