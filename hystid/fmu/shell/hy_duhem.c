@@ -322,8 +322,9 @@ static int run_along(hy_duhem *d, follower *f, const hy_path *path, double *z, i
     return n;
 }
 
-static int move(hy_duhem *d, hy_engine *e, int n, double *const *rows)
+static int move(hy_engine *e, int n, double *const *rows)
 {
+    hy_duhem *const d = e->duhem;
     for (int i = 0; i < d->n; i++) {
         follower *const f = d->followers + i;
         const int state = f->slots->state;

@@ -69,7 +69,7 @@ typedef int hy_mover(hy_engine *e, int n, double *const *rows);
 struct hy_duhem_methods {
     int (*follows)(const hy_engine *e);  /* whether such states alone are integrated, their speeds driven, no sensitivity */
     hy_duhem *(*open)(hy_engine *e);     /* goes on with the engine's where the parameters are the same, else closes them */
-    int (*move)(hy_duhem *d, hy_engine *e, int n, double *const *rows); /* as a hy_mover */
+    hy_mover *move;                      /* along the engine's curves */
     void (*close)(hy_duhem *d);
 };
 

@@ -46,8 +46,8 @@ static int open_strip(hy_strip *s, const hy_engine *e)
     s->room = malloc(sizeof *s->room * LENGTH * (size_t)(taken + m->n_shown));
     s->in = malloc(sizeof *s->in * (size_t)taken);
     s->states = malloc(sizeof *s->states * (size_t)(m->n_x + m->n_shown + 1));
-    s->out = s->states + m->n_x;
     if (!s->room || !s->in || !s->states) return HY_ERROR;
+    s->out = s->states + m->n_x;
     for (int k = 0; k < taken; k++) {
         double *const row = s->room + k * LENGTH, value = value_taken(e, k);
         for (int i = 0; i < HY_STRIP; i++) row[i] = value;

@@ -184,16 +184,12 @@ static int move_nothing(hy_engine *e, int n, double *const *rows)
 
 static int follows_duhem(const hy_engine *e) { return e->model->n_duhem && e->model->duhem_methods->follows(e); }
 
-static int move_duhem(hy_engine *e, int n, double *const *rows)
-{
-    return e->model->duhem_methods->move(e->duhem, e, n, rows);
-}
-
 /* How the states move without steps of time: springs with sliders and nothing else to integrate, or rate-independent
  * states and nothing else, or nothing at all; NULL where they have to be integrated. */
 static hy_mover *mover_of(hy_engine *e)
 {
-    if (follows_duhem(e)) return (e->duhem = e->model->duhem_methods->open(e)) ? move_duhem : NULL;
+    const struct hy_duhem_methods *const duhem = e->model->duhem_methods;
+    if (follows_duhem(e)) return (e->duhem = duhem->open(e)) ? duhem->move : NULL;
     if (hy_open_stops(e)) return hy_move_stops;
     return !e->n_X && !hy_has_events(e) ? move_nothing : NULL;
 }
