@@ -33,7 +33,8 @@ def fit(
     """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
 
     bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
-    Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row.
+    Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row. The
+    covariance is that of the last point but one: the last step is too small to matter.
     Raises NumericalError when the start itself has no finite residual.
     """
     unknowns = problem.unknowns(start)
@@ -53,12 +54,12 @@ def fit(
             break
         gain = 1.0 - taken.cost / cost
         here, rows, cost, damping = taken.there, taken.rows, taken.cost, taken.damping
-        normal = _Normal(problem.jacobian(here, unknowns), rows)
         small = small + 1 if gain < tolerance else 0
         if done > 2 and gain < _PACE * (1.0 - bar * len(rows) / cost):
             break
         if small == 2 or gain < 1e-8:
             break
+        normal = _Normal(problem.jacobian(here, unknowns), rows)
     freedom = max(1, len(rows) - len(unknowns))
     return Fit(here, rows, cost / freedom, unknowns, normal.covariance())
 

@@ -175,9 +175,16 @@ class Problem:
         self._held = [self._hold(p, p.x, p.v) for p in self.parts]
         self._laws, self._forces, self._columns, self._grids = (Memory(most) for most in _KEPT)
         self._largest = int(np.argmax([np.max(np.abs(p.x)) for p in self.parts]))
-        self._slopes: list[tuple[tuple[float, ...], dict[str, list[tuple[Array, Array]]]]] = []
+        self._last: tuple[Hypothesis, list[Array]] | None = None
+        self._slopes: list[tuple[tuple[float, ...], dict[str, _Slope]]] = []
         self._units = self._linear_columns()
+        self._reduce_anew()
+
+    def _reduce_anew(self) -> None:
+        """Rows of what is reduced once and for all; to be called when the reduction has changed."""
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
+        self._acceleration = self.reduce([part.a for part in self.parts])
+        self._slopes = []
 
     def _hold(self, part: Part, x: Array, v: Array) -> Held:
         """A motion of a part made ready for the law, with its past."""
@@ -292,7 +299,12 @@ class Problem:
         self._grids.clear()
 
     def predicted(self, hypothesis: Hypothesis) -> list[Array]:
-        """R and the effects, without inertia, per part [N]."""
+        """R and the effects, without inertia, per part [N]. That of the last hypothesis is remembered."""
+        if self._last is None or self._last[0] is not hypothesis:
+            self._last = hypothesis, self._predicted(hypothesis)
+        return self._last[1]
+
+    def _predicted(self, hypothesis: Hypothesis) -> list[Array]:
         forces = [R for R, _ in self.law(hypothesis.values)]
         if hypothesis.terms:
             signals = self.signals(hypothesis)
@@ -359,7 +371,7 @@ class Problem:
             self.turns = False
             self.reduce.distrust(self.movements(hypotheses[0]), np.zeros(1))
         self._columns.clear()
-        self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
+        self._reduce_anew()
         return self.reduce.weighs
 
     def _jumps(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
@@ -420,7 +432,7 @@ class Problem:
         ]
         made = self.of(moved)
         made.reduce = self.reduce
-        made._unit_rows = {name: made.reduce(columns) for name, columns in made._units.items()}
+        made._reduce_anew()
         return made
 
     def line(self, hypothesis: Hypothesis, frequency: float) -> float:
@@ -468,24 +480,24 @@ class Problem:
 
     def _column(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array], signals: list[Signals]) -> Array:
         kind, name = unknown.key
+        factor = get(hypothesis, unknown.key) if unknown.log else 1.0
         if unknown.key == ("base", "m"):
-            columns = [part.a * (1 + hypothesis.weighing) for part in self.parts]
-        elif unknown.key == ("chain", "weighing"):
-            columns = [part.a * hypothesis.values["m"] for part in self.parts]
-        elif unknown.key == ("chain", "delay"):
+            return self._acceleration * (1 + hypothesis.weighing)
+        if unknown.key == ("chain", "weighing"):
+            return self._acceleration * hypothesis.values["m"]
+        if kind == "base" and name in self.baseline.linear:
+            return self._unit_rows[name]
+        if kind == "base":
+            return self._law_rows(hypothesis, name, signals) * factor
+        if unknown.key == ("chain", "delay"):
             mass = hypothesis.mass()
             columns = [-np.gradient(mass * p.a + f) for p, f in zip(self.parts, here, strict=True)]
-        elif kind == "base" and name in self.baseline.linear:
-            return self._unit_rows[name]
-        elif kind == "base":
-            columns = self._law_column(hypothesis, name, signals)
         elif self._is_read(hypothesis, int(kind)):
             columns = self._source_column(hypothesis, unknown, here)
         elif unknown.linear:
             columns = self._unit(hypothesis, hypothesis.terms[int(kind)], name, signals)
         else:
             columns = self._shape_column(hypothesis, unknown, signals)
-        factor = get(hypothesis, unknown.key) if unknown.log else 1.0
         return self.reduce(columns) * factor
 
     def _is_read(self, hypothesis: Hypothesis, index: int) -> bool:
@@ -508,33 +520,33 @@ class Problem:
         there = self._force(hypothesis, replace(term, values={**term.values, unknown.key[1]: value + step}), signals)
         return [(g - f) / step for f, g in zip(self._force(hypothesis, term, signals), there, strict=True)]
 
-    def _law_column(self, hypothesis: Hypothesis, name: str, signals: list[Signals]) -> list[Array]:
-        """Derivative by a parameter of the law: directly, and through the effects that read its force."""
-        slopes = self._law_slopes(hypothesis.values)[name]
-        columns = [dR for dR, _ in slopes]
-        step = _STEP * (abs(hypothesis.values[name]) or 1.0)
+    def _law_rows(self, hypothesis: Hypothesis, name: str, signals: list[Signals]) -> Array:
+        """Rows of the derivative by a parameter of the law: directly, and through the effects that read its force."""
+        slope = self._law_slopes(hypothesis.values)[name]
+        rows, step = slope.rows, _STEP * (abs(hypothesis.values[name]) or 1.0)
         for term in hypothesis.terms:
             if term.effect.uses_h:
-                moved = [replace(s, h=s.h + step * dh) for s, (_, dh) in zip(signals, slopes, strict=True)]
+                moved = [replace(s, h=s.h + step * dh) for s, dh in zip(signals, slope.h, strict=True)]
                 here = self._force(hypothesis, term, signals)
                 there = term.effect.switched(self._law_force(term.law, moved), moved, term.values)
-                columns = [c + (g - f) / step for c, f, g in zip(columns, here, there, strict=True)]
-        return columns
+                rows = rows + self.reduce([(g - f) / step for f, g in zip(here, there, strict=True)])
+        return rows
 
-    def _law_slopes(self, values: Mapping[str, float]) -> dict[str, list[tuple[Array, Array]]]:
-        """dR and dh by each shape of the law, from a point at most a few per cent away: steps are checked by their
+    def _law_slopes(self, values: Mapping[str, float]) -> dict[str, _Slope]:
+        """Derivatives by each shape of the law, from a point at most a few per cent away: steps are checked by their
         cost."""
         shapes = tuple(values[name] for name in self.baseline.shapes)
         for known, slopes in self._slopes:
             if _are_near(known, shapes):
                 return slopes
-        here = self.law(values)
+        here = self._law_at(values)
         made = {}
         for name in self.baseline.shapes:
             step = _STEP * (abs(values[name]) or 1.0)
-            there = self.law({**values, name: values[name] + step})
-            made[name] = [((R1 - R0) / step, (h1 - h0) / step) for (R0, h0), (R1, h1) in zip(here, there, strict=True)]
-        size = sum(column.nbytes for pairs in made.values() for pair in pairs for column in pair)
+            pairs = list(zip(here, self._law_at({**values, name: values[name] + step}), strict=True))
+            rows = self.reduce([(R1 - R0) / step for (R0, _), (R1, _) in pairs])
+            made[name] = _Slope(rows, [(h1 - h0) / step for (_, h0), (_, h1) in pairs])
+        size = sum(slope.nbytes for slope in made.values())
         most = max(_FEWEST, _SLOPES // max(size, 1))  # many fits begin at the same point
         self._slopes = [(shapes, made), *self._slopes[: most - 1]]
         return made
@@ -568,6 +580,19 @@ class Problem:
                 moved = self._follow(self._held, {**base.nominal, name: base.nominal[name] + step})
                 units[name] = [(there - here) / step for (here, _), (there, _) in zip(start, moved, strict=True)]
         return units
+
+
+@dataclass(frozen=True)
+class _Slope:
+    """Derivative of the law by one of its shapes: of R as rows, of h per part."""
+
+    rows: Array = field(repr=False)
+    h: list[Array] = field(repr=False)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory."""
+        return self.rows.nbytes + sum(column.nbytes for column in self.h)
 
 
 def _are_near(known: Sequence[float], shapes: Sequence[float]) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.ndimage import maximum_filter1d
+from scipy.special import factorial
 
 from hystid.diagnosis.noise import noise_level, steps
 from hystid.diagnosis.smoothing import BELOW, Smoothed, smooth
@@ -33,6 +34,7 @@ _DECAY = 10.0  # radians at the corner of a whitening filter after which nothing
 _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
 _SAME = 0.02  # difference, over the size of a channel, below which it was computed from another one
 _TERMS, _LONG = 16, 50_000  # of the series for delays, and samples beyond which there is none
+_SIZES, _SMALL = np.pi ** np.arange(_TERMS) / factorial(np.arange(_TERMS)), 1e-10  # terms of it at most, and of no use
 _SHORT = 7  # samples per block that are added column by column
 _JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
 # Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
@@ -406,7 +408,9 @@ class Advanced:
             return advanced(self._values, samples)
         if whole != self._whole:
             self._whole, self._series = whole, self._about(whole)
-        return _with_edges((samples - whole) ** np.arange(_TERMS) @ self._series, self._values, samples)
+        powers = (samples - whole) ** np.arange(_TERMS)
+        told = int(np.count_nonzero(np.abs(powers) * _SIZES > _SMALL))
+        return _with_edges(powers[:told] @ self._series[:told], self._values, samples)
 
     def _about(self, whole: int) -> Array:
         """Coefficients of the powers of what is left beside a whole number of samples, shape (_TERMS, n)."""

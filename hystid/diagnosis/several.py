@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import Fit, Problem, standing
 from hystid.diagnosis.search import scan, try_fit
@@ -41,7 +43,7 @@ def several_effects(
     for start in _starts(first, before, excess)[:_STARTING]:
         if len(reached) + len(open_ends) == _LINES:
             break
-        line = grow(problem, [start], library, excess)
+        line = grow(problem, [start], library, excess, min((line[-1].chi2 for line in reached), default=np.inf))
         if len(line) > 1 and are_reached(problem, line[-1].fit):
             (reached if _complete(problem, line, before, excess) else open_ends).append(line)
     if not reached:
@@ -103,13 +105,15 @@ def _promising(line: Sequence[Trial], before: Fit) -> bool:
     return before.chi2 < FAR and line[-1].chi2 - 1.0 < 0.15 * (before.chi2 - 1.0)
 
 
-def grow(problem: Problem, line: Sequence[Trial], library: Sequence[Effect], excess: float) -> list[Trial]:
-    """The line with the best further effect; unchanged where there is none."""
+def grow(
+    problem: Problem, line: Sequence[Trial], library: Sequence[Effect], excess: float, bar: float = np.inf
+) -> list[Trial]:
+    """The line with the best further effect; unchanged where there is none. bar: what another line has reached."""
     end = line[-1]
     used = {trial.name for trial in line}
     candidates = [c for c in scan(problem, end.fit, library) if c.effect.id not in used]
     left = end.chi2 - problem.floor(end.fit.hypothesis)
-    found = trials(problem, end.fit, candidates, left, chain_trials(problem, end.fit, library), most=6)
+    found = trials(problem, end.fit, candidates, left, chain_trials(problem, end.fit, library), most=6, bar=bar)
     if not found:
         return list(line)
     step = single(problem, found, end.fit, excess)

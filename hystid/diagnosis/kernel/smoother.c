@@ -12,6 +12,7 @@
 #define ORDER 3
 #endif
 #define EXPORT __attribute__((visibility("default")))
+#define STEADY 1e-11   /* change per sample (share of the standard deviations) of a covariance that changes no more */
 
 typedef struct { double m[ORDER]; double p[ORDER][ORDER]; } belief;
 
@@ -40,14 +41,21 @@ static void propagate(const double p[ORDER][ORDER], double (*c)[ORDER])   /* c =
         }
 }
 
-static void predict(const belief *b, double q, belief *out)
+static void step_mean(const belief *b, belief *out)
 {
-    double c[ORDER][ORDER];
-    propagate(b->p, c);
     for (int i = 0; i < ORDER; i++) {
         double mean = 0;
         for (int k = i; k < ORDER; k++) mean += A[i][k] * b->m[k];
         out->m[i] = mean;
+    }
+}
+
+static void predict(const belief *b, double q, belief *out)
+{
+    double c[ORDER][ORDER];
+    propagate(b->p, c);
+    step_mean(b, out);
+    for (int i = 0; i < ORDER; i++) {
         for (int j = 0; j <= i; j++) {
             double sum = q * Q[i][j];
             for (int k = i; k < ORDER; k++) sum += A[i][k] * c[k][j];
@@ -56,16 +64,40 @@ static void predict(const belief *b, double q, belief *out)
     }
 }
 
-static double update(belief *b, int channel, double measured, double variance)
+/* What one channel does to the mean: the covariance says how. */
+typedef struct { double gain[ORDER], s, log_s; } correction;
+
+static double correct(belief *b, int channel, double measured, const correction *by)
 {
-    double h[ORDER], s = b->p[channel][channel] + variance, e = measured - b->m[channel];
-    for (int i = 0; i < ORDER; i++) h[i] = b->p[i][channel];
-    for (int i = 0; i < ORDER; i++) {
-        b->m[i] += h[i] / s * e;
-        for (int j = 0; j <= i; j++) b->p[i][j] = b->p[j][i] = b->p[i][j] - h[i] * h[j] / s;
-    }
-    return -0.5 * (log(6.283185307179586 * s) + e * e / s);
+    double e = measured - b->m[channel];
+    for (int i = 0; i < ORDER; i++) b->m[i] += by->gain[i] * e;
+    return -0.5 * (by->log_s + e * e / by->s);
 }
+
+static double update(belief *b, int channel, double measured, double variance, correction *by)
+{
+    double h[ORDER];
+    by->s = b->p[channel][channel] + variance;
+    by->log_s = log(6.283185307179586 * by->s);
+    for (int i = 0; i < ORDER; i++) {
+        h[i] = b->p[i][channel];
+        by->gain[i] = h[i] / by->s;
+    }
+    for (int i = 0; i < ORDER; i++)
+        for (int j = 0; j <= i; j++) b->p[i][j] = b->p[j][i] = b->p[i][j] - h[i] * h[j] / by->s;
+    return correct(b, channel, measured, by);
+}
+
+static int is_steady(const belief *a, const belief *b)
+{
+    for (int i = 0; i < ORDER; i++)
+        for (int j = 0; j <= i; j++) {
+            double change = a->p[i][j] - b->p[i][j];
+            if (!(change * change <= STEADY * STEADY * a->p[i][i] * a->p[j][j])) return 0;
+        }
+    return 1;
+}
+
 
 /* Factor a symmetric matrix as L D L'. */
 static void factor(const double p[ORDER][ORDER], double (*l)[ORDER], double *d)
@@ -115,22 +147,34 @@ static void back(belief *b, const belief *next, const belief *later)
 }
 
 /* channels: 3 x n, r: 3, start: the first belief. filtered, predicted: n beliefs of work space, or NULL for the
- * likelihood alone. On return filtered holds the smoothed beliefs. Returns the log-likelihood. */
+ * likelihood alone. On return filtered holds the smoothed beliefs. Returns the log-likelihood.
+ * Where the covariance has become steady, and no gap disturbs it, the mean alone is carried on. */
 EXPORT double hy_smooth(long n, const double *channels, const double *r, double q, const belief *start,
                         belief *filtered, belief *predicted)
 {
-    belief now = *start;
+    belief ahead = *start, now = *start;
+    correction by[3];
     double likelihood = 0;
+    int steady = 0;
     prepare(A, Q);
     for (long k = 0; k < n; k++) {
-        if (k) {
-            belief next;
-            predict(&now, q, &next);
-            now = next;
+        int gaps = 0;
+        for (int c = 0; c < 3; c++) gaps |= isfinite(r[c]) && !isfinite(channels[c * n + k]);
+        int frozen = steady && !gaps;
+        if (frozen) step_mean(&now, &ahead);
+        else if (k) {
+            belief last = ahead;
+            predict(&now, q, &ahead);
+            steady = !gaps && is_steady(&ahead, &last);
         }
-        if (predicted) predicted[k] = now;
-        for (int c = 0; c < 3; c++)
-            if (isfinite(r[c]) && isfinite(channels[c * n + k])) likelihood += update(&now, c, channels[c * n + k], r[c]);
+        if (predicted) predicted[k] = ahead;
+        if (frozen) memcpy(now.m, ahead.m, sizeof now.m);
+        else now = ahead;
+        for (int c = 0; c < 3; c++) {
+            double measured = channels[c * n + k];
+            if (isfinite(r[c]) && isfinite(measured))
+                likelihood += frozen ? correct(&now, c, measured, &by[c]) : update(&now, c, measured, r[c], &by[c]);
+        }
         if (filtered) filtered[k] = now;
     }
     if (filtered)
