@@ -30,7 +30,7 @@ def free_run(model: Model, part: Part, values: Mapping[str, float], delay: float
     nobody knows: the model then also runs through it twice, and the second pass counts where it is the closer one.
     """
     first = run_from(model, part, values, delay)
-    if first is None or not (_remembers(model) and _closes(part)):
+    if first is None or not may_be_steady(model, part):
         return first
     second = run_from(model, part, values, delay, periods=2)
     if second is None:
@@ -84,8 +84,9 @@ def diverges(x: Array, part: Part) -> bool:
     return not float(np.max(np.abs(x))) < _FAR * float(np.max(np.abs(part.x)))
 
 
-def _remembers(model: Model) -> bool:
-    return len(model.code.states) > 2
+def may_be_steady(model: Model, part: Part) -> bool:
+    """Whether a recording may be one period of a steady motion, of a model with inner states."""
+    return len(model.code.states) > 2 and _closes(part)
 
 
 def _closes(part: Part) -> bool:

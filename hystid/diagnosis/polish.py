@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fitting import Hypothesis, Unknown, get, put
-from hystid.diagnosis.freerun import SUBSTEPS, diverges, driven, free_run, run_from, runs_from, start_of
+from hystid.diagnosis.freerun import SUBSTEPS, diverges, driven, free_run, may_be_steady, run_from, runs_from, start_of
 from hystid.diagnosis.parts import Part
 
 Array = NDArray[np.float64]
@@ -22,6 +22,7 @@ Settings = Callable[[Hypothesis], Mapping[str, float]]
 WORK = 1_500_000  # samples that may be simulated: two seconds, counted so that the result is the same on any machine
 _FITTED = 0.75  # share of each recording that is fitted; the rest decides
 _WORTH = 0.8  # error on the rest, over that before, above which the parameters of the balance are kept
+_HOPEFUL = 0.8  # sum of squares over that at the start, above which nothing that counts can be reached: 0.8^2 counts
 _QUIET = 1.5  # error of the free run in units of the noise of x below which nothing is left to polish
 _LOST = 0.7  # error of the free run beyond which the run tells nothing about the parameters
 _EXACT = 0.01  # error of the integration, units of the noise of x: it averages out as noise does, over 10,000 samples
@@ -107,7 +108,10 @@ def polish(
     first = search.errors(start, tracks)
     if first is None or not _worth_trying(first, tracks):
         return None
-    end, begun = search.run(start, tracks, work)
+    found = search.run(start, tracks, work)
+    if found is None:
+        return None
+    end, begun = found
     last = search.errors(end, tracks)
     if last is None or not np.mean(last) < _WORTH * np.mean(first):
         return None
@@ -122,8 +126,8 @@ def _tracks(model: CompiledModel, start: Hypothesis, parts: Sequence[Part], sett
             return []
         target = part.measured["x"]
         values = settings(start)
-        best = free_run(model, part, values, start.delay)
         plain = run_from(model, part, values, start.delay)
+        best = free_run(model, part, values, start.delay) if may_be_steady(model, part) else plain
         if best is None or plain is None:
             return []
         periods = 1 if np.array_equal(best, plain) else 2
@@ -196,15 +200,19 @@ class _Search:
         found = _sandwich(jacobian, rows, [int(_FITTED * track.rows) for track in tracks])[:count, :count]
         return np.asarray(found * np.outer(sizes, sizes))
 
-    def run(self, at: Hypothesis, tracks: Sequence[_Track], work: int) -> tuple[Hypothesis, Sequence[_Track]]:
-        """Parameters that make the fitted samples agree best, and the tracks with their start states."""
+    def run(self, at: Hypothesis, tracks: Sequence[_Track], work: int) -> tuple[Hypothesis, Sequence[_Track]] | None:
+        """Parameters that make the fitted samples agree best, and the tracks with their start states; None where the
+        derivatives promise too little to be worth the way."""
         rows = self._rows(at, tracks)
         damping = 1e-3
+        first = float(rows @ rows) if rows is not None else 0.0
         for _ in range(min(_ROUNDS, work // _cost(tracks, len(self.moved)))):
             jacobian = None if rows is None else self._jacobian(at, tracks, rows)
             if rows is None or jacobian is None:
                 break
             cost = float(rows @ rows)
+            if _attainable(jacobian, rows) > _HOPEFUL * first:
+                return None
             for _ in range(5):
                 there, others = self._moved(at, tracks, _solved(jacobian, rows, damping))
                 tried = self._rows(there, others)
@@ -289,6 +297,14 @@ def _solved(jacobian: Array, rows: Array, damping: float) -> Array:
     normal = scaled.T @ scaled
     normal[np.diag_indices_from(normal)] += damping
     return np.asarray(np.clip(-np.linalg.solve(normal, scaled.T @ rows) / scale, -_REACH, _REACH))
+
+
+def _attainable(jacobian: Array, rows: Array) -> float:
+    """Sum of squares that a full step would leave if the run were linear in its unknowns."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / np.where(scale > 0, scale, 1.0)
+    right = scaled.T @ rows
+    return float(rows @ rows - right @ np.linalg.pinv(scaled.T @ scaled, rcond=1e-12) @ right)
 
 
 def _sandwich(jacobian: Array, rows: Array, lengths: Sequence[int]) -> Array:
