@@ -115,13 +115,26 @@ class Job:
 
 
 @dataclass(frozen=True)
+class Settings:
+    """What is set before the start: value references (k,) and the values there."""
+
+    slots: NDArray[np.intc]
+    values: Array
+
+    @cached_property
+    def addresses(self) -> tuple[int, int]:
+        """Addresses of slots and values, as long as these settings live."""
+        return _place(self.slots), _place(self.values)
+
+
+@dataclass(frozen=True)
 class Run:
-    """One table for the runner: a job in value references (settings: slot -> value)."""
+    """One table for the runner: a job in value references."""
 
     columns: Columns
     rows: int
     dt: float
-    settings: Mapping[int, float]
+    settings: Settings
     start_time: float = 0.0
     substeps: int = 1
 
@@ -141,10 +154,14 @@ class Motion:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outputs (n_outputs, rows) and, where seeds were asked for, gradients (n_outputs, n_seeds, rows)."""
+    """Outputs (n_outputs, rows) and, where seeds were asked for, gradients (n_outputs, n_seeds, rows).
+
+    is_finite: whether every number of the call is; it says nothing where false.
+    """
 
     outputs: Array
     gradients: Array
+    is_finite: bool
 
 
 class TableRunner:
@@ -177,7 +194,8 @@ class TableRunner:
 
         Raises NumericalError with the model's own words where a step fails or an output is not finite.
         """
-        return self.run_all([Run(Columns(columns), rows, dt, settings, start_time, substeps)], outputs, seeds)[0]
+        given = Settings(np.array([*settings], np.intc), np.array([*settings.values()], np.float64))
+        return self.run_all([Run(Columns(columns), rows, dt, given, start_time, substeps)], outputs, seeds)[0]
 
     def run_all(self, runs: Sequence[Run], outputs: Sequence[int], seeds: Sequence[int] = ()) -> list[Outcome]:
         """``run`` for several tables, side by side where the model integrates: that takes half the time of one by one.
@@ -185,7 +203,7 @@ class TableRunner:
         The outcomes are the same to the bit. Raises NumericalError of the first table that fails.
         """
         wanted = _Wanted(runs, outputs, seeds)
-        tables, made = wanted.tables(), wanted.outcomes
+        tables = wanted.tables()
         if self._run_all is None or len(runs) == 1:
             outcomes = [self._run(ctypes.byref(table)) for table in tables]
         else:
@@ -197,7 +215,7 @@ class TableRunner:
                 _log.warning("%s: %s", self._name, table.warning.decode(errors="replace"))
             if code:
                 raise NumericalError(self._sentence(code, table, run.start_time + table.failed_row * run.dt))
-        return made
+        return wanted.outcomes()
 
     def _sentence(self, outcome: int, table: _Table, time: float) -> str:
         reason = table.failure.decode(errors="replace") or "its equations have no answer at these values"
@@ -210,47 +228,46 @@ def _mode(column: Column) -> int:
 
 
 class _Wanted:
-    """What is asked of the runs of one call. The C side reads and writes its arrays, which live as long as it does.
-
-    outcomes: where results are put, one block of rows after another.
-    """
+    """What is asked of the runs of one call. The C side reads and writes its arrays, which live as long as it does."""
 
     def __init__(self, runs: Sequence[Run], outputs: Sequence[int], seeds: Sequence[int]) -> None:
         self._runs = runs
         self._counts = len(outputs), len(seeds)
         self._slots = np.array(outputs, np.intc), np.array(seeds, np.intc)
-        each = len(outputs) * (1 + len(seeds))
-        block = np.empty(each * sum(run.rows for run in runs))
-        first, rows = _place(block), [run.rows for run in runs for _ in range(each)]
-        self._rows = first + 8 * np.cumsum([0, *rows[:-1]], dtype=np.uintp)  # addresses of outputs, then of gradients
-        self.outcomes = [self._outcome(part) for part in np.split(block, each * np.cumsum([r.rows for r in runs])[:-1])]
-        shared = {id(run.settings): run.settings for run in runs}
-        self._settings = {
-            key: (np.array([*values], np.intc), np.array([*values.values()], np.float64))
-            for key, values in shared.items()
-        }
+        self._each = len(outputs) * (1 + len(seeds))
+        self._block = np.empty(self._each * sum(run.rows for run in runs))  # one run after another
+        first, addresses = _place(self._block), []
+        for run in runs:
+            addresses += [first + 8 * i * run.rows for i in range(self._each)]  # of outputs, then of gradients
+            first += 8 * self._each * run.rows
+        self._rows = np.array(addresses, np.uintp)
 
-    def _outcome(self, part: Array) -> Outcome:
-        n, seeds = self._counts
-        rows = len(part) // max(1, n * (1 + seeds))
-        return Outcome(part[: n * rows].reshape(n, rows), part[n * rows :].reshape(n, seeds, rows))
+    def outcomes(self) -> list[Outcome]:
+        """What the C side has written."""
+        (n, seeds), first, found = self._counts, 0, []
+        finite = bool(np.isfinite(np.add.reduce(self._block)))
+        for run in self._runs:
+            part = self._block[first : first + self._each * run.rows]
+            gradients = part[n * run.rows :].reshape(n, seeds, run.rows)
+            found.append(Outcome(part[: n * run.rows].reshape(n, run.rows), gradients, finite))
+            first += len(part)
+        return found
 
     def tables(self) -> ctypes.Array[_Table]:
         """The runs as the C side takes them."""
         (n, seeds), made = self._counts, (_Table * len(self._runs))()
-        outputs, gradients = _place(self._rows), _place(self._rows) + 8 * n
+        first = _place(self._rows)
         wanted, carried = (_place(slots) for slots in self._slots)
-        settings = {key: (_place(slots), _place(values)) for key, (slots, values) in self._settings.items()}
         for i, (table, run) in enumerate(zip(made, self._runs, strict=True)):
-            before = 8 * i * n * (1 + seeds)
+            outputs = first + 8 * i * self._each
             table.version, table.rows, table.substeps = _VERSION, run.rows, run.substeps
             table.start_time, table.dt = run.start_time, run.dt
-            table.n_settings = len(run.settings)
-            table.setting_slots, table.settings = settings[id(run.settings)]
+            table.n_settings = len(run.settings.slots)
+            table.setting_slots, table.settings = run.settings.addresses
             table.n_columns = len(run.columns)
             table.column_slots, table.column_modes, table.samples, table.slopes = run.columns.addresses
-            table.n_outputs, table.output_slots, table.outputs = n, wanted, outputs + before
-            table.n_seeds, table.seed_slots, table.gradients = seeds, carried, gradients + before
+            table.n_outputs, table.output_slots, table.outputs = n, wanted, outputs
+            table.n_seeds, table.seed_slots, table.gradients = seeds, carried, outputs + 8 * n
         return made
 
 
@@ -284,6 +301,7 @@ class CompiledModel:
         self._runner = runner or TableRunner(ctypes.CDLL(str(compile_model_code(code))), code.name)
         self._partners: dict[frozenset[str], dict[str, str]] = {}
         self._forward_serves: dict[frozenset[str], bool] = {}
+        self._settable: dict[tuple[str, ...], NDArray[np.intc]] = {}
 
     def simulate(
         self,
@@ -364,10 +382,10 @@ class CompiledModel:
     ) -> list[dict[str, Array]]:
         """``clamp`` or ``simulate`` along several motions, at the same parameters or at those of each, in one call; the
         numbers are the same to the bit."""
-        names, each = tuple(outputs), [parameters] * len(motions) if isinstance(parameters, Mapping) else parameters
-        return self._run_all(
-            [Job(m.columns, m.rows, m.dt, 0.0, p, names, m.substeps) for m, p in zip(motions, each, strict=True)]
-        )
+        each = [parameters] * len(motions) if isinstance(parameters, Mapping) else parameters
+        known = self._all_settings(each)
+        runs = [Run(m.columns, m.rows, m.dt, known[id(p)], 0.0, m.substeps) for m, p in zip(motions, each, strict=True)]
+        return self._results(runs, tuple(outputs))
 
     def clamp_many(
         self,
@@ -395,17 +413,19 @@ class CompiledModel:
         """Several jobs with the same outputs."""
         for job in jobs:
             _check_steps(self.code.name, job.dt, job.substeps)
-        known = {id(j.settings): j.settings for j in jobs}
-        settings = {key: self._settings(values) for key, values in known.items()}
-        runs = [Run(j.columns, j.rows, j.dt, settings[id(j.settings)], j.start_time, j.substeps) for j in jobs]
-        names = jobs[0].outputs if jobs else ()
-        slots = [self._find(name).slot for name in names]
-        found = self._runner.run_all(runs, slots, [self._find(name).slot for name in seeds])
+        known = self._all_settings([job.settings for job in jobs])
+        runs = [Run(j.columns, j.rows, j.dt, known[id(j.settings)], j.start_time, j.substeps) for j in jobs]
+        return self._results(runs, jobs[0].outputs if jobs else (), seeds)
+
+    def _results(self, runs: Sequence[Run], names: Sequence[str], seeds: Sequence[str] = ()) -> list[dict[str, Array]]:
+        slots, carried = ([self._find(name).slot for name in wanted] for wanted in (names, seeds))
+        found = self._runner.run_all(runs, slots, carried)
         results = [dict(zip(names, outcome.outputs, strict=True)) for outcome in found]
-        for result, outcome, job in zip(results, found, jobs, strict=True):
+        for result, outcome, run in zip(results, found, runs, strict=True):
             for name, rows in zip(names, outcome.gradients, strict=True):
                 result.update({f"d {name}/d {seed}": row for seed, row in zip(seeds, rows, strict=True)})
-            check_finite(self.code.name, result, job.dt)
+            if not outcome.is_finite:
+                check_finite(self.code.name, result, run.dt)
         return results
 
     def _find(self, name: str) -> Variable:
@@ -414,19 +434,29 @@ class CompiledModel:
             raise UsageError(f"{self.code.name} has no variable '{name}'; it has {known}")
         return self._variables[name]
 
-    def _settings(self, values: Mapping[str, float]) -> dict[int, float]:
-        settings = {}
-        for name, value in values.items():
-            variable = self._find(name)
-            settable = variable.causality in ("parameter", "structuralParameter", "input")
-            if name in self.code.states and variable.initial == "calculated":
-                raise UsageError(f"{self.code.name}: the start of '{name}' is computed: {self._way_to_start(name)}")
-            if not (settable or variable.initial in ("exact", "approx") or name in self.code.states):
-                raise UsageError(f"{self.code.name}: '{name}' is computed by the model and cannot be set")
-            if not np.isfinite(value):
-                raise UsageError(f"{self.code.name}: '{name}' must be a finite number, not {value}")
-            settings[variable.slot] = float(value)
-        return settings
+    def _all_settings(self, each: Sequence[Mapping[str, float]]) -> dict[int, Settings]:
+        """Settings by the identity of the values: many runs share theirs."""
+        return {key: self._settings(values) for key, values in {id(values): values for values in each}.items()}
+
+    def _settings(self, values: Mapping[str, float]) -> Settings:
+        names = tuple(values)
+        if names not in self._settable:
+            self._settable[names] = np.array([self._slot_to_set(name) for name in names], np.intc)
+        found = Settings(self._settable[names], np.array([*values.values()], np.float64))
+        if not np.isfinite(found.values).all():
+            name = next(name for name, value in values.items() if not np.isfinite(value))
+            raise UsageError(f"{self.code.name}: '{name}' must be a finite number, not {values[name]}")
+        return found
+
+    def _slot_to_set(self, name: str) -> int:
+        """Value reference of what may be set before the start."""
+        variable = self._find(name)
+        settable = variable.causality in ("parameter", "structuralParameter", "input")
+        if name in self.code.states and variable.initial == "calculated":
+            raise UsageError(f"{self.code.name}: the start of '{name}' is computed: {self._way_to_start(name)}")
+        if not (settable or variable.initial in ("exact", "approx") or name in self.code.states):
+            raise UsageError(f"{self.code.name}: '{name}' is computed by the model and cannot be set")
+        return variable.slot
 
     def _way_to_start(self, state: str) -> str:
         known = self._variables.get(f"{state}_start")
