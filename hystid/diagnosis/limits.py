@@ -21,6 +21,8 @@ from hystid.diagnosis.search import complement
 Array = NDArray[np.float64]
 IMPACT, CONTACT_LOSS, TWO_SIDED_STOP = "impact", "contact_loss", "two_sided_stop"
 _HIDDEN, _RELAXATION, _STIFFENING = "hidden_mode", "viscoelastic_relaxation", "stiffness_drift"
+COULOMB, STRIBECK = "coulomb_friction", "stribeck_friction"
+_BEYOND, _LASTS = 2.0, 0.2  # turns within which friction falls, and share of the fall that is left at high speed
 _KINKED = frozenset({"bilinear_stiffness", CONTACT_LOSS})
 _AT = 0.98  # of the highest frequency that is tried, and of the largest weighing error: fits that want more end there
 _CRITICAL = 1.0  # damping ratio from which nothing resonates
@@ -42,6 +44,14 @@ def is_itself(problem: Problem, term: Term, signals: Sequence[Signals]) -> bool:
     if effect.id == _HIDDEN:
         return values.get("zeta", 0.0) < _CRITICAL and _is_in_band(problem, term)
     return True
+
+
+def falls_with_speed(term: Term | None) -> bool:
+    """Whether friction falls with speed as its name says: beyond its turn, of which it is another shape otherwise, and
+    to a friction that lasts."""
+    values = term.values if term is not None and term.effect.id == STRIBECK else {}
+    slower, lasts = values.get("v_d", 0.0) > _BEYOND * values.get("v_s", 0.0), values.get("Fc", 0.0)
+    return slower and lasts > _LASTS * values.get("Fd", 0.0) > 0.0
 
 
 def _presses_at_rest(term: Term) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hystid.diagnosis.blocks import Effect
 from hystid.diagnosis.fitting import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term, standing
-from hystid.diagnosis.limits import CONTACT_LOSS, IMPACT, is_itself
+from hystid.diagnosis.limits import CONTACT_LOSS, COULOMB, IMPACT, falls_with_speed, is_itself
 from hystid.diagnosis.search import ABSORBED, Candidate, from_nominal, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.sensors import DRIFT, is_constant
 
@@ -28,10 +28,13 @@ _MOVING = 6.0  # standard errors (of white noise) beyond which a recording drift
 _REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold, where a law acts short of it
 _TOUCHED = 4  # samples of some recording beyond the threshold of a law that does not act short of it
 _SLIDES = 0.25  # of the largest speed, within which dry friction must have turned; rigs turn within 0.05
-_SAME = (0.007, 0.003)  # mean square, and share of excess and rest, that a simpler law may lack to be preferred
+# Mean square, and shares of the excess and of the rest, that a simpler law may lack per parameter to be preferred: a
+# richer law than the right one gains 0.0016 at most where it is alone; beside another one, or against a drift, more.
+_SAME, _SAME_BESIDE = (0.0025, 0.001, 0.003), (0.007, 0.003, 0.003)
 _SIZES = 3  # parameters more than which a law that has them need not pay for (a drift has two per recording)
 _JUMPY = 0.06  # the same where the law jumps: dry friction of any kind mends a little there
 _TIE = (0.006, 0.012)  # mean squares closer than this (and share of the excess) are not told apart
+_TOLD = 25.0  # fall of the sum of squares, noise units, from which a law is told from one that it contains
 FAR = 30.0  # excess in floors, far above the noise
 DELAY = "channel_delay"
 
@@ -295,19 +298,29 @@ def single(problem: Problem, found: Sequence[Trial], before: Fit, excess: float)
     """The simplest of the trials that are as good as the best; the best is restarted first if something is left."""
     best = found[0]
     near = tie(best, excess)
-    same = _SAME[0] + _SAME[1] * (min(excess, 10.0) + max(0.0, best.chi2 - 1.2))
+    least, of_excess, of_rest = _SAME_BESIDE if before.hypothesis.terms or best.name == DRIFT else _SAME
+    same = least + of_excess * min(excess, 10.0) + of_rest * max(0.0, best.chi2 - 1.2)
     jumpy = _JUMPY if problem.reduce.jumps else 0.0
     simple = best
     for trial in sorted(found, key=lambda t: (t.size, t.has_threshold, t.chi2)):
         if trial.chi2 - best.chi2 < jumpy + same * np.clip(best.size - trial.size, 1, _SIZES):
             simple = trial
             break
+    if simple.name == COULOMB and not problem.reduce.jumps:
+        simple = next((t for t in found if _shows_fall(t, simple)), simple)
     if _closes(simple):  # a contact that closes and is not told from an impact is called by that name
         simple = next((t for t in found if t.name == IMPACT and t.chi2 - simple.chi2 < near), simple)
     tied = tuple(dict.fromkeys(t.name for t in found if t.chi2 - simple.chi2 < near and t.name != simple.name))
     other = next((t.chi2 for t in found if t.name != simple.name and t.name not in tied), before.chi2)
     margin = (other - simple.chi2) / max(excess, 1e-9)
     return Step(simple, tied, float(margin))
+
+
+def _shows_fall(trial: Trial, steady: Trial) -> bool:
+    """Whether friction that falls with speed is told from steady friction, which it contains: then simplicity is no
+    reason for the latter. Not beside another effect, whose form leaves more."""
+    alone = len(trial.fit.hypothesis.terms) == 1
+    return alone and falls_with_speed(trial.term) and steady.fit.rss - trial.fit.rss > _TOLD
 
 
 def _closes(trial: Trial) -> bool:
