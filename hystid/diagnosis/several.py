@@ -30,6 +30,7 @@ PAIR_SHARE = 0.045  # share of the excess that each of several effects must cost
 _BEGINS = 0.2  # share of the excess that an effect explains from which a line of effects begins
 _PAIR_LEFT = 0.05  # share of the excess that several right effects may leave
 _RIVALS = 4  # look-alikes of each member, besides its own forms, that are fitted in its place
+_IN_SIGHT = 0.7  # share of the way to where another line has come that a scan must see: fits go on, but not far
 _LINES, _STARTING = 2, 5  # lines of effects that are followed, from this many ids where lines end in nonsense
 
 
@@ -108,10 +109,16 @@ def _promising(line: Sequence[Trial], before: Fit) -> bool:
 def grow(
     problem: Problem, line: Sequence[Trial], library: Sequence[Effect], excess: float, bar: float = np.inf
 ) -> list[Trial]:
-    """The line with the best further effect; unchanged where there is none. bar: what another line has reached."""
+    """The line with the best further effect; unchanged where there is none.
+
+    bar: what another line has reached; a line is not followed where the scan does not see it come near.
+    """
     end = line[-1]
     used = {trial.name for trial in line}
     candidates = [c for c in scan(problem, end.fit, library) if c.effect.id not in used]
+    most = max((c.gain for c in candidates), default=0.0) / len(end.fit.residual)
+    if most < _IN_SIGHT * (end.chi2 - bar):
+        return list(line)
     left = end.chi2 - problem.floor(end.fit.hypothesis)
     found = trials(problem, end.fit, candidates, left, chain_trials(problem, end.fit, library), most=6, bar=bar)
     if not found:
