@@ -12,7 +12,7 @@ from hystid.diagnosis.descent import fit
 from hystid.diagnosis.diagnose import _given, _load, _prepare
 from hystid.diagnosis.fitting import Fit, Problem, Term
 from hystid.diagnosis.library import load_effects
-from hystid.diagnosis.limits import is_beyond_weighing, is_itself, untried
+from hystid.diagnosis.limits import falls_with_speed, is_beyond_weighing, is_itself, untried
 from hystid.diagnosis.search import scan, try_term
 from hystid.diagnosis.windows import Window, has_edges, windowed
 from tests.test_diagnosis import LINEAR, case, run, spec
@@ -72,6 +72,14 @@ def test_a_mode_resonates_in_the_band(sound: tuple[Problem, Fit]) -> None:
     assert is_itself(problem, Term(law("hidden_mode"), mode), signals)
     for limit in ({"zeta": 1.5}, {"f2": 2 * band[1]}, {"f2": 0.5 * band[0]}):
         assert not is_itself(problem, Term(law("hidden_mode"), {**mode, **limit}), signals)
+
+
+def test_friction_that_falls_within_its_own_turn_is_another_shape_of_it() -> None:
+    curve = {"Fc": 2.0, "Fd": 1.0, "v_d": 0.05, "v_s": 0.01}
+    assert falls_with_speed(Term(law("stribeck_friction"), curve))
+    for other in ({"v_d": 0.005}, {"Fc": 0.01}, {"Fd": 0.0}):
+        assert not falls_with_speed(Term(law("stribeck_friction"), curve | other))
+    assert not falls_with_speed(Term(law("coulomb_friction"), {"Fc": 2.0, "v_s": 0.01}))
 
 
 def test_contact_on_both_sides_is_a_stop_where_that_was_not_tried(sound: tuple[Problem, Fit]) -> None:
