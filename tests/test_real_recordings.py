@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.real_recordings import CASES, run
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.chain import delayed_channel, lags, one_sided, one_speed, seated
 from hystid.recording import Recording, read
@@ -125,6 +126,53 @@ def test_damper_that_moves_far_per_sample_keeps_its_short_memory() -> None:
     assert names(found) == ["hysteretic_friction"]
     before, after = found.force_nrmse
     assert after < 0.1 < before
+
+
+@measured
+@pytest.mark.parametrize("name", ["brfd", "brfd_80"])
+def test_a_band_damper_has_friction_and_slack(name: str) -> None:
+    """The files show next to no force over 3 mm (30 lb) and 1.9 mm (80 lb) after each reversal; friction that grows
+    with the largest displacement, by 45 times, had stood for that once."""
+    found = run(DATA, CASES[name])
+    assert names(found) == ["hysteretic_friction", "backlash"]
+    before, after = found.holdout[0].force
+    assert after < 0.2 < 0.5 < before  # chatter and overshoot meet no law: a seventh of the force
+
+
+@measured
+def test_a_ball_screw_has_dry_friction_and_its_mass() -> None:
+    """The authors of the benchmark fit 95.1 kg and 20.4 N of dry friction."""
+    found = run(DATA, CASES["emps"])
+    assert found.final is not None and len(found.findings) == 1
+    assert found.findings[0].effect in ("coulomb_friction", "asymmetric_friction")
+    assert found.final.hypothesis.values["m"] == pytest.approx(95.1, rel=0.01)
+    levels = [value.value for key, value in found.findings[0].parameters.items() if key.startswith("F_")]
+    assert levels == pytest.approx([20.4] * len(levels), rel=0.03)
+
+
+@measured
+def test_the_benchmark_of_bouc_and_wen_is_named_and_predicted() -> None:
+    """From a linear baseline; a free run by 2e-6 m on the official multisine, of 6.669e-4 m rms, is the mark."""
+    found = run(DATA, CASES["boucwen"])
+    assert names(found) == ["hysteretic_friction"]
+    _, multisine = found.holdout[0].free_run
+    assert multisine is not None and multisine * 6.669e-4 < 2e-6
+
+
+@measured
+@pytest.mark.parametrize("name", ["mr_0V", "mr_0.88V"])
+def test_magnetorheological_dampers_have_hysteretic_friction(name: str) -> None:
+    assert names(run(DATA, CASES[name]))[0] == "hysteretic_friction"
+
+
+@measured
+@pytest.mark.parametrize(("bar", "pressure"), [(1, 49.0), (5, 247.9), (7, 346.4)])
+def test_every_pressure_is_preload_and_dry_friction(bar: int, pressure: float) -> None:
+    """Medians of the files. At 1 bar the constant falls slowly, hence the other names of its level."""
+    preload, friction = run(DATA, CASES[f"pneumatic_{bar}bar"]).findings
+    assert preload.effect == "preload" and "coulomb_friction" in friction.alike
+    level = preload.parameters.get("f0") or preload.parameters["offset_1"]
+    assert level.value == pytest.approx(pressure, rel=0.01)
 
 
 @measured
