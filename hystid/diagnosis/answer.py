@@ -378,9 +378,14 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def _told(finding: Finding) -> str:
+    return f"{in_words(finding)}: {finding.where.text}, confidence {finding.confidence:.2f}"
+
+
+def in_words(finding: Finding) -> str:
+    """The name of a finding and its look-alikes, as they are read."""
     others = [name for name in finding.alike if name != finding.effect]
-    alike = f" (or {', '.join(others)})" if others else ""
-    return f"{finding.effect.replace('_', ' ')}{alike}: {finding.where.text}, confidence {finding.confidence:.2f}"
+    told = finding.effect + (f" (or {', '.join(others)})" if others else "")
+    return told.replace("_", " ")
 
 
 def _better(diagnosis: Diagnosis) -> str:
@@ -399,7 +404,7 @@ def next_experiment(diagnosis: Diagnosis) -> str:
     for finding in diagnosis.findings:
         for pair, advice in _SPLITS.items():
             if pair <= set(finding.alike):
-                return f"To part {' from '.join(sorted(pair))}: {advice}."
+                return f"To part {' from '.join(sorted(pair)).replace('_', ' ')}: {advice}."
     if diagnosis.refuted:
         return (
             "Check that all recordings are of the structure in the same state; then record it at more amplitudes and "

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis import Diagnosis, Finding, Traces
+from hystid.diagnosis import Diagnosis, Traces
+from hystid.diagnosis.answer import in_words
 from hystid.report import evidence
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent, with_error
 from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
@@ -81,7 +82,7 @@ def _what(page: Page, d: Diagnosis) -> None:
         page.text(d.headline + ".")
     for finding in d.findings:
         rows = [[name, with_error(v.value, v.stderr, v.unit)] for name, v in finding.parameters.items()]
-        page.table(Table(_title(finding), ["parameter", "value ± standard error"], rows, finding.where.text))
+        page.table(Table(in_words(finding), ["parameter", "value ± standard error"], rows, finding.where.text))
     moved = []
     for name, value in d.refit.items():
         nominal = d.nominal.get(name)
@@ -91,11 +92,6 @@ def _what(page: Page, d: Diagnosis) -> None:
     note = "What the refit had to move before anything was called missing."
     note += " What was not given started at values scaled from the recordings." if scaled else ""
     page.table(Table("Baseline", ["parameter", "start" if scaled else "given", "refitted", "change"], moved, note))
-
-
-def _title(finding: Finding) -> str:
-    others = [name for name in finding.alike if name != finding.effect]
-    return finding.effect.replace("_", " ") + (f" (or {', '.join(others)})" if others else "")
 
 
 def _where(page: Page, d: Diagnosis) -> None:
