@@ -34,7 +34,8 @@ def fit(
 
     bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
     Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row. The
-    covariance is that of the last point but one: the last step is too small to matter.
+    covariance is that of the last point at which derivatives were taken: a step that ends the fit is too small to
+    matter, or the fit is given up.
     Raises NumericalError when the start itself has no finite residual.
     """
     unknowns = problem.unknowns(start)
