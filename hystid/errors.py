@@ -12,11 +12,49 @@ HystidError
 
 from __future__ import annotations
 
+import re
+import unicodedata
+
+_LONGEST_WORD = 300  # characters: more than any path that people type
+_LONGEST_LINE = 2000  # a screen full
+_SPACES = ("Zs", "Zl", "Zp")
+
+
+def printable(text: str, most: int = _LONGEST_LINE) -> str:
+    """Text from a file as one line that can be shown: what does not print is escaped, the middle of too much is cut.
+
+    A terminal obeys control characters, a page mixes up letters that run from right to left, and neither can write half
+    a surrogate pair.
+    """
+    cut = text if len(text) <= most else f"{text[: most * 2 // 3]}[...]{text[len(text) - most // 4 :]}"
+    return "".join(_shown(letter) for letter in cut)
+
+
+def _shown(letter: str) -> str:
+    if letter.isprintable():
+        return letter
+    if unicodedata.category(letter) in _SPACES:
+        return " "
+    return letter.encode("unicode_escape").decode("ascii")
+
+
+def _sentence(text: str) -> str:
+    lines = (
+        re.sub(rf"\S{{{_LONGEST_WORD},}}", lambda word: printable(word[0], 120), line) for line in text.split("\n")
+    )
+    return "\n".join(map(printable, lines))
+
 
 class HystidError(Exception):
-    """Base of everything that hystid raises on purpose; ``str(error)`` is the sentence a user reads."""
+    """Base of everything that hystid raises on purpose; ``str(error)`` is the sentence a user reads.
+
+    Whatever names and texts of files it quotes, it prints: see ``printable``.
+    """
 
     exit_code = 1
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*(_sentence(item) if isinstance(item, str) else item for item in arguments))
 
 
 class UsageError(HystidError):

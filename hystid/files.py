@@ -1,17 +1,55 @@
-"""Writing results: beside first, then renamed, so that a reader sees the whole file or none."""
+"""Writing results: beside first, then renamed, so that a reader sees the whole file or none.
+
+A file whose name comes from data (of a recording, a group, a model) is placed by ``inside``, which keeps it in its
+folder.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
+import platform
+import re
+import shutil
+import stat
 import tempfile
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from hystid.errors import HystidError, UsageError
+
+_LONGEST = 120  # bytes of a name from data: with what is put around it, below the 255 that file systems take
+_NOT_PLAIN = re.compile(r"[^\w+=,.@ ()-]")
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # devices on Windows
+
+
+def safe_name(text: str) -> str:
+    """A name from data as part of a file name: no separator, no control character, nothing hidden, not too long.
+
+    Names that are harmless stay as they are. Others get a hash of the text behind them, so that two of them never
+    become one.
+    """
+    plain = _NOT_PLAIN.sub("_", unicodedata.normalize("NFC", text)).strip(" .")
+    if _RESERVED.fullmatch(plain):
+        plain = f"_{plain}"
+    plain = plain.encode()[:_LONGEST].decode(errors="ignore")
+    if plain and plain == text:
+        return plain
+    return f"{plain or 'unnamed'}-{hashlib.sha256(text.encode(errors='surrogatepass')).hexdigest()[:8]}"
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The path of a file in a folder. Raises UsageError where the name would lead out of it."""
+    path = Path(folder) / name
+    if name in ("", ".", "..") or path.name != name or path.parent != Path(folder):
+        raise UsageError(f"{folder}: the file '{name}' would lie outside this folder and is not written")
+    return path
 
 
 @contextmanager
@@ -19,7 +57,8 @@ def atomic(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the same folder; it replaces ``path`` when the block ends without an error."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
+    _sweep(path.parent)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{_mark(os.getpid())}", suffix=path.suffix)
     os.close(handle)
     beside = Path(name)
     try:
@@ -28,6 +67,70 @@ def atomic(path: Path) -> Iterator[Path]:
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """A folder for a while, in the system's place for such; see ``scratch_folder``."""
+    folder = scratch_folder()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def scratch_folder() -> Path:
+    """A new folder in the system's place for temporary ones, to be removed by the caller.
+
+    What processes leave there that are killed is removed by the next one that asks.
+    """
+    place = Path(tempfile.gettempdir())
+    _sweep(place)
+    return Path(tempfile.mkdtemp(prefix=f".{_mark(os.getpid())}", dir=place))
+
+
+def check_regular(path: Path, error: type[HystidError]) -> None:
+    """Raise the error where a path is not that of a file with an end: missing, a folder, a pipe, a device."""
+    try:
+        kind = Path(path).stat().st_mode
+    except FileNotFoundError:
+        raise error(f"{path}: there is no such file") from None
+    except (OSError, ValueError) as problem:
+        raise error(f"{path}: it cannot be opened ({getattr(problem, 'strerror', None) or problem})") from None
+    if stat.S_ISDIR(kind):
+        raise error(f"{path}: this is a folder; name a file in it")
+    if not stat.S_ISREG(kind):
+        raise error(f"{path}: this is a pipe or a device, which may have no end; copy its content to a file")
+
+
+def _mark(process: int) -> str:
+    """Who writes: other machines may share the folder, and know nothing of our processes."""
+    return f"hystid-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-{process}-"
+
+
+@cache
+def _sweep(folder: Path) -> None:
+    """Remove what processes of this machine that were killed left half written in a folder; once per process."""
+    own = _mark(0).removesuffix("0-")
+    for path in folder.glob(f".{own}*"):
+        process = path.name.removeprefix(f".{own}").partition("-")[0]
+        if process.isdigit() and not _runs(int(process)):
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+
+
+def _runs(process: int) -> bool:
+    if os.name == "nt":  # where signal 0 would end it
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        pass
+    return True
 
 
 def write_text(path: Path, text: str) -> None:
@@ -45,10 +148,8 @@ def plain(value: Any) -> Any:
     """Copy with NumPy types, tuples and non-finite numbers turned into what JSON can hold."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "tolist"):  # NumPy arrays and numbers, without importing NumPy for it
         return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Path):

@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
+import errno
+import lzma
+import re
 import shutil
-import tempfile
+import stat
+import struct
 import weakref
 import zipfile
+import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
-from xml.etree import ElementTree
+from xml.parsers import expat
 
 from hystid.errors import FmuError
+from hystid.files import check_regular, scratch_folder
 from hystid.fmu.platforms import PLATFORMS, host
+from hystid.fmu.signals import Signal, signals_of
+from hystid.limits import FMU_DESCRIPTION, FMU_ELEMENTS, FMU_ENTRIES, FMU_UNPACKED, Limit
 from hystid.modelcode import Experiment, ModelCode, Variable
 
-_LARGEST = 4 << 30  # bytes unpacked: more than any FMU holds, less than a disk
+DESCRIPTION = "modelDescription.xml"
+_MB = 1 << 20
+_ENCRYPTED = 1  # flag of an entry
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,199}")
+# What zipfile and the decompressors raise on damaged archives, and the system on names that it does not take
+_DAMAGE = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, RuntimeError,
+    ValueError, OSError, KeyError, IndexError, OverflowError,
+)  # fmt: skip
+_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EROFS, errno.EMFILE, errno.ENOMEM)  # not the file's fault
 _TYPES: dict[str, Literal["Real", "Integer", "Boolean"]] = {
-    "Real": "Real", "Float64": "Real", "Integer": "Integer", "Int32": "Integer", "Enumeration": "Integer",
-    "Boolean": "Boolean",
+    "Real": "Real", "Float64": "Real", "Float32": "Real", "Boolean": "Boolean",
+    "Integer": "Integer", "Enumeration": "Integer", "Int8": "Integer", "UInt8": "Integer", "Int16": "Integer",
+    "UInt16": "Integer", "Int32": "Integer", "UInt32": "Integer", "Int64": "Integer", "UInt64": "Integer",
 }  # fmt: skip
 
 
@@ -32,12 +51,14 @@ class Kind:
 
 @dataclass(frozen=True)
 class OpenedFmu:
-    """An unpacked FMU. model: its variables in our words, without sources; folder goes with the last reference."""
+    """An unpacked FMU. model: its single numbers in our words, without sources; signals: name -> variable of any type
+    but clocks; folder goes with the last reference."""
 
     path: Path
     folder: Path
     version: Literal[2, 3]
     model: ModelCode
+    signals: Mapping[str, Signal]
     co_simulation: Kind | None
     model_exchange: Kind | None
     interpolates_inputs: bool
@@ -52,60 +73,158 @@ class OpenedFmu:
 def open_fmu(path: Path) -> OpenedFmu:
     """Check and unpack an FMU (FMI 2.0 or 3.0). Raises FmuError with one sentence naming file and reason."""
     path = Path(path)
-    if not path.is_file():
-        raise FmuError(f"{path}: there is no such file")
+    folder = unpack(path)
     try:
-        with zipfile.ZipFile(path) as archive:
-            _check_entries(path, archive)
-            description = _description(path, archive)
-            folder = Path(tempfile.mkdtemp(prefix="hystid-fmu-"))
-            archive.extractall(folder)
-    except zipfile.BadZipFile as error:
-        raise FmuError(f"{path.name}: not an FMU, for it is not a zip file or it is damaged ({error})") from None
-    version: Literal[2, 3] = 2 if description.fmiVersion == "2.0" else 3
-    kinds = _kinds(path, folder, description, version)
-    opened = OpenedFmu(
-        path=path,
-        folder=folder,
-        version=version,
-        model=_model(description, version),
-        co_simulation=kinds.get("CoSimulation"),
-        model_exchange=kinds.get("ModelExchange"),
-        interpolates_inputs=version == 2 and bool(getattr(description.coSimulation, "canInterpolateInputs", False)),
-        raw=description,
-    )
+        opened = opened_from(path, folder)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
     weakref.finalize(opened, shutil.rmtree, folder, ignore_errors=True)
     return opened
 
 
-def _check_entries(path: Path, archive: zipfile.ZipFile) -> None:
-    names = archive.namelist()
-    for name in names:
-        parts = PurePosixPath(name.replace("\\", "/"))
-        if parts.is_absolute() or ".." in parts.parts or ":" in name[:2]:
-            raise FmuError(f"{path.name}: refused, for the entry '{name}' would be written outside its folder")
-    if "modelDescription.xml" not in names:
-        raise FmuError(f"{path.name}: not an FMU, for it holds no modelDescription.xml")
-    if sum(entry.file_size for entry in archive.infolist()) > _LARGEST:
-        raise FmuError(f"{path.name}: refused, for it would unpack to more than {_LARGEST >> 30} GiB")
+def opened_from(path: Path, folder: Path) -> OpenedFmu:
+    """The FMU that was unpacked from path into a folder; the folder stays. Raises FmuError as ``open_fmu``."""
+    text = (folder / DESCRIPTION).read_bytes()
+    try:
+        description = _description(path, text)
+        version: Literal[2, 3] = 2 if description.fmiVersion == "2.0" else 3
+        model = _model(description, version)
+        signals = signals_of(description.modelVariables, version)
+        interpolates = version == 2 and bool(getattr(description.coSimulation, "canInterpolateInputs", False))
+    except FmuError:
+        raise
+    except Exception as error:  # FMPy raises bare exceptions; numbers that are none raise ours
+        raise FmuError(f"{path.name}: {DESCRIPTION} cannot be read: {_first_line(error)}") from None
+    _check_sizes(path, model, signals)
+    kinds = _kinds(path, folder, description, version)
+    return OpenedFmu(
+        path, folder, version, model, signals, kinds.get("CoSimulation"), kinds.get("ModelExchange"), interpolates,
+        description,
+    )  # fmt: skip
 
 
-def _description(path: Path, archive: zipfile.ZipFile) -> Any:
+def unpack(path: Path) -> Path:
+    """Unpack an FMU into a new folder, which the caller removes. Raises FmuError; then nothing is left behind."""
+    check_regular(path, FmuError)
+    folder = scratch_folder()
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _extract(path, archive, _checked(path, archive), folder)
+    except BaseException as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError) and error.errno in _MACHINE:
+            raise
+        if isinstance(error, _DAMAGE):
+            raise FmuError(
+                f"{path.name}: not an FMU, for it is not a zip file or it is damaged ({_first_line(error)})"
+            ) from None
+        raise
+    return folder
+
+
+def read_entry(path: Path, name: str, most: int = 64 << 20) -> bytes | None:
+    """One entry of an FMU, of at most so many bytes, None where it has none of this name. Raises FmuError."""
+    check_regular(path, FmuError)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if name not in archive.namelist():
+                return None
+            with archive.open(name) as entry:
+                content = entry.read(most + 1)
+    except _DAMAGE as error:
+        raise FmuError(f"{path.name}: its entry '{name}' cannot be read ({_first_line(error)})") from None
+    if len(content) > most:
+        raise FmuError(f"{path.name}: its entry '{name}' has more than {most >> 20} MB")
+    return content
+
+
+def _checked(path: Path, archive: zipfile.ZipFile) -> dict[PurePosixPath, zipfile.ZipInfo]:
+    """The files of the archive by their path. Raises FmuError for entries that no FMU has."""
+    entries = archive.infolist()
+    if len(entries) > FMU_ENTRIES.value:
+        raise FmuError(f"{path.name}: refused, for it has {len(entries)} entries, more than {FMU_ENTRIES}")
+    files: dict[PurePosixPath, zipfile.ZipInfo] = {}
+    taken = set()
+    for entry in entries:
+        place = PurePosixPath(entry.filename.replace("\\", "/"))
+        if place.is_absolute() or ".." in place.parts or ":" in entry.filename[:2]:
+            raise FmuError(
+                f"{path.name}: refused, for the entry '{entry.filename}' would be written outside its folder"
+            )
+        if stat.S_IFMT(entry.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
+            raise FmuError(f"{path.name}: refused, for the entry '{entry.filename}' is a link or a device, not a file")
+        if entry.flag_bits & _ENCRYPTED:
+            raise FmuError(f"{path.name}: it is encrypted, which FMUs are not; write it without a password")
+        if entry.is_dir() or not place.parts:
+            continue
+        if str(place).casefold() in taken:
+            raise FmuError(f"{path.name}: refused, for it has the entry '{entry.filename}' twice")
+        taken.add(str(place).casefold())
+        files[place] = entry
+    if PurePosixPath(DESCRIPTION) not in files:
+        raise FmuError(f"{path.name}: not an FMU, for it holds no {DESCRIPTION}")
+    _check_budget(path, sum(entry.file_size for entry in files.values()), FMU_UNPACKED, "it unpacks")
+    size = files[PurePosixPath(DESCRIPTION)].file_size
+    _check_budget(path, size, FMU_DESCRIPTION, f"its {DESCRIPTION} unpacks")
+    return files
+
+
+def _check_budget(path: Path, size: int, limit: Limit, what: str) -> None:
+    if size > limit.value * _MB:
+        raise FmuError(f"{path.name}: refused, for {what} to {size / _MB:.0f} MB, more than {limit}")
+
+
+def _extract(
+    path: Path, archive: zipfile.ZipFile, files: Mapping[PurePosixPath, zipfile.ZipInfo], folder: Path
+) -> None:
+    """Write the files, and count what really comes out: the directory of a zip file may say anything."""
+    left = {DESCRIPTION: FMU_DESCRIPTION.value * _MB}
+    total = FMU_UNPACKED.value * _MB
+    for place, entry in files.items():
+        target = folder.joinpath(*place.parts)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        room = left.get(str(place), total)
+        with archive.open(entry) as source, target.open("xb") as file:
+            while block := source.read(1 << 20):
+                room, total = room - len(block), total - len(block)
+                if min(room, total) < 0:
+                    raise FmuError(f"{path.name}: refused, for the entry '{entry.filename}' unpacks without an end")
+                file.write(block)
+
+
+def _description(path: Path, text: bytes) -> Any:
     from io import BytesIO
 
     from fmpy import read_model_description
 
-    text = archive.read("modelDescription.xml")
-    try:
-        version = ElementTree.fromstring(text).get("fmiVersion") or "none"
-    except ElementTree.ParseError as error:
-        raise FmuError(f"{path.name}: modelDescription.xml is not well-formed: {error}") from None
+    version = _version(path, text)
     if version != "2.0" and not version.startswith("3."):
         raise FmuError(f"{path.name}: FMI version {version} is not supported; 2.0 and 3.0 are")
+    return read_model_description(BytesIO(_only_description(text)), validate=False)
+
+
+def _version(path: Path, text: bytes) -> str:
+    """FMI version of a description. Raises FmuError where it is no plain XML.
+
+    A document type can define entities, which can stand for gigabytes or for files of this machine. FMI knows none.
+    """
+
+    def refuse(*_: object) -> None:
+        raise FmuError(f"{path.name}: refused, for its {DESCRIPTION} declares a document type, which FMI does not know")
+
+    def start(_: str, attributes: Mapping[str, str]) -> None:
+        found.append(attributes.get("fmiVersion", "none"))
+        parser.StartElementHandler = None
+
+    found: list[str] = []
     try:
-        return read_model_description(BytesIO(_only_description(text)), validate=False)
-    except Exception as error:  # FMPy raises bare exceptions
-        raise FmuError(f"{path.name}: modelDescription.xml cannot be read: {_first_line(error)}") from None
+        parser = expat.ParserCreate()
+        parser.StartDoctypeDeclHandler, parser.StartElementHandler = refuse, start
+        parser.Parse(text, True)
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        raise FmuError(f"{path.name}: {DESCRIPTION} is not well-formed: {error}") from None
+    return found[0]
 
 
 def _only_description(text: bytes) -> bytes:
@@ -114,8 +233,18 @@ def _only_description(text: bytes) -> bytes:
 
     buffer = BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
-        archive.writestr("modelDescription.xml", text)
+        archive.writestr(DESCRIPTION, text)
     return buffer.getvalue()
+
+
+def _check_sizes(path: Path, model: ModelCode, signals: Mapping[str, Signal]) -> None:
+    """What is set aside for values is decided by the description alone."""
+    size = sum(signal.size for signal in signals.values()) + model.n_indicators
+    if size > FMU_ELEMENTS.value or model.n_indicators < 0:
+        raise FmuError(f"{path.name}: refused, for it describes {size} numbers, more than {FMU_ELEMENTS}")
+    for signal in signals.values():
+        if not 0 <= signal.reference < 1 << 32:
+            raise FmuError(f"{path.name}: variable '{signal.name}' has the value reference {signal.reference}")
 
 
 def _first_line(error: Exception) -> str:
@@ -131,6 +260,11 @@ def _kinds(path: Path, folder: Path, description: Any, version: int) -> dict[str
     kinds = {}
     for name, interface in declared.items():
         if interface is not None:
+            if not _IDENTIFIER.fullmatch(interface.modelIdentifier or ""):
+                raise FmuError(
+                    f"{path.name}: refused, for its modelIdentifier '{interface.modelIdentifier}' is no C identifier; "
+                    "it names the library inside the FMU"
+                )
             library = directory / f"{interface.modelIdentifier}{platform.suffix}"
             if library.is_file():
                 kinds[name] = Kind(interface.modelIdentifier, library)
@@ -174,7 +308,7 @@ def _number(source: Any, name: str, default: float) -> float:
 
 def _variable(v: Any) -> Variable | None:
     if v.type not in _TYPES or getattr(v, "dimensions", None):
-        return None  # strings, binaries, clocks and arrays: nothing that we set or read
+        return None  # texts, binary data, clocks and arrays
     number = {"true": 1.0, "false": 0.0}.get(str(v.start).lower())
     try:
         start = number if number is not None else float(v.start) if v.start is not None else None
@@ -188,6 +322,8 @@ def _variable(v: Any) -> Variable | None:
         type=_TYPES[v.type],
         initial=v.initial,
         start=start,
+        min=_optional(v.min),
+        max=_optional(v.max),
         nominal=_optional(v.nominal),
         unit=v.unit or "",
         description=v.description or "",

@@ -1,0 +1,49 @@
+"""``build``: a Modelica model or an ONNX network becomes an FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from hystid.errors import UsageError
+from hystid.fmu import BuildResult, build_model, build_network
+
+
+def build(
+    model: str | Path,
+    out: str | Path,
+    *,
+    fmi: Literal[2, 3] = 2,
+    parameters: Mapping[str, float] | None = None,
+    platforms: str | Iterable[str] = "host",
+    libraries: Sequence[str | Path] = (),
+) -> BuildResult:
+    """Compile a Modelica model, or an ONNX network, to an FMU for Model Exchange and Co-Simulation.
+
+    model: a class of the library ("HystId.Oscillators.Jenkins"), a class of a file ("rig.mo:Rig"), or "net.onnx".
+    out: the FMU to write; it replaces an older one only when it is complete. fmi: 2 or 3. parameters: name -> start
+    value in SI units, for Modelica models. platforms: "host", "all", or names such as "aarch64-linux". libraries:
+    further .mo files, package folders, or folders that hold packages, as those that MODELICAPATH names.
+    The FMU carries its C sources and the result of its default experiment, which ``regress`` replays.
+    Raises UsageError, ModelicaError, NetworkError, ToolchainError; then nothing is written.
+
+    >>> import hystid
+    >>> made = hystid.build("HystId.Oscillators.Jenkins", "jenkins.fmu", parameters={"Ks": 5e4, "fc": 40.0})
+    >>> made.path.name, made.fmi
+    ('jenkins.fmu', 2)
+    """
+    if str(model).lower().endswith(".onnx"):
+        if parameters:
+            raise UsageError(f"{model}: a network has no parameters to set; leave them out")
+        if libraries:
+            raise UsageError(f"{model}: a network uses no Modelica packages; name no libraries")
+        return build_network(Path(model), Path(out), fmi=fmi, platforms=platforms)
+    return build_model(
+        str(model),
+        Path(out),
+        fmi=fmi,
+        parameters=parameters,
+        platforms=platforms,
+        libraries=[Path(library) for library in libraries],
+    )

@@ -1,0 +1,420 @@
+"""Work in a process of its own, for code that may crash, hang, leak memory, print, or end the process it runs in.
+
+``Child.ask`` calls a function there by name. Requests and answers are JSON with arrays beside it, so that whatever
+happened over there, nothing but numbers and texts comes back. A child that dies or stays silent for too long is one
+``ChildError`` with the reason; the next request starts another.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import logging
+import math
+import os
+import queue
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+import weakref
+from collections import deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from hystid import errors
+from hystid.limits import CHILD_MEMORY, CHILD_SECONDS
+
+_log = logging.getLogger("hystid")
+_HEADER = struct.Struct("<QQ")  # bytes of JSON, bytes of arrays
+_START = """import json, sys
+sys.path[:] = json.loads(sys.argv[1])
+from hystid.child import serve
+serve(int(sys.argv[2]))"""
+_BEAT = 1.0  # s between two signs of life
+_GRACE = 0.25  # s between looks at whether it still runs
+_KEPT = 4096  # bytes of what a child printed
+_ATTEMPTS = 200  # to see it end, 10 ms apart
+_JSON = 64 << 20  # bytes of JSON in an answer
+_FATES = {"SIGSEGV": "crashed (segmentation fault)", "SIGBUS": "crashed (bus error)", "SIGABRT": "aborted",
+          "SIGFPE": "crashed (arithmetic error)", "SIGILL": "crashed (illegal instruction)",
+          "SIGSYS": "crashed (bad system call)"}  # fmt: skip
+
+
+class ChildError(Exception):
+    """Why there is no answer, as what follows a subject: "crashed (segmentation fault)"."""
+
+
+class _Ended(ChildError):
+    """The process is over."""
+
+
+class Child:
+    """A process that is started with the first request, and ends with this object.
+
+    folder: where it works; files that the code over there leaves lie there.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._folder = folder
+        self._running: _Process | None = None
+        self._lock = threading.Lock()
+
+    def ask(self, function: str, /, patience: float = 1.0, **arguments: Any) -> Any:
+        """Call "module:function" over there; arguments and result are numbers, texts, arrays, lists and mappings.
+
+        patience: factor on the time that may pass without a sign of life (``beat``). Raises ChildError, and the errors
+        of hystid that the function raises.
+        """
+        request = {"call": function, "arguments": arguments}
+        with self._lock:
+            used = self._running is not None
+            try:
+                return self._asked(request, patience * CHILD_SECONDS.value)
+            except _Ended:
+                if not used:
+                    raise
+                # an earlier request may have left it damaged: only what ends a new one is to blame
+                return self._asked(request, patience * CHILD_SECONDS.value)
+
+    def _asked(self, request: Mapping[str, Any], seconds: float) -> Any:
+        if self._running is None:
+            self._running = _Process(self._folder)
+            weakref.finalize(self, self._running.end)
+        try:
+            return self._running.ask(request, seconds)
+        except ChildError as fate:
+            if isinstance(fate, _Ended) or not self._running.lives():
+                self._running = None
+            raise
+        except errors.HystidError:
+            raise
+        except BaseException:  # Ctrl-C
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the process."""
+        if self._running is not None:
+            self._running.end()
+            self._running = None
+
+
+class _Process:
+    def __init__(self, folder: Path | None) -> None:
+        self._memory = _memory()
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        places = json.dumps([str(Path(place).resolve()) for place in sys.path])
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", "-c", _START, places, str(self._memory)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder, bufsize=0,
+            env={**os.environ, **threads}, start_new_session=True,
+        )  # fmt: skip
+        assert self._process.stdin and self._process.stdout and self._process.stderr
+        self._questions, self._answers, self._printed = (
+            self._process.stdin, self._process.stdout, self._process.stderr
+        )  # fmt: skip
+        self._told: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._last_words: deque[bytes] = deque(maxlen=4)
+        self._peak = 0
+        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._drain, self._listen)]
+        for thread in self._threads:
+            thread.start()
+
+    def lives(self) -> bool:
+        """Whether it still runs."""
+        return not self._over()
+
+    def ask(self, request: Mapping[str, Any], seconds: float) -> Any:
+        """One request and its answer."""
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+            _send(self._questions, request)
+        while True:
+            told = self._next(seconds)
+            if told is None:
+                raise _Ended(self._fate())
+            if "log" in told:
+                _log.log(told["log"], "%s", errors.printable(str(told["text"])))
+            elif "error" in told:
+                raise self._error(str(told["error"]), str(told["text"]))
+            elif "answer" in told:
+                return told["answer"]
+
+    def _next(self, seconds: float) -> Any:
+        """What it tells next, None where its process is over."""
+        begin = time.monotonic() - self._waited()
+        while True:
+            over = self._over()
+            with contextlib.suppress(queue.Empty):
+                return self._told.get(timeout=_GRACE if over else min(_GRACE, seconds))
+            if over:  # what it has started keeps its pipes open
+                return None
+            if time.monotonic() - begin > seconds + self._waited():
+                break
+        self.end()
+        raise ChildError(f"gave no answer within {seconds:g} s and was stopped ({CHILD_SECONDS.name} raises this)")
+
+    def _waited(self) -> float:
+        """Seconds that it has waited for a processor: on a machine that is busy nothing hangs, it takes longer."""
+        try:
+            return float(Path(f"/proc/{self._process.pid}/schedstat").read_text().split()[1]) * 1e-9
+        except (OSError, ValueError, IndexError):
+            return 0.0
+
+    def _over(self) -> bool:
+        """Whether the process has ended; its exit code stays to be read."""
+        if self._process.returncode is not None:
+            return True
+        if not hasattr(os, "waitid"):
+            return self._process.poll() is not None
+        try:
+            return os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
+        except ChildProcessError:
+            return True
+
+    def _error(self, kind: str, text: str) -> Exception:
+        found = getattr(errors, kind, None)
+        if isinstance(found, type) and issubclass(found, errors.HystidError):
+            return found(text)
+        if kind == "MemoryError":
+            return ChildError(self._too_large())
+        return ChildError(f"failed ({kind}: {text})" if text else f"failed ({kind})")
+
+    def end(self) -> None:
+        """Kill it, and what it has started."""
+        self._kill()
+        self._reap()
+        self._close()
+
+    def _close(self) -> None:
+        for thread in self._threads:
+            thread.join(_BEAT)
+        if not any(thread.is_alive() for thread in self._threads):
+            for file in (self._questions, self._answers, self._printed):
+                file.close()
+
+    def _kill(self) -> None:
+        with contextlib.suppress(OSError):
+            if hasattr(os, "killpg"):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            else:
+                self._process.kill()
+
+    def _reap(self) -> int:
+        """Exit code of the process, which is over or about to be; it keeps how much memory was used."""
+        if not hasattr(os, "wait4"):
+            return self._process.wait()
+        for attempt in range(_ATTEMPTS):
+            if self._process.returncode is not None:
+                break
+            with contextlib.suppress(ChildProcessError):
+                found, status, usage = os.wait4(self._process.pid, os.WNOHANG)
+                if found:
+                    self._process.returncode = os.waitstatus_to_exitcode(status)
+                    self._peak = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+                    break
+            if attempt == _ATTEMPTS // 2:
+                self._kill()  # it has closed its pipes and goes on
+            time.sleep(0.01)
+        return self._process.wait()
+
+    def _fate(self) -> str:
+        code = self._reap()
+        self._kill()  # what it has started
+        self._close()
+        printed = b"".join(self._last_words)[-_KEPT:].decode(errors="replace")
+        if self._peak > self._memory / 2 or "bad_alloc" in printed or "MemoryError" in printed:
+            return self._too_large()
+        if code >= 0:
+            fate = f"ended the process with exit code {code} instead of answering"
+        else:
+            name = signal.Signals(-code).name if -code in {item.value for item in signal.Signals} else f"signal {-code}"
+            fate = _FATES.get(name, f"was ended by {name}")
+        last = next((line for line in reversed(printed.splitlines()) if line.strip()), "")
+        return f"{fate}; the last that it printed was '{errors.printable(last, 200)}'" if last else fate
+
+    def _too_large(self) -> str:
+        return (
+            f"needs more than {self._memory >> 20} MB of memory ({CHILD_MEMORY.name} raises this where there is more)"
+        )
+
+    def _listen(self) -> None:
+        try:
+            while True:
+                self._told.put(_receive(self._answers, _JSON, self._memory))
+        except (OSError, ValueError, EOFError, KeyError, TypeError, IndexError, MemoryError, RecursionError):
+            # where it did not end, it wrote nonsense between the answers; Popen.kill would reap it unseen
+            self._kill()
+            self._told.put(None)
+
+    def _drain(self) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            while block := self._printed.read(_KEPT):
+                self._last_words.append(block)
+
+
+def _memory() -> int:
+    """Bytes that a child may have: never the last quarter of the machine's memory."""
+    wanted = int(CHILD_MEMORY.value * (1 << 20))
+    if not hasattr(os, "sysconf"):
+        return wanted
+    return min(wanted, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") * 3 // 4)
+
+
+# ---- over there ----
+
+_answers: IO[bytes] | None = None
+_last_beat = 0.0
+
+
+def is_child() -> bool:
+    """Whether this process was started by ``Child``."""
+    return _answers is not None
+
+
+def beat() -> None:
+    """A sign of life from work that takes long; nothing where this process is no child."""
+    global _last_beat
+    if _answers is not None and time.monotonic() - _last_beat > _BEAT:
+        _last_beat = time.monotonic()
+        _send(_answers, {"alive": True})
+
+
+class _Told(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        assert _answers is not None
+        _send(_answers, {"log": record.levelno, "text": record.getMessage()})
+
+
+def serve(memory: int) -> None:
+    """Answer requests until there are no more. Standard output belongs to the code that is called from here on."""
+    global _answers
+    questions = os.fdopen(os.dup(0), "rb", buffering=0)
+    _answers = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    _limit(memory)
+    threading.Thread(target=_leave_with, args=(os.getppid(),), daemon=True).start()
+    _log.addHandler(_Told())
+    _log.propagate = False
+    while True:
+        try:
+            request = _receive(questions, 1 << 40, 1 << 40)
+        except (EOFError, OSError):
+            os._exit(0)
+        _send(_answers, _answered(request))
+
+
+def _answered(request: Mapping[str, Any]) -> dict[str, Any]:
+    try:
+        module, _, name = request["call"].partition(":")
+        return {"answer": getattr(importlib.import_module(module), name)(**request["arguments"])}
+    except Exception as error:  # whatever it is, it is told over there
+        text = str(error).strip()
+        known = isinstance(error, errors.HystidError)
+        return {"error": type(error).__name__, "text": text if known else " ".join(text.split())[:500]}
+
+
+def _limit(memory: int) -> None:
+    try:
+        import resource
+    except ImportError:
+        return
+    try:  # what Python and its libraries have set aside by now does not count
+        taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    except (OSError, ValueError):
+        taken = 0
+    for kind, size in ((resource.RLIMIT_AS, memory + taken), (resource.RLIMIT_CORE, 0)):
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(kind, (size, size))
+
+
+def _leave_with(parent: int) -> None:
+    """End where the process that asks has been killed, whatever is being computed."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(0)
+
+
+# ---- between the two ----
+
+
+def _send(file: IO[bytes], value: Mapping[str, Any]) -> None:
+    arrays = _Arrays()
+    text = json.dumps(_packed(dict(value), arrays)).encode()
+    data = b"".join([_HEADER.pack(len(text), arrays.size), text])
+    for block in (memoryview(data), *(memoryview(array).cast("B") for array in arrays if array.nbytes)):
+        rest = block
+        while rest:
+            rest = rest[file.write(rest) :]
+
+
+def _receive(file: IO[bytes], most_text: int, most_data: int) -> Any:
+    n_text, n_data = _HEADER.unpack(_exactly(file, _HEADER.size))
+    if n_text > most_text or n_data > most_data:
+        raise ValueError("an answer that is too long")
+    text = json.loads(bytes(_exactly(file, n_text)))
+    data = _exactly(file, n_data)
+    return _unpacked(text, memoryview(data))
+
+
+def _exactly(file: IO[bytes], n: int) -> bytearray:
+    data = bytearray(n)
+    view = memoryview(data)
+    while view:
+        count = file.readinto(view)  # type: ignore[attr-defined]
+        if not count:
+            raise EOFError
+        view = view[count:]
+    return data
+
+
+class _Arrays(list[Any]):
+    """Arrays that follow one another, and their size in bytes."""
+
+    size = 0
+
+    def add(self, array: Any) -> int:
+        begin = self.size
+        self.append(array)
+        self.size += array.nbytes
+        return begin
+
+
+def _packed(value: Any, arrays: _Arrays) -> Any:
+    """Scalars as they are, everything else as [kind, ...]; arrays of numbers are put aside."""
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind in "fiub":
+            return ["array", arrays.add(np.ascontiguousarray(value)), value.dtype.str, list(value.shape)]
+        return ["texts", [str(item) for item in value.ravel()], list(value.shape)]
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Mapping):
+        return ["map", [[str(key), _packed(item, arrays)] for key, item in value.items()]]
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        return ["list", [_packed(item, arrays) for item in value]]
+    return str(value) if isinstance(value, Path) else value
+
+
+def _unpacked(value: Any, data: memoryview) -> Any:
+    if not isinstance(value, list):
+        return value
+    if value[0] == "map":
+        return {str(key): _unpacked(item, data) for key, item in value[1]}
+    if value[0] == "list":
+        return [_unpacked(item, data) for item in value[1]]
+    if value[0] == "texts":
+        texts = np.empty(len(value[1]), object)
+        texts[:] = value[1]
+        return texts.reshape(value[2])
+    _, begin, name, shape = value
+    dtype = np.dtype(name)
+    if dtype.kind not in "fiub" or begin < 0 or any(n < 0 for n in shape):
+        raise ValueError("an array of a type that is never sent")
+    return np.frombuffer(data, dtype, math.prod(shape), begin).reshape(shape).copy()

@@ -1,0 +1,104 @@
+"""Where a command writes: places checked before the work, and result folders replaced whole or kept as they were."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from hystid.errors import UsageError
+
+_MANIFEST = ".hystid"  # names, one a line, of the files that belong to the result in a folder
+
+
+@contextmanager
+def replaced(folder: Path) -> Iterator[Path]:
+    """Yield an empty folder; its files replace the earlier result in ``folder`` when the block ends without an error.
+
+    Files of an earlier result (listed in ``.hystid``) go, whatever their names; files that are no result stay. After
+    an error or Ctrl-C everything is as it was. Raises UsageError, before the block, where nothing can be written.
+    """
+    folder = Path(folder)
+    check_folder(folder)
+    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    try:  # what permissions do not show, such as a name that is too long for this disk, shows here
+        folder.mkdir(parents=True, exist_ok=True)
+        new = Path(tempfile.mkdtemp(dir=folder, prefix=".new-"))
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+    try:
+        yield new
+        _exchange(new, folder)
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+        for parent in made:  # a failed run leaves no empty folder behind
+            with suppress(OSError):
+                parent.rmdir()
+
+
+def _exchange(new: Path, folder: Path) -> None:
+    """Old files aside, new files in; back again if anything fails on the way."""
+    names = sorted(path.relative_to(new) for path in new.rglob("*") if path.is_file())
+    (new / _MANIFEST).write_text("".join(f"{name.as_posix()}\n" for name in names), encoding="utf-8")
+    names.append(Path(_MANIFEST))
+    aside = Path(tempfile.mkdtemp(dir=folder, prefix=".old-"))
+    leaving = [name for name in dict.fromkeys((*_listed(folder), *names)) if (folder / name).is_file()]
+    steps = [(folder / name, aside / name) for name in leaving] + [(new / name, folder / name) for name in names]
+    done: list[tuple[Path, Path]] = []
+    try:
+        for source, target in steps:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            source.replace(target)
+            done.append((source, target))
+    except BaseException:
+        for source, target in reversed(done):
+            target.replace(source)
+        raise
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+    for emptied in {(folder / name).parent for name in leaving} - {folder}:
+        with suppress(OSError):  # not empty: it holds new files, or files of the user
+            emptied.rmdir()
+
+
+def _listed(folder: Path) -> list[Path]:
+    """Files of the earlier result; nothing outside of the folder, whatever the list says."""
+    try:
+        lines = (folder / _MANIFEST).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return []
+    names = [Path(line) for line in lines if line]
+    return [name for name in names if not name.is_absolute() and ".." not in name.parts]
+
+
+def check_folder(folder: Path) -> None:
+    """Raise UsageError where ``folder`` is a file, or cannot be made or written."""
+    _check_writable(folder, folder)
+
+
+def check_file(path: Path, suffix: str) -> None:
+    """Raise UsageError where ``path`` has another suffix, is a folder, or lies where nothing can be written."""
+    if path.suffix.lower() != suffix:
+        raise UsageError(f"-o {path}: the name must end in {suffix}")
+    _check_writable(path, path.parent)
+    if path.is_dir():
+        raise UsageError(f"-o {path}: this is a folder; name a file in it")
+
+
+def _check_writable(asked: Path, folder: Path) -> None:
+    try:
+        there = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    except OSError as error:  # such as a name that is too long
+        raise _unwritable(asked, error) from None
+    if not there.is_dir():
+        what = "this is a file; name a folder" if there == asked else f"{there} is a file and can hold no folder"
+        raise UsageError(f"-o {asked}: {what}")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise UsageError(f"-o {asked}: {there} may not be written to; choose another folder")
+
+
+def _unwritable(folder: Path, error: OSError) -> UsageError:
+    return UsageError(f"-o {folder}: nothing can be written there ({(error.strerror or str(error)).lower()})")

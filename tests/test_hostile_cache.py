@@ -1,0 +1,202 @@
+"""The cache: nothing in it is run that the user did not make, and damage is noticed before use."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hystid import cache
+from hystid.cli.run import run
+from hystid.compiled import CompiledModel
+from hystid.diagnosis.model import library
+from hystid.errors import ToolchainError
+from hystid.fmu import Driver, build_model
+from hystid.modelica import compile_model
+from hystid.toolchain import shared_library
+
+_ONE = {"one.c": '__attribute__((visibility("default"))) int one(void) { return 1; }\n'}
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("HYSTID_CACHE", str(tmp_path / "cache"))
+    library._effect.cache_clear()
+    cache._private.cache_clear()
+    yield tmp_path / "cache"
+    library._effect.cache_clear()
+    cache._private.cache_clear()
+
+
+def _one() -> int:
+    return ctypes.CDLL(str(shared_library(_ONE, main=["one.c"]))).one()
+
+
+def _damages(content: bytes) -> list[bytes]:
+    """A full disk's, a broken disk's and a foreign file's content in place of the right one."""
+    flipped = bytearray(content)
+    flipped[len(content) // 2] ^= 0xFF
+    return [b"", content[: len(content) // 2], content[:-1], bytes(len(content)), bytes(flipped), b"junk" * 100]
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Another file in its place: one that this process has mapped must not change below it."""
+    path.unlink()
+    path.write_bytes(content)
+
+
+def test_the_folder_belongs_to_the_user_alone(place: Path) -> None:
+    assert _one() == 1
+    assert stat.S_IMODE(place.stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize("kind", range(6))
+def test_damaged_libraries_are_made_anew(place: Path, kind: int) -> None:
+    made = shared_library(_ONE, main=["one.c"])
+    whole = made.read_bytes()
+    for path in (made, *place.glob("*.key")):
+        _replace(path, _damages(path.read_bytes())[kind])
+    again = shared_library(_ONE, main=["one.c"])
+    assert again.read_bytes() == whole
+    assert ctypes.CDLL(str(again)).one() == 1
+
+
+@pytest.mark.parametrize("kind", range(6))
+def test_no_broken_fmu_is_shipped(place: Path, tmp_path: Path, kind: int) -> None:
+    """Every entry is damaged: the FMU, its note, the libraries and the object files of the shell."""
+    first = build_model("HystId.Oscillators.Linear", tmp_path / "one.fmu")
+    for path in place.iterdir():
+        _replace(path, _damages(path.read_bytes())[kind])
+    second = build_model("HystId.Oscillators.Linear", tmp_path / "two.fmu")
+    assert first.identifier == second.identifier
+    t = np.linspace(0.0, 0.1, 50)
+    answers = [Driver(made.path).simulate(t, {"F": np.sin(t)})["x"] for made in (first, second)]
+    np.testing.assert_array_equal(*answers)
+
+
+@pytest.mark.parametrize("kind", range(6))
+def test_damaged_effects_are_compiled_anew(place: Path, kind: int) -> None:
+    name = "HystId.Effects.CoulombFriction"
+    first = library._effect(name)
+    library._effect.cache_clear()
+    for path in place.iterdir():
+        _replace(path, _damages(path.read_bytes())[kind])
+    assert library._effect(name).model.code == first.model.code
+
+
+def test_effects_from_the_cache_equal_those_just_compiled() -> None:
+    for name in ("CoulombFriction", "HystereticFriction", "ContactLoss__Hertz", "HiddenMode"):
+        made = library._effect(f"HystId.Effects.{name}")
+        library._effect.cache_clear()
+        again = library._effect(f"HystId.Effects.{name}")
+        assert again is not made and again.model.code == made.model.code
+        assert {**vars(again), "model": None} == {**vars(made), "model": None}
+
+
+def test_no_entry_is_a_pickle(place: Path) -> None:
+    """A pickle runs code when it is read. No module of hystid reads one."""
+    package = Path(cache.__file__).parent
+    readers = ("pickle", "marshal", "shelve", "dill", "joblib")
+    for path in package.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        assert not any(f"import {name}" in text for name in readers), path
+        assert "allow_pickle=True" not in text, path
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="folders of other users are told by POSIX owners")
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o1777, 0o722])
+def test_a_folder_that_others_can_write_is_not_used(place: Path, mode: int, caplog: pytest.LogCaptureFixture) -> None:
+    made = shared_library(_ONE, main=["one.c"])
+    made.chmod(0o755)
+    place.chmod(mode)
+    assert shared_library(_ONE, main=["one.c"]).parent != place
+    assert str(place) in caplog.text and "other users can write into it" in caplog.text
+    assert stat.S_IMODE(cache.folder().stat().st_mode) == 0o700
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="only root can give a folder away")
+def test_a_folder_of_another_user_is_not_used(place: Path, caplog: pytest.LogCaptureFixture) -> None:
+    shared_library(_ONE, main=["one.c"])
+    os.chown(place, 12345, 12345)
+    assert shared_library(_ONE, main=["one.c"]).parent != place
+    assert "it belongs to another user" in caplog.text
+
+
+@pytest.mark.parametrize("kind", ["a file", "below a file", "a broken link"])
+def test_a_place_that_is_no_folder_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    place = tmp_path / "taken"
+    if kind == "a broken link":
+        place.symlink_to(tmp_path / "nowhere" / "at all")
+    else:
+        place.write_text("mine")
+    monkeypatch.setenv("HYSTID_CACHE", str(place / "deeper" if kind == "below a file" else place))
+    assert _one() == 1
+    assert kind == "a broken link" or place.read_text() == "mine"
+
+
+def test_without_any_place_there_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("HYSTID_CACHE", str(tmp_path / "file"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "nowhere"))
+    with pytest.raises(ToolchainError, match="set HYSTID_CACHE to a folder of your own"):
+        cache.folder()
+
+
+def test_private_folders_go_with_the_process(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    work = tmp_path / "work"
+    work.mkdir()
+    environment = {**os.environ, "HYSTID_CACHE": str(tmp_path / "file"), "TMPDIR": str(work)}
+    command = [sys.executable, "-m", "hystid", "build", "HystId.Oscillators.Linear", "-o", str(tmp_path / "a.fmu")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "not used" in done.stderr, done.stderr
+    assert list(work.iterdir()) == []
+
+
+def test_a_failed_entry_leaves_nothing(place: Path) -> None:
+    with pytest.raises(ToolchainError, match=r"failed on generated code .*cache"):
+        shared_library({"bad.c": "int one(void) { return x; }\n"}, main=["bad.c"])
+    assert list(place.iterdir()) == []
+
+
+def test_a_compiler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ToolchainError, match=r"no-such-compiler.*set CC"):
+        shared_library(_ONE, main=["one.c"], command=["no-such-compiler"])
+
+
+def test_the_command_shows_verifies_and_clears(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = shared_library(_ONE, main=["one.c"])
+    (place / "notes of mine.txt").write_text("stay")
+    assert run(["cache"]) == 0 and "1 entries" in capsys.readouterr().out
+    assert run(["cache", "verify"]) == 0 and "every entry is whole" in capsys.readouterr().out
+    _replace(made, b"half")
+    assert run(["cache", "verify"]) == 1 and "damaged" in capsys.readouterr().out
+    assert run(["cache", "clear"]) == 0
+    assert [path.name for path in place.iterdir()] == ["notes of mine.txt"]
+    assert run(["cache", "empty"]) == 2
+
+
+def test_an_early_end_of_a_file_is_no_interruption(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken() -> None:
+        raise EOFError("Ran out of input")
+
+    monkeypatch.setattr(cache, "contents", broken)
+    assert run(["cache"]) == 1
+    said = capsys.readouterr().err
+    assert "EOFError" in said and "interrupted" not in said
+
+
+def test_models_run_from_a_rebuilt_cache(place: Path) -> None:
+    code = compile_model("HystId.Oscillators.Linear")
+    first = CompiledModel(code).simulate({"F": np.ones(20)}, 1e-3, outputs=["x"])["x"]
+    for path in place.iterdir():
+        _replace(path, b"")
+    np.testing.assert_array_equal(CompiledModel(code).simulate({"F": np.ones(20)}, 1e-3, outputs=["x"])["x"], first)
