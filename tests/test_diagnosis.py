@@ -13,8 +13,8 @@ from benchmarks.concealed.deck import CaseSpec
 from benchmarks.concealed.generate import write_case
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import TOLERATED, Diagnosis, diagnose
-from hystid.diagnosis.blocks import Scales
-from hystid.diagnosis.library import load_effects
+from hystid.diagnosis.model.effects import Scales
+from hystid.diagnosis.model.library import load_effects
 from hystid.errors import UsageError
 from hystid.modelica import compile_model
 from hystid.recording import Recording, read_all
@@ -162,7 +162,7 @@ def test_a_users_own_block_is_a_candidate(tmp_path: Path) -> None:
 
 def test_what_cannot_be_diagnosed_is_a_verdict() -> None:
     t = np.arange(1000) * 1e-3
-    without_force = Recording("quiet", t, x=np.sin(t))
+    without_force = Recording("quiet", t, x=np.sin(90 * t))
     told = diagnose([without_force], model="HystId.Oscillators.Linear")
     assert told.verdict == "not_applicable" and "force" in told.headline
     short = Recording("short", t[:50], x=np.sin(t[:50]), F=np.cos(t[:50]))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from hystid.compiled import CompiledModel
-from hystid.diagnosis.baseline import Baseline, baseline_of
-from hystid.diagnosis.blocks import Effect, Scales, Signals
-from hystid.diagnosis.descent import fit
-from hystid.diagnosis.fitting import Hypothesis, Problem, Term
-from hystid.diagnosis.library import load_effects
-from hystid.diagnosis.memory import Memory
-from hystid.diagnosis.parts import Advanced, Part, Reduction, prepare_part
+from hystid.diagnosis.fit.descent import fit
+from hystid.diagnosis.fit.problem import Hypothesis, Problem, Term
+from hystid.diagnosis.model.baseline import Baseline, baseline_of
+from hystid.diagnosis.model.cache import Memory
+from hystid.diagnosis.model.effects import Effect, Scales, Signals
+from hystid.diagnosis.model.library import load_effects
+from hystid.diagnosis.prepare.segments import Advanced, Part, Reduction, prepare_part
 from hystid.modelica import compile_model
 from hystid.recording import Recording
 
@@ -34,7 +34,8 @@ def measured(amplitude: float, seed: int, n: int = 1500, dt: float = 1e-3) -> Re
 
 @pytest.fixture(scope="module")
 def parts() -> list[Part]:
-    return [prepare_part(measured(40.0, 1)), prepare_part(measured(90.0, 2, n=1100))]
+    tests = measured(40.0, 1), measured(90.0, 2, n=1100)
+    return [prepare_part(replace(test, v=None, a=None)) for test in tests]
 
 
 @pytest.fixture(scope="module")

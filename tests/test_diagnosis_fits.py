@@ -13,13 +13,11 @@ from benchmarks.concealed.cases import draw
 from benchmarks.concealed.deck import deck
 from benchmarks.concealed.generate import write_case
 from hystid.compiled import CompiledModel
-from hystid.diagnosis import diagnose
-from hystid.diagnosis.baseline import Baseline, baseline_of
-from hystid.diagnosis.descent import _Normal, fit
-from hystid.diagnosis.fitting import Hypothesis
-from hystid.diagnosis.parts import Part, prepare_part
-from hystid.diagnosis.redundancy import without_redundancy
-from hystid.errors import NumericalError
+from hystid.diagnosis.fit.descent import _Normal, fit
+from hystid.diagnosis.fit.problem import Hypothesis
+from hystid.diagnosis.model.baseline import Baseline, baseline_of
+from hystid.diagnosis.model.redundancy import without_redundancy
+from hystid.diagnosis.prepare.segments import Part, prepare_part
 from hystid.modelica import compile_model
 from hystid.recording import Recording
 from tests.test_diagnosis import run
@@ -46,7 +44,7 @@ def motion(values: Mapping[str, float], seed: int = 1) -> Part:
     model = CompiledModel(compile_model(BOUCWEN))
     found = model.simulate({"F": force}, dt, parameters=values, outputs=["x", "v", "a"], interpolation="cubic")
     noisy = {k: u + 1e-3 * np.std(u) * rng.standard_normal(len(t)) for k, u in {**found, "F": force}.items()}
-    return prepare_part(Recording(name="run", t=t, **noisy))
+    return prepare_part(Recording(name="run", t=t, F=noisy["F"], x=noisy["x"]))
 
 
 def boucwen(**changes: float) -> Baseline:
@@ -137,71 +135,3 @@ def test_a_preloaded_contact_is_no_quadratic_spring(tmp_path: Path) -> None:
 def test_a_refit_leaves_side_valleys(tmp_path: Path, seed: int, index: int, given: dict[str, float]) -> None:
     """Iwan laws with parameters off by a factor of three, and by 15 %: steps along slopes end in a side valley."""
     assert run(from_deck(tmp_path, seed, index, **given)).verdict == "recalibrated"
-
-
-def test_what_a_refit_took_for_its_own_is_sought_from_the_nominal_model(tmp_path: Path) -> None:
-    """Hysteretic friction beside a law of friction: 99 % of it is absorbed where the refit ends."""
-    found = run(from_deck(tmp_path, 483920, 137))
-    assert [finding.effect for finding in found.findings] == ["hysteretic_friction"]
-
-
-def test_look_alikes_are_compared_where_the_best_one_ends(tmp_path: Path) -> None:
-    """Two stops without loss: an impact whose damper is zero came to a better valley alone, and had won for that."""
-    found = run(from_deck(tmp_path, 483920, 3))
-    assert [finding.effect for finding in found.findings] == ["two_sided_stop"]
-
-
-@pytest.mark.parametrize(
-    ("seed", "index", "name"),
-    [(415926, 151, "stribeck_friction"), (415926, 16, "coulomb_friction"), (1795396585, 37, "two_sided_stop")],
-)
-def test_a_simpler_law_yields_to_one_that_is_told_from_it(tmp_path: Path, seed: int, index: int, name: str) -> None:
-    """The mean squares of the two laws differ by less than 0.01, which 16,000 rows see; where they differ by the form
-    of the turn alone, the simpler one stays. Free play is a stop less a linear spring."""
-    found = run(from_deck(tmp_path, seed, index)).findings
-    assert [finding.effect for finding in found] == [name]
-    assert {"stribeck_friction", "coulomb_friction"} <= set(found[0].alike) or "cubic_stiffness" in found[0].alike
-
-
-def test_a_force_that_unseen_recordings_contradict_is_not_named(tmp_path: Path) -> None:
-    """Stiffness that drifts with the time of a sweep, with that law taken out of the library, looks like a gain of the
-    force channel, in these sweeps alone."""
-    found = run(from_deck(tmp_path, 483920, 135), exclude=("stiffness_drift",))
-    assert found.verdict == "unknown_physics" and found.findings == ()
-    assert "force_gain" in found.refuted and "holdout, which was held out, is missed by" in found.refuted
-
-
-def test_another_of_the_class_stands_where_the_first_is_contradicted(tmp_path: Path) -> None:
-    """A contact that opens, with that law taken out of the library."""
-    found = run(from_deck(tmp_path, 20261122, 135), exclude=("contact_loss",))
-    (finding,) = found.findings
-    assert finding.effect == "bilinear_stiffness" and "quadratic_stiffness" in finding.alike
-    assert any(
-        "quadratic_stiffness would explain" in note and "bilinear_stiffness stands" in note for note in found.notes
-    )
-    assert found.refuted == ""
-
-
-def test_a_window_of_time_stands_where_a_law_without_one_is_contradicted(tmp_path: Path) -> None:
-    """Drag in a window in which all chirps are loudest: without the window it fits them as well, but not the held-out
-    recording. The window of the rig is 1.68 to 4.33 s, opened and closed over 0.24 s."""
-    found = run(from_deck(tmp_path, 20261122, 22))
-    (finding,) = found.findings
-    assert finding.effect == "quadratic_damping"
-    closes = [value.value for name, value in finding.parameters.items() if name.startswith("t_off")]
-    assert closes == pytest.approx([4.33] * len(closes), abs=0.1)
-    assert any("in a window of time stands" in note for note in found.notes)
-    before, after = found.holdout[0].free_run
-    assert before is not None and after is not None and after < 0.2 * before
-
-
-def test_parameters_without_a_force_are_no_start(tmp_path: Path) -> None:
-    place = from_deck(tmp_path, 20261122, 45)
-    known = json.loads((place / "parameters.json").read_text())
-    wild = known | {"beta": -500 * known["beta"]}  # the force grows with itself, beyond all numbers
-    tests = sorted(place.glob("rec_*.csv"))
-    found = diagnose(tests, model=BOUCWEN, parameters=wild)
-    assert found.verdict == "recalibrated"
-    assert any("are no start" in note for note in found.notes)
-    with pytest.raises(NumericalError, match=r"give parameters at which HystId\.Oscillators\.BoucWen has an answer"):
-        diagnose(tests, model=BOUCWEN, parameters=wild | {"beta": {"value": wild["beta"], "fixed": True}})

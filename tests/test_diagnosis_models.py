@@ -190,12 +190,12 @@ def test_names_nearly_right_and_held_out_twins_are_refused(hardening: Recording)
 
 
 @pytest.mark.parametrize(
-    ("columns", "rows", "word"), [(("x [m]",), 500, "channel F"), (("x [m]", "F [N]"), 3, "3 samples")]
+    ("columns", "rows", "word"), [(("x [m]",), 500, "record F"), (("x [m]", "F [N]"), 3, "3 samples")]
 )
 def test_missing_inputs_are_a_verdict_on_the_command_line(
     tmp_path: Path, columns: tuple[str, ...], rows: int, word: str
 ) -> None:
-    table = np.column_stack([T[:rows], *(np.sin(7 * T[:rows]) for _ in columns)])
+    table = np.column_stack([T[:rows], *(1e-3 * np.sin(700 * T[:rows]) for _ in columns)])
     np.savetxt(tmp_path / "rec.csv", table, delimiter=",", header=",".join(("t [s]", *columns)), comments="")
     out = tmp_path / "out"
     with pytest.raises(SystemExit) as stopped:

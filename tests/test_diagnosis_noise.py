@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
-from hystid.diagnosis.noise import noise_level
-from hystid.diagnosis.smoothing import smooth
 from hystid.recording import Recording, read_all
+from hystid.smoothing.noise import noise_level
+from hystid.smoothing.smoother import smooth
 from tests.test_diagnosis import JENKINS, LINEAR, case, run, spec
 
 

@@ -6,21 +6,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hystid.diagnosis.descent import fit
-from hystid.diagnosis.diagnose import _given, _load, _prepare
-from hystid.diagnosis.fitting import Fit, Problem, Term
-from hystid.diagnosis.library import load_effects
-from hystid.diagnosis.search import downhill
-from hystid.diagnosis.trials import are_reached
-from hystid.diagnosis.uncertainty import honest
+from hystid.diagnosis.decide.trials import are_reached
+from hystid.diagnosis.diagnose import _prepare
+from hystid.diagnosis.fit.descent import fit
+from hystid.diagnosis.fit.problem import Fit, Problem, Term
+from hystid.diagnosis.fit.search import downhill
+from hystid.diagnosis.fit.uncertainty import honest
+from hystid.diagnosis.model.library import load_effects
+from hystid.diagnosis.prepare.given import given_parameters
+from hystid.recording import loaded
 from tests.test_diagnosis import JENKINS, case, spec
 
 
 @pytest.fixture(scope="module")
 def healthy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Fit]:
     place, _ = case(tmp_path_factory.mktemp("healthy"), spec("null", (), JENKINS), 72)
-    tests = _load(sorted(place.glob("rec_*.csv")))
-    made = _prepare(tests, [], "HystId.Oscillators.Jenkins", _given(place / "parameters.json"))
+    tests = loaded(sorted(place.glob("rec_*.csv")))
+    made = _prepare(tests, [], "HystId.Oscillators.Jenkins", given_parameters(place / "parameters.json"))
     return made.problem, made.refit
 
 
@@ -72,8 +74,8 @@ def test_friction_that_never_slides_is_none(healthy: tuple[Problem, Fit]) -> Non
 def test_a_fit_in_a_side_valley_is_led_out(tmp_path: Path) -> None:
     """Few sliders make valleys along the stiffness and strength of a group; a simplex across them finds the deeper."""
     place, _ = case(tmp_path, spec("null", (), "iwan"), 87)
-    tests = _load(sorted(place.glob("rec_*.csv")))
-    made = _prepare(tests, [], "HystId.Oscillators.Iwan", _given(place / "parameters.json"))
+    tests = loaded(sorted(place.glob("rec_*.csv")))
+    made = _prepare(tests, [], "HystId.Oscillators.Iwan", given_parameters(place / "parameters.json"))
     problem, best = made.problem, made.refit
     values = dict(best.hypothesis.values)
     start = replace(best.hypothesis, values={**values, "fc": 0.65 * values["fc"], "Ks": 0.82 * values["Ks"]})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,39 +14,53 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis import chain, forms, locate
-from hystid.diagnosis.answer import Answer, findings, headline, next_experiment, refit_values
-from hystid.diagnosis.baseline import Baseline, baseline_of, real_parameters
-from hystid.diagnosis.beginnings import beginning
-from hystid.diagnosis.blocks import Effect, Scales
-from hystid.diagnosis.extended import Kind, Skeleton
-from hystid.diagnosis.fitting import Fit, Hypothesis, Problem, Term
-from hystid.diagnosis.freerun import errors
-from hystid.diagnosis.library import load_effects
-from hystid.diagnosis.noise import noise_level
-from hystid.diagnosis.parts import HiddenMotion, Part, band, prepare_part, visible
-from hystid.diagnosis.redundancy import without_redundancy
-from hystid.diagnosis.refutation import contradiction
-from hystid.diagnosis.result import Diagnosis, Errors, Traces, Verdict
-from hystid.diagnosis.rig import FmuModel, is_fmu, mass_of
-from hystid.diagnosis.runs import Run, Runs, compile_text, free_runs, write_beside
-from hystid.diagnosis.search import downhill, from_nominal, other_valleys, try_fit
-from hystid.diagnosis.selection import Choice, choose, others_instead
-from hystid.diagnosis.sensors import history
-from hystid.diagnosis.starts import scaled, sizes_of
-from hystid.diagnosis.uncertainty import honest
-from hystid.diagnosis.windows import for_recording, has_windows
+from hystid.diagnosis.decide import forms
+from hystid.diagnosis.decide.answer import Answer, Verdict, refit_values
+from hystid.diagnosis.decide.selection import Choice, choose
+from hystid.diagnosis.decide.unseen import unseen_likelihood
+from hystid.diagnosis.fit.periodic import periodic_forces
+from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.fit.search import downhill, from_nominal, other_valleys, try_fit
+from hystid.diagnosis.fit.uncertainty import honest
+from hystid.diagnosis.fit.windows import for_recording
+from hystid.diagnosis.fit.zeros import zeros_instead
+from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
+from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
+from hystid.diagnosis.model.beginnings import beginning
+from hystid.diagnosis.model.channel_effects import history
+from hystid.diagnosis.model.effects import Effect, Scales
+from hystid.diagnosis.model.library import load_effects
+from hystid.diagnosis.model.redundancy import without_redundancy
+from hystid.diagnosis.model.starts import scaled, sizes_of
+from hystid.diagnosis.prepare import chain
+from hystid.diagnosis.prepare.bandwidth import where_white
+from hystid.diagnosis.prepare.decay import NoDecay, is_free, released
+from hystid.diagnosis.prepare.given import Given, given_parameters
+from hystid.diagnosis.prepare.independence import measurements
+from hystid.diagnosis.prepare.readings import consistent
+from hystid.diagnosis.prepare.resonances import resonances, several_masses
+from hystid.diagnosis.prepare.rest import trimmed, without_rest
+from hystid.diagnosis.prepare.segments import HiddenMotion, Part, band, prepare_part, visible, without_x
+from hystid.diagnosis.prove.extended import Kind, Skeleton
+from hystid.diagnosis.prove.freerun import errors
+from hystid.diagnosis.prove.runs import Run, Runs, compile_text, free_runs, write_beside
+from hystid.diagnosis.tell import locate
+from hystid.diagnosis.tell.dependence import dependences
+from hystid.diagnosis.tell.findings import findings, headline, next_experiment
+from hystid.diagnosis.tell.result import Diagnosis, Errors, Traces
 from hystid.errors import NumericalError, RecordingError, UsageError
-from hystid.files import write_json, write_text
+from hystid.files import inside, safe_name, write_json, write_text
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
 from hystid.processing import prepare
 from hystid.progress import track
-from hystid.recording import Recording, read_all
+from hystid.recording import Recording, Sources, loaded
+from hystid.smoothing.noise import noise_level
 
 Array = NDArray[np.float64]
 SHORTEST = 200  # samples: below this nothing can be told from noise
-TOLERATED = ("clipped", "not_one_motion", "swapped_sign")  # faults that the diagnosis names instead of refusing them
+# faults that the diagnosis names instead of refusing them
+TOLERATED = ("clipped", "lag", "missing_force", "not_one_motion")
 _MOST = 1_200_000  # samples of all recordings together: memory stays below 1 GB
 _CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
@@ -61,21 +74,12 @@ _REST = 1.3  # residual over the noise beyond which a named answer says that som
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
 
-@dataclass(frozen=True)
-class Given:
-    """Parameters as given: values, and names that must not move."""
-
-    values: Mapping[str, float]
-    fixed: frozenset[str]
-    free: frozenset[str] = frozenset()
-
-
 def diagnose(
-    recordings: Sequence[str | Path | Recording],
+    recordings: Sources,
     *,
     model: str | Path,
     parameters: str | Path | Mapping[str, Any] | None = None,
-    holdout: Sequence[str | Path | Recording] = (),
+    holdout: Sources = (),
     effects: str | Path | Sequence[str | Path] | None = None,
     exclude: Sequence[str] = (),
     out: str | Path | None = None,
@@ -91,12 +95,19 @@ def diagnose(
     exclude: ids of the library that are not tried.
     out: folder for diagnosis.json, extended.mo, extended.fmu and mismatch_<recording>.csv.
     Raises UsageError, RecordingError, ModelicaError, ToolchainError; a structure that cannot be diagnosed is a verdict.
+
+    >>> import hystid
+    >>> rig = hystid.build("HystId.Oscillators.Jenkins", "rig.fmu")  # it sticks and slips; the model does not
+    >>> sweep = hystid.simulate(rig, "chirp:1-40Hz@40N,2s", dt=1e-3, noise_snr=40)
+    >>> answer = hystid.diagnose(sweep, model="HystId.Oscillators.Linear", parameters={"m": 1.0})
+    >>> answer.verdict, answer.findings[0].effect
+    ('missing_physics', 'hysteretic_friction')
     """
     if not recordings:
         raise UsageError("no recording was given: name at least one file")
-    given = _given(parameters)
+    given = given_parameters(parameters)
     try:
-        tests, unseen = _load(recordings), _load(holdout)
+        tests, unseen = loaded(recordings, TOLERATED), loaded(holdout, TOLERATED)
     except RecordingError as missing:
         if inputs_missing(missing):
             return not_applicable(str(missing), str(model), given.values, out)
@@ -105,12 +116,20 @@ def diagnose(
     refusal = _not_applicable([*tests, *unseen])
     if refusal:
         return not_applicable(refusal, str(model), given.values, out)
-    tests, unseen = ([_with_noise(test, i) for i, test in enumerate(_bounded(group))] for group in (tests, unseen))
+    read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
+    try:
+        tests, unseen, given = _with_decays(read.tests, read.unseen, given)
+    except NoDecay as refused:
+        return not_applicable(str(refused), str(model), given.values, out)
+    tests, unseen = (
+        [_with_noise(test, i) for i, test in enumerate(where_white([_measured_only(t) for t in _bounded(group)]))]
+        for group in (tests, unseen)
+    )
     if is_fmu(model) and not (fmu := FmuModel(model)).holds:
         return _written(_free_run_only(fmu, [*tests, *unseen], str(model), given.values), None, out)
     with track("diagnosis", 100) as step, _quiet_models():
         try:
-            case = _prepare(tests, unseen, str(model), given)
+            case = _prepare(tests, unseen, str(model), given, read.faults)
         except HiddenMotion as hidden:
             return not_applicable(f"{hidden}; record x or v as well", str(model), given.values, out)
         step(15, "baseline fitted")
@@ -118,11 +137,16 @@ def diagnose(
         left_out = {*exclude, *(chain.TIMED if timeless else ())}
         left_out |= set() if case.baseline.mass else {"hidden_mode"}  # nothing resonates where nothing is inert
         everything = load_effects(_paths(effects))
+        left_out |= set() if case.problem.timed else {effect.id for effect in everything if effect.needs_clock}
+        if not case.problem.sees_x:  # laws of the displacement, and those that remember it
+            left_out |= {effect.id for effect in everything if "x" in effect.reads or effect.remembers}
+        left_out |= {effect.id for effect in everything if given.unforced and "a" in effect.reads}
         library = [effect for effect in everything if effect.id not in left_out]
         share = max(1, len(library) // 70)
         choice = choose(
-            case.problem, case.refit, library, _every(step, share), repaired=bool(case.faults), valleys=case.valleys
-        )
+            case.problem, case.refit, library, _every(step, share), valleys=case.valleys,
+            unseen=unseen_likelihood(case.problem, case.unseen),
+        )  # fmt: skip
         untestable = {*choice.untestable, *((left_out - {*exclude}) & {effect.id for effect in everything})}
         choice = replace(choice, untestable=tuple(sorted(untestable)))
         answer, extended = _conclude(case, _with_errors(case.problem, choice, library), library)
@@ -179,6 +203,13 @@ def _bounded(tests: list[Recording]) -> list[Recording]:
     return [prepare(test, decimate=factor) for test in tests] if factor > 1 else tests
 
 
+def _measured_only(test: Recording) -> Recording:
+    """A recording without the channels that were computed from others, and a note of what was taken as measured."""
+    found = measurements(test)
+    told = [f"{test.name}: {name} left out, {why}" for name, why in found.computed.items()]
+    return replace(found.recording, notes=(*test.notes, *told))
+
+
 def _with_noise(test: Recording, seed: int) -> Recording:
     """A simulated recording gets the noise of a good rig: else errors of integration would be named as physics."""
     channels = {name: getattr(test, name) for name in "Fxva" if getattr(test, name) is not None}
@@ -188,6 +219,19 @@ def _with_noise(test: Recording, seed: int) -> Recording:
     noisy = {k: u + _GOOD_RIG * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in channels.items()}
     note = f"{test.name} holds no noise: white noise of {100 * _GOOD_RIG:g} % of each channel is added"
     return replace(test, notes=(*test.notes, note), **noisy)
+
+
+def _with_decays(
+    tests: Sequence[Recording], unseen: Sequence[Recording], given: Given
+) -> tuple[list[Recording], list[Recording], Given]:
+    """Recordings whose force is known, free decays too; a mass of 1 where nothing gives a scale. Raises NoDecay."""
+    given = replace(given, unforced=all(is_free(test) for test in tests))
+    used = released(tests, given.mass)
+    held = released(unseen, 1.0 if used.unscaled else given.mass)
+    if used.unscaled:
+        given = replace(given, values={**given.values, "m": 1.0}, fixed=given.fixed | {"m"})
+        used.tests[0] = replace(used.tests[0], notes=(*used.notes, *used.tests[0].notes))
+    return used.tests, held.tests, given
 
 
 @contextmanager
@@ -212,7 +256,7 @@ class Case:
     valleys: tuple[Fit, ...]
     nominal_chi2: float
     faults: tuple[chain.Fault, ...]
-    consistency: Mapping[str, float]
+    consistency: Mapping[str, Any]
     unseen: tuple[Part, ...]
     notes: tuple[str, ...]
 
@@ -229,50 +273,15 @@ def _every(step: Callable[..., None], share: int) -> Callable[[], None]:
     return progress
 
 
-def _load(recordings: Sequence[str | Path | Recording]) -> list[Recording]:
-    files = [item for item in recordings if not isinstance(item, Recording)]
-    given = [item for item in recordings if isinstance(item, Recording)]
-    return [*(read_all(files, accept=TOLERATED) if files else []), *given]
-
-
 def _paths(effects: str | Path | Sequence[str | Path] | None) -> list[Path]:
     if effects is None:
         return []
     return [Path(effects)] if isinstance(effects, str | Path) else [Path(item) for item in effects]
 
 
-def _given(parameters: str | Path | Mapping[str, Any] | None) -> Given:
-    if parameters is None:
-        return Given({}, frozenset())
-    where = "parameters"
-    if not isinstance(parameters, Mapping):
-        where = str(parameters)
-        try:
-            parameters = json.loads(Path(parameters).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise UsageError(f"{where}: there is no such file") from None
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise UsageError(f"{where}: not a JSON file ({error})") from None
-    if not isinstance(parameters, Mapping):
-        raise UsageError(f"{where}: parameters are an object of name: value, not a {type(parameters).__name__}")
-    values: dict[str, float] = {}
-    fixed: set[str] = set()
-    free: set[str] = set()
-    for name, entry in parameters.items():
-        value = entry.get("value") if isinstance(entry, Mapping) else entry
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise UsageError(f'{where}: {name} must be a number or {{"value": number, "fixed": true}}, not {entry!r}')
-        values[name] = float(value)
-        if isinstance(entry, Mapping) and "fixed" in entry:
-            (fixed if entry["fixed"] else free).add(name)
-    return Given(values, frozenset(fixed), frozenset(free))
-
-
 def _not_applicable(tests: Sequence[Recording]) -> str:
     """Why these recordings cannot be diagnosed, "" where they can."""
     for test in tests:
-        if test.F is None:
-            return f"{test.name} has no force channel: without the force nothing can be balanced; record F"
         if test.x is None and test.v is None and test.a is None:
             return f"{test.name} has no channel of the motion: record x, v or a beside F"
         if len(test) < SHORTEST:
@@ -280,24 +289,26 @@ def _not_applicable(tests: Sequence[Recording]) -> str:
     return ""
 
 
-def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str, given: Given) -> Case:
-    tests, unseen = ([chain.seated(test) for test in group] for group in (tests, unseen))
+def _prepare(
+    tests: Sequence[Recording],
+    unseen: Sequence[Recording],
+    model: str,
+    given: Given,
+    late: tuple[chain.Fault, ...] = (),
+) -> Case:
+    tests, unseen = ([trimmed(chain.seated(test)) for test in group] for group in (tests, unseen))
     still = any(test.quasi_static for test in tests)
-    lags = chain.lags(tests)
-    faults: list[chain.Fault] = []
-    late = chain.delayed_channel(lags)
-    if late is not None:
-        faults += [] if chain.one_sided(late) else [late]
-        tests = [chain.shifted(test, late.channel, late.size) for test in tests]
-        unseen = [chain.shifted(test, late.channel, late.size) for test in unseen]
-    faults += [f for f in (chain.saturated_motion(tests), chain.saturated_force(tests)) if f is not None]
-    stopped = {fault.channel: fault.size for fault in faults if fault.id == "sensor_saturation"}
-    parts, hidden = visible([prepare_part(test, seed, stopped) for seed, test in enumerate(tests)])
+    sensors = chain.examined(tests, unseen)
+    tests, unseen = sensors.tests, sensors.unseen
+    parts = [prepare_part(test, seed, sensors.stopped) for seed, test in enumerate(tests)]
     code, runs = _compiled(model, given.values)
     named, fixed, free = (_with_mass(names, code) for names in (given.values, given.fixed, given.free))
     whole = {v.name for v in code.variables if v.type != "Real"}
     values = {name: given.values[key] for name, key in named.items() if name not in whole}
     weighed = "m" in values and "m" not in free and "m" not in fixed
+    rate_law = not baseline_of(model, code, values, frozenset(fixed), model=runs).reads_x()
+    parts, hidden = without_x(parts) if rate_law else visible(parts, values.get("m", 0.0))
+    parts, rests = without_rest(parts)
     length = max(float(np.max(np.abs(part.x))) for part in parts)
 
     def begun(values: Mapping[str, float]) -> tuple[Baseline, list[str]]:
@@ -316,9 +327,20 @@ def _prepare(tests: Sequence[Recording], unseen: Sequence[Recording], model: str
     baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, _scales(parts, baseline))
     refit, valleys, nominal = _refit(problem, kept)
+    refit, lines = periodic_forces(problem, refit)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
-    notes = (*told, *hidden, *running, *held_back, *(note for test in tests for note in test.notes))
-    return Case(problem, baseline, refit, valleys, nominal, tuple(faults), chain.consistency(lags), held, notes)
+    told += [chain.NO_CLOCK] if still else []
+    notes = (
+        *sensors.notes,
+        *(line.sentence() for line in lines),
+        *told,
+        *hidden,
+        *rests,
+        *running,
+        *held_back,
+        *(note for test in tests for note in test.notes),
+    )
+    return Case(problem, baseline, refit, valleys, nominal, (*late, *sensors.faults), sensors.consistency, held, notes)
 
 
 def _no_force(baseline: Baseline, parts: Sequence[Part]) -> str:
@@ -447,22 +469,6 @@ def _with_errors(problem: Problem, choice: Choice, library: Sequence[Effect]) ->
 def _conclude(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Diagnosis, str | None]:
     """Findings, extended model and free runs."""
     runs = _runs(case, choice)
-    refuted = _contradiction(case, runs)
-    notes: tuple[str, ...] = ()
-    if refuted:
-        withdrawn = replace(
-            choice, after=choice.before, floor_after=choice.floor_before, named=(), classes=(), margins=(),
-            left_open={}, unknown=True,
-        )  # fmt: skip
-        for other in others_instead(case.problem, choice, library):
-            second = _runs(case, _with_errors(case.problem, other, library))
-            if not _contradiction(case, second, instead=True):
-                window = " in a window of time" if has_windows(other.after.hypothesis) else ""
-                notes = (f"{refuted}; {' and '.join(second.answer.names())}{window} stands",)
-                runs, refuted = second, ""
-                break
-        else:
-            runs = _runs(case, withdrawn)
     answer, choice, (before, after) = runs.answer, runs.answer.choice, (runs.before, runs.after)
     found = findings(answer)
     names = [part.name for part in case.problem.parts]
@@ -472,7 +478,12 @@ def _conclude(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Di
         Errors(p.name, f, (b[1], a[1])) for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
     )
     verdict = answer.verdict()
-    notes = (*case.notes, *runs.notes, *notes, *_rest(choice))
+    told = _not_borne_out(unseen) if choice.named else []
+    depends = tuple(dependences(case.problem, choice.after.hypothesis, choice.before.hypothesis))
+    remains = _rest(choice)
+    masses = several_masses(resonances(case.problem.parts)) if remains or choice.unknown else []
+    masses += zeros_instead(case.problem, choice.after.hypothesis)
+    notes = (*case.notes, *runs.notes, *told, *remains, *masses, *(one.sentence() for one in depends))
     unknown = None
     if verdict == "unknown_physics":
         rest = case.problem.balance(choice.after.hypothesis)
@@ -482,13 +493,24 @@ def _conclude(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Di
     hidden = tuple(name for name in choice.untestable if name not in named)
     diagnosis = Diagnosis(
         verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
-        listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown, refuted,
+        listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
         notes,
         {"lags": case.consistency, "delay": last.delay, "weighing": last.weighing},
-        _traces(case, choice, answer, before, after), choice, case.problem, choice.after,
+        _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
+        dependence=depends,
     )  # fmt: skip
-    told = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
-    return told, runs.text
+    worded = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
+    return worded, runs.text
+
+
+def _not_borne_out(unseen: Sequence[Errors]) -> list[str]:
+    """A sentence for each held-out recording whose force is no better explained with what is named than without."""
+    return [
+        f"{e.name} was held out and is not better explained with what is named (force error {100 * e.force[0]:.3g} % "
+        f"without, {100 * e.force[1]:.3g} % with it): it may be of another state of the structure"
+        for e in unseen
+        if e.force[1] >= e.force[0]
+    ]
 
 
 def _rest(choice: Choice) -> list[str]:
@@ -503,12 +525,6 @@ def _runs(case: Case, choice: Choice) -> Runs:
     """Free runs before and after what was named, and the answer that comes of them."""
     answer = Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults)
     return free_runs(answer, _skeleton(case.baseline), case.unseen)
-
-
-def _contradiction(case: Case, runs: Runs, *, instead: bool = False) -> str:
-    """How the recordings contradict what was named; "" where they do not."""
-    names = [part.name for part in case.problem.parts], [part.name for part in case.unseen]
-    return contradiction(runs, *names, *_force_errors(case, runs.answer.choice), instead=instead)
 
 
 def _skeleton(baseline: Baseline) -> Skeleton:
@@ -575,7 +591,7 @@ def _written(answer: Diagnosis, extended: str | None, out: str | Path | None) ->
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     for trace in answer.traces:
-        write_text(folder / f"mismatch_{trace.name}.csv", _table(trace))
+        write_text(inside(folder, f"mismatch_{safe_name(trace.name)}.csv"), _table(trace))
     if extended is not None:
         from hystid.fmu import build
 

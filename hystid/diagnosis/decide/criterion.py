@@ -1,0 +1,259 @@
+"""One criterion: from fits to probabilities.
+
+Every answer is a hypothesis: nothing is missing; a set of effects is; something is that no law here describes. All are
+compared by one marginal likelihood with two variances, that of the noise and that of the model error.
+
+The model error of a law is no noise. It repeats wherever the motion comes back to the same state, so that it has as
+many independent values as there are different states: M, counted in the phase plane. Rows of unit noise, n of them,
+hold n / M values of the noise for each value of the model error. With a mean square c of the misfit above the noise,
+the variance of one of the M averages is S = 1 + n / M (c + e^2), where e is the error that the preparation itself
+leaves, and the likelihood with the model error at its best is S^(-M/2). Where noise rules this is the usual likelihood
+ratio, where the model error rules it is the ratio of the misfits to the power M / 2, whatever the number of samples.
+
+A name is earned by form: a right law leaves what textbook laws leave on structures, a share of the misfit with a
+log-normal distribution (``FORM``). Of a law that is in no catalogue the best of the effects imitates any share, small
+or large. docs/decisions.md lists the constants.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from hystid.diagnosis.decide.lawfree import CURVE
+from hystid.diagnosis.fit.problem import Fit, Problem
+
+Array = NDArray[np.float64]
+
+CELLS = 5  # of the phase plane along x and along v: states closer than a fifth of the range share their model error
+ACCURACY = 0.002  # of the force: what smoothing, interpolation and integration leave (measured without noise)
+SOUND = 0.005  # of the force: model error of a structure from which nothing is missing (matched sensors: 0.5 %)
+NOISE_ERROR = 0.05  # relative error of the noise power that is estimated from a recording
+FORM = (0.1, 1.0)  # median and log-standard deviation of the model error of a right law, over the misfit it explains
+EXACT = (0.02, 1.0)  # the same of a fault of a channel, which is a gain, a delay or a polynomial and nothing else
+PRIOR: dict[str | int, float] = {
+    "nothing": 0.5,
+    "unknown": 0.1,
+    1: 0.3,
+    2: 0.07,
+    3: 0.02,
+    "window": 0.05,
+}  # before any data are seen
+_VISITED = 0.001  # of the rows: a cell that holds fewer says nothing
+NAME = 0.5  # probability from which a name is told: a wrong name costs as much as a right one gains
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects as fitted. names: ids, strongest first, none for the baseline alone. size: parameters.
+
+    windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel.
+    floor: mean square that noise alone leaves; NaN where it is not known yet.
+    """
+
+    names: tuple[str, ...]
+    size: int
+    fit: Fit = field(repr=False)
+    windowed: bool = False
+    exact: bool = False
+    floor: float = float("nan")
+    unseen: float = 0.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set of effects with its probability and the share of the misfit above the noise that it explains."""
+
+    names: tuple[str, ...]
+    probability: float
+    explained: float
+    hypothesis: Hypothesis = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities that add up to 1: nothing missing, an unknown law, and the candidates (most probable first)."""
+
+    nothing: float
+    unknown: float
+    candidates: tuple[Candidate, ...] = ()
+
+    @property
+    def something(self) -> float:
+        """Probability that something is missing."""
+        return 1.0 - self.nothing
+
+    def of(self, names: Sequence[str]) -> float:
+        """Probability that at least one of some ids is among what is missing."""
+        return sum(c.probability for c in self.candidates if set(c.names) & set(names))
+
+
+class Criterion:
+    """The likelihood of hypotheses about one problem.
+
+    ids: number of effects that are tried, each as probable as any other.
+    """
+
+    def __init__(self, problem: Problem, baseline: Fit, ids: int) -> None:
+        self.problem, self.baseline, self.ids = problem, baseline, max(ids, 1)
+        self.rows = len(baseline.residual)
+        self.states = effective_states(problem)
+        mass = baseline.hypothesis.mass()
+        force = problem.reduce([part.F for part in problem.parts])
+        restoring = problem.reduce([part.F - mass * part.inertia for part in problem.parts])
+        self.force = float(max(np.mean(force**2), np.mean(restoring**2)))
+        self.floor = problem.floor(baseline.hypothesis)
+        self.each = self.rows / self.states  # rows per independent value of the model error
+
+    @property
+    def least(self) -> float:
+        """Variance of an average where nothing but noise and the error of the preparation is left."""
+        return 1.0 + self.each * ACCURACY**2 * self.force
+
+    def misfit(self, fit: Fit, floor: float) -> float:
+        """Mean square above the noise."""
+        return fit.chi2 - (floor if np.isfinite(floor) else self.floor)
+
+    def variance(self, misfit: float) -> float:
+        """Variance of one of the averages."""
+        return self.least + self.each * max(misfit, 0.0)
+
+    def likelihood(self, misfit: float) -> float:
+        """Logarithm of the likelihood, up to a constant."""
+        return -0.5 * self.states * float(np.log(self.variance(misfit)))
+
+    def penalty(self, size: int, effects: int, misfit: float) -> float:
+        """What a hypothesis pays for its parameters (Schwarz 1978, with the samples that count as independent), and for
+        being one of many."""
+        return 0.5 * size * self.samples(misfit) + effects * float(np.log(self.ids))
+
+    def samples(self, misfit: float) -> float:
+        """Logarithm of the number of samples that count as independent."""
+        return float(np.log(max(self.states, self.rows / self.variance(misfit))))
+
+    def prior(self, effects: int, *, windowed: bool = False) -> float:
+        """Logarithm of the probability, before any data, that so many effects are missing."""
+        return float(np.log(PRIOR["window"] if windowed else PRIOR.get(effects, PRIOR[3] / self.ids)))
+
+    def is_settled(self, misfit: float, formed: float) -> bool:
+        """Whether no further effect could earn its place, however well it fits.
+
+        formed: misfit that is left to laws with a form, of which a right one leaves a little.
+        """
+        return misfit < FORM[0] ** 2 * formed or self.is_reached(misfit)
+
+    def is_reached(self, misfit: float) -> bool:
+        """Whether noise, and the error of the preparation, are all that is left."""
+        return self.likelihood(0.0) - self.likelihood(misfit - self.slack) < self.price(1, 0.0)
+
+    def price(self, size: int, misfit: float) -> float:
+        """What a further effect of so many parameters must gain."""
+        return self.penalty(size, 1, misfit) + self.prior(1) - self.prior(2)
+
+    @property
+    def slack(self) -> float:
+        """Mean square that a wrong noise level feigns."""
+        return NOISE_ERROR * self.floor
+
+    def form(self, misfit: float, whole: float, *, exact: bool = False) -> float:
+        """Logarithm of the density of what a right law leaves, as a share of the misfit; that of an unknown law is 0.
+
+        What the noise level leaves open counts as left: a small misfit says little about forms.
+        """
+        open_ = self.slack + ACCURACY**2 * self.force
+        least, most = (min(m / (max(whole, 0.0) + open_), 1.0) for m in (max(misfit, 0.0), max(misfit, 0.0) + open_))
+        median, spread = EXACT if exact else FORM
+        below = norm.cdf(np.log(np.sqrt(np.maximum([least, most], 1e-12)) / median) / spread)
+        return float(np.log(max(below[1] - below[0], 1e-300) / max(most - least, 1e-12)))
+
+    @property
+    def usual(self) -> float:
+        """Share of the misfit that a right law leaves by its form, one standard deviation above the median."""
+        return float((FORM[0] * np.exp(FORM[1])) ** 2)
+
+    def is_worth_a_name(self, misfit: float, without: float, formed: float) -> bool:
+        """Whether one member of a set explains what the others leave as a law does, rather than their form."""
+        if without - misfit < FORM[0] ** 2 * formed:
+            return False
+        return bool(without > self.usual * formed or self.form(misfit, without) > np.log(PRIOR["unknown"] / PRIOR[1]))
+
+    def posterior(
+        self, found: Sequence[Hypothesis], *, is_noise: bool, reached: float = np.inf, curves: Sequence[float] = ()
+    ) -> Posterior:
+        """Probabilities of the hypotheses.
+
+        curves: what forces without a law explain of the mean square (``lawfree``). is_noise: the baseline leaves
+        noise, whatever its level. reached: misfit of a hypothesis that leaves
+        noise alone: then that is the level of the noise, and what the channels show above the motion was too little.
+        """
+        misfits = [self.misfit(h.fit, h.floor) for h in found]
+        whole = self.misfit(self.baseline, self.floor)
+        shift = min([whole, *misfits])
+        shift = shift if shift < 0 else max(min(shift, self.slack), reached if np.isfinite(reached) else 0.0)
+        whole, misfits = whole - shift, [m - shift for m in misfits]
+        plain = [
+            self.likelihood(m) + h.unseen - self.penalty(h.size, len(h.names), m)
+            for h, m in zip(found, misfits, strict=True)
+        ]
+        scores = [
+            p + self.form(m, whole, exact=h.exact) + self.prior(len(h.names), windowed=h.windowed)
+            for h, p, m in zip(found, plain, misfits, strict=True)
+        ]
+        error = 0.0 if is_noise else max(whole, 0.0) / self.force
+        doubt = -0.5 * error / SOUND**2
+        nothing = float(np.log(PRIOR["nothing"])) + self.likelihood(whole) + doubt
+        # What contradicts a law does not contradict that something else is missing.
+        spared = [p - min(h.unseen, 0.0) for h, p in zip(found, plain, strict=True)]
+        free = [self.likelihood(m) - 0.5 * CURVE * self.samples(m) for m in (whole - gain for gain in curves)]
+        unknown = max([self.likelihood(whole), *spared, *free]) + float(np.log(PRIOR["unknown"]))
+        unknown += float(np.log(-np.expm1(min(doubt, -1e-12))))
+        weights = np.array([nothing, unknown, *scores])
+        weights = np.exp(weights - np.max(weights))
+        weights /= np.sum(weights)
+        merged: dict[frozenset[str], Candidate] = {}
+        for h, m, w in sorted(zip(found, misfits, weights[2:], strict=True), key=lambda item: -item[2]):
+            key = frozenset(h.names)
+            share = 1.0 - m / whole if whole > 0 else 0.0
+            known_one = merged.get(key)
+            if known_one is None:
+                merged[key] = Candidate(h.names, float(w), float(np.clip(share, 0.0, 1.0)), h)
+        listed = sorted(merged.values(), key=lambda c: -c.probability)
+        total = float(weights[0] + weights[1] + sum(c.probability for c in listed))
+        return Posterior(
+            float(weights[0]) / total,
+            float(weights[1]) / total,
+            tuple(Candidate(c.names, c.probability / total, c.explained, c.hypothesis) for c in listed),
+        )
+
+    def gain(self, one: Hypothesis, other: Hypothesis) -> float:
+        """Logarithm of the likelihood of one hypothesis over that of another, parameters not counted."""
+        return self.likelihood(self.misfit(one.fit, one.floor)) - self.likelihood(self.misfit(other.fit, other.floor))
+
+    def predicts_else(self, one: Hypothesis, other: Hypothesis) -> bool:
+        """Whether the predictions of two hypotheses differ by more than noise and the model error of a right law."""
+        apart = float(np.mean((one.fit.residual - other.fit.residual) ** 2))
+        explained = float(np.mean((self.baseline.residual - other.fit.residual) ** 2))
+        return apart > FORM[0] * explained + self.least / self.each
+
+
+def effective_states(problem: Problem) -> float:
+    """Number of states that the motion visits: cells of the phase plane with at least a thousandth of all rows.
+
+    A recording that is given twice, or goes on in the same way, visits no further state.
+    """
+    x, v = (
+        np.concatenate([problem.reduce.plain(i, getattr(part, name)) for i, part in enumerate(problem.parts)])
+        for name in ("x", "v")
+    )
+    count = np.bincount(_cell(x) * CELLS + _cell(v), minlength=CELLS * CELLS)
+    return float(np.count_nonzero(count > _VISITED * len(x)))
+
+
+def _cell(values: Array) -> NDArray[np.int64]:
+    low, high = float(np.min(values)), float(np.max(values))
+    width = (high - low) / CELLS or 1.0
+    return np.asarray(np.clip(((values - low) / width).astype(np.int64), 0, CELLS - 1))

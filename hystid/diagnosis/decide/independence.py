@@ -1,0 +1,98 @@
+"""Is what a fit leaves noise, whatever its colour: independent of the motion, without lines and without shocks?
+
+The floor of a fit is known where the noise is white. Noise that falls with frequency is louder in the band of the
+motion than the level that is measured above it says, and every fit then leaves more than the floor. Such a rest is no
+mismatch as long as it does not know what the structure is doing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.fit.problem import Fit, Problem
+
+Array = NDArray[np.float64]
+_SHIFTS = 40  # circular shifts of the rest against the motion: what independent noise of the same colour shows
+_CELLS = 7  # bins per axis
+_KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it where most of the rest is excess:
+# mismatches of 0.08 of the floor show 0.05 and more, larger ones 0.1 to 1
+_LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
+_SHOCKS = 3.6  # kurtosis; 3 for Gaussian noise
+_RARE, _LITTLE = 3.8, 0.05  # standard deviations, and share of the power beyond them that is no shock: where noise is
+# louder than its level says, so is that of the motion, and a law that jumps is off by a sample here and there
+
+
+def is_noise(problem: Problem, fitted: Fit) -> bool:
+    """Whether the rest of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks."""
+    signals = problem.signals(fitted.hypothesis)
+    motion = [
+        [problem.reduce.plain(i, column) for column in (s.x, s.v, s.a, s.h, problem.parts[i].t)]
+        for i, s in enumerate(signals)
+    ]
+    ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
+    residual = problem.reduce.evenly(fitted.residual)  # weights that follow the motion would make any noise follow it
+    rests = [(rest - np.mean(rest)) / (float(np.std(rest)) or 1.0) for rest in np.split(residual, ends)]
+    if any(_has_shocks(rest) or _has_line(rest) for rest in rests):
+        return False
+    pairs = ((0, 1), (1, 2), (3, 1), (4, 0))
+    excess = max(0.0, 1.0 - problem.reduce.level / fitted.chi2)
+    known = _KNOWN[0] + _KNOWN[1] * excess
+    return all(_independent(rests, [_cells(m[one], m[other]) for m in motion], known) for one, other in pairs)
+
+
+def _cells(one: Array, other: Array) -> NDArray[np.int64]:
+    """Number of the cell of each sample in a table of equal counts."""
+    rows = _ranks(one, _CELLS)
+    found = np.zeros(len(one), dtype=np.int64)
+    for row in range(_CELLS):
+        inside = rows == row
+        found[inside] = row * _CELLS + _ranks(other[inside], _CELLS)
+    return found
+
+
+def _ranks(values: Array, bins: int) -> NDArray[np.int64]:
+    order = np.argsort(values, kind="stable")
+    found = np.empty(len(values), dtype=np.int64)
+    found[order] = np.arange(len(values)) * bins // max(1, len(values))
+    return found
+
+
+def _independent(rests: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float) -> bool:
+    """Whether mean and power of the rest differ between the cells no more than when the rest is moved in time."""
+    shares = np.random.default_rng(0).uniform(0.05, 0.95, (_SHIFTS, len(rests)))
+    for powers in (rests, [rest**2 - 1.0 for rest in rests]):
+        moved = [
+            _between([np.roll(p, int(share * len(p))) for p, share in zip(powers, row, strict=True)], cells)
+            for row in shares
+        ]
+        if _between(powers, cells) - float(np.median(moved)) > known * sum(map(len, rests)):
+            return False
+    return True
+
+
+def _between(values: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> float:
+    """Power between the cells, summed over the recordings."""
+    total = 0.0
+    for value, cell in zip(values, cells, strict=True):
+        count = np.bincount(cell, minlength=_CELLS**2)
+        sums = np.bincount(cell, weights=value, minlength=_CELLS**2)
+        total += float(np.sum(sums**2 / np.maximum(count, 1)))
+    return total
+
+
+def _has_shocks(rest: Array) -> bool:
+    """Whether much of the power of a rest (unit variance) is in few samples."""
+    rare = np.abs(rest) > _RARE
+    return bool(np.mean(rest**4) > _SHOCKS and np.mean(rest**2 * rare) > _LITTLE)
+
+
+def _has_line(rest: Array) -> bool:
+    """Whether the spectrum has a line that stands out of its neighbourhood."""
+    power = np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) ** 2
+    width = max(8, len(power) // 60)
+    usable = power[2 : 2 + (len(power) - 2) // width * width].reshape(-1, width)
+    median = np.median(usable, axis=1)
+    return bool(np.any(np.max(usable, axis=1) > _LINE * np.maximum(median, 1e-12 * np.max(power))))

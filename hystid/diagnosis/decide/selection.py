@@ -1,0 +1,453 @@
+"""From a refit to names: hypotheses are made until none could earn its place any more, then the criterion decides.
+
+What is tried, and in which order, is a matter of cost. Singles come first; a window of time, and two or three effects
+together, only where the best single leaves what a further effect could still earn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from hystid.diagnosis.decide.criterion import NAME, Candidate, Criterion, Hypothesis, Posterior
+from hystid.diagnosis.decide.independence import is_noise
+from hystid.diagnosis.decide.lawfree import free_curves
+from hystid.diagnosis.decide.trials import (
+    LAST,
+    Trial,
+    also_from_nominal,
+    are_reached,
+    chain_trials,
+    distinct,
+    exchanged,
+    finished,
+    ranked,
+    searched_again,
+    trials,
+)
+from hystid.diagnosis.fit.problem import ADDED_MASS, Fit, Key, Problem, is_source, standing
+from hystid.diagnosis.fit.search import ABSORBED, downhill, other_valleys, scan, try_fit, try_term
+from hystid.diagnosis.fit.search import Candidate as Scanned
+from hystid.diagnosis.fit.windows import has_edges, is_off_outside, settled, windowed, windows_of
+from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drift
+from hystid.diagnosis.model.effects import Effect
+
+_ROUNDS = 3  # of looking for a better local minimum of what leads
+_STARTS = 3  # singles from which sets of effects grow
+_MEMBERS = 3  # effects of a set at most
+_REPLACED = 4  # other effects that are tried in the place of each member of the leading set
+_CHANCE = 1e-3  # probability below which a hypothesis is not looked at more closely
+_ALIKE = 0.05  # of the probability of what leads: less is told apart, unless it fits better with more parameters
+_WORK = 15_000_000  # rows of residuals after which no further set is begun: some ten seconds, counted and not timed
+_FINISHED = 4  # effects that are fitted to the end beside the leading one
+_WINDOWS = 2  # laws that are fitted in each window
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Outcome of the selection.
+
+    before: the refitted baseline; after: with the named effects (the same where none is named). named: ids, strongest
+    first; classes: ids that the data cannot tell from each name; probabilities and shares: of each name's class, and of
+    the misfit above the noise that its law explains. left_open: standard deviation that other forms leave.
+    """
+
+    before: Fit
+    after: Fit
+    floor_before: float
+    floor_after: float
+    posterior: Posterior
+    named: tuple[str, ...] = ()
+    classes: tuple[tuple[str, ...], ...] = ()
+    probabilities: tuple[float, ...] = ()
+    shares: tuple[float, ...] = ()
+    trials: tuple[Trial, ...] = field(repr=False, default=())
+    untestable: tuple[str, ...] = ()
+    left_open: Mapping[Key, float] = field(repr=False, default_factory=dict)
+
+    @property
+    def unknown(self) -> bool:
+        """Whether something is missing that has no name."""
+        return not self.named and self.posterior.something > NAME
+
+    @property
+    def explained(self) -> float:
+        """Share of the misfit above the noise that the named effects explain."""
+        excess = self.before.chi2 - self.floor_before
+        return float(min(1.0, (self.before.chi2 - self.after.chi2) / excess)) if excess > 0 else 1.0
+
+
+Unseen = Callable[[Fit, Fit], float]  # logarithm of the likelihood of held-out recordings, over that of the baseline
+
+
+def choose(
+    problem: Problem,
+    baseline: Fit,
+    effects: Sequence[Effect],
+    progress: Callable[[], None] = lambda: None,
+    *,
+    valleys: Sequence[Fit] = (),
+    unseen: Unseen = lambda before, after: 0.0,
+) -> Choice:
+    """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there.
+
+    valleys: other local minima of the refit. unseen: what held-out recordings say about a fit.
+    """
+    search = _Search(problem, baseline, effects, progress, valleys)
+    found = search.hypotheses()
+    return _decided(search, found, unseen)
+
+
+class _Search:
+    """Makes the hypotheses about one problem."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        baseline: Fit,
+        effects: Sequence[Effect],
+        progress: Callable[[], None],
+        valleys: Sequence[Fit],
+    ) -> None:
+        self.problem, self.baseline, self.effects, self.valleys = problem, baseline, effects, valleys
+        self.library = [*effects, *(force_drift(len(problem.parts), bow=bow) for bow in (False, True))]
+        self.candidates = scan(problem, baseline, self.library, progress)
+        self.criterion = Criterion(problem, baseline, len({effect.id for effect in self.library}))
+        self.first: list[Trial] = []
+        self.restarted = False
+        self.began = problem.work
+        self.exact: dict[str, float] = {}
+
+    @property
+    def floor(self) -> float:
+        """Mean square that noise leaves of the baseline."""
+        return self.criterion.floor
+
+    @property
+    def excess(self) -> float:
+        """Misfit of the baseline above the noise."""
+        return self.baseline.chi2 - self.floor
+
+    def hypotheses(self) -> list[Hypothesis]:
+        """Sets of effects, each fitted."""
+        found: list[Hypothesis] = []
+        if not self._may_gain() and (self.is_noise or self.criterion.is_reached(self.excess)):
+            return self._singles(chain_trials(self.problem, self.baseline, self.effects))
+        self.first = self._trials()
+        found = self._singles(self.first)
+        self.exact = {h.names[0]: self.criterion.misfit(h.fit, h.floor) for h in found if h.exact}
+        if self.is_noise and not self._leads(found):
+            return found
+        if not self._all_is_explained(found):
+            found += self._in_windows()
+        if self.first and not self._all_is_explained(found):
+            found += self._sets()
+        return found
+
+    @cached_property
+    def is_noise(self) -> bool:
+        """Whether what the baseline leaves is noise, whatever its level."""
+        return is_noise(self.problem, self.baseline)
+
+    def _leads(self, found: Sequence[Hypothesis]) -> bool:
+        """Whether any effect explains more than it costs."""
+        criterion, whole = self.criterion, self.excess
+        return any(
+            criterion.likelihood(m) - criterion.likelihood(whole) > criterion.penalty(h.size, 1, m)
+            for h in found
+            if (m := criterion.misfit(h.fit, h.floor)) < whole
+        )
+
+    def _may_gain(self) -> bool:
+        """Whether any effect could be worth its price, as the scan sees it; scans are linear, hence the factor."""
+        most = max((c.gain for c in self.candidates), default=0.0) / len(self.baseline.residual)
+        there = self.excess - self.criterion.slack
+        return most > 0 and not self.criterion.is_reached(max(min(there, 2 * most), 0.0))
+
+    def formed(self, names: Sequence[str]) -> float:
+        """Misfit that is left to those effects of a set that have a form, which may be a little wrong."""
+        return min([self.excess, *(misfit for name, misfit in self.exact.items() if name in names)])
+
+    def _all_is_explained(self, found: Sequence[Hypothesis]) -> bool:
+        best = min(found, key=lambda h: self.criterion.misfit(h.fit, h.floor), default=None)
+        if best is None:
+            return self.criterion.is_reached(self.excess)
+        return self.criterion.is_settled(self.criterion.misfit(best.fit, best.floor), self.formed(best.names))
+
+    def _trials(self) -> list[Trial]:
+        """Joint fits of the promising effects, each from the best starts that are known."""
+        problem, before = self.problem, self.baseline
+        chain = chain_trials(problem, before, self.effects)
+        first = trials(problem, before, self.candidates, self.excess, chain)
+        if not first:
+            return []
+        freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=before.hypothesis.terms, late=False), 25)
+        if freed is not None and before.chi2 - freed.chi2 > 0.1 * self.excess and not self.restarted:
+            self.baseline, self.restarted = freed, True  # the refit was stuck, and the effect a way out
+            self.valleys = (before, *self.valleys)
+            self.criterion = Criterion(problem, freed, self.criterion.ids)
+            self.__dict__.pop("is_noise", None)
+            self.candidates = scan(problem, freed, self.library)
+            return self._trials()
+        if not self._is_reached(first[0]):
+            first = also_from_nominal(problem, first, self.baseline, self.library)
+        if not self._is_reached(first[0]):
+            first = searched_again(problem, first, self.baseline, self.floor, self.valleys)
+        for _ in range(_ROUNDS):
+            best = first[0].chi2
+            first = finished(problem, exchanged(problem, first, self.baseline), self.excess)
+            if best - first[0].chi2 < self.criterion.slack:
+                break
+        return ranked(problem, [*self._to_the_end(first), *first])
+
+    def _to_the_end(self, first: Sequence[Trial]) -> Iterator[Trial]:
+        """What fits about as well as a right law, fitted on: a law with corners creeps, and comparisons end early."""
+        usual = self.criterion.usual * self.excess
+        forms = {t.form: t for t in reversed(first) if t.name == first[0].name}
+        leading = [*distinct(first), *forms.values()]
+        unlike = {id(t): t for t in leading}.values()
+        near = [t for t in unlike if t.chi2 - self.floor < usual and not self._is_reached(t)]
+        for trial in near[:_FINISHED]:
+            made = try_fit(self.problem, trial.fit.hypothesis, LAST) or trial.fit
+            fits = [try_fit(self.problem, start, LAST) for start in downhill(self.problem, made)]
+            best = min([made, *(f for f in fits if f is not None)], key=lambda f: f.chi2)
+            if best.chi2 < trial.chi2:
+                yield replace(trial, fit=best, others=())
+
+    def _is_reached(self, trial: Trial) -> bool:
+        return self.criterion.is_reached(self.criterion.misfit(trial.fit, float("nan")))
+
+    def _is_settled(self, line: Sequence[Trial]) -> bool:
+        misfit = self.criterion.misfit(line[-1].fit, float("nan"))
+        return self.criterion.is_settled(misfit, self.formed([trial.name for trial in line]))
+
+    def _singles(self, found: Sequence[Trial]) -> list[Hypothesis]:
+        """One hypothesis per id and size: the best form of each."""
+        made: dict[tuple[str, int], Trial] = {}
+        for trial in found:
+            made.setdefault((trial.name, trial.size), trial)
+        return [self._hypothesis((t.name,), t.size, t.fit) for t in made.values()]
+
+    def _hypothesis(self, names: tuple[str, ...], size: int, fit: Fit, *, windowed: bool = False) -> Hypothesis:
+        near = fit.chi2 - self.floor < 2 * self.criterion.slack + 0.1 * self.excess
+        floor = self.problem.floor(fit.hypothesis) if near else self.floor
+        terms = {term.effect.id: term.effect for term in fit.hypothesis.terms}
+        exact = all(name not in terms or _is_exact(terms[name]) for name in names)
+        return Hypothesis(names, size, fit, windowed, exact, floor)
+
+    def _in_windows(self) -> Iterator[Hypothesis]:
+        """Effects that act for a part of the time."""
+        lasting = [effect for effect in self.effects if not effect.is_over_time]
+        for window, start in windows_of(self.problem, self.baseline, self.floor):
+            scanned = scan(self.problem, start, [windowed(effect, window) for effect in lasting])
+            for candidate in _one_per_id(scanned)[:_WINDOWS]:
+                fit = try_term(self.problem, start, candidate.term)
+                if fit is None or not has_edges(fit) or not are_reached(self.problem, fit):
+                    continue
+                if is_off_outside(fit.hypothesis.terms[-1], self.problem.signals(fit.hypothesis)):
+                    effect = candidate.effect
+                    fit = settled(self.problem, fit)
+                    yield self._hypothesis((effect.id,), effect.size + 3, fit, windowed=True)
+
+    def _sets(self) -> list[Hypothesis]:
+        """Two or three effects: forward from the leading singles, then members exchanged for others."""
+        found: list[Hypothesis] = []
+        for start in distinct(self.first)[:_STARTS]:
+            line = self._line(start, self.library, found)
+            if len(line) > 1 and self._is_settled(line):
+                break
+        if not self.problem.baseline.has_h:  # what weakens or pinches hysteresis says nothing before there is some
+            readers = [effect for effect in self.library if effect.uses_h]
+            sources = [t for t in self.first if t.form_of is not None and is_source(t.form_of)]
+            for start in list({t.form: t for t in reversed(sources)}.values())[-_STARTS:]:
+                self._line(start, readers, found)
+        if found and self.problem.work - self.began < _WORK:
+            found += self._exchanged(min(found, key=lambda h: h.fit.chi2))
+        return found
+
+    def _line(self, start: Trial, library: Sequence[Effect], found: list[Hypothesis]) -> list[Trial]:
+        """A set that grows from one effect by the best further one; all that was tried is added to what was found."""
+        line = [start]
+        while len(line) < _MEMBERS and not self._is_settled(line) and self.problem.work - self.began < _WORK:
+            nexts = self._further(line, library)
+            if not nexts:
+                break
+            found += [self._of([*line, trial]) for trial in nexts]
+            line.append(nexts[0])
+        return line
+
+    def _of(self, line: Sequence[Trial]) -> Hypothesis:
+        return self._hypothesis(tuple(t.name for t in line), sum(t.size for t in line), line[-1].fit)
+
+    def _further(self, line: Sequence[Trial], library: Sequence[Effect]) -> list[Trial]:
+        """The best further effects of a set, one per id."""
+        end, used = line[-1], {trial.name for trial in line}
+        scanned = [c for c in scan(self.problem, end.fit, library) if c.effect.id not in used]
+        left = end.chi2 - self.floor
+        extra = chain_trials(self.problem, end.fit, self.effects)
+        found = trials(self.problem, end.fit, scanned, left, extra, most=6)
+        return distinct(t for t in found if t.name not in used)[:_STARTS]
+
+    def _exchanged(self, best: Hypothesis) -> list[Hypothesis]:
+        """The leading set with each member exchanged for others: the first was chosen when the rest was not there."""
+        found = []
+        here = best.fit.hypothesis
+        for at, term in enumerate(here.terms):
+            if term.effect.id not in best.names:
+                continue
+            others = {t.effect.id for i, t in enumerate(here.terms) if i != at}
+            bare = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
+            start = standing(self.problem, bare)
+            laws = [effect for effect in self.library if effect.id not in others]
+            for candidate in _one_per_id(scan(self.problem, start, laws))[:_REPLACED]:
+                there = replace(bare, terms=(*here.terms[:at], candidate.term, *here.terms[at + 1 :]))
+                made = try_fit(self.problem, there, bar=best.fit.chi2)
+                if made is not None and are_reached(self.problem, made):
+                    names = tuple(candidate.effect.id if n == term.effect.id else n for n in best.names)
+                    size = best.size - term.effect.size + candidate.effect.size
+                    found.append(self._hypothesis(names, size, made))
+        return found
+
+    def each_counts(self, hypothesis: Hypothesis) -> bool:
+        """Whether taking any member away and fitting again costs more than the member does."""
+        here = hypothesis.fit.hypothesis
+        misfit = self.criterion.misfit(hypothesis.fit, hypothesis.floor)
+        for at, term in enumerate(here.terms):
+            if term.effect.id in hypothesis.names:
+                rest = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
+                made = try_fit(self.problem, rest, iterations=6)
+                without = self.criterion.misfit(made, hypothesis.floor) if made is not None else misfit
+                gain = self.criterion.likelihood(misfit) - self.criterion.likelihood(without)
+                if gain < self.criterion.price(term.effect.size, misfit) or not self.criterion.is_worth_a_name(
+                    misfit, without, self.formed(hypothesis.names)
+                ):
+                    return False
+        return True
+
+
+def _is_exact(effect: Effect) -> bool:
+    """Whether an effect has no form to be wrong: a fault of a channel, or a force that depends on nothing."""
+    return isinstance(effect, ChannelEffect) or not effect.reads
+
+
+def _one_per_id(scanned: Sequence[Scanned]) -> list[Scanned]:
+    best: dict[str, Scanned] = {}
+    for candidate in scanned:
+        best.setdefault(candidate.effect.id, candidate)
+    return list(best.values())
+
+
+def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Choice:
+    """The choice that the probabilities of the hypotheses lead to."""
+    criterion, before = search.criterion, search.baseline
+    noise = search.is_noise
+    reached = _level(search, found)
+    curves = tuple(free_curves(search.problem, before)) if len(found) > 0 else ()
+    posterior = criterion.posterior(found, is_noise=noise, reached=reached, curves=curves)
+    near = [c.hypothesis for c in posterior.candidates if c.probability > _CHANCE]
+    idle = [h for h in near if len(h.names) > 1 and not search.each_counts(h)]
+    found = [h for h in found if not any(set(h.names) == set(one.names) for one in idle)]
+    heard = [
+        replace(h, unseen=unseen(before, h.fit)) if any(h is one for one in near) else h for h in found
+    ]  # held-out recordings cost a run each: those without a chance are not asked
+    posterior = criterion.posterior(heard, is_noise=noise, reached=reached, curves=curves)
+    untestable = _untestable(search.candidates)
+    chosen = _told(criterion, posterior)
+    if chosen is None:
+        return Choice(
+            before, before, search.floor, search.floor, posterior, trials=tuple(search.first), untestable=untestable
+        )
+    leader, names = chosen
+    after = _with_one_mass(search.problem, _to_the_end(search.problem, criterion, leader.hypothesis.fit))
+    classes = [_class(criterion, posterior, leader, name) for name in names]
+    return Choice(
+        before, after, search.floor, search.problem.floor(after.hypothesis), posterior, names,
+        tuple(alike for alike, _ in classes), tuple(p for _, p in classes), _shares(search, leader, names),
+        tuple(search.first), untestable,
+    )  # fmt: skip
+
+
+def _level(search: _Search, found: Sequence[Hypothesis]) -> float:
+    """Misfit of the best hypothesis where what it leaves is noise; infinite where it is not."""
+    if search.is_noise or not found:
+        return np.inf
+    misfit, fit = min(((search.criterion.misfit(h.fit, h.floor), h.fit) for h in found), key=lambda pair: pair[0])
+    return misfit if misfit > search.criterion.slack and is_noise(search.problem, fit) else np.inf
+
+
+def _told(criterion: Criterion, posterior: Posterior) -> tuple[Candidate, tuple[str, ...]] | None:
+    """The set of effects that is named, strongest first; None where no name is probable enough."""
+    if not posterior.candidates or posterior.something < NAME:
+        return None
+    for leader in posterior.candidates:
+        if all(_class(criterion, posterior, leader, name)[1] >= NAME for name in leader.names):
+            return leader, leader.names
+    return None
+
+
+def _class(criterion: Criterion, posterior: Posterior, leader: Candidate, name: str) -> tuple[tuple[str, ...], float]:
+    """Ids that predict the same as one name of the leading set, and the probability that one of them is missing."""
+    alike = [name]
+    rest = {n for n in leader.names if n != name}
+    for other in posterior.candidates:
+        swapped = set(other.names) - rest
+        if len(other.names) == len(leader.names) and len(swapped) == 1 and other is not leader:
+            (instead,) = swapped
+            gain = criterion.gain(other.hypothesis, leader.hypothesis)
+            near = other.probability > _ALIKE * leader.probability or gain > 1.0
+            if near and instead not in alike and not criterion.predicts_else(other.hypothesis, leader.hypothesis):
+                alike.append(instead)
+    return tuple(alike), min(1.0, posterior.of(alike))
+
+
+def _shares(search: _Search, leader: Candidate, names: Sequence[str]) -> tuple[float, ...]:
+    """Share of the misfit that each named law explains: what taking it away costs; of a single one, all it explains."""
+    if len(names) == 1:
+        return (leader.explained,)
+    here, found = leader.hypothesis.fit, []
+    for name in names:
+        terms = tuple(t for t in here.hypothesis.terms if t.effect.id != name)
+        made = try_fit(search.problem, replace(here.hypothesis, terms=terms), iterations=6)
+        cost = (made.chi2 - here.chi2) / search.excess if made is not None else 1.0
+        found.append(float(min(max(cost, 0.0), 1.0)))
+    return tuple(found)
+
+
+def _with_one_mass(problem: Problem, fitted: Fit) -> Fit:
+    """Added mass that holds what the refit took for a weighing error as well: the two are one."""
+    here = fitted.hypothesis
+    at = next((i for i, term in enumerate(here.terms) if term.effect.id == ADDED_MASS), None)
+    if at is None or here.weighing == 0.0:
+        return fitted
+    term = here.terms[at]
+    name = term.effect.amplitudes[0]
+    whole = replace(term, values={**term.values, name: term.values[name] + here.weighing * here.values["m"]})
+    there = replace(here, weighing=0.0, terms=(*here.terms[:at], whole, *here.terms[at + 1 :]))
+    rows = problem.rows(there)
+    return replace(fitted, hypothesis=there, residual=rows, chi2=fitted.chi2 * float(rows @ rows) / fitted.rss)
+
+
+def _to_the_end(problem: Problem, criterion: Criterion, reached: Fit) -> Fit:
+    """What is named, fitted to the end: comparisons accept a side minimum, or end early."""
+    for _ in range(_ROUNDS):
+        if criterion.is_reached(reached.chi2 - problem.floor(reached.hypothesis)):
+            return reached
+        on = try_fit(problem, reached.hypothesis, LAST) or reached
+        fits = [try_fit(problem, start, LAST, bar=on.chi2) for start in other_valleys(problem, on)]
+        best = min([reached, on, *(made for made in fits if made is not None)], key=lambda made: made.chi2)
+        if best.chi2 > reached.chi2 - criterion.slack:
+            return best
+        reached = best
+    return reached
+
+
+def _untestable(candidates: Sequence[Scanned]) -> tuple[str, ...]:
+    """Ids of which every form is collinear with the refit."""
+    least: dict[str, float] = {}
+    for candidate in candidates:
+        ident = candidate.effect.id
+        least[ident] = min(least.get(ident, 1.0), candidate.absorbed)
+    return tuple(sorted(ident for ident, share in least.items() if share > ABSORBED))

@@ -1,0 +1,266 @@
+"""Trials: joint fits of a baseline and one more effect, and how they are compared with each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hystid.diagnosis.decide.limits import is_itself
+from hystid.diagnosis.fit.problem import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term, standing
+from hystid.diagnosis.fit.search import ABSORBED, Candidate, from_nominal, other_valleys, scan, try_fit, try_term
+from hystid.diagnosis.model.channel_effects import DRIFT, is_constant
+from hystid.diagnosis.model.effects import Effect
+
+SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
+_PROMISING = 0.3  # share of the largest gain of a scan that makes a form worth a fit
+_HOPEFUL = 0.4  # share of the excess that the best trial may leave to be searched again
+_NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
+_RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
+_EQUAL, _SIMPLER = 0.99, 2  # share of the gain that a simpler look-alike has, and how many of these are fitted as well
+_FORMS = 3  # forms of the leading id that are searched again
+_CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share of the excess) behind the best, fitted on
+LAST = 60  # iterations for what is named
+_MOVING = 6.0  # standard errors (of white noise) beyond which a recording drifts: real ones show 15 and more
+_REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold, where a law acts short of it
+_TOUCHED = 4  # samples of some recording beyond the threshold of a law that does not act short of it
+_SLIDES = 0.25  # of the largest speed, within which dry friction must have turned; rigs turn within 0.05
+DELAY = "channel_delay"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One hypothesis that was fitted: what was added last, how it went, and the ids that it was not told from."""
+
+    name: str
+    form: str
+    size: int
+    fit: Fit = field(repr=False)
+    absorbed: float = 0.0
+    others: tuple[Term, ...] = field(repr=False, default=())
+    tied: tuple[str, ...] = ()
+
+    @property
+    def chi2(self) -> float:
+        """Mean square of the residual, noise units."""
+        return self.fit.chi2
+
+    @property
+    def term(self) -> Term | None:
+        """The term of this name, None where the trial is a correction of the chain."""
+        return next((term for term in self.fit.hypothesis.terms if term.effect.id == self.name), None)
+
+    @property
+    def has_threshold(self) -> bool:
+        """Whether what was added begins to act at some displacement: a claim of its own."""
+        terms = self.fit.hypothesis.terms
+        return bool(terms) and "gap" in terms[-1].values
+
+    @property
+    def form_of(self) -> Effect | None:
+        """The form that was added; None where the trial is a correction of the chain."""
+        terms = self.fit.hypothesis.terms
+        return terms[-1].effect if terms and terms[-1].effect.id == self.name else None
+
+
+def trials(
+    problem: Problem,
+    fitted: Fit,
+    candidates: Sequence[Candidate],
+    excess: float,
+    extra: Sequence[Trial] = (),
+    most: int = 12,
+    least: float = _PROMISING,
+    bar: float = np.inf,
+) -> list[Trial]:
+    """Joint fits of the promising forms, best first. Absorbed ones count for nothing unless they change much.
+
+    most: how many; least: share of the largest gain that makes a form promising. bar: mean square that was reached
+    elsewhere; fits that do not come near are given up.
+    """
+    found = [*extra]
+    top = max((c.gain for c in candidates), default=0.0)
+    promising = [c for c in candidates if c.gain > least * top][:most]
+    promising += [c for c in candidates[:most] if c not in promising][: max(0, 5 - len(promising))]
+    for candidate in promising:
+        made = try_term(problem, fitted, candidate.term, bar=_least([bar, *(t.chi2 for t in found)]))
+        if made is not None:
+            found.append(_trial(candidate, made))
+    found = ranked(problem, found)
+    if found and found[0].chi2 - 1.0 > 2 * SOUND:
+        found = ranked(problem, [*_restarts(problem, fitted, found[0], bar), *found])
+    return [t for t in found if not (t.absorbed > ABSORBED and fitted.chi2 - t.chi2 < 0.5 * excess)]
+
+
+def ranked(problem: Problem, found: Sequence[Trial]) -> list[Trial]:
+    """Best first, without those that need a threshold which the motion never passes."""
+    return sorted((t for t in found if are_reached(problem, t.fit)), key=lambda t: t.chi2)
+
+
+def are_reached(problem: Problem, fit: Fit) -> bool:
+    """Whether the motion goes beyond every threshold, dry friction slides, and each law is what its name says: the tail
+    of a contact that is never reached feigns a preload, and friction that turns over most of the speeds is a damper by
+    another name."""
+    signals = problem.signals(fit.hypothesis)
+    for number, term in enumerate(fit.hypothesis.terms):
+        if term.effect.id == DRIFT and not _drifts(problem, fit, number):
+            return False
+        if "gap" in term.values:
+            side = term.values.get("side", 0.0)
+            beyond = [(side * p.x if side else np.abs(p.x)) > term.values["gap"] for p in problem.parts]
+            if max(np.mean(flags) for flags in beyond) < _REACHED and (
+                "w" in term.values or max(map(np.count_nonzero, beyond)) < _TOUCHED
+            ):
+                return False
+        if term.values.get("v_s", 0.0) > _SLIDES * problem.scales.v[-1] or not is_itself(problem, term, signals):
+            return False
+    return True
+
+
+def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
+    """Whether a drift of the force channel is one in most of the recordings, or a constant in most of them.
+
+    A constant that one recording needs and others do not, with ramps here and there, is what a wrong even law leaves,
+    or friction that stuck elsewhere when a recording began.
+    """
+    if fit.covariance is None:
+        return True
+    values, count = fit.hypothesis.terms[number].values, len(problem.parts)
+
+    def most(kinds: Sequence[str]) -> bool:
+        seen = [[f"{kind}_{k + 1}" for kind in kinds if f"{kind}_{k + 1}" in values] for k in range(count)]
+        clear = [any(abs(values[n]) > _MOVING * fit.stderr((str(number), n)) for n in names) for names in seen]
+        return 2 * sum(clear) > count
+
+    return most(("offset",)) if is_constant(values, problem.parts) else most(("ramp", "bow"))
+
+
+def _least(reached: Sequence[float]) -> float:
+    """The least of what was reached, 0 where nothing was: a fit with that for a bar is not given up."""
+    least = min(reached)
+    return least if np.isfinite(least) else 0.0
+
+
+def _restarts(problem: Problem, fitted: Fit, best: Trial, bar: float) -> list[Trial]:
+    """The best form from its next best grid points: most misses are searches that got stuck."""
+    made = [try_term(problem, fitted, term, bar=min(best.chi2, bar)) for term in best.others[:2]]
+    return [replace(best, fit=f, others=()) for f in made if f is not None and f.chi2 < best.chi2]
+
+
+def also_from_nominal(problem: Problem, found: Sequence[Trial], before: Fit, library: Sequence[Effect]) -> list[Trial]:
+    """Also the most promising forms fitted from the nominal baseline: a refit that has taken the missing effect for one
+    of its own may stand too far away."""
+    start = from_nominal(problem, before)
+    if start is None:
+        return list(found)
+    bar, candidates = found[0].chi2, scan(problem, start, library)[:_FORMS]
+    pairs = [(candidate, try_term(problem, start, candidate.term, bar=bar)) for candidate in candidates]
+    return ranked(problem, [*found, *(_trial(candidate, made) for candidate, made in pairs if made is not None)])
+
+
+def searched_again(
+    problem: Problem, found: Sequence[Trial], before: Fit, floor: float, valleys: Sequence[Fit]
+) -> list[Trial]:
+    """The leading ids from other starts, where the best explains much, and not enough.
+
+    A law with corners has side valleys: the refit without the missing effect may stand in one, and no fit that starts
+    there comes out. Other starts are other valleys that the refit has seen, and scattered shapes.
+    """
+    left, excess = found[0].chi2 - floor, before.chi2 - floor
+    if left > _HOPEFUL * excess:
+        return list(found)
+    again = list(found)
+    leading = [trial for trial in distinct(found)[:_SEARCHED] if trial.chi2 - floor < _NEAR * left]
+    forms = {t.form_of.class_name: t for t in reversed(found) if t.form_of and t.name in {one.name for one in leading}}
+    for valley in valleys:
+        for candidate in scan(problem, valley, [t.form_of for t in forms.values() if t.form_of])[:_FORMS]:
+            made = try_term(problem, valley, candidate.term, bar=again[0].chi2)
+            known = forms[candidate.effect.class_name]
+            again += [replace(known, fit=made, others=())] if made is not None and made.chi2 < known.chi2 else []
+    again = ranked(problem, again)
+    for trial in leading:
+        starts = other_valleys(problem, trial.fit)
+        fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
+        again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
+    return ranked(problem, again)
+
+
+def exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Trial]:
+    """Look-alikes of the best trial, fitted again from where its baseline stands.
+
+    The refit without any effect leans to one side, and a fit that starts there may never come to where the best one is:
+    it would lose for that and not for its law.
+    """
+    best = found[0]
+    here = best.fit.hypothesis
+    if len(here.terms) == len(before.hypothesis.terms):
+        return list(found)
+    near = best.chi2 + _RIVAL * (before.chi2 - best.chi2)
+    forms = {t.form_of.class_name: t for t in reversed(found) if t.chi2 < near and t.form_of}
+    forms.pop(here.terms[-1].effect.class_name, None)
+    bare = replace(here, terms=here.terms[:-1])
+    start = standing(problem, bare)
+    effects = [t.form_of for t in forms.values() if t.form_of]
+    again, law = list(found), here.terms[-1]
+    shapes = {name: value for name, value in law.values.items() if name not in law.effect.amplitudes}
+    for candidate in _rivals(scan(problem, start, effects, near=shapes), law.effect.size):
+        made = try_term(problem, start, candidate.term, bar=best.chi2)
+        if made is not None and made.chi2 < forms[candidate.effect.class_name].chi2:
+            again.append(replace(forms[candidate.effect.class_name], fit=made, others=()))
+    return ranked(problem, again)
+
+
+def _rivals(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
+    """Candidates that are fitted again: those that take most, and simpler ones that take as much."""
+    leading, others = candidates[:_EXCHANGED], candidates[_EXCHANGED:]
+    simpler = [c for c in others if c.gain > _EQUAL * candidates[0].gain and c.effect.size < size]
+    return [*leading, *sorted(simpler, key=lambda c: c.effect.size)[:_SIMPLER]]
+
+
+def finished(problem: Problem, found: Sequence[Trial], excess: float) -> list[Trial]:
+    """The best of the leading ids, fitted on: a law with corners creeps, and comparisons end early."""
+    near = [t for t in distinct(found)[:_CLOSE] if t.chi2 - found[0].chi2 < _CREEPING[0] + _CREEPING[1] * excess]
+    again = []
+    for trial in near if len(near) > 1 else ():
+        made = try_fit(problem, trial.fit.hypothesis, LAST)
+        again += [replace(trial, fit=made, others=())] if made is not None and made.chi2 < trial.chi2 else []
+    return ranked(problem, [*again, *found])
+
+
+def _trial(candidate: Candidate, made: Fit) -> Trial:
+    effect = candidate.effect
+    return Trial(effect.id, effect.form, effect.size, made, candidate.absorbed, candidate.others)
+
+
+def distinct(found: Iterable[Trial]) -> list[Trial]:
+    """The best trial of each id."""
+    seen: dict[str, Trial] = {}
+    for trial in found:
+        seen.setdefault(trial.name, trial)
+    return list(seen.values())
+
+
+def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> list[Trial]:
+    """A late force channel, and a mass beyond what weighing explains: tried where the refit runs into their limits."""
+    found = []
+    here = fitted.hypothesis
+    if abs(here.delay) > 0.8 * DELAY_LIMIT and not here.late:
+        made = try_fit(problem, replace(here, late=True))
+        if made is not None and abs(made.hypothesis.delay) > DELAY_LIMIT:
+            found.append(Trial(DELAY, "", 1, made))
+    if abs(here.weighing) > 0.95 * WEIGHING_LIMIT:
+        heavier = added_mass_of(problem, fitted, effects)
+        found += [heavier] if heavier is not None else []
+    return found
+
+
+def added_mass_of(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
+    """The weighing error of a fit as an effect without a limit; None where there is none, or no such effect."""
+    here = fitted.hypothesis
+    mass = next((effect for effect in effects if effect.id == ADDED_MASS), None)
+    if mass is None or here.weighing == 0.0:
+        return None
+    term = Term(mass, {mass.amplitudes[0]: here.weighing * here.values["m"]})
+    made = try_fit(problem, replace(here, weighing=0.0, terms=(*here.terms, term)))
+    return Trial(mass.id, mass.form, 1, made) if made is not None else None

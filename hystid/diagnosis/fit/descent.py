@@ -1,0 +1,208 @@
+"""Levenberg-Marquardt on a hypothesis: steps from normal equations, within bounds, none tried twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Unknown, get, put
+from hystid.errors import NumericalError
+
+Array = NDArray[np.float64]
+_PACE = 0.04  # share of the way to the bar that every step must make
+_DAMPINGS, _HARDER = 7, 8.0  # dampings per step, and the factor from one to the next
+_ANOTHER = 0.1  # relative difference of steps that makes another one worth its cost
+_NOTHING = 1e-5  # share of the sum of squares below which a promised fall is not worth a step
+_REFUSED, _MUCH = 2, 0.1  # refusals after which the law is held, and share of the promised fall that must be left then
+_FIRST = 1e-4  # damping at the start
+_EASIER, _LEAST = 0.1, 1e-9  # factor by which a damping falls at most, and how far
+
+
+@np.errstate(over="ignore", invalid="ignore")  # refused steps may be as wild as they like
+def fit(
+    problem: Problem,
+    start: Hypothesis,
+    *,
+    iterations: int = 25,
+    tolerance: float = 1e-4,
+    bar: float = 0.0,
+) -> Fit:
+    """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
+
+    bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
+    Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row. The
+    covariance is that of the last point at which derivatives were taken: a step that ends the fit is too small to
+    matter, or the fit is given up.
+    Raises NumericalError when the start itself has no finite residual.
+    """
+    unknowns = problem.unknowns(start)
+    here = _clip(start, unknowns)
+    rows = problem.rows(here)
+    cost = float(rows @ rows)
+    if not np.isfinite(cost):
+        raise NumericalError("the start of a fit has no finite residual; check the nominal parameters")
+    damping, small = _FIRST, 0
+    normal = _Normal(problem.jacobian(here, unknowns), rows)
+    for done in range(iterations):
+        taken = _step(problem, here, unknowns, normal, cost, damping)
+        if taken is None and problem.renew(here):
+            normal, damping = _Normal(problem.jacobian(here, unknowns), rows), _FIRST
+            continue
+        if taken is None:
+            break
+        gain = 1.0 - taken.cost / cost
+        here, rows, cost, damping = taken.there, taken.rows, taken.cost, taken.damping
+        small = small + 1 if gain < tolerance else 0
+        if done > 2 and gain < _PACE * (1.0 - bar * len(rows) / cost):
+            break
+        if small == 2 or gain < 1e-8:
+            break
+        normal = _Normal(problem.jacobian(here, unknowns), rows)
+    freedom = max(1, len(rows) - len(unknowns))
+    return Fit(here, rows, cost / freedom, unknowns, normal.covariance())
+
+
+@dataclass(frozen=True)
+class _Step:
+    """Where a step leads, its rows and their sum of squares, and the damping for the next one."""
+
+    there: Hypothesis
+    rows: Array
+    cost: float
+    damping: float
+
+
+def _taken(there: Hypothesis, rows: Array | None, cost: float, promised: float, damping: float) -> _Step | None:
+    """A step that lowers the sum of squares; None for another one. The damping falls where the fall was as promised,
+    stays where it was half of that, and grows beyond (Nielsen 1999)."""
+    found = float(rows @ rows) if rows is not None else np.inf
+    if rows is None or not found < cost:
+        return None
+    kept = 2 * (cost - found) / promised - 1
+    return _Step(there, rows, found, max(damping * max(_EASIER, 1 - kept**3), _LEAST))
+
+
+def _step(
+    problem: Problem, here: Hypothesis, unknowns: Sequence[Unknown], normal: _Normal, cost: float, damping: float
+) -> _Step | None:
+    """The first step that lowers the sum of squares; None where there is none worth its name.
+
+    Corners of the law may refuse step after step, each of which costs an evaluation of it: then all else moves alone.
+    """
+    for refused, (tried, promised, there) in enumerate(normal.steps(here, unknowns, damping)):
+        if promised < _NOTHING * cost:
+            return None
+        if refused == _REFUSED:
+            alone = _beside_law(problem, here, unknowns, normal, max(_NOTHING * cost, _MUCH * promised))
+            beside = _taken(alone, _rows_or_none(problem, alone), cost, promised, tried) if alone is not None else None
+            if beside is not None:
+                return beside
+        taken = _taken(there, _rows_or_none(problem, there), cost, promised, tried)
+        if taken is not None:
+            return taken
+    return None
+
+
+def _beside_law(
+    problem: Problem, here: Hypothesis, unknowns: Sequence[Unknown], normal: _Normal, least: float
+) -> Hypothesis | None:
+    """Where the step leads with the shapes of the law held; None where it promises less than the least, or there are
+    none."""
+    shapes = {("base", name) for name in problem.baseline.shapes}
+    held = frozenset(i for i, unknown in enumerate(unknowns) if unknown.key in shapes)
+    if not held:
+        return None
+    _, promised, there = next(normal.steps(here, unknowns, _FIRST, held))
+    return there if promised > least else None
+
+
+class _Normal:
+    """Normal equations of one Jacobian, in columns of unit length: many steps are tried from one point."""
+
+    def __init__(self, jacobian: Array, rows: Array) -> None:
+        self.scale = np.linalg.norm(jacobian, axis=0)
+        self.scale[self.scale == 0] = 1.0
+        scaled = jacobian / self.scale
+        self.matrix, self.right = scaled.T @ scaled, scaled.T @ rows
+
+    def steps(
+        self, here: Hypothesis, unknowns: Sequence[Unknown], first: float, held: frozenset[int] = frozenset()
+    ) -> Iterator[tuple[float, float, Hypothesis]]:
+        """Damping, fall of the sum of squares that the normal equations promise, and where the step leads.
+
+        The first damping, and larger ones that lead to another step: among columns of unit length a small damping
+        changes nothing, and what was refused would be refused again. held: unknowns that stay where they are.
+        """
+        last: Array | None = None
+        for power in range(_DAMPINGS):
+            damping = first * _HARDER**power
+            moves = self._moves(here, unknowns, damping, held)
+            scaled = moves * self.scale
+            if last is None or np.linalg.norm(scaled - last) > _ANOTHER * np.linalg.norm(last):
+                last = scaled
+                promised = float(scaled @ (2 * self.right - self.matrix @ scaled))
+                yield damping, promised, self._there(here, unknowns, moves)
+
+    @staticmethod
+    def _there(here: Hypothesis, unknowns: Sequence[Unknown], moves: Array) -> Hypothesis:
+        targets = {u.key: _moved(here, u, move) for u, move in zip(unknowns, moves, strict=True)}
+        return put(here, {u.key: float(np.clip(targets[u.key], u.low, u.high)) for u in unknowns})
+
+    def _moves(
+        self, here: Hypothesis, unknowns: Sequence[Unknown], damping: float, held: frozenset[int] = frozenset()
+    ) -> Array:
+        """Damped Gauss-Newton step; unknowns that it would push over their bounds are set there and the rest solved
+        anew."""
+        free = [i for i in range(len(unknowns)) if i not in held]
+        moves = np.zeros(len(unknowns))
+        right = self.right
+        while free:
+            moves[free] = self._solved(free, right, damping)
+            over = []
+            for i in free:
+                target = _moved(here, unknowns[i], moves[i])
+                bounded = float(np.clip(target, unknowns[i].low, unknowns[i].high))
+                if bounded != target:
+                    moves[i] = _move(here, unknowns[i], bounded)
+                    over.append(i)
+            if not over:
+                break
+            for i in over:
+                right = right - self.matrix[:, i] * self.scale[i] * moves[i]
+                free.remove(i)
+        return moves
+
+    def _solved(self, free: list[int], right: Array, damping: float) -> Array:
+        damped = self.matrix[np.ix_(free, free)]
+        damped[np.diag_indices_from(damped)] += damping + 1e-12
+        return np.asarray(np.linalg.solve(damped, right[free]) / self.scale[free])
+
+    def covariance(self) -> Array:
+        """Covariance of the unknowns for rows of unit noise."""
+        return np.asarray(np.linalg.pinv(self.matrix, rcond=1e-12) / np.outer(self.scale, self.scale))
+
+
+def _moved(here: Hypothesis, unknown: Unknown, move: float) -> float:
+    value = get(here, unknown.key)
+    return float(value * np.exp(np.clip(move, -1.2, 1.2))) if unknown.log else value + move
+
+
+def _move(here: Hypothesis, unknown: Unknown, target: float) -> float:
+    """Step of an unknown that leads to a value: the reverse of ``_moved``."""
+    value = get(here, unknown.key)
+    return float(np.log(target / value)) if unknown.log else target - value
+
+
+def _clip(hypothesis: Hypothesis, unknowns: Sequence[Unknown]) -> Hypothesis:
+    return put(hypothesis, {u.key: float(np.clip(get(hypothesis, u.key), u.low, u.high)) for u in unknowns})
+
+
+def _rows_or_none(problem: Problem, hypothesis: Hypothesis) -> Array | None:
+    try:
+        rows = problem.rows(hypothesis)
+    except NumericalError:
+        return None
+    return rows if np.all(np.isfinite(rows)) else None

@@ -1,0 +1,201 @@
+"""A periodic force that nobody measured: the mains on a force channel, a fan, a pump, the press next door.
+
+It is a line in what the refitted baseline leaves: narrow, of one phase all through a recording, at one frequency in all
+of them, and no harmonic of the measured force. It is taken out, and told with its frequency and amplitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import gamma
+
+from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.fit.search import try_term
+from hystid.diagnosis.model.channel_effects import HUM, mains_hum
+
+Array = NDArray[np.float64]
+_MAINS = (50.0, 60.0)  # Hz
+_CHANCE = 1e-3  # probability by chance of a line, over all frequencies: one false alarm in 1000 diagnoses
+_SHARE = (
+    0.074  # of the misfit: less is what laws leave by their form (decide.criterion.FORM, one standard deviation up)
+)
+_MOST = 5  # lines that are taken out
+_NEAR, _FAR = 3, 15  # distance of the neighbours from a line, in steps of the frequency resolution
+_QUANTILE = 0.9  # of the neighbours that says how loud they are; of an exponential variable it is ln 10 of the mean
+_SECTIONS, _STEADY = 6, 0.6  # of a recording, and the share of a line's power that is coherent over them: random phases
+# leave 1/6, a sweep that runs through the line as much; a steady line of six standard errors leaves 0.9
+_HARMONICS = 60  # of a sine test, whose distortion is no line of its own
+_DOMINANT = 0.5  # share of the power of the force in one line that makes a sine test
+_HIGHEST = 0.4  # of the rate of the rows: beyond, averaging has taken the line out already
+
+
+@dataclass(frozen=True)
+class PeriodicForce:
+    """A line that was taken out. frequency [Hz]; amplitudes: (N, standard error) per recording; is_mains."""
+
+    frequency: float
+    amplitudes: tuple[tuple[float, float], ...]
+
+    @property
+    def is_mains(self) -> bool:
+        """Whether it is a harmonic of 50 or 60 Hz, as near as the mains keep it (0.2 %)."""
+        return any(abs(self.frequency - k * f) < 0.002 * k * f for f in _MAINS for k in (1, 2, 3))
+
+    def sentence(self) -> str:
+        """For people."""
+        size, error = max(self.amplitudes)
+        source = "of the mains" if self.is_mains else "that no channel shows"
+        return (
+            f"a periodic force {source}, {self.frequency:.4g} Hz with an amplitude of {size:.3g} N ({error:.2g}), was "
+            "taken out of the balance"
+        )
+
+
+def periodic_forces(problem: Problem, baseline: Fit) -> tuple[Fit, list[PeriodicForce]]:
+    """The fit with every periodic force that nobody measured taken out, and what was taken out.
+
+    Lines of one frequency in all recordings, of any phase and amplitude in each. None where time was not measured.
+    """
+    if not problem.timed:
+        return baseline, []
+    fitted, frequencies = baseline, list[float]()
+    while len(frequencies) < _MOST:
+        frequency = _line(problem, fitted.hypothesis, frequencies)
+        if frequency is None:
+            break
+        effect = mains_hum(len(problem.parts), frequency)
+        made = try_term(problem, fitted, Term(effect, dict.fromkeys(effect.amplitudes, 0.0)))
+        if made is None or fitted.chi2 - made.chi2 < _SHARE * (fitted.chi2 - problem.reduce.level):
+            break
+        fitted = made
+        frequencies.append(frequency)
+    return fitted, _told(fitted)
+
+
+def _told(fitted: Fit) -> list[PeriodicForce]:
+    found = []
+    for i, term in enumerate(fitted.hypothesis.terms):
+        if term.effect.id != HUM:
+            continue
+        sizes = []
+        for sine, cosine in zip(term.effect.amplitudes[::2], term.effect.amplitudes[1::2], strict=True):
+            size = float(np.hypot(term.values[sine], term.values[cosine]))
+            error = float(np.hypot(fitted.stderr((str(i), sine)), fitted.stderr((str(i), cosine)))) / np.sqrt(2)
+            sizes.append((size, error))
+        found.append(PeriodicForce(float(term.effect.form), tuple(sizes)))
+    return found
+
+
+def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> float | None:
+    """Frequency [Hz] of the clearest line that is left; None where chance alone would make as clear a one."""
+    spectra = [
+        _Spectrum(rest, part.F, part.dt) for rest, part in zip(problem.balance(hypothesis), problem.parts, strict=True)
+    ]
+    highest = min(_HIGHEST / (part.dt * problem.reduce.block) for part in problem.parts)
+    grid = max(spectra, key=lambda s: s.length)
+    lowest = max((_FAR + 1) / s.length for s in spectra)
+    frequencies = np.arange(lowest, highest, 0.5 / grid.length)
+    if len(frequencies) == 0:
+        return None
+    clear = np.sum([s.clearness(frequencies) for s in spectra], axis=0)
+    for s in spectra:
+        clear[s.is_excited(frequencies)] = 0.0
+        for one in known:
+            clear[s.is_beside(frequencies, one)] = 0.0
+    needed = float(gamma.isf(_CHANCE / len(frequencies), len(spectra)))
+    for k in np.argsort(clear)[::-1][:_MOST]:  # the clearest may be a sweep that passes by
+        if clear[k] < needed:
+            return None
+        frequency = _refined(spectra, float(frequencies[k]), 0.5 / grid.length)
+        if (
+            np.average([s.steadiness(frequency) for s in spectra], weights=[s.power(frequency) for s in spectra])
+            > _STEADY
+        ):
+            return frequency
+    return None
+
+
+def _refined(spectra: Sequence[_Spectrum], start: float, step: float) -> float:
+    """Frequency near a start at which the power of all recordings together is largest."""
+    best = start
+    while step > 1e-3 / max(s.length for s in spectra):
+        tried = [best - step, best, best + step]
+        best = max(tried, key=lambda f: sum(s.power(f) for s in spectra))
+        step *= 0.5
+    return float(best)
+
+
+class _Spectrum:
+    """What is left of the balance of one recording, and its measured force, by frequency."""
+
+    def __init__(self, rest: Array, force: Array, dt: float) -> None:
+        self._dt, self._rest = dt, rest - np.mean(rest)
+        self._window = np.hanning(len(rest))
+        self.length = len(rest) * dt
+        self._bins = np.arange(len(rest) + 1) / (2 * len(rest) * dt)  # zero-padded twice
+        self._power = self._padded(self._rest)
+        self._force = self._padded(force - np.mean(force))
+        self._main = float(self._bins[int(np.argmax(self._force))])
+        near = np.abs(self._bins - self._main) < 2 / self.length
+        self._sine = float(np.sum(self._force[near])) > _DOMINANT * float(np.sum(self._force))
+        lines = _over_neighbours(self._force, np.arange(float(len(self._bins)))) > np.log(len(self._bins) / _CHANCE)
+        self._tones = not self._sine and float(np.sum(self._force[lines])) > _DOMINANT * float(np.sum(self._force))
+
+    def _padded(self, values: Array) -> Array:
+        return np.abs(np.fft.rfft(values * self._window, 2 * len(values))) ** 2
+
+    def clearness(self, frequencies: Array) -> Array:
+        """Power over the mean of the neighbours; exponentially distributed where there is noise alone."""
+        return _over_neighbours(self._power, np.interp(frequencies, self._bins, np.arange(len(self._bins))))
+
+    def is_excited(self, frequencies: Array) -> NDArray[np.bool_]:
+        """Whether the measured force has a line there, or a line of which it is a harmonic."""
+        at = np.interp(frequencies, self._bins, np.arange(len(self._bins)))
+        lines = _over_neighbours(self._force, at) > np.log(len(self._bins) / _CHANCE)
+        if self._tones:  # a curved law makes sums and differences of many tones: only the mains are known beforehand
+            mains = np.array([k * f for f in _MAINS for k in (1, 2, 3)])
+            lines |= np.min(np.abs(frequencies[:, None] - mains), axis=1) > 1 / self.length
+        if self._sine:
+            order = np.rint(2 * frequencies / self._main)  # halves too: a period may double
+            there = np.abs(frequencies - order * self._main / 2) < _NEAR / self.length
+            lines |= there & (order > 0) & (order <= 2 * _HARMONICS)
+        return np.asarray(lines)
+
+    def is_beside(self, frequencies: Array, line: float) -> NDArray[np.bool_]:
+        """Whether frequencies are that of a known line, or in a sine test what a curved law makes of both: a sum or a
+        difference of the line and a harmonic."""
+        found = np.abs(frequencies - line) < _NEAR / self.length
+        for sign in (-1, 1) if self._sine else ():
+            order = np.rint((frequencies + sign * line) / self._main)
+            found |= np.abs(frequencies + sign * line - order * self._main) < _NEAR / self.length
+        return np.asarray(found)
+
+    def _sum(self, frequency: float, part: slice = slice(None)) -> complex:
+        k = np.arange(len(self._rest))[part]
+        return complex(np.sum((self._window * self._rest)[part] * np.exp(-2j * np.pi * frequency * self._dt * k)))
+
+    def power(self, frequency: float) -> float:
+        """Power of what is left at one frequency."""
+        return abs(self._sum(frequency)) ** 2
+
+    def steadiness(self, frequency: float) -> float:
+        """Share of the power of a line that has one phase in all sections of the recording."""
+        edges = pairwise(np.linspace(0, len(self._rest), _SECTIONS + 1).astype(int))
+        parts = [slice(first, last) for first, last in edges]
+        size = np.array([np.sum(self._window[part]) for part in parts])
+        amplitudes = np.array([self._sum(frequency, part) for part in parts]) / size
+        return float(abs(np.sum(size * amplitudes)) ** 2 / (np.sum(size) * np.sum(size * np.abs(amplitudes) ** 2)))
+
+
+def _over_neighbours(power: Array, at: Array) -> Array:
+    """Power at bins of a spectrum that was zero-padded twice, over the mean that its neighbours suggest."""
+    bins = np.clip(np.rint(at).astype(int), 0, len(power) - 1)
+    beside = np.concatenate([np.arange(-2 * _FAR, -2 * _NEAR + 1), np.arange(2 * _NEAR, 2 * _FAR + 1)])
+    around = power[np.clip(bins[:, None] + beside, 0, len(power) - 1)]
+    level = np.quantile(around, _QUANTILE, axis=1) / np.log(1 / (1 - _QUANTILE))
+    return np.asarray(power[bins] / np.maximum(level, 1e-300))

@@ -1,0 +1,615 @@
+"""Joint least squares over baseline, nuisances and effects, in the force domain.
+
+The unknowns of a hypothesis are the free parameters of the baseline, small corrections that every rig needs (a delay
+below a sample, a weighing error), and amplitudes and shapes of the effects; ``descent`` moves them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.compiled import CompiledModel, Motion
+from hystid.diagnosis.model.baseline import Baseline, Held
+from hystid.diagnosis.model.cache import Memory
+from hystid.diagnosis.model.effects import Effect, Scales, Signals, shape_bounds
+from hystid.diagnosis.prepare.segments import DRAWS, Advanced, Part, Reduction
+from hystid.errors import NumericalError
+
+Array = NDArray[np.float64]
+DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fault
+LATE_LIMIT = 8.0  # samples
+HYSTERESIS = "hysteretic_friction"
+ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
+WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
+_TURN = 0.05  # share of the peak speed over which a contact may turn
+_ROUND = 0.1  # share of a jump that the shape of a turn leaves open, where the law has its own turn
+_FILTERED = 0.3  # share of a jump that filters of the recording chain leave open in the samples beside it
+_RARE, _SEEN = 0.999, 0.1  # quantile of rows, and noise power, from which what a turn leaves open is seen
+_AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
+_STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
+_REUSE = 0.04  # relative distance over which derivatives of the law are used again
+_SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
+# Bytes that are remembered: laws, forces of effects, and of scans columns, and forces per unit of h.
+_KEPT = (40_000_000, 24_000_000, 120_000_000, 40_000_000)
+_TINY = 1e-100  # amplitude below which a force says nothing of its unit
+Key = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect with its parameters (amplitudes, shapes, choices)."""
+
+    effect: Effect
+    values: Mapping[str, float]
+
+    @property
+    def law(self) -> Term:
+        """The same law, acting all the time."""
+        return Term(self.effect.law, self.effect.law_values(self.values))
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Baseline values, delay of the force channel [samples], weighing error (share of m), and effects.
+
+    late: the delay may be larger than every rig has.
+    """
+
+    values: Mapping[str, float]
+    terms: tuple[Term, ...] = ()
+    delay: float = 0.0
+    weighing: float = 0.0
+    late: bool = False
+
+    def mass(self) -> float:
+        """Mass in the balance [kg]."""
+        return float(self.values.get("m", 0.0)) * (1.0 + self.weighing)
+
+    def parameters(self) -> dict[str, float]:
+        """Values of the baseline, the mass as the balance has it."""
+        return {**self.values, **({"m": self.mass()} if "m" in self.values else {})}
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One unknown: key, whether it is fitted on a logarithmic scale, its range, and its scale for steps from zero."""
+
+    key: Key
+    log: bool = False
+    low: float = -np.inf
+    high: float = np.inf
+    linear: bool = False
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted hypothesis: rows of the residual (unit noise), their mean square, and the scaled Jacobian's
+    covariance."""
+
+    hypothesis: Hypothesis
+    residual: Array = field(repr=False)
+    chi2: float
+    unknowns: tuple[Unknown, ...] = ()
+    covariance: Array | None = field(default=None, repr=False)
+
+    @property
+    def rss(self) -> float:
+        """Sum of squares of the weighted residual."""
+        return float(self.residual @ self.residual)
+
+    def stderr(self, key: Key) -> float:
+        """Standard error of an unknown in its own unit; NaN where it was not fitted. Scaled by the residual level."""
+        for i, unknown in enumerate(self.unknowns):
+            if unknown.key == key and self.covariance is not None:
+                spread = float(np.sqrt(max(self.covariance[i, i], 0.0) * max(self.chi2, 1.0)))
+                return spread * abs(get(self.hypothesis, key)) if unknown.log else spread
+        return float("nan")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Rows (rows, k) of an effect per unit of each of its k amplitudes, scaled to unit length; their lengths (k,), 0
+    where a column vanishes, and their products with each other (k, k)."""
+
+    scaled: Array = field(repr=False)
+    lengths: Array
+    products: Array
+
+
+def _scaled(rows: Array) -> tuple[Array, ...]:
+    lengths = np.linalg.norm(rows, axis=0)
+    scaled = rows / np.where(lengths > 0, lengths, 1.0)
+    return scaled, lengths, scaled.T @ scaled
+
+
+def _with_noise(part: Part, errors: Sequence[Array], sign: float) -> Part:
+    dx, dv, da, di = errors
+    return replace(
+        part, x=part.x + sign * dx, v=part.v + sign * dv, a=part.a + sign * da, inertia=part.inertia + sign * di
+    )
+
+
+def is_source(effect: Effect) -> bool:
+    """Whether an effect is hysteresis itself, which others weaken or pinch."""
+    return effect.id == HYSTERESIS
+
+
+def get(hypothesis: Hypothesis, key: Key) -> float:
+    """Value of an unknown."""
+    kind, name = key
+    if kind == "base":
+        return float(hypothesis.values[name])
+    if kind == "chain":
+        return float(getattr(hypothesis, name))
+    return float(hypothesis.terms[int(kind)].values[name])
+
+
+def put(hypothesis: Hypothesis, changes: Mapping[Key, float]) -> Hypothesis:
+    """Copy with some unknowns changed."""
+    values, chain = dict(hypothesis.values), {"delay": hypothesis.delay, "weighing": hypothesis.weighing}
+    terms = [dict(term.values) for term in hypothesis.terms]
+    for (kind, name), value in changes.items():
+        target = values if kind == "base" else chain if kind == "chain" else terms[int(kind)]
+        target[name] = value
+    made = tuple(replace(term, values=new) for term, new in zip(hypothesis.terms, terms, strict=True))
+    return Hypothesis(values, made, chain["delay"], chain["weighing"], hypothesis.late)
+
+
+class Problem:
+    """The recordings, the baseline and the reduction; evaluates hypotheses and their derivatives."""
+
+    def __init__(self, parts: Sequence[Part], baseline: Baseline, scales: Scales) -> None:
+        self.parts = tuple(parts)
+        self.baseline = baseline
+        self.scales = scales
+        self.reduce = Reduction(parts, baseline.mass)
+        self._ready: list[dict[tuple[CompiledModel, int], Motion]] = [{} for _ in self.parts]  # motions for the effects
+        self._shifted: dict[tuple[int, float], Array] = {}
+        self._movable: dict[int, Advanced] = {}
+        self.turns = False  # whether the law turns within a small part of the speeds, in a way that is seen
+        self._held = [self._hold(p, p.x, p.v) for p in self.parts]
+        self._laws, self._forces, self._columns, self._grids = (Memory(most) for most in _KEPT)
+        self._largest = int(np.argmax([np.max(np.abs(p.x)) for p in self.parts]))
+        self._last: tuple[Hypothesis, list[Array]] | None = None
+        self._slopes: list[tuple[tuple[float, ...], dict[str, _Slope]]] = []
+        self.work = 0  # rows of residuals that were evaluated: what a search has cost, on any machine
+        self._units = self._linear_columns()
+        self._reduce_anew()
+
+    @property
+    def timed(self) -> bool:
+        """Whether time was measured in all recordings: else no law of time, drift or window can be told."""
+        return all(part.timed for part in self.parts)
+
+    @property
+    def sees_x(self) -> bool:
+        """Whether the displacement is known in all recordings, so that laws of it can be told."""
+        return all(part.sees_x for part in self.parts)
+
+    def _reduce_anew(self) -> None:
+        """Rows of what is reduced once and for all; to be called when the reduction has changed."""
+        self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
+        self._acceleration = self.reduce([part.a for part in self.parts])
+        self._slopes = []
+
+    def _hold(self, part: Part, x: Array, v: Array) -> Held:
+        """A motion of a part made ready for the law, with its past."""
+        return self.baseline.held(*part.led_in(x, v), part.dt)
+
+    def _follow(self, held: Sequence[Held], values: Mapping[str, float]) -> list[tuple[Array, Array]]:
+        """R and h of the baseline along motions of the parts, without their past."""
+        pairs = zip(self.parts, self.baseline.forces(held, values), strict=True)
+        return [(R[part.past :], h[part.past :]) for part, (R, h) in pairs]
+
+    def law(self, values: Mapping[str, float]) -> list[tuple[Array, Array]]:
+        """R and h of the baseline per part. Linear parameters cost nothing; the last shapes are remembered."""
+        change = [(name, values[name] - self.baseline.nominal[name]) for name in self.baseline.linear]
+        return [
+            (R + sum(step * self._units[name][i] for name, step in change), h)
+            for i, (R, h) in enumerate(self._law_at(values))
+        ]
+
+    def _law_at(self, values: Mapping[str, float]) -> list[tuple[Array, Array]]:
+        """R and h with the shapes of the law as given and its linear parameters at their nominal values."""
+        shapes = {name: values[name] for name in self.baseline.shapes}
+
+        def made() -> tuple[Array, ...]:
+            pairs = self._follow(self._held, {**self.baseline.nominal, **shapes})
+            return tuple(array for pair in pairs for array in pair)
+
+        flat = self._laws.get(tuple(shapes.values()), made)
+        return list(zip(flat[::2], flat[1::2], strict=True))
+
+    def signals(self, hypothesis: Hypothesis) -> list[Signals]:
+        """What the effects see. Where the baseline has no hysteresis, h is that of the effects that bring one."""
+        found = [
+            Signals(p.x, p.v, p.a, h, p.dt, i, self._ready[i])
+            for i, (p, (_, h)) in enumerate(zip(self.parts, self._law_at(hypothesis.values), strict=True))
+        ]
+        return self._with_h(found, hypothesis.terms)
+
+    def _with_h(self, signals: list[Signals], terms: Sequence[Term]) -> list[Signals]:
+        added = [term.effect.forces(signals, term.values) for term in self._sources(terms)]
+        return [replace(s, h=sum((f[i] for f in added), s.h)) for i, s in enumerate(signals)] if added else signals
+
+    def _sources(self, terms: Sequence[Term]) -> list[Term]:
+        """The effects whose force is the hysteretic force of a baseline without one."""
+        return [] if self.baseline.has_h else [term for term in terms if is_source(term.effect)]
+
+    def _force(self, hypothesis: Hypothesis, term: Term, signals: Sequence[Signals]) -> Sequence[Array]:
+        """Force of an effect per part; term: one of the hypothesis, or that with other values. That of its law is
+        remembered.
+
+        signals: those of the hypothesis.
+        """
+        law, seen = term.law, tuple[object, ...]()
+        if law.effect.per_h:
+            return term.effect.switched(self._law_force(law, signals), signals, term.values)
+        if "h" in law.effect.reads:
+            shapes = tuple(hypothesis.values[name] for name in self.baseline.shapes)
+            seen = (shapes, *(_key(source) for source in self._sources(hypothesis.terms)))
+        forces = self._forces.get((*_key(law), seen), lambda: tuple(law.effect.forces(signals, law.values)))
+        return term.effect.switched(forces, signals, term.values)
+
+    def _law_force(self, law: Term, signals: Sequence[Signals], memory: Memory | None = None) -> Sequence[Array]:
+        """Force of an effect that acts all the time; where it is proportional to h, that per unit of h is remembered.
+
+        signals: motion of the parts, whatever h is.
+        """
+
+        def per_unit() -> tuple[Array, ...]:
+            return tuple(law.effect.forces([replace(s, h=np.ones_like(s.h)) for s in signals], law.values))
+
+        if not law.effect.per_h:
+            return law.effect.forces(signals, law.values)
+        units = (memory or self._forces).get((*_key(law), "per unit of h"), per_unit)
+        return [s.h * unit for s, unit in zip(signals, units, strict=True)]
+
+    def _unit(self, hypothesis: Hypothesis, term: Term, name: str, signals: Sequence[Signals]) -> list[Array]:
+        """Force of an effect per unit of one of its amplitudes."""
+        value = term.values[name]
+        if len(term.effect.amplitudes) == 1 and abs(value) > _TINY:
+            return [f / value for f in self._force(hypothesis, term, signals)]
+        only = {**term.values, **dict.fromkeys(term.effect.amplitudes, 0.0), name: 1.0}
+        return list(self._force(hypothesis, Term(term.effect, only), signals))
+
+    def columns(self, effect: Effect, shapes: Mapping[str, float], signals: Sequence[Signals]) -> Columns | None:
+        """What an effect adds to the rows; None where it never acts, or is not finite.
+
+        A threshold that the largest motion does not reach is reached by none. What depends on the motion alone is the
+        same in every scan, and remembered.
+        """
+        if effect.law is not effect and self.reduce.is_local:
+            always = self.columns(effect.law, effect.law_values(shapes), signals)
+            ones = [np.ones_like(part.x) for part in self.parts]
+            gates = np.concatenate(
+                [self.reduce.plain(i, g) for i, g in enumerate(effect.switched(ones, signals, shapes))]
+            )
+            return Columns(*_scaled(always.scaled * always.lengths * gates[:, None])) if always else None
+
+        def made() -> tuple[Array, ...]:
+            try:
+                raw = [self._law_force(Term(effect, at), signals, self._grids) for at in effect.units_at(shapes)]
+            except NumericalError:
+                return ()
+            acts = any(np.any(column[self._largest]) for column in raw)
+            finite = all(np.max(np.abs(f)) < 1e100 for column in raw for f in column)
+            return _scaled(np.stack([self.reduce(column) for column in raw], axis=1)) if acts and finite else ()
+
+        found = self._columns.get(_key(Term(effect, shapes)), made) if effect.lasts else made()
+        return Columns(*found) if found else None
+
+    def forget_columns(self) -> None:
+        """Free what is remembered of scans."""
+        self._columns.clear()
+        self._grids.clear()
+
+    def predicted(self, hypothesis: Hypothesis) -> list[Array]:
+        """R and the effects, without inertia, per part [N]. That of the last hypothesis is remembered."""
+        if self._last is None or self._last[0] is not hypothesis:
+            self._last = hypothesis, self._predicted(hypothesis)
+        return self._last[1]
+
+    def _predicted(self, hypothesis: Hypothesis) -> list[Array]:
+        forces = [R for R, _ in self.law(hypothesis.values)]
+        if hypothesis.terms:
+            signals = self.signals(hypothesis)
+            for term in hypothesis.terms:
+                forces = [f + g for f, g in zip(forces, self._force(hypothesis, term, signals), strict=True)]
+        return forces
+
+    def balance(self, hypothesis: Hypothesis) -> list[Array]:
+        """Measured minus predicted force per sample and part [N], with the delay of the force channel taken out."""
+        mass = hypothesis.mass()
+        return [
+            self.force_at(i, hypothesis.delay) - mass * part.inertia - force
+            for i, (part, force) in enumerate(zip(self.parts, self.predicted(hypothesis), strict=True))
+        ]
+
+    def force_at(self, index: int, delay: float) -> Array:
+        """Measured force, moved earlier by a number of samples."""
+        if delay == 0.0:
+            return self.parts[index].F
+        key = (index, round(delay, 6))
+        if key not in self._shifted:
+            if len(self._shifted) > 6 * len(self.parts):
+                self._shifted.clear()
+            if index not in self._movable:
+                self._movable[index] = Advanced(self.parts[index].F)
+            self._shifted[key] = self._movable[index](delay)
+        return self._shifted[key]
+
+    def floor(self, hypothesis: Hypothesis) -> float:
+        """Mean square that noise alone leaves: that of the balance, and what noise of the motion makes of the force.
+
+        Both come from the same channels, so that they may cancel in part: what is added is the mean square of the two
+        together less that of the balance.
+        """
+        mass, added = hypothesis.mass(), []
+        for draw, moved in enumerate(self.movements(hypothesis)):
+            balance = self.reduce([mass * part.jitter[draw][3].astype(float) for part in self.parts])
+            added.append(float(np.mean(moved * (moved + 2 * balance))))
+        return self.reduce.level + float(np.mean(added))
+
+    def movements(self, hypothesis: Hypothesis) -> list[Array]:
+        """Rows of what draws of the regressors' noise make of the force; zeros where the law has no answer there, as at
+        the edge of what it allows."""
+        here = self.predicted(hypothesis)
+        return [self.reduce(self._moved(hypothesis, draw, here)) for draw in range(DRAWS)]
+
+    def _moved(self, hypothesis: Hypothesis, draw: int, here: list[Array]) -> list[Array]:
+        try:
+            return [b - a for a, b in zip(here, self._shaken(hypothesis, draw), strict=True)]
+        except NumericalError:
+            return [np.zeros_like(a) for a in here]
+
+    def distrust(self, *hypotheses: Hypothesis) -> bool:
+        """Weigh down rows in which a law jumps; true where there are such rows.
+
+        hypotheses: the fit, and others that a law may have jumped in where the fit was led astray.
+        """
+        self.reduce.trust()
+        if self.baseline.memoryless:
+            turns, filtered = (np.maximum.reduce(rows) for rows in zip(*map(self._jumps, hypotheses), strict=True))
+            self.turns = float(np.quantile(np.maximum(turns, filtered) ** 2, _RARE)) > _SEEN
+            self.reduce.distrust([*self.movements(hypotheses[0]), turns], filtered)
+        else:
+            self.turns = False
+            self.reduce.distrust(self.movements(hypotheses[0]), np.zeros(1))
+        self._columns.clear()
+        self._reduce_anew()
+        return self.reduce.weighs
+
+    def _jumps(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
+        """Rows of what the bend of a law without memory leaves open: over some of the largest speed, and over one
+        sample, either way.
+
+        Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed: the force near
+        the jump says little. A law that turns over a speed of its own is fitted to what there is. Filters of the
+        recording chain round and ring over the samples beside a jump, and beside any turn shorter than a sample.
+        """
+        fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
+
+        def law(velocity: Callable[[Part], Array]) -> list[Array]:
+            moved = [self._hold(p, p.x, velocity(p)) for p in self.parts]
+            return [R for R, _ in self._follow(moved, hypothesis.values)]
+
+        def bend(shift: Callable[[Part], Array | float]) -> list[Array]:
+            sides = (law(lambda p: p.v - shift(p)), law(lambda p: p.v + shift(p)))
+            return [np.abs(b + c - 2 * a) for a, b, c in zip(here, *sides, strict=True)]
+
+        here = law(lambda p: p.v)
+        falling, rising = (law(partial(_steadily, share * fastest)) for share in (-_AT_ONCE, _AT_ONCE))
+        jump = max(float(np.max(np.abs(r - f))) for r, f in zip(rising, falling, strict=True))
+        slow, quick = bend(lambda _: _TURN * fastest), bend(lambda p: p.a * p.dt)
+        sharp = jump > 0.5 * max(float(np.max(b)) for b in slow)
+        share = 1.0 if sharp else _ROUND
+        # Their sign changes with that of v: blocks would lose it.
+        return self.reduce([share * s for s in slow]), self.reduce([_FILTERED * q for q in quick])
+
+    def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
+        moved = []
+        for part in self.parts:
+            dx, dv, da, _ = part.jitter[draw]
+            moved.append((part.x + dx, part.v + dv, part.a + da, part.dt))
+        held = [self._hold(p, x, v) for p, (x, v, _, _) in zip(self.parts, moved, strict=True)]
+        laws = self._follow(held, hypothesis.values)
+        seen = [Signals(x, v, a, h, dt, i) for i, ((x, v, a, dt), (_, h)) in enumerate(zip(moved, laws, strict=True))]
+        seen, forces = self._with_h(seen, hypothesis.terms), [R for R, _ in laws]
+        for term in hypothesis.terms:
+            forces = [f + g for f, g in zip(forces, term.effect.forces(seen, term.values), strict=True)]
+        return forces
+
+    def row_counts(self) -> list[int]:
+        """Number of rows of each part."""
+        return [len(self.reduce.plain(i, part.x)) for i, part in enumerate(self.parts)]
+
+    def of(self, parts: Sequence[Part]) -> Problem:
+        """The same problem on other recordings."""
+        return Problem(parts, self.baseline, self.scales)
+
+    def shaken(self, draw: int, sign: float) -> Problem:
+        """The same problem with the noise of the motion added once more (a draw of it, of either sign)."""
+        moved = [
+            replace(
+                part, x=part.x + sign * dx, v=part.v + sign * dv, a=part.a + sign * da, inertia=part.inertia + sign * di
+            )
+            for part, (dx, dv, da, di) in ((part, part.jitter[draw]) for part in self.parts)
+        ]
+        made = self.of(moved)
+        made.reduce = self.reduce
+        made._reduce_anew()
+        return made
+
+    def rows(self, hypothesis: Hypothesis) -> Array:
+        """Weighted residual rows."""
+        rows = self.reduce(self.balance(hypothesis))
+        self.work += len(rows)
+        return rows
+
+    def unknowns(self, hypothesis: Hypothesis) -> tuple[Unknown, ...]:
+        """What is fitted for a hypothesis."""
+        base = self.baseline
+        found = [self._base_unknown(name) for name in base.free]
+        if base.mass:
+            limit = LATE_LIMIT if hypothesis.late else DELAY_LIMIT
+            found.append(Unknown(("chain", "delay"), low=-limit, high=limit))
+            if base.weighed and not any(term.effect.id == ADDED_MASS for term in hypothesis.terms):
+                found.append(Unknown(("chain", "weighing"), low=-WEIGHING_LIMIT, high=WEIGHING_LIMIT, linear=True))
+        for i, term in enumerate(hypothesis.terms):
+            lowest = dict(term.effect.lowest)
+            if term.effect.id == ADDED_MASS:  # what moves in the end has a mass
+                lowest |= dict.fromkeys(term.effect.amplitudes, -base.mass)
+            found += [Unknown((str(i), n), low=lowest.get(n, -np.inf), linear=True) for n in term.effect.amplitudes]
+            for shape in term.effect.shapes:
+                low, high = shape_bounds(shape, self.scales)
+                found.append(Unknown((str(i), shape.name), low > 0, low, high))
+        return tuple(found)
+
+    def jacobian(self, hypothesis: Hypothesis, unknowns: Iterable[Unknown]) -> Array:
+        """Derivative of the predicted rows by each unknown (by its logarithm where it is fitted so); (rows,
+        unknowns)."""
+        here = self.predicted(hypothesis)
+        signals = self.signals(hypothesis)
+        return np.array([self._column(hypothesis, u, here, signals) for u in unknowns]).T
+
+    def _column(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array], signals: list[Signals]) -> Array:
+        kind, name = unknown.key
+        factor = get(hypothesis, unknown.key) if unknown.log else 1.0
+        if unknown.key == ("base", "m"):
+            return self._acceleration * (1 + hypothesis.weighing)
+        if unknown.key == ("chain", "weighing"):
+            return self._acceleration * hypothesis.values["m"]
+        if kind == "base" and name in self.baseline.linear:
+            return self._unit_rows[name]
+        if kind == "base":
+            return self._law_rows(hypothesis, name, signals) * factor
+        if unknown.key == ("chain", "delay"):
+            mass = hypothesis.mass()
+            columns = [-np.gradient(mass * p.a + f) for p, f in zip(self.parts, here, strict=True)]
+        elif self._is_read(hypothesis, int(kind)):
+            columns = self._source_column(hypothesis, unknown, here)
+        elif unknown.linear:
+            columns = self._unit(hypothesis, hypothesis.terms[int(kind)], name, signals)
+        else:
+            columns = self._shape_column(hypothesis, unknown, signals)
+        return self.reduce(columns) * factor
+
+    def _is_read(self, hypothesis: Hypothesis, index: int) -> bool:
+        """Whether other effects read the force of this one."""
+        others = (term for i, term in enumerate(hypothesis.terms) if i != index)
+        source = not self.baseline.has_h and is_source(hypothesis.terms[index].effect)
+        return source and any(term.effect.uses_h for term in others)
+
+    def _source_column(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array]) -> list[Array]:
+        """Derivative by a parameter of an effect that others read: directly, and through them."""
+        value = get(hypothesis, unknown.key)
+        step = _STEP * (abs(value) or 1.0) * (-1.0 if value * (1 + _STEP) > unknown.high else 1.0)
+        there = self.predicted(put(hypothesis, {unknown.key: value + step}))
+        return [(moved - force) / step for moved, force in zip(there, here, strict=True)]
+
+    def _shape_column(self, hypothesis: Hypothesis, unknown: Unknown, signals: list[Signals]) -> list[Array]:
+        value = get(hypothesis, unknown.key)
+        step = _STEP * (abs(value) or 1.0) * (-1.0 if value * (1 + _STEP) > unknown.high else 1.0)
+        term = hypothesis.terms[int(unknown.key[0])]
+        there = self._force(hypothesis, replace(term, values={**term.values, unknown.key[1]: value + step}), signals)
+        return [(g - f) / step for f, g in zip(self._force(hypothesis, term, signals), there, strict=True)]
+
+    def _law_rows(self, hypothesis: Hypothesis, name: str, signals: list[Signals]) -> Array:
+        """Rows of the derivative by a parameter of the law: directly, and through the effects that read its force."""
+        slope = self._law_slopes(hypothesis.values)[name]
+        rows, step = slope.rows, _STEP * (abs(hypothesis.values[name]) or 1.0)
+        for term in hypothesis.terms:
+            if term.effect.uses_h:
+                moved = [replace(s, h=s.h + step * dh) for s, dh in zip(signals, slope.h, strict=True)]
+                here = self._force(hypothesis, term, signals)
+                there = term.effect.switched(self._law_force(term.law, moved), moved, term.values)
+                rows = rows + self.reduce([(g - f) / step for f, g in zip(here, there, strict=True)])
+        return rows
+
+    def _law_slopes(self, values: Mapping[str, float]) -> dict[str, _Slope]:
+        """Derivatives by each shape of the law, from a point at most a few per cent away: steps are checked by their
+        cost."""
+        shapes = tuple(values[name] for name in self.baseline.shapes)
+        for known, slopes in self._slopes:
+            if _are_near(known, shapes):
+                return slopes
+        here = self._law_at(values)
+        made = {}
+        for name in self.baseline.shapes:
+            step = _STEP * (abs(values[name]) or 1.0)
+            pairs = list(zip(here, self._law_at({**values, name: values[name] + step}), strict=True))
+            rows = self.reduce([(R1 - R0) / step for (R0, _), (R1, _) in pairs])
+            made[name] = _Slope(rows, [(h1 - h0) / step for (_, h0), (_, h1) in pairs])
+        size = sum(slope.nbytes for slope in made.values())
+        most = max(_FEWEST, _SLOPES // max(size, 1))  # many fits begin at the same point
+        self._slopes = [(shapes, made), *self._slopes[: most - 1]]
+        return made
+
+    def renew(self, hypothesis: Hypothesis) -> bool:
+        """Have derivatives of the law computed at this very point next time; False where those in use are.
+
+        Beside a corner of the law those of a point near by may lead nowhere.
+        """
+        shapes = tuple(hypothesis.values[name] for name in self.baseline.shapes)
+        near = [known for known, _ in self._slopes if _are_near(known, shapes)]
+        if not near or near[0] == shapes:
+            return False
+        self._slopes = [entry for entry in self._slopes if entry[0] not in near]
+        return True
+
+    def _base_unknown(self, name: str) -> Unknown:
+        positive = name in self.baseline.positive
+        linear = name in self.baseline.linear or name == "m"
+        low = max(0.0 if positive else -np.inf, self.baseline.lowest.get(name, -np.inf))
+        high = self.baseline.highest.get(name, np.inf)
+        return Unknown(("base", name), positive and not linear, low, high, linear=linear)
+
+    def _linear_columns(self) -> dict[str, list[Array]]:
+        units = {}
+        base = self.baseline
+        if base.linear:
+            start = self._follow(self._held, base.nominal)
+            for name in base.linear:
+                step = base.nominal[name] or 1.0
+                moved = self._follow(self._held, {**base.nominal, name: base.nominal[name] + step})
+                units[name] = [(there - here) / step for (here, _), (there, _) in zip(start, moved, strict=True)]
+        return units
+
+
+@dataclass(frozen=True)
+class _Slope:
+    """Derivative of the law by one of its shapes: of R as rows, of h per part."""
+
+    rows: Array = field(repr=False)
+    h: list[Array] = field(repr=False)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory."""
+        return self.rows.nbytes + sum(column.nbytes for column in self.h)
+
+
+def _are_near(known: Sequence[float], shapes: Sequence[float]) -> bool:
+    """Whether derivatives of the law at a known point serve at another one."""
+    return all(abs(there - here) <= _REUSE * abs(here) for there, here in zip(known, shapes, strict=True))
+
+
+def _steadily(speed: float, part: Part) -> Array:
+    """The same velocity at every sample [m/s]."""
+    return np.full_like(part.v, speed)
+
+
+def _key(term: Term) -> tuple[object, ...]:
+    return term.effect.class_name, term.effect.id, term.effect.form, tuple(term.values.items())
+
+
+def standing(problem: Problem, hypothesis: Hypothesis) -> Fit:
+    """A hypothesis as it stands, not fitted: its rows and their mean square, without a covariance."""
+    rows = problem.rows(hypothesis)
+    return Fit(hypothesis, rows, float(np.mean(rows**2)), problem.unknowns(hypothesis))

@@ -1,0 +1,248 @@
+"""Which effect could it be: every form on a grid of its shapes, projected on what the baseline cannot absorb."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from hystid.diagnosis.fit.descent import fit
+from hystid.diagnosis.fit.problem import Columns, Fit, Hypothesis, Key, Problem, Term, Unknown, get, put, standing
+from hystid.diagnosis.model.effects import Effect, Signals
+from hystid.errors import NumericalError
+
+Array = NDArray[np.float64]
+_SPREAD = (1.4, 1.8)  # factor either way over which shapes of the law, and of effects, are spread for new starts
+_SIMPLEX = 0.35  # size of a first simplex (logarithmic)
+_EACH, _EVALUATIONS = 25, 80  # evaluations of a simplex per shape, and in all
+_NEAR, _FLAT = 3e-3, 1e-3  # size of a simplex, and relative differences of the cost in it, that end the search
+ABSORBED = 0.99  # share of a column that the refit takes over, above which the recordings cannot test the effect
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Best grid point of one form: its term, the fall of the sum of squares, and the share that the baseline absorbs.
+
+    others: the next best grid points, for restarts.
+    """
+
+    term: Term
+    gain: float
+    absorbed: float
+    others: tuple[Term, ...] = ()
+
+    @property
+    def effect(self) -> Effect:
+        """The form."""
+        return self.term.effect
+
+
+@dataclass(frozen=True)
+class Complement:
+    """Projection on the complement of the columns that are fitted already."""
+
+    basis: Array = field(repr=False)
+
+    def __call__(self, columns: Array) -> Array:
+        """Part of the columns (rows, k) that the basis cannot give."""
+        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+
+
+def complement(problem: Problem, fitted: Fit) -> Complement:
+    """Complement of the Jacobian at a fit, by QR of its scaled columns (directions without effect are left out)."""
+    jacobian = problem.jacobian(fitted.hypothesis, fitted.unknowns)
+    norms = np.linalg.norm(jacobian, axis=0)
+    left, size, _ = np.linalg.svd(jacobian[:, norms > 0] / norms[norms > 0], full_matrices=False)
+    return Complement(left[:, size > 1e-7 * size[0]])
+
+
+@np.errstate(over="ignore", invalid="ignore")  # columns that are not finite are left out
+def scan(
+    problem: Problem,
+    fitted: Fit,
+    effects: Sequence[Effect],
+    progress: Callable[[], None] = lambda: None,
+    near: Mapping[str, float] = MappingProxyType({}),
+) -> list[Candidate]:
+    """The best grid point of every form, the largest gain first. Forms without any finite column are left out.
+
+    near: values of shapes by name; forms that have shapes of these names are looked at there as well.
+    """
+    outside = complement(problem, fitted)
+    beside = _Beside(outside.basis, outside(fitted.residual))
+    signals = problem.signals(fitted.hypothesis)
+    found = []
+    for effect in effects:
+        if effect.needs_clock and not problem.timed:
+            continue
+        points = _points(problem, effect, beside, signals, near)
+        if points:
+            best = points[0]
+            found.append(replace(best, others=tuple(point.term for point in points[1:4])))
+        progress()
+    return sorted(found, key=lambda c: -c.gain)
+
+
+class _Beside:
+    """What a scan asks of columns: what the basis takes of them, and their products with the rest of the residual."""
+
+    def __init__(self, basis: Array, rest: Array) -> None:
+        self._rows = np.ascontiguousarray(np.vstack([basis.T, rest]))
+
+    def __call__(self, columns: Columns) -> tuple[Array, Array]:
+        """Products (k, k) of the parts of the columns that the basis cannot give, and (k,) of these with the rest."""
+        shares = self._rows @ columns.scaled
+        return columns.products - shares[:-1].T @ shares[:-1], shares[-1]
+
+
+def _points(
+    problem: Problem, effect: Effect, beside: _Beside, signals: Sequence[Signals], near: Mapping[str, float]
+) -> list[Candidate]:
+    """Grid points of one form, the largest gain first."""
+    points = []
+    grid = effect.grid(problem.scales)
+    beyond = [{**shapes, **{name: near[name] for name in shapes if name in near}} for shapes in grid] if near else []
+    for shapes in (*grid, *(there for i, there in enumerate(beyond) if there not in (*grid, *beyond[:i]))):
+        columns = problem.columns(effect, shapes, signals)
+        if columns is None:
+            continue
+        allowed = np.array([effect.lowest.get(name, -np.inf) for name in effect.amplitudes])
+        made = _score(columns, beside, allowed)
+        if made is not None:
+            values = {**shapes, **dict(zip(effect.amplitudes, map(float, made[2]), strict=True))}
+            points.append(Candidate(Term(effect, values), made[0], made[1]))
+    return sorted(points, key=lambda point: -point.gain)
+
+
+def _score(columns: Columns, beside: _Beside, lowest: Array) -> tuple[float, float, Array] | None:
+    """Gain, absorbed share and amplitudes of a group of columns; None for columns that vanish or are not finite."""
+    norms = columns.lengths
+    if not np.any(norms > 0):
+        return None
+    normal, right = beside(columns)
+    left = np.maximum(np.diag(normal), 0.0)
+    normal[np.diag_indices_from(normal)] += 1e-9
+    amplitude = np.linalg.solve(normal, right)
+    refused = amplitude < np.where(norms > 0, lowest, -np.inf)
+    if np.all(refused):
+        return None
+    if np.any(refused):  # what the block does not allow stays at zero, the others are solved anew
+        kept = np.flatnonzero(~refused)
+        amplitude = np.zeros_like(amplitude)
+        amplitude[kept] = np.linalg.solve(normal[np.ix_(kept, kept)], right[kept])
+        if np.any(amplitude < lowest):
+            return None
+    return float(right @ amplitude), float(1.0 - np.max(left)), amplitude / np.where(norms > 0, norms, np.inf)
+
+
+def try_term(problem: Problem, fitted: Fit, term: Term, iterations: int = 12, bar: float = 0.0) -> Fit | None:
+    """Joint fit of what is there and one more effect; None where it has no finite answer."""
+    start = fitted.hypothesis
+    return try_fit(problem, replace(start, terms=(*start.terms, term)), iterations, bar)
+
+
+def try_fit(problem: Problem, start: Hypothesis, iterations: int = 12, bar: float = 0.0) -> Fit | None:
+    """``fit``, or None where it has no finite answer."""
+    try:
+        return fit(problem, start, iterations=iterations, bar=bar)
+    except (NumericalError, np.linalg.LinAlgError):
+        return None
+
+
+def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) -> list[Hypothesis]:
+    """New starts: shapes of the law and of the effects spread around a fit, everything linear solved at each point.
+
+    A law with corners has side valleys in its shapes, and a refit without the missing effect often ends in one. The
+    points are those of a Sobol sequence, hence the same in every run; the best few are returned.
+    """
+    unknowns = problem.unknowns(fitted.hypothesis)
+    shapes = [u for u in unknowns if u.log]
+    linear = [u for u in unknowns if u.linear]
+    if not any(u.key[0] == "base" for u in shapes):
+        return []
+    spread = np.log([_SPREAD[u.key[0] != "base"] for u in shapes])
+    draws = qmc.Sobol(len(shapes), seed=0).random(points)
+    found = []
+    for draw in (2 * draws - 1) * spread:
+        moved = {
+            u.key: float(np.clip(get(fitted.hypothesis, u.key) * np.exp(step), u.low, u.high))
+            for u, step in zip(shapes, draw, strict=True)
+        }
+        made = _solved(problem, put(fitted.hypothesis, moved), linear)
+        found += [made] if made is not None else []
+    return [hypothesis for _, hypothesis in sorted(found, key=lambda item: item[0])[:kept]]
+
+
+def other_valleys(problem: Problem, fitted: Fit) -> list[Hypothesis]:
+    """Starts for leaving a side valley: where a simplex comes to from a fit, and scattered ones."""
+    return [*downhill(problem, fitted), *scattered(problem, fitted)]
+
+
+def downhill(problem: Problem, fitted: Fit) -> list[Hypothesis]:
+    """Where a simplex of the law's shapes, large enough to lie across the ridges, comes to from a fit (Nelder and Mead
+    1965), everything linear solved at each point; [] where the law has no shapes."""
+    unknowns = problem.unknowns(fitted.hypothesis)
+    shapes = [u for u in unknowns if u.log and u.key[0] == "base"]
+    linear = [u for u in unknowns if u.linear]
+    if not shapes:
+        return []
+
+    def there(steps: Array) -> Hypothesis:
+        values = [get(fitted.hypothesis, u.key) * np.exp(step) for u, step in zip(shapes, steps, strict=True)]
+        return put(
+            fitted.hypothesis, {u.key: float(np.clip(at, u.low, u.high)) for u, at in zip(shapes, values, strict=True)}
+        )
+
+    def cost(steps: Array) -> float:
+        found = _solved(problem, there(steps), linear)
+        return found[0] / fitted.rss if found is not None else np.inf
+
+    count = len(shapes)
+    corners = _SIMPLEX * (np.vstack([np.zeros(count), np.eye(count)]) - 1 / (count + 1))
+    end = minimize(
+        cost, np.zeros(count), method="Nelder-Mead",
+        options={
+            "initial_simplex": corners, "maxfev": min(_EACH * count, _EVALUATIONS), "xatol": _NEAR, "fatol": _FLAT,
+        },
+    )  # fmt: skip
+    found = _solved(problem, there(end.x), linear)
+    return [found[1]] if found is not None else []
+
+
+def from_nominal(problem: Problem, fitted: Fit) -> Fit | None:
+    """The baseline at its nominal shapes, everything linear solved, beside the terms of a fit; None where it has no
+    shapes, or nothing is finite."""
+    here, base = fitted.hypothesis, problem.baseline
+    if not base.shapes:
+        return None
+    start = replace(here, values={**here.values, **{name: base.nominal[name] for name in base.shapes}})
+    found = _solved(problem, start, [u for u in problem.unknowns(start) if u.linear])
+    return standing(problem, found[1]) if found is not None else None
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a start that is not finite loses
+def _solved(problem: Problem, start: Hypothesis, linear: Sequence[Unknown]) -> tuple[float, Hypothesis] | None:
+    """Sum of squares and hypothesis with the linear unknowns at their best; None where nothing is finite."""
+    try:
+        rows = problem.rows(start)
+        columns = problem.jacobian(start, linear) if linear else np.zeros((len(rows), 0))
+    except NumericalError:
+        return None
+    if not (np.all(np.isfinite(rows)) and np.all(np.isfinite(columns))):
+        return None
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    normal = (columns / scale).T @ (columns / scale)
+    normal[np.diag_indices_from(normal)] += 1e-9
+    steps = np.linalg.solve(normal, (columns / scale).T @ rows) / scale
+    changes: dict[Key, float] = {
+        u.key: float(np.clip(get(start, u.key) + step, u.low, u.high)) for u, step in zip(linear, steps, strict=True)
+    }
+    taken = np.array([changes[u.key] - get(start, u.key) for u in linear])
+    left = rows - columns @ taken
+    return float(left @ left), put(start, changes)

@@ -1,0 +1,63 @@
+"""The zero of the displacement sensor: a spring that is measured off its zero looks like a constant force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hystid.diagnosis.fit.problem import Hypothesis, Problem, Term
+
+_STEP = 1e-3  # share of the largest displacement by which the law is moved to see its slope
+_STEADY = 1e-6  # relative change of a force that counts as constant
+
+
+@dataclass(frozen=True)
+class Zero:
+    """Zero of the displacement [m] that does what a constant force does; share: over the standard deviation of x."""
+
+    size: float
+    share: float
+
+    def sentence(self, force: float) -> str:
+        """For people. force [N]: the constant one."""
+        return (
+            f"the constant force of {force:.3g} N may as well be the zero of the displacement sensor: "
+            f"{1e3 * abs(self.size):.3g} mm off, {100 * self.share:.2g} % of its standard deviation"
+        )
+
+
+def zero_of_x(problem: Problem, hypothesis: Hypothesis, force: float) -> Zero | None:
+    """Zero of the displacement sensor that explains a constant force [N]; None where the law has no stiffness.
+
+    The mean slope of the law over the recorded motion counts: that of a linear spring is its stiffness.
+    """
+    base, values = problem.baseline, hypothesis.values
+    step = _STEP * max(float(np.max(np.abs(part.x))) for part in problem.parts)
+    sides = [
+        base.forces([base.held(part.x + sign * step, part.v, part.dt) for part in problem.parts], values)
+        for sign in (1.0, -1.0)
+    ]
+    slopes = [np.mean(high - low) / (2 * step) for (high, _), (low, _) in zip(*sides, strict=True)]
+    slope = float(np.average(slopes, weights=[len(part) for part in problem.parts]))
+    spread = float(np.std(np.concatenate([part.x for part in problem.parts]))) or 1.0
+    size = force / slope if slope else np.inf
+    return Zero(size, abs(size) / spread) if abs(size) < max(np.max(np.abs(part.x)) for part in problem.parts) else None
+
+
+def zeros_instead(problem: Problem, hypothesis: Hypothesis) -> list[str]:
+    """Sentences about constant forces of a hypothesis that the zero of the displacement sensor would explain."""
+    signals = problem.signals(hypothesis)
+    found = []
+    for term in hypothesis.terms:
+        force = _constant(term, [term.effect.force(signal, term.values) for signal in signals])
+        zero = zero_of_x(problem, hypothesis, force) if force else None
+        found += [zero.sentence(force)] if zero is not None else []
+    return found
+
+
+def _constant(term: Term, forces: list[np.ndarray]) -> float:
+    """The force of a term that is the same at all times and in all recordings [N]; 0 where it changes."""
+    joined = np.concatenate(forces)
+    mean = float(np.mean(joined))
+    return mean if term.effect.model is not None and np.ptp(joined) <= _STEADY * abs(mean) else 0.0

@@ -1,0 +1,102 @@
+"""Recordings that begin in mid-motion: what a law with memory remembers of the time before is not in the recording.
+
+The state of a contact at the first sample depends on where it stuck last. Laws with inner states forget that with the
+first full stroke; until then their force may be anything within the loop, and the samples say nothing about the law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.model.baseline import Baseline
+from hystid.diagnosis.prepare.segments import Part
+
+Array = NDArray[np.float64]
+_FIRST = 8  # samples whose mean shows whether a recording begins at rest
+_SURE, _STILL = 4.0, 0.05  # standard errors of that mean, and share of the spread of a channel, that are still rest
+_VISIBLE = 0.5  # noise units: force of another past that is seen
+_MOST = 0.5  # share of a recording that is left out at most
+_STROKE = 60  # samples of a stroke that is put before a recording
+_NEAR, _LAST = 0.03, 20  # share of the stroke that is near an end, and part of a recording that has forgotten most
+
+
+def beginning(parts: Sequence[Part], baseline: Baseline) -> tuple[list[Part], tuple[int, ...], list[str]]:
+    """The parts with a past where they begin in mid-motion, and their first samples not valid while the law still knows
+    of it; numbers of the recordings in which a contact keeps a force of that time; sentences."""
+    if baseline.memoryless:
+        return list(parts), (), []
+    found, kept, told = list(parts), [], []
+    for number, part in enumerate(parts):
+        if _rests(part):
+            continue
+        past = _past(part)
+        lasting, keeps = _remembered(replace(part, past=past), baseline)
+        valid = np.ones(len(part), dtype=bool) if part.valid is None else part.valid.copy()
+        left_out = min(lasting, int(_MOST * len(part)))
+        valid[:left_out] = False
+        found[number] = replace(part, valid=valid, past=past)
+        kept += [number] if keeps else []
+        told.append(
+            f"{part.name} begins in mid-motion, and what was before is not recorded: its first "
+            f"{left_out * part.dt:.3g} s, whose force depends on it, are left out"
+            + (", and so is a constant force of contacts that never slip" if keeps else "")
+        )
+    return found, tuple(kept), told
+
+
+def _rests(part: Part) -> bool:
+    """Whether a recording begins without velocity and, but for noise and a small offset, without force or displacement.
+
+    What a constant force moves from there on is not yet in motion at the first sample: the velocity is that of then.
+    """
+    since = 0.5 * (_FIRST - 1) * part.dt
+
+    def velocity(v: NDArray[np.floating], a: NDArray[np.floating]) -> float:
+        return float(np.mean(v[:_FIRST]) - since * np.mean(a[:_FIRST]))
+
+    noise = np.sqrt(np.mean([velocity(dv, da) ** 2 for _, dv, da, _ in part.jitter])) if part.jitter else 0.0
+    still = _is_small(velocity(part.v, part.a), part.v, float(noise))
+    return still and any(_begins_small(part.measured[name], part.noise[name]) for name in "Fx" if name in part.noise)
+
+
+def _begins_small(channel: Array, noise: float) -> bool:
+    return _is_small(float(np.mean(channel[:_FIRST])), channel, noise / np.sqrt(_FIRST))
+
+
+def _is_small(value: float, channel: Array, error: float) -> bool:
+    return abs(value) < _SURE * error + _STILL * float(np.std(channel))
+
+
+def _past(part: Part) -> int:
+    """Samples until the motion has come near both of its ends: that long a past wipes out what was before."""
+    low, high = float(np.min(part.x)), float(np.max(part.x))
+    margin = _NEAR * (high - low)
+    ends = np.argmax(part.x >= high - margin), np.argmax(part.x <= low + margin)  # first samples there
+    return int(np.clip(max(ends), 1, len(part) - 1))
+
+
+def _remembered(part: Part, baseline: Baseline) -> tuple[int, bool]:
+    """Samples from the first one to the last at which the past changes the force, and whether it leaves a constant:
+    from rest at the first sample, through the part's past, or at the end of a full stroke of either sense."""
+    pasts = [part.led_in(part.x, part.v), *(_after_stroke(part, sense) for sense in (-1.0, 1.0))]
+    there, _ = baseline.force(part.x, part.v, part.dt, baseline.nominal)
+    seen, lasting, keeps = _VISIBLE * part.balance_noise(baseline.mass), 0, False
+    for x, v in pasts:
+        apart = baseline.force(x, v, part.dt, baseline.nominal)[0][-len(part) :] - there
+        constant = float(np.median(apart[-len(apart) // _LAST :]))
+        changing = np.flatnonzero(np.abs(apart - constant) > seen)
+        lasting = max(lasting, int(changing[-1]) + 1 if len(changing) else 0)
+        keeps |= abs(constant) > seen
+    return lasting, keeps
+
+
+def _after_stroke(part: Part, sense: float) -> tuple[Array, Array]:
+    """The motion with a stroke of its whole range before it, which slows down to its first point."""
+    left = np.linspace(1.0, 0.0, _STROKE, endpoint=False)
+    x = part.x[0] + sense * float(np.ptp(part.x)) * left**2
+    v = np.gradient(x, part.dt)
+    return np.concatenate([x, part.x]), np.concatenate([v, part.v])

@@ -1,0 +1,86 @@
+"""Faults of the force channel that can be written as a force: they compete with the effects on equal terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hystid.diagnosis.model.effects import Array, Effect, Signals
+from hystid.diagnosis.prepare.segments import Part
+
+HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
+_STEADY = 0.05  # rms of the ramps over that of the offsets below which a force channel does not drift
+NUISANCES = frozenset({HUM, HISTORY})  # taken out, and no findings
+
+
+class ChannelEffect(Effect):
+    """A fault of the force channel; no law of the structure, hence no part of a model."""
+
+
+class MainsHum(ChannelEffect):
+    """A periodic force that nobody measured, of any phase in each recording: the mains on the force channel, a machine
+    near by. Taken out, and no finding."""
+
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """What the channel shows without any force [N], shape (n,)."""
+        turn = 2 * np.pi * float(self.form) * signals.dt * np.arange(len(signals.x))
+        number = signals.index + 1
+        sine, cosine = parameters.get(f"sine_{number}", 0.0), parameters.get(f"cosine_{number}", 0.0)
+        return np.asarray(sine * np.sin(turn) + cosine * np.cos(turn))
+
+
+def mains_hum(recordings: int, frequency: float) -> MainsHum:
+    """Periodic force of a frequency [Hz] over a number of recordings."""
+    names = [f"{kind}_{i + 1}" for i in range(recordings) for kind in ("sine", "cosine")]
+    return MainsHum(HUM, f"{frequency:.9g}", "", None, amplitudes=tuple(names), units=dict.fromkeys(names, "N"))
+
+
+class History(ChannelEffect):
+    """Force of a contact that stuck before a recording began, and never let go. Taken out, and no finding."""
+
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """A constant in the recordings that begin in mid-motion [N], shape (n,)."""
+        return np.full(len(signals.x), parameters.get(f"offset_{signals.index + 1}", 0.0))
+
+
+def history(numbers: Sequence[int]) -> History:
+    """What was before the recordings of these numbers, from 0."""
+    names = tuple(f"offset_{number + 1}" for number in numbers)
+    return History(HISTORY, "", "", None, amplitudes=names, units=dict.fromkeys(names, "N"))
+
+
+class ForceDrift(ChannelEffect):
+    """The force channel has an offset and a ramp of its own in each recording.
+
+    Amplitudes offset_1, ramp_1, ... [N, N/s]. Not a law of the structure, hence in the units of the signal and not in
+    Modelica. It appears in the balance as a force that is added to R.
+    """
+
+    @property
+    def needs_clock(self) -> bool:
+        """A ramp runs with the time."""
+        return True
+
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """What the channel shows without any force [N], shape (n,)."""
+        t = np.arange(len(signals.x)) * signals.dt
+        number = signals.index + 1
+        value = parameters.get(f"offset_{number}", 0.0) + parameters.get(f"ramp_{number}", 0.0) * (t - t[-1] / 2)
+        curve = (t / t[-1] - 0.5) ** 2 - 1 / 12
+        return np.asarray(value + parameters.get(f"bow_{number}", 0.0) * curve)
+
+
+def force_drift(recordings: int, *, bow: bool) -> ForceDrift:
+    """Drift of the force channel over a number of recordings; bow: with curvature."""
+    kinds = ("offset", "ramp", "bow") if bow else ("offset", "ramp")
+    names: Sequence[str] = [f"{kind}_{i + 1}" for i in range(recordings) for kind in kinds]
+    units = {name: {"offset": "N", "ramp": "N/s", "bow": "N"}[name.partition("_")[0]] for name in names}
+    return ForceDrift(DRIFT, "Bowed" if bow else "", "", None, amplitudes=tuple(names), units=units)
+
+
+def is_constant(values: Mapping[str, float], parts: Sequence[Part]) -> bool:
+    """Whether a drift of the force channel is next to nothing but a constant per recording."""
+    offset = sum(values[f"offset_{i + 1}"] ** 2 for i in range(len(parts)))
+    ramp = sum((values[f"ramp_{i + 1}"] * part.t[-1]) ** 2 / 12 for i, part in enumerate(parts))
+    return bool(ramp < _STEADY**2 * offset)

@@ -1,0 +1,319 @@
+"""Candidate effects: Modelica blocks, and what a fit must know of their parameters.
+
+Nothing about an effect is written here. Of its parameters, those in which f is linear are amplitudes (found by a
+numeric test); the others are shapes, whose range follows from the unit and the recordings. A new effect is a new
+``.mo`` file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.compiled import CompiledModel, Motion
+from hystid.errors import NumericalError, UsageError
+from hystid.modelcode import ModelCode, Variable
+
+Array = NDArray[np.float64]
+_INPUTS = frozenset("xvah")
+_SUBSTEPS = 24  # most steps per sample: a memory shorter than a 24th of the path per sample is friction without memory
+_SHORT = (0.003, 0.012)  # shares of the stroke over which friction may build up, below those of its distribution
+# Resonances are sought from the lower of these shares: of the lowest, and of the highest frequency that is excited,
+_BELOW = (0.7, 0.35)
+_SLOWEST = 0.1  # but not below this share of the highest
+_APART = 0.08  # relative distance of such starts: a resonance is 0.1 wide at the damping ratio that is tried
+_PROBE = 2001  # samples of the signal on which linearity is tested
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What an effect sees in one recording: x, v, a, h, shape (n,) each, SI units; dt [s]; number of the recording.
+
+    ready: the same, h apart, as compiled models have taken it already.
+    """
+
+    x: Array
+    v: Array
+    a: Array
+    h: Array
+    dt: float
+    index: int = 0
+    ready: dict[tuple[CompiledModel, int], Motion] = field(default_factory=dict, repr=False, compare=False)
+
+    @cached_property
+    def path(self) -> float:
+        """Longest way between two samples [m]."""
+        return float(np.max(np.abs(self.v))) * self.dt
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Sizes that occur in the recordings, from which shape parameters take their ranges.
+
+    x, v: sorted absolute displacements and speeds; h: sorted absolute force; span: longest recording [s]; dt [s];
+    band: lowest and highest frequency of the motion [Hz]; path: longest travelled path [m].
+    """
+
+    x: Array
+    v: Array
+    h: Array
+    span: float
+    dt: float
+    band: tuple[float, float]
+    path: float
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One form of one candidate effect.
+
+    id: snake case, form: "" or what follows the double underscore. amplitudes: names in which f is linear. shapes: the
+    other continuous parameters. choices: integer parameters and their values. lowest: least values that the block
+    allows. remembers: has inner states. uses_h: depends on the hysteretic force; per_h: in proportion, at each sample.
+    """
+
+    id: str
+    form: str
+    class_name: str
+    model: CompiledModel | None = field(repr=False)
+    amplitudes: tuple[str, ...] = ()
+    shapes: tuple[Variable, ...] = ()
+    choices: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    lowest: Mapping[str, float] = field(default_factory=dict)
+    remembers: bool = False
+    uses_h: bool = False
+    per_h: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of parameters that a fit moves or chooses."""
+        return len(self.amplitudes) + len(self.shapes) + len(self.choices)
+
+    @cached_property
+    def reads(self) -> frozenset[str]:
+        """Inputs that the force depends on, by its equations; all that occur in any of them where the block has
+        events."""
+        if self.model is None:
+            return _INPUTS
+        if self.model.code.n_indicators or self.model.code.has_memory:
+            return _INPUTS - {*self.model.code.unread}
+        known = self.model.code.dependencies
+        found, new = set[str](), {"f"}
+        while new:
+            found |= new
+            new = {name for item in new for name in known.get(item, known.get(f"der({item})", ()))} - found
+        return _INPUTS & found
+
+    @property
+    def needs_clock(self) -> bool:
+        """Whether the force depends on the time itself: where time only numbers the samples, such a law means nothing.
+
+        A law that reads rates is another matter: they have no scale there, but their sign holds."""
+        known = self.model.code.dependencies if self.model is not None else {}
+        return any("time" in names for names in known.values())
+
+    @property
+    def is_over_time(self) -> bool:
+        """Whether the law changes along with the time, or the path: it is never windowed."""
+        return self.id in {"cyclic_degradation", "stiffness_drift", "preload"}
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the force follows from the motion alone: the same at a grid point in every scan."""
+        return "h" not in self.reads
+
+    @property
+    def law(self) -> Effect:
+        """What costs an evaluation of a block: the effect itself, but for one that is switched on and off."""
+        return self
+
+    def law_values(self, parameters: Mapping[str, float]) -> Mapping[str, float]:
+        """Parameters of ``law``."""
+        return parameters
+
+    def switched(
+        self, forces: Sequence[Array], signals: Sequence[Signals], parameters: Mapping[str, float]
+    ) -> Sequence[Array]:
+        """Forces of the effect from those of its law."""
+        return forces
+
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """Force f [N] over one recording, shape (n,)."""
+        return self.forces([signals], parameters)[0]
+
+    def forces(self, signals: Sequence[Signals], parameters: Mapping[str, float]) -> list[Array]:
+        """``force`` over several recordings at once, which costs half."""
+        if self.model is None:
+            return [self.force(s, parameters) for s in signals]
+        motions = [self._motion(self.model, s, self._substeps(s, parameters)) for s in signals]
+        return [found["f"] for found in self.model.follow(motions, parameters, ("f",))]
+
+    def _motion(self, model: CompiledModel, signals: Signals, substeps: int) -> Motion:
+        """What the block reads of one recording."""
+        known = signals.ready.get((model, substeps))
+        if known is None:
+            inputs = {name: getattr(signals, name) for name in sorted(self.reads) or ["x"]}
+            known = model.motion({}, inputs, signals.dt, substeps=substeps)
+            if "h" not in inputs:
+                signals.ready[model, substeps] = known
+        return known
+
+    @cached_property
+    def _paths(self) -> tuple[str, ...]:
+        """Shapes in metres over which inner states change: those that their derivatives depend on."""
+        known = self.model.code.dependencies if self.model is not None else {}
+        steep = {name for item, names in known.items() if item.startswith("der(") for name in names}
+        return tuple(shape.name for shape in self.shapes if shape.unit == "m" and shape.name in steep)
+
+    def _substeps(self, signals: Signals, parameters: Mapping[str, float]) -> int:
+        """Steps per sample with which a memory over a short path stays stable, however far a sample moves."""
+        lengths = [parameters.get(name, 0.0) for name in self._paths]
+        if not lengths:
+            return 1
+        shortest = min((length for length in lengths if length > 0), default=np.inf)
+        return int(np.clip(np.ceil(signals.path / shortest), 1, _SUBSTEPS))
+
+    def units_at(self, shapes: Mapping[str, float]) -> list[dict[str, float]]:
+        """Parameters with one of the amplitudes at 1 and the others at 0, for each in turn."""
+        zero = dict.fromkeys(self.amplitudes, 0.0)
+        return [{**shapes, **zero, name: 1.0} for name in self.amplitudes]
+
+    def grid(self, scales: Scales) -> list[dict[str, float]]:
+        """Starting points for the shapes and choices: the first shape in fine steps, the others coarsely."""
+        axes = {shape.name: shape_values(shape, scales, fine=i == 0) for i, shape in enumerate(self.shapes)}
+        for shape in self.shapes[:1]:
+            if self.remembers and shape.unit == "m" and not _is_path(shape):  # memories are often far below the stroke
+                axes[shape.name] = np.concatenate([np.array(_SHORT) * scales.x[-1], axes[shape.name]])
+        names = [*axes, *self.choices]
+        values: list[Sequence[float]] = [list(map(float, axis)) for axis in axes.values()]
+        values += [list(map(float, choice)) for choice in self.choices.values()]
+        return [dict(zip(names, map(float, point), strict=True)) for point in product(*values)]
+
+
+def effect_id(class_name: str) -> tuple[str, str]:
+    """Id and form of a block: ``ContactLoss__Hertz`` -> ("contact_loss", "Hertz")."""
+    name, _, form = class_name.rpartition(":")[2].rpartition(".")[2].partition("__")
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower(), form
+
+
+def effect_of(class_name: str, code: ModelCode) -> Effect:
+    """Classify the parameters of a compiled block. Raises UsageError when the block is not an effect."""
+    inputs = {variable.name for variable in code.variables if variable.causality == "input"}
+    if not any(variable.name == "f" and variable.causality == "output" for variable in code.variables):
+        raise UsageError(f"{class_name}: an effect has an output f [N]; extend HystId.Interfaces.PartialEffect")
+    if inputs - {"x", "v", "a", "h"}:
+        raise UsageError(f"{class_name}: an effect has the inputs x, v, a, h; it has {', '.join(sorted(inputs))}")
+    ident, form = effect_id(class_name)
+    parameters = [variable for variable in code.variables if variable.causality == "parameter"]
+    choices = {
+        variable.name: tuple(range(int(variable.min), int(variable.max) + 1))
+        for variable in parameters
+        if variable.type == "Integer" and variable.min is not None and variable.max is not None
+    }
+    reals = [variable for variable in parameters if variable.type == "Real"]
+    bare = Effect(ident, form, class_name, CompiledModel(code))
+    linear = _linear(bare, [variable.name for variable in reals], {v.name: float(v.start or 0.0) for v in parameters})
+    return Effect(
+        ident, form, class_name, bare.model, linear,
+        tuple(variable for variable in reals if variable.name not in linear), choices,
+        {variable.name: variable.unit for variable in parameters},
+        {variable.name: float(variable.min) for variable in reals if variable.min is not None}, bool(code.states),
+        _reads_h(bare, linear), _is_per_h(bare, linear),
+    )  # fmt: skip
+
+
+def _probe() -> Signals:
+    """A motion with several frequencies, turning points and a hysteretic force."""
+    t = np.linspace(0.0, 1.0, _PROBE)
+    x = 2.5e-3 * np.sin(5 * t) + 1e-4 * np.cos(37 * t) - 1e-4
+    v = np.gradient(x, t)
+    return Signals(x, v, np.gradient(v, t), 3.0 * np.tanh(400 * v) + 5000 * x, float(t[1] - t[0]))
+
+
+def _linear(effect: Effect, names: Sequence[str], start: Mapping[str, float]) -> tuple[str, ...]:
+    """The largest set of parameters, taken greedily, in which f is jointly linear (and zero at zero)."""
+    signals = _probe()
+    chosen: list[str] = []
+    for name in names:
+        trial = [*chosen, name]
+        try:
+            linear = _is_linear(effect, signals, trial, start)
+        except NumericalError:  # a width of zero, for example
+            continue
+        chosen = trial if linear else chosen
+    return tuple(chosen)
+
+
+def _is_linear(effect: Effect, signals: Signals, trial: Sequence[str], start: Mapping[str, float]) -> bool:
+    base = {**start, **dict.fromkeys(trial, 0.0)}
+    alone = [effect.force(signals, {**base, item: 1.0 + 0.5 * i}) for i, item in enumerate(trial)]
+    together = effect.force(signals, {**base, **{item: 2.0 + i for i, item in enumerate(trial)}})
+    size = float(np.max(np.abs(together)))
+    nothing = float(np.max(np.abs(effect.force(signals, base))))
+    return size > 0.0 and nothing <= 1e-9 * size and np.allclose(together, 2 * np.sum(alone, axis=0), atol=1e-9 * size)
+
+
+def _reads_h(effect: Effect, linear: Sequence[str]) -> bool:
+    signals = _probe()
+    other = Signals(signals.x, signals.v, signals.a, 0.5 * signals.h + 1.0, signals.dt)
+    ones = dict.fromkeys(linear, 1.0)
+    return not np.array_equal(effect.force(signals, ones), effect.force(other, ones))
+
+
+def _is_per_h(effect: Effect, linear: Sequence[str]) -> bool:
+    signals, ones = _probe(), dict.fromkeys(linear, 1.0)
+    found = effect.force(signals, ones)
+    unit = effect.force(replace(signals, h=np.ones_like(signals.h)), ones)
+    return np.allclose(found, signals.h * unit, rtol=0, atol=1e-9 * float(np.max(np.abs(found))))
+
+
+def shape_bounds(shape: Variable, scales: Scales) -> tuple[float, float]:
+    """Range in which a shape can be told from its limits, given the recordings."""
+    if _is_path(shape):
+        return 0.02 * scales.path, 3.0 * scales.path
+    tops = {"m": scales.x[-1], "m/s": scales.v[-1], "N": scales.h[-1], "J": 3 * scales.h[-1] * scales.path}
+    if shape.unit in tops:
+        return 1e-3 * float(tops[shape.unit]), 1.5 * float(tops[shape.unit])
+    if shape.unit == "s":
+        return 2.0 * scales.dt, 5.0 * scales.span
+    if shape.unit == "Hz":
+        return 0.5 * scales.band[0], 2.0 * scales.band[1]
+    low = shape.min if shape.min is not None else 0.0
+    high = shape.max if shape.max is not None else 10.0 * max(abs(shape.start or 0.0), 1.0)
+    return float(low), float(high)
+
+
+def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
+    """Starting values for one shape, by its unit."""
+    low, high = shape_bounds(shape, scales)
+    if _is_path(shape):
+        return np.geomspace(0.1, 1.0, 3) * scales.path
+    if shape.unit == "m":
+        shares = (0.05, 0.15, 0.35, 0.55, 0.75, 0.88, 0.95, 0.985) if fine else (0.05, 0.3, 0.8)
+        return np.array([scales.x[int(share * (len(scales.x) - 1))] for share in shares])
+    if shape.unit == "m/s":
+        speeds = (0.01, 0.03, 0.1, 0.3, 0.8) if fine else (0.01, 0.06, 0.3)
+        return np.asarray(np.array(speeds) * scales.v[int(0.8 * (len(scales.v) - 1))])
+    if shape.unit == "N":
+        return np.quantile(scales.h, (0.3, 0.6, 0.85))
+    if shape.unit == "J":
+        return np.geomspace(0.02, 0.5, 3) * high / 3
+    if shape.unit == "s":
+        return np.geomspace(max(4 * scales.dt, 0.02 / scales.band[1]), scales.span / 2, 8)
+    if shape.unit == "Hz":
+        slow = min(_BELOW[0] * scales.band[0], _BELOW[1] * scales.band[1])
+        first, last = max(low, slow, _SLOWEST * scales.band[1]), 0.85 * high
+        return np.geomspace(first, last, int(np.log(last / first) / _APART) + 2 if fine else 6)
+    start = shape.start if shape.start is not None else 0.5 * (low + high)
+    return np.unique(np.clip([start, *((0.3 * low + 0.7 * high,) if fine else ())], low, high))
+
+
+def _is_path(shape: Variable) -> bool:
+    return shape.unit == "m" and shape.name.startswith("path")

@@ -1,0 +1,91 @@
+"""The effects that are tried: all of ``HystId.Effects``, and the user's own blocks; compiled once, then cached.
+
+The cache holds the generated C and what was found out about the parameters, under a hash of everything that decides
+them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from hystid import cache as store
+from hystid.compiled import CompiledModel
+from hystid.diagnosis.model.effects import Effect, effect_of
+from hystid.errors import UsageError
+from hystid.modelcode import Variable, code_data, code_of
+from hystid.modelica import compile_model
+from hystid.modelica.sources import library_folder
+from hystid.progress import track
+
+_PACKAGE = "HystId.Effects"
+_BLOCK = re.compile(r"^\s*(?:block|model)\s+([A-Za-z_]\w*)", re.MULTILINE)
+
+
+def load_effects(own: Sequence[Path] = ()) -> list[Effect]:
+    """All effects of the library, and those of the user's ``.mo`` files (one or more blocks each).
+
+    Raises ModelicaError where a block does not compile, UsageError where it is not an effect.
+    """
+    names = [f"{_PACKAGE}.{path.stem}" for path in sorted((library_folder() / "HystId" / "Effects").glob("*.mo"))]
+    names = [name for name in names if not name.endswith(".package")]
+    names += [name for path in own for name in _own_blocks(path)]
+    found = []
+    with track("effects", len(names)) as step:
+        for name in names:
+            found.append(_effect(name))
+            step(text=name.rpartition(".")[2])
+    return found
+
+
+def _own_blocks(path: Path) -> list[str]:
+    if not path.is_file():
+        raise UsageError(f"--effects {path}: there is no such file")
+    blocks = _BLOCK.findall(path.read_text(encoding="utf-8"))
+    if not blocks:
+        raise UsageError(
+            f"--effects {path}: no block was found; write one that extends HystId.Interfaces.PartialEffect"
+        )
+    return [f"{path}:{block}" for block in blocks]
+
+
+@cache
+def _effect(name: str) -> Effect:
+    entry = f"{_digest(name)}.json"
+    place = store.find(entry)
+    if place is not None:
+        return _restored(json.loads(place.read_bytes()))
+    code = compile_model(name)
+    made = effect_of(name, code)
+    facts = {item.name: getattr(made, item.name) for item in fields(made) if item.name != "model"}
+    kept = {"effect": {**facts, "shapes": [asdict(shape) for shape in made.shapes]}, "code": code_data(code)}
+    store.keep_bytes(entry, json.dumps(kept).encode())
+    return made
+
+
+def _restored(kept: Mapping[str, Any]) -> Effect:
+    facts = {**kept["effect"], "shapes": [Variable(**shape) for shape in kept["effect"]["shapes"]]}
+    facts["choices"] = {name: tuple(values) for name, values in facts["choices"].items()}
+    listed: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in facts.items()}
+    return Effect(model=CompiledModel(code_of(kept["code"])), **listed)
+
+
+def _digest(name: str) -> str:
+    """Hash of the block, the interfaces, and the code that compiles and classifies."""
+    here = Path(__file__).parent
+    package = here.parents[1]
+    files = [here / "effects.py", here / "library.py", package / "modelcode.py"]
+    files += sorted((package / "modelica").glob("*.py"))
+    files += sorted((library_folder() / "HystId" / "Interfaces").glob("*.mo"))
+    file, _, _ = name.rpartition(":")
+    files.append(Path(file) if file else library_folder() / "HystId" / "Effects" / f"{name.rpartition('.')[2]}.mo")
+    digest = hashlib.sha256(name.encode())
+    for path in files:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:32]

@@ -1,0 +1,100 @@
+"""Channels that were low-passed before they were saved: how far up they count.
+
+The noise of such a channel is white up to the corner of the filter and nothing beyond. Judged by what is beyond, the
+channel would be free of noise. At a lower sample rate, whose Nyquist frequency is the corner, it is white again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import get_window, welch
+
+from hystid.recording import Recording
+from hystid.smoothing.noise import noise_level
+
+Array = NDArray[np.float64]
+_BANDS, _FEWEST = 48, 24  # bands of the spectrum, each told by its median: lines do not count
+_SHELF = 3  # bands that a shelf of noise takes at least
+_FLAT = 3.0  # factor within which the power of a shelf lies
+_FALLS = 1e3  # factor by which the power falls beyond the corner: no sensor's noise does that by itself
+_DIGITS = 100.0  # over the rounding of eight digits: what seven digits, and the ends of filters, leave
+_MOTION = 0.95  # share of the power that is motion at least: noise of 20 dB holds a hundredth
+_BEYOND, _STEEP = 1.5, 100.0  # frequency over the corner, and fall of the power up to there: a mass leaves a fifth,
+# a filter of fourth order run both ways a thousandth
+_NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
+_SHORTEST = 400  # samples that must remain
+
+
+def corner(channel: Array, dt: float) -> float:
+    """Frequency [Hz] up to which the noise of a channel is white, where it falls steeply beyond; infinite elsewhere."""
+    length = min(len(channel) // 8, 2048)
+    bands = min(_BANDS, length // 4)
+    if bands < _FEWEST:
+        return np.inf
+    twice = np.diff(channel, 2)  # the motion falls with frequency, the noise must not drown in what the window leaks
+    options: dict[str, Any] = {"nperseg": length, "window": get_window("blackmanharris", length)}
+    frequency, power = welch(twice, fs=1 / dt, **options)
+    omega = 2 * np.sin(np.pi * frequency * dt)
+    power = power[1:] / omega[1:] ** 4
+    floor = float(np.std(channel)) ** 2 * 1e-16 * dt  # rounding of text
+    if float(np.median(power[-len(power) // 10 :])) > _DIGITS * floor:
+        return np.inf  # a sensor's own noise is the end of the spectrum
+    for zoom in (1, 2, 4):  # a corner far below the sample rate lies within a few of the bands
+        near = power[: len(power) // zoom]
+        top = _end_of_shelf(near, bands, floor) if len(near) >= 2 * bands else None
+        if top is not None:
+            return float(frequency[1 + top])
+    return np.inf
+
+
+def _end_of_shelf(power: Array, bands: int, floor: float) -> int | None:
+    """Number of the line at which white noise above the motion ends steeply; None where it does not."""
+    moving = int(np.searchsorted(np.cumsum(power), _MOTION * np.sum(power)))
+    edges = np.linspace(0, len(power), bands + 1).astype(int)
+    level = np.maximum([float(np.median(power[a:b])) for a, b in pairwise(edges)], floor)
+    last = bands - 1
+    while last > 0 and level[last - 1] < _FLAT * level[last]:
+        last -= 1  # the flat end: rounding, and what filters leave
+    lowest = int(np.searchsorted(edges, moving))
+    for top in range(last, lowest + _SHELF, -1):
+        shelf = level[top - _SHELF : top]
+        beyond = float(np.max(level[min(int(_BEYOND * top) + 1, bands - 1) :]))
+        steep = beyond < np.min(shelf) / _STEEP and level[-1] < np.min(shelf) / _FALLS
+        if steep and np.max(shelf) < _FLAT * np.min(shelf):
+            return int(edges[top]) - 1
+    return None
+
+
+def where_white(tests: Sequence[Recording]) -> list[Recording]:
+    """The recordings at a sample rate at which the noise of every measured channel of the motion is white.
+
+    Samples are left out, no filter is applied: noise that is white stays so, and what was low-passed holds nothing that
+    could fold back.
+    """
+    lowest = min((_common(tests, name) for name in "xva"), default=np.inf)
+    if all(noise_level(test.channel("F")) < _NOISE_FREE * float(np.std(test.channel("F"))) for test in tests):
+        return list(tests)  # a simulation: what falls steeply is the motion
+    return [_thinned(test, lowest) for test in tests] if np.isfinite(lowest) else list(tests)
+
+
+def _common(tests: Sequence[Recording], name: str) -> float:
+    """Corner of one channel, if most recordings show it: a filter is in all of them."""
+    found = [corner(np.asarray(values), test.dt) for test in tests if (values := getattr(test, name)) is not None]
+    return float(np.median(found)) if found else np.inf
+
+
+def _thinned(test: Recording, lowest: float) -> Recording:
+    every = int(np.ceil(0.5 / (test.dt * lowest)))
+    if every < 2 or len(test) // every < _SHORTEST:
+        return test
+    kept = slice(None, None, every)
+    channels = {name: values[kept] for name in ("F", "x", "v", "a", "R") if (values := getattr(test, name)) is not None}
+    extra = {name: values[kept] for name, values in test.extra.items()}
+    told = f"a channel was low-passed at {lowest:.3g} Hz; one sample in {every} is used: there its noise is white"
+    return replace(test, t=test.t[kept], extra=extra, notes=(*test.notes, f"{test.name}: {told}"), **channels)

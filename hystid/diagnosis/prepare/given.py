@@ -1,0 +1,60 @@
+"""Parameters as a user gives them: values, and which of them may move."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hystid.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Given:
+    """Parameters as given: values, and names that must not move, or may.
+
+    unforced: no recording has a force, so that one law of inertia is as good as another.
+    """
+
+    values: Mapping[str, float]
+    fixed: frozenset[str]
+    free: frozenset[str] = frozenset()
+    unforced: bool = False
+
+    @property
+    def mass(self) -> float | None:
+        """The mass as given [kg]."""
+        return self.values.get("m", self.values.get("mass"))
+
+
+def given_parameters(parameters: str | Path | Mapping[str, Any] | None) -> Given:
+    """Parameters from a mapping or a JSON file, name -> number or {"value": number, "fixed": true}. Raises
+    UsageError."""
+    if parameters is None:
+        return Given({}, frozenset())
+    where = "parameters"
+    if not isinstance(parameters, Mapping):
+        where = str(parameters)
+        try:
+            parameters = json.loads(Path(parameters).read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise UsageError(f"{where}: there is no such file") from None
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise UsageError(f"{where}: not a JSON file ({error})") from None
+    if not isinstance(parameters, Mapping):
+        raise UsageError(f"{where}: parameters are an object of name: value, not a {type(parameters).__name__}")
+    values: dict[str, float] = {}
+    fixed: set[str] = set()
+    free: set[str] = set()
+    for name, entry in parameters.items():
+        value = entry.get("value") if isinstance(entry, Mapping) else entry
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise UsageError(f'{where}: {name} must be a number or {{"value": number, "fixed": true}}, not {entry!r}')
+        values[name] = float(value)
+        if isinstance(entry, Mapping) and "fixed" in entry:
+            (fixed if entry["fixed"] else free).add(name)
+    return Given(values, frozenset(fixed), frozenset(free))

@@ -1,0 +1,137 @@
+"""Which channels of a motion are measurements, and which were computed from another one.
+
+A channel that was computed repeats the noise of its source, at every frequency at which its filter lets that pass. A
+measured one has noise of its own. So the coherence of the two decides, where there is noise and no motion: near 1 for
+a computed channel, near 0 for a measured one, however small the difference of their values is.
+
+Where no noise is to be seen (simulations, 24 bit), a channel that follows from the other one to the last digit counts
+as computed if it is not the derivative: the error of its difference quotient would be taken for noise.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import csd, get_window, welch
+
+from hystid.recording import Recording
+
+Array = NDArray[np.float64]
+_ORDER = {"x": 0, "v": 1, "a": 2}
+_BANDS = 16  # bands of the spectrum in which noise is looked for
+_SEGMENTS = 24  # averaged spectra: independent noise then has a coherence of 1/24 in the mean
+_SHARED = 0.5  # coherence of noise at which as much of it is shared as is not
+_OWN = 0.2  # coherence that shared noise cannot have: four fifths of the power would be of its own
+_EXACTLY = 0.01  # misfit of a sum over its steps: rounding, not noise of its own
+_LEAK = 1e-9  # side lobes of the window, 92 dB below the largest line
+_TAPS = 12  # samples on either side from which a computed channel is predicted
+_DIGITS = 1e-6  # prediction error over the size of a channel: the last of the digits that text files hold
+_DERIVATIVE = 1e-3  # error of a derivative that the smoother, which takes v = dx/dt as exact, does not notice
+_MOTION = 0.999  # share of the power of the velocity that counts as motion
+
+
+@dataclass(frozen=True)
+class Channels:
+    """A recording with its computed channels taken out, which channels were measured, and why the others were not."""
+
+    recording: Recording
+    measured: tuple[str, ...]
+    computed: Mapping[str, str]
+
+
+def measurements(recording: Recording) -> Channels:
+    """Sort the channels of the motion into measured and computed ones; computed ones are taken out of the recording.
+
+    Two channels that share their noise are one measurement: the source is the one whose own noise is the whiter.
+    """
+    found = {name: getattr(recording, name) for name in "xva"}
+    known = {
+        name: np.asarray(values, dtype=np.float64)
+        for name, values in found.items()
+        if values is not None and recording.direct(name)
+    }
+    computed = {name: "computed when it was read" for name in found if found[name] is not None and name not in known}
+    for low, high in (("x", "v"), ("v", "a"), ("x", "a")):
+        if low in known and high in known:
+            told = _related(known[low], known[high], _ORDER[high] - _ORDER[low], recording.dt)
+            if told:
+                source, other = (low, high) if told == "higher" else (high, low)
+                if source not in computed or len(known) - len(computed) > 1:
+                    computed.setdefault(other, f"computed from {source}: it repeats the noise of {source}")
+    left = replace(recording, **{name: None for name in computed})  # type: ignore[arg-type]  # names of channels
+    return Channels(left, tuple(name for name in known if name not in computed), computed)
+
+
+def _related(low: Array, high: Array, order: int, dt: float) -> str:
+    """Which of two channels was computed from the other one: "higher" or "lower" derivative; "" for neither."""
+    if len(low) < 4 * _SEGMENTS or not (np.std(low) > 0 and np.std(high) > 0):
+        return ""
+    if _is_exact_but_no_derivative(low, high, order, dt):
+        return "higher"
+    steep = np.diff(low, order)  # a filter changes no coherence; of two slopes alike, the window leaks least
+    other_steep = high[order:]
+    length = int(2 ** np.floor(np.log2(2 * len(steep) / (_SEGMENTS + 1))))
+    window = get_window("blackmanharris", length)
+    options: dict[str, Any] = {"nperseg": length, "noverlap": length // 2, "window": window, "detrend": "linear"}
+    omega, one = welch(steep, fs=2 * np.pi, **options)
+    other = welch(other_steep, fs=2 * np.pi, **options)[1]
+    cross = np.abs(csd(steep, other_steep, fs=2 * np.pi, **options)[1]) ** 2
+    first = _end_of_motion(omega, np.minimum(one, other * np.max(one) / np.max(other)))
+    seen = _above_floor(one, float(np.std(low))) & _above_floor(other, float(np.std(high)))
+    edges = np.linspace(first, len(omega), _BANDS + 1).astype(int)
+    shared = []
+    for begin, end in itertools.pairwise(edges):
+        inside = slice(begin, end)
+        if end - begin >= 2 and np.all(seen[inside]):
+            shared.append(float(np.median(cross[inside] / (one[inside] * other[inside]))))
+    if not shared or min(shared) < _OWN or float(np.median(shared)) < _SHARED:
+        return ""
+    return "lower" if _is_integral(low, high, order, dt) else "higher"
+
+
+def _is_integral(low: Array, high: Array, order: int, dt: float) -> bool:
+    """Whether the lower channel is the sum of the higher one, by trapezoids or rectangles: a derivative taken of the
+    lower one would have smoothed the steps between its samples, or spread them. What a user filtered out of the sum
+    below the motion does not count, hence second differences."""
+    steps = np.diff(low, order)
+    sums = [high[order - 1 : -1], high[order:], 0.5 * (high[order - 1 : -1] + high[order:])]
+    if order == 2:  # trapezoids twice
+        sums.append(0.25 * (high[:-2] + 2 * high[1:-1] + high[2:]))
+    rough = float(np.std(np.diff(steps, 2)))
+    return any(float(np.std(np.diff(steps - dt**order * one[-len(steps) :], 2))) < _EXACTLY * rough for one in sums)
+
+
+def _end_of_motion(omega: Array, power: Array) -> int:
+    """First line above the motion: of the power that both channels show, all but a thousandth is below."""
+    total = np.cumsum(power / np.maximum(omega, omega[1]) ** 2)
+    return int(np.searchsorted(total, _MOTION * total[-1])) + 4  # lines that the window smears
+
+
+def _above_floor(power: Array, size: float) -> NDArray[np.bool_]:
+    """Where a spectrum stands above the rounding of text and of float32, and above what the window leaks."""
+    return np.asarray(power > np.maximum(10 * (size * _DIGITS / 10) ** 2 / np.pi, _LEAK * np.max(power)))
+
+
+def _is_exact_but_no_derivative(low: Array, high: Array, order: int, dt: float) -> bool:
+    """Whether the higher channel follows from the lower one to the last digit, by weights that are no derivative."""
+    width = 2 * _TAPS + 1
+    rows = np.lib.stride_tricks.sliding_window_view(low - np.mean(low), width)
+    step = max(1, len(rows) // 4000)
+    table, target = rows[::step], high[_TAPS : len(high) - _TAPS : step]
+    scale = float(np.std(low))
+    weights = np.linalg.lstsq(table / scale, target, rcond=1e-13)[0]
+    left = float(np.std(target - table @ weights / scale)) / float(np.std(high))
+    if left > _DIGITS:
+        return False
+    from hystid.diagnosis.prepare.segments import FIRST, stencil  # the exact derivative that the balance uses
+
+    exact = low
+    for _ in range(order):
+        exact = stencil(exact, FIRST) / dt
+    inner = slice(8, -8)
+    return float(np.std(high[inner] - exact[inner])) > _DERIVATIVE * float(np.std(high))

@@ -1,0 +1,133 @@
+"""Signs, units and clock of the channels: what has one consistent reading is read that way and told, all else refused.
+
+A name that comes of a reversed force or of an acceleration in g is worse than none. Power, stiffness, mass and the
+cross spectra of the motion (``hystid.consistency``) say all of this before any physics is looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from hystid.consistency import Examination, Finding, examine
+from hystid.diagnosis.prepare.chain import DELAY, Fault
+from hystid.diagnosis.prepare.pairs import agreed
+from hystid.errors import RecordingError
+from hystid.recording import Recording
+
+_READ = frozenset({"swapped_sign", "wrong_unit"})  # slips with one other reading
+_NEVER = frozenset({"wrong_mass", "swapped_channels", *_READ})  # with these left, any name would be a wrong one
+_LEFT = 0.01  # of the power of the force that mass, damper and spring may leave once aligned: else a law looks late
+_SECTIONS = 3  # of a recording, each of which must show that the force is late
+_ROUNDS = 3  # slips of one recording that are read in another way, one after the other
+
+
+class Contradiction(RecordingError):
+    """Channels that no reading brings together; the message says which."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Recordings whose channels fit together, with what was read in another way in their notes, and a late force."""
+
+    tests: list[Recording]
+    unseen: list[Recording]
+    faults: tuple[Fault, ...]
+
+
+def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: float | None) -> Readings:
+    """Read the channels so that force and motion fit together.
+
+    A force on another clock is moved by whole samples where every recording says so, by the same time; the rest is a
+    delay below a sample, which is fitted. mass [kg]: as given, None where it is not known. Raises Contradiction.
+    """
+    used, held = ([_read(test, mass) for test in group] for group in (tests, unseen))
+    late = _late_force([lag for _, lag in used]) if len(used) > 1 else None  # one test may be a law that looks late
+    groups = [[test for test, _ in group] for group in (used, held)]
+    if late is None:
+        return Readings(groups[0], groups[1], ())
+    seconds, error = late
+    dt = groups[0][0].dt
+    groups = [[_aligned(test, seconds) for test in group] for group in groups]
+    fault = Fault(DELAY, "F", seconds / dt, error / dt, seconds=seconds)
+    first = groups[0][0]
+    groups[0][0] = replace(first, notes=(*first.notes, fault.sentence()))
+    return Readings(groups[0], groups[1], (fault,))
+
+
+def _read(test: Recording, mass: float | None) -> tuple[Recording, tuple[float, float] | None]:
+    """A recording in its consistent reading, and how late its force is [s], with the error; None where it is not."""
+    here = test
+    for _ in range(_ROUNDS):
+        found = examine([here], mass)
+        wrong = [item for item in found.refusals if item.slip in _NEVER - here.accepted]
+        if not wrong:
+            lags = {item.channel: item.seen for item in found.findings if item.slip == "lag"}
+            alone = set(lags) == {"F"}  # with a channel of the motion late, a force looks late against that one
+            return here, (lags["F"]["lag"], lags["F"]["lag_error"]) if alone else None
+        if any(item.slip not in _READ or not item.repair for item in wrong):
+            break
+        for item in wrong:
+            here = _mended(here, item)
+    raise Contradiction("; ".join(str(item) for item in wrong))
+
+
+def _lag(found: Examination) -> tuple[float, float] | None:
+    late = [item.seen for item in found.findings if item.slip == "lag" and item.channel == "F"]
+    late = [seen for seen in late if seen["explained"] > 1 - _LEFT]
+    return (late[0]["lag"], late[0]["lag_error"]) if late else None
+
+
+def _lag_of_all(test: Recording, mass: float | None, whole: tuple[float, float] | None) -> tuple[float, float] | None:
+    """How late the force is, where every section of a recording says so by itself: a clock is off all the time, a law
+    of friction looks late where the motion is slow."""
+    if whole is None:
+        return None
+    edges = np.linspace(0, len(test), _SECTIONS + 1).astype(int)
+    lags = [_lag(examine([_section(test, slice(a, b))], mass)) for a, b in pairwise(edges)]
+    together = _late_force(lags)
+    return whole if together is not None else None
+
+
+def _section(test: Recording, kept: slice) -> Recording:
+    held = {name: values[kept] for name in "FxvaR" if (values := getattr(test, name)) is not None}
+    return replace(test, t=test.t[kept], extra={name: u[kept] for name, u in test.extra.items()}, **held)
+
+
+def _mended(test: Recording, slip: Finding) -> Recording:
+    """The recording with one slip read in the other way, which its notes tell."""
+    name = slip.repair.get("reverse", slip.repair.get("unit", "").partition("=")[0])
+    if slip.slip == "swapped_sign":
+        factor, told = -1.0, f"{test.name}: channel {name} is read with the other sign, as {slip.sentence}"
+    else:
+        factor = slip.seen["times too large"]
+        told = f"{test.name}: {slip.repair['unit'].replace('=', ' is read in ')}, as {slip.sentence}"
+    values = np.asarray(getattr(test, name)) / factor
+    return replace(test, notes=(*test.notes, told), **{name: values})  # type: ignore[arg-type]  # a channel, or t
+
+
+def _late_force(lags: Sequence[tuple[float, float] | None]) -> tuple[float, float] | None:
+    """How late the force is in all recordings [s], with the error; None where they do not agree."""
+    known = [lag for lag in lags if lag is not None]
+    if not lags or len(known) < len(lags):
+        return None
+    values, errors = (np.array(column) for column in zip(*known, strict=True))
+    if len(known) == 1:
+        return float(values[0]), float(errors[0])
+    found = agreed(values, 1 / np.maximum(errors, 1e-12) ** 2)
+    return (found.value, found.stderr) if found.agrees else None
+
+
+def _aligned(test: Recording, seconds: float) -> Recording:
+    """The recording with its force moved earlier by whole samples; what that leaves without a partner is cut."""
+    shift = round(seconds / test.dt)
+    n = len(test) - abs(shift)
+    motion, force = (slice(0, n), slice(shift, None)) if shift >= 0 else (slice(-shift, None), slice(0, n))
+    if test.F is None:
+        return test
+    held = {name: getattr(test, name)[motion] for name in "xvaR" if getattr(test, name) is not None}
+    extra = {name: values[motion] for name, values in test.extra.items()}
+    return replace(test, t=test.t[motion], F=test.F[force], extra=extra, **held)

@@ -1,0 +1,99 @@
+"""Stretches in which nothing moves: thousands of samples that say one thing, and must not lead a refit.
+
+At rest the force says how a contact holds, not what a spring or a damper does: a structure that sticks off its
+equilibrium holds any force up to its friction. Every sample there says the same once more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label
+
+from hystid.diagnosis.prepare.segments import Array, Flags, Part, band
+from hystid.recording import Recording
+from hystid.smoothing.noise import noise_level
+
+_WINDOW, _LEAST = 32, 400  # samples over which a channel rests or not, and that are left at least
+_MOST = 0.5  # share of a recording at rest from which the resting samples outvote the moving ones
+_LOUDER = 1.0 + 5.0 / np.sqrt(
+    2 * _WINDOW
+)  # times its noise that a channel at rest shows in a window: five standard errors
+_PERIODS = 2.0  # of the quickest motion: a reversal stands still for less
+_KEPT = 0.5  # of such a period at either end of a stretch, where the contact takes hold and lets go
+
+
+def trimmed(test: Recording) -> Recording:
+    """A recording without the rest after its motion, where that is most of it; its notes say so.
+
+    Before the motion is smoothed: the rest would be taken for how smooth it is. The rest before the motion stays: it
+    says where laws with memory began, and windows of time count from there.
+    """
+    name = next((name for name in "vxa" if getattr(test, name) is not None), "")
+    if test.quasi_static or not name or len(test) < 4 * _WINDOW:
+        return test
+    values = np.asarray(getattr(test, name))
+    moving = np.flatnonzero(_moving(values, noise_level(values)))
+    if len(moving) == 0:
+        return test
+    last = min((int(moving[-1]) + 2) * _WINDOW, len(values))
+    if last > (1 - _MOST) * len(values) or last < _LEAST:
+        return test
+    kept = slice(0, last)
+    held = {key: getattr(test, key)[kept] for key in "FxvaR" if getattr(test, key) is not None}
+    extra = {key: column[kept] for key, column in test.extra.items()}
+    note = (
+        f"{test.name}: at rest from {test.t[last - 1]:.4g} s on; {len(test) - last} of {len(test)} samples say only "
+        "what friction holds, and are left out"
+    )
+    return replace(test, t=test.t[kept], extra=extra, notes=(*test.notes, note), **held)
+
+
+def resting(part: Part) -> Flags:
+    """Samples of stretches at rest, (n,), but for their ends."""
+    name = next(name for name in "vxa" if name in part.measured)
+    moving = _moving(part.measured[name], part.noise[name])
+    period = 1 / (part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))
+    runs, count = label(~np.repeat(moving, _WINDOW))
+    found = np.zeros(len(part), dtype=bool)
+    for first, last in _edges(runs, count):
+        if last - first > max(_PERIODS * period, 4 * _WINDOW):
+            edge = max(int(_KEPT * period), _WINDOW)
+            found[first + edge : last - edge] = True
+    return found
+
+
+def _moving(values: Array, noise: float) -> Flags:
+    """Windows, one after the other, in which a channel does more than its noise."""
+    count = len(values) // _WINDOW
+    return np.asarray(np.std(values[: count * _WINDOW].reshape(count, _WINDOW), axis=1) > _LOUDER * noise)
+
+
+def _edges(runs: NDArray[Any], count: int) -> list[tuple[int, int]]:
+    changes = np.flatnonzero(np.diff(np.concatenate([[0], runs, [0]])))
+    return [(int(a), int(b)) for a, b in pairwise(changes) if runs[a] > 0][:count]
+
+
+def without_rest(parts: Sequence[Part]) -> tuple[list[Part], list[str]]:
+    """Parts whose resting samples are left out of the balance where they are most of a recording; sentences about it.
+
+    The motion stays whole: a law with memory is followed through the rest.
+    """
+    made, told = [], []
+    for part in parts:
+        still = resting(part) if part.timed else np.zeros(len(part), dtype=bool)
+        if np.mean(still) <= _MOST:
+            made.append(part)
+            continue
+        moving = ~still if part.valid is None else part.valid & ~still
+        made.append(replace(part, valid=moving))
+        told.append(
+            f"{part.name}: at rest in {np.count_nonzero(still)} of {len(part)} samples; they say what friction holds, "
+            "and are left out of the fit"
+        )
+    return made, told

@@ -1,0 +1,170 @@
+"""The diagnosed model as readable Modelica: the baseline, extended by the named effects with their fitted values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Literal
+
+from hystid.diagnosis.fit.problem import Hypothesis, Term, is_source
+from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.fit.windows import WINDOW, window_names
+from hystid.diagnosis.model.channel_effects import ChannelEffect
+
+CLASS = "Extended"
+_WINDOW = "Window"  # ending of the instance that lets an effect act for a part of the time
+
+
+Kind = Literal["extends", "wraps", "fmu"]
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """The baseline as the written model uses it.
+
+    kind: "extends" a class with a place for effects, "wraps" any other class as a component whose force is F less the
+    effects, "fmu": only the effects are written. mass: name of its parameter, "" where the mass is ``inner_mass`` [kg].
+    text: the file of a user's class, so that the written file is complete in itself. has_h: it has hysteresis.
+    """
+
+    name: str
+    kind: Kind = "extends"
+    mass: str = "m"
+    inner_mass: float = 0.0
+    text: str = ""
+    has_h: bool = True
+
+
+def extended_model(
+    baseline: Skeleton,
+    refit: Mapping[str, Value],
+    terms: Sequence[tuple[Term, Mapping[str, Value]]],
+    remarks: Sequence[str] = (),
+    own: Mapping[str, str] | None = None,
+) -> str:
+    """Text of the Modelica class ``Extended``: the baseline as refitted, with the effects.
+
+    refit: baseline parameters. terms: effects with their values and standard errors. remarks: sentences for the head,
+    such as faults of the recording, which are no part of a model. own: texts of the user's blocks by class name.
+    """
+    names = _instance_names([term for term, _ in terms])
+    forces = {name: _force(name, term) for name, (term, _) in zip(names, terms, strict=True)}
+    sums = " + ".join(forces.values())
+    head, ports, equations = _frame(baseline, refit, sums)
+    lines = [*(f"// {remark}" for remark in remarks), f'model {CLASS} "{_title(baseline.name, terms)}"', *head]
+    lines += [f"  // {name}: {_with_error(value)}" for name, value in refit.items()]
+    for name, (term, values) in zip(names, terms, strict=True):
+        times = window_names(term.effect)
+        law = {key: value for key, value in values.items() if key not in times}
+        lines += _instance(_class(term.effect.class_name), name, law)
+        if times:
+            lines += _instance(WINDOW, name + _WINDOW, {key: values[key] for key in times})
+    sources = [] if baseline.has_h else [n for n, (t, _) in zip(names, terms, strict=True) if is_source(t.effect)]
+    for name in names:
+        hysteresis = " + ".join(forces[source] for source in sources) if name not in sources else ""
+        equations += [
+            f"  {name}.{port} = {hysteresis if port == 'h' and hysteresis else signal};" for port, signal in ports
+        ]
+    lines += ["equation", *equations] if equations else []
+    blocks = [text.strip() for text in (baseline.text, *(own or {}).values()) if text]
+    return "\n".join([*lines, f"end {CLASS};", *(_WITHIN.sub("", block) for block in blocks)]) + "\n"
+
+
+def _instance(kind: str, name: str, values: Mapping[str, Value]) -> list[str]:
+    settings = [f"{key} = {_number(value.value)}" for key, value in values.items()]
+    told = [f"  // {name}.{key}: {_with_error(value)}" for key, value in values.items()]
+    return [f"  {kind} {name}(", *_joined(settings, "    "), "  );", *told]
+
+
+def _force(name: str, term: Term) -> str:
+    return f"{name}{_WINDOW}.y*{name}.f" if window_names(term.effect) else f"{name}.f"
+
+
+def settings_of(baseline: Skeleton, hypothesis: Hypothesis) -> dict[str, float]:
+    """Parameters of the class ``Extended`` at a hypothesis without faults of the force channel, by name."""
+    prefix = "rig." if baseline.kind == "wraps" else ""
+    found = {f"{prefix}{name}": value for name, value in hypothesis.values.items() if name != "m"}
+    if "m" in hypothesis.values and baseline.mass:
+        found[f"{prefix}{baseline.mass}"] = hypothesis.mass()
+    terms = [term for term in hypothesis.terms if not isinstance(term.effect, ChannelEffect)]
+    for name, term in zip(_instance_names(terms), terms, strict=True):
+        times = window_names(term.effect)
+        found |= {f"{name}{_WINDOW if key in times else ''}.{key}": value for key, value in term.values.items()}
+    return found
+
+
+def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[list[str], Ports, list[str]]:
+    """Declarations, what the ports of an effect are joined to, and equations, for each kind of baseline."""
+    if baseline.kind == "extends":
+        changes = [f"{name} = {_number(value.value)}" for name, value in refit.items()]
+        changes += [f"f_effects = {sums}"] if sums else []
+        return [f"  extends {_class(baseline.name)}(", *_joined(changes, "    "), "  );"], _PORTS, []
+    if baseline.kind == "fmu":
+        told = "  // The FMU is a closed binary that Modelica cannot extend: connect F_rig to its input F."
+        return [told, *_SIGNALS], _PORTS, [f"  f = {sums or 0};", "  F_rig = F - f;"]
+    named = {baseline.mass if name == "m" else name: value for name, value in refit.items()}
+    changes = [f"{name} = {_number(value.value)}" for name, value in named.items() if name]
+    mass = f"rig.{baseline.mass}" if baseline.mass else _number(baseline.inner_mass)
+    head = [*_RIG, f"  {_class(baseline.name)} rig(", *_joined(changes, "    "), "  );"]
+    effects = f" - ({sums})" if sums else ""
+    equations = [f"  rig.F = F{effects};", "  x = rig.x;", "  v = rig.v;", "  a = der(rig.v);", f"  {mass}*a + R = F;"]
+    return head, (*_PORTS[:3], ("h", "0")), equations
+
+
+Ports = tuple[tuple[str, str], ...]
+_WITHIN = re.compile(r"^\s*within\b[^;]*;\s*")
+_SIGNALS = (
+    '  input Real F(unit = "N") "Excitation";',
+    '  input Real x(unit = "m") "Displacement";',
+    '  input Real v(unit = "m/s") "Velocity";',
+    '  input Real a(unit = "m/s2") "Acceleration";',
+    '  input Real f_h(unit = "N") "Hysteretic force of the FMU, 0 where it shows none";',
+    '  output Real f(unit = "N") "Force that the FMU lacks";',
+    '  output Real F_rig(unit = "N") "What the FMU gets: the excitation less the force that it lacks";',
+)
+_RIG = (
+    '  input Real F(unit = "N") "Excitation";',
+    '  output Real x(unit = "m") "Displacement";',
+    '  output Real v(unit = "m/s") "Velocity";',
+    '  output Real a(unit = "m/s2") "Acceleration";',
+    '  output Real R(unit = "N") "Restoring force";',
+)
+_PORTS: Ports = (("x", "x"), ("v", "v"), ("a", "a"), ("h", "f_h"))
+
+
+def _title(baseline: str, terms: Sequence[tuple[Term, Mapping[str, Value]]]) -> str:
+    found = " and ".join(term.effect.id.replace("_", " ") for term, _ in terms)
+    short = _class(baseline).removesuffix(".fmu").rpartition(".")[2]
+    return f"{short} oscillator as fitted" + (f", with {found}" if found else "")
+
+
+def _class(name: str) -> str:
+    return Path(name).name if name.endswith(".fmu") else name.rpartition(":")[2]
+
+
+def _instance_names(terms: Sequence[Term]) -> list[str]:
+    names: list[str] = []
+    for term in terms:
+        first, *rest = term.effect.id.split("_")
+        base = first + "".join(word.capitalize() for word in rest)
+        name, k = base, 2
+        while name in names:
+            name, k = f"{base}{k}", k + 1
+        names.append(name)
+    return names
+
+
+def _joined(settings: Sequence[str], indent: str) -> list[str]:
+    return [f"{indent}{text}{',' if i < len(settings) - 1 else ''}" for i, text in enumerate(settings)]
+
+
+def _number(value: float) -> str:
+    return str(int(value)) if float(value).is_integer() and abs(value) < 1e6 else f"{value:.9g}"
+
+
+def _with_error(value: Value) -> str:
+    error = f"standard error {value.stderr:.2g}" if isfinite(value.stderr) and value.stderr > 0 else "not fitted"
+    return f"{value.value:.6g} {value.unit}".strip() + f", {error}"

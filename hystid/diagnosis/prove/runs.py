@@ -1,0 +1,170 @@
+"""The proof: the refitted baseline and the extended model in free run, and the polish that the extended model gets."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.compiled import CompiledModel
+from hystid.diagnosis.decide.answer import Answer, refit_values
+from hystid.diagnosis.fit.problem import Fit, Hypothesis
+from hystid.diagnosis.fit.windows import for_recording, has_own_windows
+from hystid.diagnosis.prepare.segments import Part, advanced
+from hystid.diagnosis.prove.extended import CLASS, Skeleton, extended_model, settings_of
+from hystid.diagnosis.prove.freerun import diverges, error, errors
+from hystid.diagnosis.prove.polish import polish
+from hystid.errors import NumericalError
+from hystid.fmu import build
+from hystid.fmu.coupling import simulate_with_effects
+from hystid.fmu.door import OpenedFmu, open_fmu
+from hystid.fmu.ssp import Connection, write_ssp
+from hystid.modelcode import ModelCode
+from hystid.modelica import compile_model
+
+Array = NDArray[np.float64]
+_LONGEST = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
+_BALANCE = 1.3  # rise of the balance's mean square beyond which a polish contradicts the measured forces
+Run = list[tuple[Array | None, float | None]]
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Free runs before and after, of the recordings used and of those held out; the answer with what the polish moved.
+
+    text: the extended model. notes: what was done to the parameters.
+    """
+
+    answer: Answer
+    text: str
+    before: tuple[Run, Run]
+    after: tuple[Run, Run]
+    notes: tuple[str, ...] = ()
+
+
+def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Runs:
+    """Run the baseline and, where something was named, the extended model, polished where that clearly helps."""
+    choice, base = answer.choice, answer.baseline
+    groups = (answer.problem.parts, unseen)
+    first = choice.before.hypothesis
+    values = base.settings(first.parameters())
+    model = base.model if base.mass else None  # without a mass nothing moves by itself
+    before = errors(model, groups[0], values, first.delay), errors(model, groups[1], values, first.delay)
+    text = written(answer, skeleton)
+    if choice.after is choice.before or model is None:
+        return Runs(answer, text, before, before)
+    if skeleton.kind == "fmu":
+        last = choice.after.hypothesis
+        end = base.settings(last.parameters())
+        return Runs(answer, text, before, _beside_fmu(skeleton.name, text, groups, end, last.delay))
+    extended = CompiledModel(compile_text(text))
+    notes: tuple[str, ...] = ()
+    if answer.is_model():
+        answer, notes = _polished(answer, skeleton, extended)
+        text = written(answer, skeleton) if notes else text
+    last = answer.choice.after.hypothesis
+    at = settings_of(skeleton, for_recording(last)) if notes else {}
+    seen = errors(extended, groups[0], at, last.delay)
+    if has_own_windows(last):
+        own = [settings_of(skeleton, for_recording(last, i)) for i in range(len(groups[0]))]
+        seen = [errors(extended, [p], {**at, **s}, last.delay)[0] for p, s in zip(groups[0], own, strict=True)]
+    return Runs(answer, text, before, (seen, errors(extended, groups[1], at, last.delay)), notes)
+
+
+def _beside_fmu(
+    path: str, text: str, groups: tuple[Sequence[Part], Sequence[Part]], values: Mapping[str, float], delay: float
+) -> tuple[Run, Run]:
+    """An FMU in free run with the effects beside it, both as Model Exchange; nothing where the run is too long."""
+    none: tuple[Run, Run] = [(None, None)] * len(groups[0]), [(None, None)] * len(groups[1])
+    samples = sum(len(part) for part in (*groups[0], *groups[1]))
+    rig = open_fmu(Path(path))
+    if rig.model_exchange is None or samples > _LONGEST:
+        return none
+    with tempfile.TemporaryDirectory() as folder:
+        build(compile_text(text), Path(folder, "effects.fmu"))
+        effects = open_fmu(Path(folder, "effects.fmu"))
+        found = []
+        for parts in groups:
+            runs = [_coupled_run(rig, effects, part, values, delay) for part in parts]
+            found.append([(run, error(run, part)) for run, part in zip(runs, parts, strict=True)])
+    return found[0], found[1]
+
+
+def _coupled_run(
+    rig: OpenedFmu, effects: OpenedFmu, part: Part, values: Mapping[str, float], delay: float
+) -> Array | None:
+    force = advanced(part.F, delay) if delay else part.F
+    start = float(part.x[0]), float(part.v[0])
+    try:
+        x = simulate_with_effects(rig, effects, force, part.dt, parameters=values, start=start)
+    except NumericalError:
+        return None
+    return None if diverges(x, part) else x
+
+
+def _polished(answer: Answer, skeleton: Skeleton, model: CompiledModel) -> tuple[Answer, tuple[str, ...]]:
+    """The answer with polished parameters, and a sentence; without one where the balance's parameters stay."""
+    fit, problem = answer.choice.after, answer.problem
+
+    def settings(at: Hypothesis) -> Mapping[str, float]:
+        return settings_of(skeleton, at)
+
+    found = polish(model, fit.hypothesis, fit.unknowns, problem.parts, settings)
+    if found is None:
+        return answer, ()
+    rows = problem.rows(found.hypothesis)
+    chi2 = float(rows @ rows) / max(1, len(rows) - len(fit.unknowns))
+    if chi2 > _BALANCE * fit.chi2:
+        return answer, ()
+    covariance = _of_the_run(found.covariance, fit) / max(chi2, 1.0)  # by which standard errors are scaled
+    after = replace(fit, hypothesis=found.hypothesis, residual=rows, chi2=chi2, covariance=covariance)
+    told = (
+        f"parameters polished on the displacement in free run: its error on the last quarter of the recordings, which "
+        f"was kept back, falls from {100 * found.before:.3g} % to {100 * found.after:.3g} %"
+    )
+    return replace(answer, choice=replace(answer.choice, after=after)), (told,)
+
+
+def _of_the_run(covariance: Array, fit: Fit) -> Array:
+    """Covariance of the free run, or that of the balance for unknowns that the run says nothing about."""
+    moved = np.isfinite(np.diag(covariance))
+    known = fit.covariance if fit.covariance is not None else np.full_like(covariance, np.nan)
+    kept = np.where(np.outer(~moved, ~moved), known * max(fit.chi2, 1.0), 0.0)
+    return np.asarray(np.where(np.outer(moved, moved), covariance, kept))
+
+
+def written(answer: Answer, skeleton: Skeleton) -> str:
+    """Text of the extended model."""
+    refit = refit_values(answer, answer.choice.after)
+    return extended_model(skeleton, refit, answer.terms(), answer.remarks(), answer.own_blocks())
+
+
+def compile_text(text: str) -> ModelCode:
+    """ModelCode of the class ``Extended`` in a text."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "extended.mo")
+        path.write_text(text, encoding="utf-8")
+        return compile_model(f"{path}:{CLASS}")
+
+
+def write_beside(rig: str, refit: Mapping[str, float], effects: Path, out: Path) -> Path | None:
+    """``extended.ssp``: an FMU with the effects beside it and its parameters as refitted (by the FMU's names).
+
+    None where the FMU does not show x and v as outputs.
+
+    An importer's master exchanges forces and motion once per step, which takes damping away: stiffness of the effects
+    times the step. Steps must be short against that.
+    """
+    shown = {v.name for v in open_fmu(Path(rig)).model.variables if v.causality == "output"}
+    if not {"x", "v"} <= shown:
+        return None
+    ways = [Connection("F", "effects.F"), Connection("effects.F_rig", "rig.F")]
+    ways += [Connection(f"rig.{name}", f"effects.{name}") for name in ("x", "v", "a", "f_h") if name in shown]
+    ways += [Connection(f"rig.{name}", name) for name in ("x", "v")]
+    values = {f"rig.{name}": value for name, value in refit.items()}
+    parts = {"rig": Path(rig), "effects": effects}
+    return write_ssp(out, "Extended", parts, ways, inputs=("F",), outputs=("x", "v"), parameters=values)

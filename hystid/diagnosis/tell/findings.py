@@ -1,0 +1,164 @@
+"""From an answer to words: findings with parameters, location and confidence, the headline, and what to do next."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hystid.diagnosis.decide.answer import BACKLASH, GAIN, PINCHING, Answer, describe
+from hystid.diagnosis.decide.trials import DELAY
+from hystid.diagnosis.fit.problem import ADDED_MASS, HYSTERESIS
+from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.prepare.chain import Fault
+from hystid.diagnosis.tell.locate import where_term
+from hystid.diagnosis.tell.result import Diagnosis, Finding, Where
+
+_FEW = 4.0  # samples at full speed over which friction must build up to be told from one without memory,
+_SMALL = 0.02  # or else this share of the stroke
+_EXACT = (frozenset({"two_sided_stop", "backlash"}), frozenset({ADDED_MASS, GAIN}))
+
+_SPLITS = {
+    frozenset({"two_sided_stop", "backlash"}): "measure the stiffness at very small displacement: free play is soft",
+    frozenset({ADDED_MASS, GAIN}): "calibrate the force channel with a known weight, or weigh the moving parts",
+    frozenset({"preload", "asymmetric_friction"}): "hold it still after slow motion from either side, and tilt it",
+    frozenset({"preload", "force_drift"}): "record the force channel with nothing attached, before and after a test",
+    frozenset({"cubic_stiffness", "two_sided_stop"}): "record at small and large amplitudes: is there a threshold",
+    frozenset({"quadratic_stiffness", "bilinear_stiffness"}): "does the second harmonic grow with the amplitude",
+    frozenset({"quadratic_damping", "stribeck_friction"}): "vary the frequency at a fixed amplitude",
+    frozenset({"viscoelastic_relaxation", "hidden_mode"}): "hold a step and watch the force; sweep further up",
+    frozenset({"stiffness_drift", "cyclic_degradation"}): "let it rest between two tests: time passes without a path",
+    frozenset({"coulomb_friction", "stribeck_friction"}): "record slow cycles through zero velocity",
+    frozenset({"coulomb_friction", "hysteretic_friction"}): "record slow reversals with more samples per millimetre",
+}  # fmt: skip
+
+
+def findings(answer: Answer) -> tuple[Finding, ...]:
+    """Everything that was found, strongest first."""
+    made = [_fault_finding(answer, fault) for fault in answer.faults]
+    weights = [1e300] * len(made)
+    signals = answer.problem.signals(answer.choice.after.hypothesis)
+    choice = answer.choice
+    pairs = zip(choice.named, choice.classes, choice.probabilities, choice.shares, strict=True)
+    for name, alike, probability, share in pairs:
+        finding, weight = _finding(answer, name, alike, (probability, share), signals)
+        made.append(finding)
+        weights.append(weight)
+    return tuple(made[i] for i in np.argsort([-w for w in weights], kind="stable"))
+
+
+def _finding(
+    answer: Answer, name: str, alike: tuple[str, ...], worth: tuple[float, float], signals: Any
+) -> tuple[Finding, float]:
+    choice, fit = answer.choice, answer.choice.after
+    shown = answer.rename(name)
+    together = tuple(dict.fromkeys((shown, *alike, *_equivalents(shown, answer), *_too_short(answer, name))))
+    evidence = {
+        "explained": worth[1], "chi2_before": choice.before.chi2, "chi2_after": fit.chi2,
+        "floor": choice.floor_after,
+        "tried": [
+            {"effect": t.name, "form": t.form, "chi2": t.chi2, "absorbed": t.absorbed} for t in choice.trials[:12]
+        ],
+    }  # fmt: skip
+    sure, share = worth
+    term = answer.term(name)
+    if term is None:
+        delay = Value(fit.hypothesis.delay, fit.stderr(("chain", "delay")), "1")
+        seconds = Value(delay.value * answer.problem.parts[0].dt, delay.stderr * answer.problem.parts[0].dt, "s")
+        where = Where("the force channel is late as a whole", (0, 0), (0, 0), {}, {}, "no harmonics")
+        return Finding(shown, together, sure, {"samples": delay, "delay": seconds}, where, evidence, share), 1e299
+    where = where_term(answer.problem, term, signals)
+    weight = float(np.sqrt(np.mean(np.concatenate([term.effect.force(s, term.values) for s in signals]) ** 2)))
+    evidence |= {"form": term.effect.form, "class_name": term.effect.class_name, "rms_force": weight}
+    if shown == GAIN:
+        parameters = {"gain": Value(1 + answer.gain(), answer.gain_error(), "1")}
+        return Finding(shown, together, sure, parameters, where, evidence, share), weight
+    fitted = answer.at_the_structure(term, answer.stated(fit.hypothesis.terms.index(term), term))
+    return Finding(shown, together, sure, fitted, where, evidence, share), weight
+
+
+def _equivalents(name: str, answer: Answer) -> tuple[str, ...]:
+    """Ids that are the same by algebra."""
+    if name == GAIN and answer.gain() < 0:
+        return ()
+    if name == BACKLASH and PINCHING in answer.choice.named:  # slack behind friction is no free play of a spring
+        return ()
+    return tuple(sorted(other for group in _EXACT if name in group for other in group))
+
+
+def _too_short(answer: Answer, name: str) -> tuple[str, ...]:
+    """Friction that builds up within a few samples, and a trace of the stroke, might as well be without memory."""
+    term = answer.term(name)
+    if name != HYSTERESIS or term is None:
+        return ()
+    path = max(float(np.max(np.abs(part.v))) * part.dt for part in answer.problem.parts)
+    stroke = max(float(np.max(np.abs(part.x))) for part in answer.problem.parts)
+    return ("coulomb_friction",) if term.values.get("x_c", np.inf) < min(_FEW * path, _SMALL * stroke) else ()
+
+
+def _fault_finding(answer: Answer, fault: Fault) -> Finding:
+    dt = answer.problem.parts[0].dt
+    if fault.id == DELAY:
+        parameters = {
+            "samples": Value(fault.size, fault.stderr, "1"),
+            "delay": Value(fault.size * dt, fault.stderr * dt, "s"),
+        }
+    else:
+        unit = {"x": "m", "v": "m/s", "a": "m/s2", "F": "N"}[fault.channel]
+        parameters = {"level": Value(fault.size, fault.stderr, unit)}
+    where = Where(describe(fault), (0, 0), (0, 0), {}, {}, "odd harmonics" if fault.id != DELAY else "no harmonics")
+    evidence = {"channel": fault.channel, "share_of_samples": fault.share}
+    return Finding(fault.id, (fault.id,), 0.95, parameters, where, evidence)
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """One sentence: what, where, how sure, how much better."""
+    if diagnosis.verdict == "consistent":
+        return "The model agrees with the recordings down to their noise"
+    if diagnosis.verdict == "recalibrated":
+        return "The model agrees with the recordings down to their noise once its parameters are refitted"
+    if diagnosis.verdict == "unknown_physics" and diagnosis.unknown:
+        return f"Something is missing that no effect of the library explains: {diagnosis.unknown.text}"
+    named = " and ".join(_told(finding) for finding in diagnosis.findings)
+    return f"{named}; {_better(diagnosis)}"
+
+
+def _told(finding: Finding) -> str:
+    return f"{in_words(finding)}: {finding.where.text}, confidence {finding.confidence:.2f}"
+
+
+def in_words(finding: Finding) -> str:
+    """The name of a finding and its look-alikes, as they are read."""
+    others = [name for name in finding.alike if name != finding.effect]
+    told = finding.effect + (f" (or {', '.join(others)})" if others else "")
+    return told.replace("_", " ")
+
+
+def _better(diagnosis: Diagnosis) -> str:
+    listed = diagnosis.holdout or diagnosis.errors
+    pairs = [e.free_run for e in listed if e.free_run[0] is not None and e.free_run[1] is not None]
+    kind = "held-out free-run" if diagnosis.holdout else "free-run"
+    if pairs:
+        before, after = (float(np.mean([pair[i] for pair in pairs])) for i in (0, 1))
+        return f"{kind} error of the displacement {100 * before:.3g} % before, {100 * after:.3g} % after"
+    before, after = diagnosis.force_nrmse
+    return f"force error {100 * before:.3g} % before, {100 * after:.3g} % after"
+
+
+def next_experiment(diagnosis: Diagnosis) -> str:
+    """The test that would tell most."""
+    for finding in diagnosis.findings:
+        for pair, advice in _SPLITS.items():
+            if pair <= set(finding.alike):
+                return f"To part {' from '.join(sorted(pair)).replace('_', ' ')}: {advice}."
+    if diagnosis.verdict == "unknown_physics":
+        return (
+            "Record slow cycles, and harmonic tests at three amplitudes and three frequencies, so that the amplitude "
+            "and rate laws of the unknown force can be read off; add a law that suggests itself with --effects."
+        )
+    if diagnosis.untestable:
+        listed = ", ".join(diagnosis.untestable[:4])
+        return (
+            f"These recordings cannot show {listed}: add slow cycles and a wider range of amplitudes and frequencies."
+        )
+    return "Confirm the model on a test at another amplitude that was not used here."

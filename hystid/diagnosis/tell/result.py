@@ -1,0 +1,187 @@
+"""What a diagnosis says: plain data, and the JSON that stands in ``diagnosis.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.decide.answer import Verdict
+from hystid.diagnosis.decide.criterion import Posterior
+from hystid.diagnosis.decide.selection import Choice
+from hystid.diagnosis.fit.problem import Fit, Problem
+from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.tell.dependence import Dependence
+from hystid.results import Result
+
+Array = NDArray[np.float64]
+_LISTED = 8  # candidates
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where an effect acts. x [m], v [m/s]: range of the motion in which it does; t: intervals [s] per recording."""
+
+    text: str
+    x: tuple[float, float]
+    v: tuple[float, float]
+    t: Mapping[str, Sequence[tuple[float, float]]]
+    amplitude: Mapping[str, float]
+    harmonics: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON; ``t`` holds the intervals of the recording in which the effect is strongest."""
+        first = next(iter(self.t.values()), [])
+        return {
+            "text": self.text, "x": list(self.x), "v": list(self.v), "t": [list(span) for span in first],
+            "t_per_recording": {name: [list(span) for span in spans] for name, spans in self.t.items()},
+            "amplitude": dict(self.amplitude), "harmonics": self.harmonics,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One named effect. id and what cannot be told from it; confidence 0..1; evidence: figures behind the name."""
+
+    effect: str
+    alike: tuple[str, ...]
+    confidence: float
+    parameters: Mapping[str, Value]
+    where: Where
+    evidence: Mapping[str, Any]
+    explained: float = float("nan")
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "effect": self.effect, "class": list(self.alike), "confidence": self.confidence,
+            "parameters": {name: value.as_dict() for name, value in self.parameters.items()},
+            "where": self.where.as_dict(), "evidence": dict(self.evidence),
+            "explained": self.explained if np.isfinite(self.explained) else None,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Error of one recording before (refitted baseline) and after (with what was found); None where it has no
+    answer."""
+
+    name: str
+    force: tuple[float, float]
+    free_run: tuple[float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Traces:
+    """Signals of one recording for tables and plots, shape (n,) each, SI units.
+
+    residual: what the refitted baseline leaves of the balance; left: what is left in the end; effect: named force.
+    free_before, free_after: displacement in free run, None where there is none.
+    """
+
+    name: str
+    t: Array
+    x: Array
+    v: Array
+    R: Array
+    residual: Array
+    left: Array
+    effect: Array
+    score: Array
+    noise: float
+    free_before: Array | None = None
+    free_after: Array | None = None
+    held_out: bool = False
+
+
+@dataclass(frozen=True)
+class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
+    """The answer. findings: strongest first. unknown: location and laws of a mismatch without a name.
+
+    dependence: further columns of the recordings on which what is left depends, the strongest first.
+    """
+
+    verdict: Verdict
+    headline: str
+    model: str
+    nominal: Mapping[str, float]
+    refit: Mapping[str, Value]
+    findings: tuple[Finding, ...] = ()
+    errors: tuple[Errors, ...] = ()
+    holdout: tuple[Errors, ...] = ()
+    untestable: tuple[str, ...] = ()
+    next_experiment: str = ""
+    force_nrmse: tuple[float, float] = (float("nan"), float("nan"))
+    noise_floor: float = float("nan")
+    unknown: Where | None = None
+    notes: tuple[str, ...] = ()
+    chain: Mapping[str, Any] = field(default_factory=dict)
+    traces: tuple[Traces, ...] = field(default=(), repr=False)
+    choice: Choice | None = field(default=None, repr=False)
+    problem: Problem | None = field(default=None, repr=False)
+    final: Fit | None = field(default=None, repr=False)
+    posterior: Posterior | None = field(default=None, repr=False)
+    folder: Path | None = None
+    dependence: tuple[Dependence, ...] = ()
+
+    def sentence(self) -> str:
+        """The verdict and what stands behind it, in one line."""
+        return f"{self.verdict}: {self.headline}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Content of ``diagnosis.json``."""
+        runs = [e.free_run for e in self.errors]
+        both = [(b, a) for b, a in runs if b is not None and a is not None]
+        return {
+            "verdict": self.verdict,
+            "headline": self.headline,
+            "baseline": {
+                "model": self.model,
+                "parameters": dict(self.nominal),
+                "refit": {name: value.as_dict() for name, value in self.refit.items()},
+                "force_nrmse": self.force_nrmse[0],
+                "noise_floor": self.noise_floor,
+            },
+            "findings": [finding.as_dict() for finding in self.findings],
+            "unknown": self.unknown.as_dict() if self.unknown else None,
+            "fit": {
+                "force_nrmse": {"before": self.force_nrmse[0], "after": self.force_nrmse[1]},
+                "free_run_x_nrmse": {
+                    "before": float(np.mean([b for b, _ in both])) if both else None,
+                    "after": float(np.mean([a for _, a in both])) if both else None,
+                    "per_recording": [_errors(e) for e in self.errors],
+                },
+                "holdout": [_errors(e) for e in self.holdout],
+            },
+            **_probabilities(self.posterior),
+            "untestable": list(self.untestable),
+            "next_experiment": self.next_experiment,
+            "chain": dict(self.chain),
+            "dependence": [one.as_dict() for one in self.dependence],
+            "notes": list(self.notes),
+        }
+
+
+def _errors(e: Errors) -> dict[str, Any]:
+    return {
+        "name": e.name, "before": e.free_run[0], "after": e.free_run[1],
+        "force_before": e.force[0], "force_after": e.force[1],
+    }  # fmt: skip
+
+
+def _probabilities(posterior: Posterior | None) -> dict[str, Any]:
+    """How probable it is that something is missing, and what; nothing where no selection was made."""
+    if posterior is None:
+        return {}
+    something, nothing = posterior.something, posterior.nothing
+    return {
+        "probability": {"something_missing": something, "nothing_missing": nothing, "unknown": posterior.unknown},
+        "candidates": [
+            {"effect": " + ".join(c.names), "probability": c.probability, "explained": c.explained}
+            for c in posterior.candidates[:_LISTED]
+        ],
+    }

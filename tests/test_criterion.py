@@ -1,0 +1,148 @@
+"""The criterion: its limits, and what no amount of data may change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hystid.diagnosis import Diagnosis, diagnose
+from hystid.diagnosis.decide.criterion import ACCURACY, Criterion, Hypothesis, effective_states
+from hystid.diagnosis.fit.problem import Fit
+from hystid.recording import Recording
+
+MODEL = "HystId.Oscillators.Linear"
+NOMINAL = {"m": 1.0, "B": 20.0, "Kl": 30000.0}
+
+
+def rig(seed: int, level: float, cubic: float, *, seconds: float = 4.0, snr: float | None = 34.0) -> Recording:
+    """A mass on a spring with a cubic part [N/m3], swept from 2 to 60 Hz at 1 kHz, by Runge-Kutta at 8 kHz."""
+    rate, fine = 1000.0, 8
+    t = np.arange(0.0, seconds, 1 / (rate * fine))
+    force = level * np.sin(2 * np.pi * (2.0 * t + 0.5 * 58.0 / seconds * t**2))
+    x, v, dt = np.zeros(len(t)), np.zeros(len(t)), t[1]
+
+    def slope(x: float, v: float, f: float) -> float:
+        return f - 20.0 * v - 30000.0 * x - cubic * x**3
+
+    for k in range(len(t) - 1):
+        half, f0, f1 = 0.5 * dt, force[k], force[k + 1]
+        mid = 0.5 * (f0 + f1)
+        a1 = slope(x[k], v[k], f0)
+        a2 = slope(x[k] + half * v[k], v[k] + half * a1, mid)
+        a3 = slope(x[k] + half * (v[k] + half * a1), v[k] + half * a2, mid)
+        a4 = slope(x[k] + dt * (v[k] + half * a2), v[k] + dt * a3, f1)
+        x[k + 1] = x[k] + dt * (v[k] + dt / 6 * (a1 + a2 + a3))
+        v[k + 1] = v[k] + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+    a = force - 20.0 * v - 30000.0 * x - cubic * x**3
+    channels = {"F": force, "x": x, "v": v, "a": a}
+    rng = np.random.default_rng(seed)
+    taken = {}
+    for name, values in channels.items():
+        sampled = values[::fine]
+        scatter = 0.0 if snr is None else 10 ** (-snr / 20) * float(np.std(sampled))
+        taken[name] = sampled + scatter * rng.standard_normal(len(sampled))
+    return Recording(f"rig_{seed}", t=t[::fine], **taken)
+
+
+def answer(tests: list[Recording], holdout: list[Recording] | None = None) -> Diagnosis:
+    return diagnose(tests, model=MODEL, parameters=NOMINAL, holdout=holdout or [])
+
+
+@pytest.fixture(scope="module")
+def stiffening() -> Diagnosis:
+    return answer([rig(1, 20.0, 2e9), rig(2, 35.0, 2e9)])
+
+
+def fits(found: Diagnosis, misfit: float) -> tuple[Criterion, Hypothesis]:
+    """A criterion on the rows of a diagnosis, and a made-up hypothesis that leaves a misfit."""
+    assert found.choice is not None and found.problem is not None
+    before = found.choice.before
+    criterion = Criterion(found.problem, before, 20)
+    fit = replace(before, chi2=criterion.floor + misfit)
+    return criterion, Hypothesis(("cubic_stiffness",), 1, fit)
+
+
+def test_probabilities_add_up_to_one(stiffening: Diagnosis) -> None:
+    found = stiffening.posterior
+    assert found is not None
+    total = found.nothing + found.unknown + sum(c.probability for c in found.candidates)
+    assert total == pytest.approx(1.0, abs=1e-9)  # rounding of a sum of twenty terms
+    assert [f.effect for f in stiffening.findings] == ["cubic_stiffness"]
+    assert stiffening.findings[0].confidence > 0.9
+    assert stiffening.findings[0].explained > 0.9
+
+
+def test_the_better_a_law_fits_the_more_probable_it_is(stiffening: Diagnosis) -> None:
+    assert stiffening.choice is not None
+    whole = stiffening.choice.before.chi2 - stiffening.choice.floor_before
+    seen = []
+    for share in (0.9, 0.6, 0.3, 0.1, 0.01):
+        criterion, hypothesis = fits(stiffening, share * whole)
+        (candidate,) = criterion.posterior([hypothesis], is_noise=False).candidates
+        seen.append(candidate.probability)
+    assert seen == sorted(seen)
+    assert seen[0] < 0.1 and seen[-1] > 0.9
+
+
+def test_the_same_recording_twice_makes_nothing_more_certain() -> None:
+    once = rig(1, 20.0, 1.5e8)
+    again = replace(once, name="again", t=once.t + 1e-9)
+    single, double = answer([once]), answer([once, again])
+    assert single.problem is not None and double.problem is not None
+    assert effective_states(double.problem) == effective_states(single.problem)
+    assert single.verdict == double.verdict
+    assert single.posterior is not None and double.posterior is not None
+    # what the criterion cannot know is that the noise is the same; the price of a parameter grows with its logarithm
+    assert double.posterior.something <= single.posterior.something + 0.1
+
+
+@pytest.mark.parametrize("snr", [20.0, 34.0, 60.0, 80.0, 100.0, None])
+def test_nothing_is_missing_at_any_noise(snr: float | None) -> None:
+    found = answer([rig(3, 20.0, 0.0, snr=snr), rig(4, 35.0, 0.0, snr=snr)])
+    assert found.findings == ()
+    assert found.verdict in ("consistent", "recalibrated")
+    assert found.posterior is not None and found.posterior.nothing > 0.5
+
+
+@pytest.mark.parametrize("snr", [20.0, 60.0, 100.0, None])
+def test_a_clear_law_is_named_at_any_noise(snr: float | None) -> None:
+    found = answer([rig(5, 20.0, 2e9, snr=snr), rig(6, 35.0, 2e9, snr=snr)])
+    assert [f.effect for f in found.findings] == ["cubic_stiffness"]
+
+
+def test_more_data_keep_a_clear_answer() -> None:
+    for seconds in (0.6, 2.0, 8.0):
+        found = answer([rig(7, 30.0, 2e9, seconds=seconds)])
+        assert {n for f in found.findings for n in f.alike} & {"cubic_stiffness"}, seconds
+
+
+@pytest.mark.parametrize("snr", [34.0, 80.0, None])
+@pytest.mark.parametrize("seconds", [1.0, 4.0])
+def test_a_held_out_recording_of_any_noise_and_length_keeps_a_right_name(snr: float | None, seconds: float) -> None:
+    held = rig(9, 25.0, 2e9, seconds=seconds, snr=snr)
+    found = answer([rig(1, 20.0, 2e9), rig(2, 35.0, 2e9)], [held])
+    assert [f.effect for f in found.findings] == ["cubic_stiffness"]
+
+
+def test_a_held_out_recording_of_another_state_is_told() -> None:
+    tests = [rig(1, 20.0, 2e9), rig(2, 35.0, 2e9)]
+    borne_out, against = answer(tests, [rig(9, 35.0, 2e9)]), answer(tests, [rig(9, 35.0, 0.0)])
+    assert any("rig_9 was held out and is not better explained" in note for note in against.notes)
+    assert not any("held out and is not" in note for note in borne_out.notes)
+    # it may be right all the same, as one held-out recording in ten is of another state: ten times the doubt
+    doubt, none = (1 - found.findings[0].confidence for found in (against, borne_out))
+    assert doubt > 3 * none
+
+
+def test_the_error_of_the_preparation_is_no_physics(stiffening: Diagnosis) -> None:
+    """A misfit of the size that smoothing leaves makes no name probable, however many rows there are."""
+    criterion, _ = fits(stiffening, 0.0)
+    gain = criterion.likelihood(0.0) - criterion.likelihood(0.3 * ACCURACY**2 * criterion.force)
+    assert gain < criterion.price(1, 0.0)
+
+
+def test_fits_are_what_hypotheses_hold(stiffening: Diagnosis) -> None:
+    assert stiffening.posterior is not None
+    assert all(isinstance(c.hypothesis.fit, Fit) for c in stiffening.posterior.candidates)

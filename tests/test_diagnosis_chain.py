@@ -1,0 +1,126 @@
+"""Faults of the channels: lags, zeros, gains, clipping, dead channels; found in what the sections agree on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+from hystid.diagnosis.prepare.chain import DEAD, DELAY, GAIN, SATURATION, ZERO, examined
+from hystid.diagnosis.prepare.pairs import agreed, pairs
+from hystid.recording import Recording
+
+Array = np.ndarray
+DT, N = 1e-3, 6000
+
+
+def motion(seed: int, noise: float = 0.01, late: float = 0.0, channel: str = "", n: int = N) -> Recording:
+    """Thirty tones of 2 to 40 Hz: x, v and a exactly, one of them late [s]; white noise of a share of each channel."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) * DT
+    omega, phase = 2 * np.pi * rng.uniform(2, 40, 30), rng.uniform(0, 2 * np.pi, 30)
+    size = 1e-3 * rng.uniform(0.5, 1.0, 30) / (1 + (omega / 60) ** 2)
+    made = {}
+    for order, name in enumerate("xva"):
+        turn = np.outer(t - (late if name == channel else 0.0), omega) + phase + order * np.pi / 2
+        values = np.sin(turn) @ (size * omega**order)
+        made[name] = values + noise * np.std(values) * rng.standard_normal(n)
+    return Recording("test", t, F=rng.standard_normal(n), **made)
+
+
+@pytest.mark.parametrize("late", [-0.05, 0.0003, 0.005, 0.05, 0.4])
+@pytest.mark.parametrize("channel", ["x", "v", "a"])
+def test_a_late_channel_is_found_whatever_its_lag(late: float, channel: str) -> None:
+    found = examined([motion(1, late=late, channel=channel)], [])
+    (fault,) = found.repaired
+    assert (fault.id, fault.channel) == (DELAY, channel)
+    assert fault.seconds == pytest.approx(late, abs=1e-5)  # a hundredth of a sample at 40 dB
+    assert abs(fault.seconds - late) < 5 * fault.stderr * DT
+    sound, moved = motion(1), found.tests[0]
+    inner = slice(500, -500)  # what a shift leaves at the ends is not known
+    assert np.std((getattr(moved, channel) - getattr(sound, channel))[inner]) < 0.03 * np.std(getattr(sound, channel))
+
+
+def test_of_two_channels_the_later_one_is_at_fault() -> None:
+    record = replace(motion(2, late=0.005, channel="a"), v=None)
+    assert [(f.channel, f.id) for f in examined([record], []).faults] == [("a", DELAY)]
+    record = replace(motion(2, late=0.005, channel="x"), v=None)
+    assert [(f.channel, f.id) for f in examined([record], []).faults] == [("x", DELAY)]
+
+
+def test_sound_channels_have_no_fault() -> None:
+    """One false alarm in a thousand recordings is the rate that was chosen: none is expected in forty."""
+    for seed in range(40):
+        assert examined([motion(seed, noise=10 ** -(1 + seed % 3))], []).repaired == ()
+
+
+def test_a_lag_that_the_sections_do_not_agree_on_is_not_believed() -> None:
+    """A clock that wanders by a sample over the recording, there and back, has no lag."""
+    record = motion(3)
+    wander = 3 * np.sin(2 * np.pi * np.arange(N) / N)
+    loose = replace(record, a=np.interp(np.arange(N) - wander, np.arange(N), record.a))
+    assert all(not pair.lag.agrees for pair in pairs([loose]) if pair.high == "a")
+    assert not [fault for fault in examined([loose], []).faults if fault.id == DELAY]
+
+
+def test_what_a_filter_does_is_no_gain() -> None:
+    record = motion(4)
+    b, a = butter(1, 8.0, "high", fs=1 / DT)
+    coupled = replace(record, a=lfilter(b, a, record.a))
+    assert GAIN not in {fault.id for fault in examined([coupled], []).repaired}
+
+
+@pytest.mark.parametrize(("channel", "gain"), [("x", 1.05), ("v", 0.9), ("a", 1.2)])
+def test_the_gain_of_one_of_three_channels_is_told_with_its_error(channel: str, gain: float) -> None:
+    record = motion(5)
+    scaled = replace(record, **{channel: gain * getattr(record, channel)})
+    (fault,) = examined([scaled], []).repaired
+    assert (fault.id, fault.channel) == (GAIN, channel)
+    assert abs(fault.size - gain) < 5 * fault.stderr < 0.02
+    assert f"channel {channel} reads" in fault.sentence()
+
+
+def test_clipping_is_found_although_the_channel_is_late() -> None:
+    record = motion(6, late=0.004, channel="v")
+    level = 1.5 * float(np.std(record.x))
+    clipped = replace(record, x=np.clip(record.x, -level, level))
+    found = examined([clipped], [])
+    assert found.stopped == {"x": pytest.approx(level)}
+    assert {fault.channel for fault in found.faults if fault.id == DELAY} <= {"v", "a"}
+
+
+def test_the_zero_of_velocity_and_acceleration_is_taken_out() -> None:
+    record = motion(7)
+    off = replace(record, v=record.v + 0.1 * np.std(record.v), a=record.a - 0.03 * np.std(record.a))
+    found = examined([off], [])
+    assert {(fault.id, fault.channel) for fault in found.repaired} == {(ZERO, "v"), (ZERO, "a")}
+    assert found.faults == ()  # taken out, and no finding
+    for name in "va":
+        left = np.mean(getattr(found.tests[0], name) - getattr(record, name))
+        assert abs(left) < 2e-3 * np.std(getattr(record, name))
+
+
+def test_a_dead_channel_is_left_out() -> None:
+    record = motion(8)
+    dead = replace(record, v=np.random.default_rng(0).standard_normal(N))
+    found = examined([dead], [dead])
+    assert [(fault.id, fault.channel) for fault in found.repaired] == [(DEAD, "v")]
+    assert found.tests[0].v is None and found.unseen[0].v is None
+
+
+def test_a_channel_that_is_stuck_for_a_while_stops_at_a_level() -> None:
+    record = motion(9)
+    stuck = np.clip(record.F, -1.0, 1.0)
+    assert examined([replace(record, F=stuck)], []).stopped == {"F": 1.0}
+    assert SATURATION not in {fault.id for fault in examined([record], []).faults}
+
+
+def test_agreement_is_a_t_test() -> None:
+    """Of a thousand draws of noise about one in a thousand agrees by chance; three standard errors of four do not."""
+    rng = np.random.default_rng(10)
+    alarms = sum(agreed(rng.standard_normal(6), np.ones(6)).agrees for _ in range(2000))
+    assert alarms <= 8  # 2 are expected; more than 8 come once in 4000
+    assert not agreed(np.array([1.0, 1.1, -0.4, 1.0]), np.ones(4)).agrees
+    assert not agreed(np.array([1.0]), np.ones(1)).agrees

@@ -1,0 +1,96 @@
+"""Reversed and mis-united channels: read in the one way that fits, with a note, or refused with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+from hystid.diagnosis import diagnose
+from hystid.diagnosis.prepare.readings import Contradiction, consistent
+from hystid.recording import Recording
+
+Array = np.ndarray
+LINEAR = "HystId.Oscillators.Linear"
+DT, N, M, B, K = 1e-3, 4000, 2.5, 20.0, 3e4
+
+
+def record(seed: int) -> Recording:
+    """A linear oscillator: noise of 2 to 60 Hz as the motion, and the force that belongs to it exactly; 40 dB."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(N) * DT
+    omega, phase = 2 * np.pi * rng.uniform(2, 60, 40), rng.uniform(0, 2 * np.pi, 40)
+    size = 1e-3 / (1 + (omega / 110.0) ** 2)
+    x, v, a = (np.sin(np.outer(t, omega) + phase + k * np.pi / 2) @ (size * omega**k) for k in range(3))
+    held = {name: u + 0.01 * np.std(u) * rng.standard_normal(N) for name, u in (("x", x), ("v", v), ("a", a))}
+    F = M * a + B * v + K * x
+    return Recording(f"test{seed}", t, F=F + 0.01 * np.std(F) * rng.standard_normal(N), **held)
+
+
+def slipped(change: dict[str, float], channels: str) -> Recording:
+    """A recording with channels multiplied by factors, and only some of them recorded."""
+    test = record(1)
+    moved = {name: factor * np.asarray(getattr(test, name)) for name, factor in change.items()}
+    return replace(test, **{**moved, **{name: None for name in "xva" if name not in channels}})
+
+
+@pytest.mark.parametrize(
+    ("change", "channels"),
+    [
+        ({"F": -1.0}, "x"), ({"F": -1.0}, "xva"), ({"a": -1.0}, "xva"), ({"v": -1.0}, "xv"),
+        ({"a": 1 / 9.80665}, "xa"), ({"x": 1e3}, "xva"), ({"F": 1e-3}, "xva"),
+    ],
+)  # fmt: skip
+def test_a_slip_is_read_in_the_one_way_that_fits_or_refused(change: dict[str, float], channels: str) -> None:
+    try:
+        (found,) = consistent([slipped(change, channels)], [], M).tests
+    except Contradiction as refusal:
+        assert "give" in str(refusal) or "check" in str(refusal)
+        return
+    (note,) = found.notes
+    assert "read with the other sign" in note or "is read in" in note
+    sound = record(1)
+    for name in ("F", *channels):
+        told = np.abs(np.asarray(getattr(found, name)) - getattr(sound, name))
+        # of two channels of the motion either may be the reversed one: the mirrored motion of the mirrored force
+        other = np.abs(np.asarray(getattr(found, name)) + getattr(sound, name))
+        assert min(np.max(told), np.max(other)) < 1e-3 * np.max(np.abs(getattr(sound, name)))
+
+
+def test_a_diagnosis_tells_how_it_read_the_channels() -> None:
+    found = diagnose([slipped({"F": -1.0, "a": -1.0}, "xva")], model=LINEAR, parameters={"m": M})
+    assert found.verdict in ("consistent", "recalibrated") and found.findings == ()
+    assert sum("read with the other sign" in note for note in found.notes) == 2
+    assert found.refit["Kl"].value == pytest.approx(K, rel=0.02)  # 40 dB, and 1 % by the mass
+
+
+def test_sound_recordings_are_left_as_they_are() -> None:
+    test = record(1)
+    found = consistent([test], [], M)
+    assert found.tests[0] is test and found.faults == ()
+
+
+@pytest.mark.parametrize("late", [0.005, -0.05])
+def test_a_force_on_another_clock_is_moved(late: float) -> None:
+    test = record(3)
+    moved = [replace(t, F=np.roll(t.F, round(late / DT))) for t in (test, replace(record(4), name="other"))]
+    found = consistent(moved, [], M)
+    (fault,) = found.faults
+    assert fault.channel == "F" and fault.seconds == pytest.approx(late, abs=5e-4)
+    noise = butter(2, 200.0, fs=1 / DT)
+    moved, sound = found.tests[0], record(3)
+    left = moved.F - (M * moved.a + B * moved.v + K * moved.x)
+    assert np.std(lfilter(*noise, left)) < 0.05 * np.std(sound.F)
+
+
+def test_what_no_reading_brings_together_is_refused() -> None:
+    """A given mass that is four thousand times too large is no unit of the force that a note could repair."""
+    with pytest.raises(Contradiction, match="mass"):
+        consistent([record(1)], [], 4321.0 * M)
+
+
+def test_an_acceleration_on_another_clock_makes_no_late_force() -> None:
+    test = record(1)
+    assert consistent([replace(test, a=np.roll(test.a, 7))], [], M).faults == ()
