@@ -51,6 +51,13 @@ def prepare(recording: Recording, *, band: Band | None = None, decimate: int = 1
     decimate: keep every so manyth sample, after an anti-aliasing filter where the band does not already do it;
     mass [kg]: R = F - mass a unless R was recorded; 0 means that F is the restoring force itself.
     Raises UsageError for a band or decimation that the sample rate or the length cannot carry.
+
+    >>> import hystid
+    >>> fmu = hystid.build("HystId.Oscillators.Jenkins", "jenkins.fmu")
+    >>> raw = hystid.simulate(fmu, "chirp:1-60Hz@60N,2s", noise_snr=40)
+    >>> ready = hystid.prepare(raw, band=(None, 500.0), decimate=4, mass=1.0)
+    >>> round(ready.sample_rate), ready.origin["R"]
+    (2500, 'F - m a with m = 1 kg')
     """
     if decimate < 1 or int(decimate) != decimate:
         raise UsageError(f"--decimate {decimate}: a whole number of at least 1 is needed")
@@ -103,7 +110,7 @@ def derive(
 def _with_derivative(recording: Recording, name: str, source: str, high: float | None) -> Recording:
     values = recording.channel(source)
     how = f"d{source}/dt, central differences of sixth order (one-sided of second order at the three end samples)"
-    if recording.origin.get(source, "measured") == "measured":  # what was derived has been smoothed before
+    if recording.direct(source):  # what was derived has been smoothed before
         cutoff, why = (_below_nyquist(high, recording), "") if high is not None else _own_cutoff(values, recording.dt)
         if cutoff is not None:
             values = _filtered(values, cutoff, "lowpass", recording.sample_rate, _STEEP)

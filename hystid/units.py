@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
 
-from hystid.errors import UsageError
+from hystid.errors import UsageError, printable
 
 BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 STANDARD_GRAVITY = 9.80665  # m/s2, exact by definition (CGPM 1901)
@@ -53,6 +53,44 @@ _WHOLE: dict[str, tuple[float, dict[str, int]]] = {
     "bar": (1e5, {"kg": 1, "m": -1, "s": -2}),
     "kip": (4448.2216152605, {"kg": 1, "m": 1, "s": -2}),  # 1000 lbf; pint knows it as a force too, but slower
 }
+# Customary units that loggers write; no Modelica units. Exact by definition (yard and pound agreement of 1959).
+_POUND, _INCH = 0.45359237, 0.0254
+_FORCE = {"kg": 1, "m": 1, "s": -2}
+_CUSTOMARY: dict[str, tuple[float, dict[str, int]]] = {
+    "in": (_INCH, {"m": 1}),
+    "inch": (_INCH, {"m": 1}),
+    "ft": (12 * _INCH, {"m": 1}),
+    "mil": (1e-3 * _INCH, {"m": 1}),
+    "thou": (1e-3 * _INCH, {"m": 1}),
+    "lb": (_POUND, {"kg": 1}),
+    "t": (1e3, {"kg": 1}),
+    "lbf": (_POUND * STANDARD_GRAVITY, _FORCE),
+    "ozf": (_POUND / 16 * STANDARD_GRAVITY, _FORCE),
+    "kgf": (STANDARD_GRAVITY, _FORCE),
+    "kp": (STANDARD_GRAVITY, _FORCE),
+    "gf": (1e-3 * STANDARD_GRAVITY, _FORCE),
+    "daN": (10.0, _FORCE),
+    "Nm": (1.0, {"kg": 1, "m": 2, "s": -2}),
+    "mNm": (1e-3, {"kg": 1, "m": 2, "s": -2}),
+    "kNm": (1e3, {"kg": 1, "m": 2, "s": -2}),
+    "Nmm": (1e-3, {"kg": 1, "m": 2, "s": -2}),
+    "Ncm": (1e-2, {"kg": 1, "m": 2, "s": -2}),
+    "sec": (1.0, {"s": 1}),
+    "msec": (1e-3, {"s": 1}),
+    "°": (math.pi / 180, {"rad": 1}),
+    "degree": (math.pi / 180, {"rad": 1}),
+    "degrees": (math.pi / 180, {"rad": 1}),
+    "turn": (2 * math.pi, {"rad": 1}),
+    "arcmin": (math.pi / 180 / 60, {"rad": 1}),
+    "arcsec": (math.pi / 180 / 3600, {"rad": 1}),
+    "rpm": (2 * math.pi / 60, {"rad": 1, "s": -1}),
+}
+_SPOKEN = {
+    "U/min": "rpm", "tr/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "ft-lb": "ft.lbf", "ft.lb": "ft.lbf",
+    "lb-ft": "ft.lbf", "lb.ft": "ft.lbf", "in-lb": "in.lbf", "in.lb": "in.lbf", "lb-in": "in.lbf", "lb.in": "in.lbf",
+    "ft-lbf": "ft.lbf", "in-lbf": "in.lbf", "lbf-ft": "ft.lbf", "lbf-in": "in.lbf", "N-m": "N.m", "kN-m": "kN.m",
+    "Gal": "cm/s2", "μm": "um",
+}  # fmt: skip
 _PREFIXES = {
     "G": 1e9,
     "M": 1e6,
@@ -66,7 +104,13 @@ _PREFIXES = {
     "n": 1e-9,
     "p": 1e-12,
 }
-_FACTOR = re.compile(r"^([A-Za-zµμ%]+|1)\^?([+-]?\d+)?$")
+_FACTOR = re.compile(r"^([A-Za-zµμ%°]+|1)\^?([+-]?\d+)?$")
+
+
+# pint computes what stands in a unit: powers of powers, as 9**9**9, take hours
+_LONGEST = 60  # characters, twice as long as any unit of the standards
+_RAISED = re.compile(r"[\d)]\s*(?:\*\*|\^)")
+_DIGITS = re.compile(r"\d{7}|(?:\*\*|\^)\s*\(?\s*[+-]?\s*\d{3}|[eE]\s*[+-]?\s*\d{3}")
 
 
 @dataclass(frozen=True)
@@ -90,13 +134,23 @@ def parse(text: str) -> Unit:
     Raises UsageError when neither the SI grammar nor pint knows it.
     """
     stripped = text.strip()
+    if len(stripped) > _LONGEST or len(_RAISED.findall(stripped)) > 1 or _DIGITS.search(stripped):
+        raise UsageError(f"unit '{printable(stripped, 40)}' is not known; write it like N, kN, mm, m/s2, N.s/m or lbf")
     if stripped in ("", "-"):
         return Unit(text, 1.0, 0.0, {})
     if stripped == "degC":
         return Unit(text, 1.0, 273.15, {"K": 1})
-    try:
-        factor, exponents = _product(stripped)
-    except _NotSi:
+    plain = stripped.replace("·", ".").replace("⋅", ".").replace("**", "^").replace("*", ".")
+    plain = _SPOKEN.get(plain, plain)
+    for extra in ({}, _CUSTOMARY):
+        try:
+            factor, exponents = _product(plain, extra)
+            if not 0 < factor < math.inf:
+                raise _NotSi
+            break
+        except (_NotSi, ArithmeticError):
+            continue
+    else:
         return _by_pint(stripped)
     return Unit(text, factor, 0.0, {base: power for base, power in exponents.items() if power})
 
@@ -110,11 +164,27 @@ def exponents(unit: str) -> tuple[float, float, dict[str, int]]:
     return known.factor, known.offset, {base: known.exponents.get(base, 0) for base in BASES}
 
 
+def si_name(unit: str) -> str:
+    """The SI unit of what ``unit`` measures, in Modelica's spelling: "Pa" for bar, "N" for lbf, "1" for a plain number.
+
+    Raises UsageError when the unit is unknown.
+    """
+    found = dict(parse(unit).exponents)
+    if not found:
+        return "1"
+    for symbol in ("N", "Pa", "V", "A", "K", "J", "W", "m", "s", "kg", "rad", "Hz", "Ohm", "T", "Wb", "H", "C", "F"):
+        if found == ({"kg": 1} if symbol == "kg" else dict(_SYMBOLS[symbol][1])):
+            return symbol
+    above, below = ([f"{b}{abs(p) if abs(p) > 1 else ''}" for b, p in found.items() if p * s > 0] for s in (1, -1))
+    head = ".".join(above) or "1"
+    return f"{head}/{below[0]}" if len(below) == 1 else f"{head}/({'.'.join(below)})" if below else head
+
+
 def is_modelica(unit: str) -> bool:
     """Whether a unit string is in Modelica's grammar with the symbols known here, so that its meaning is certain."""
     try:
         _product(unit.strip())
-    except _NotSi:
+    except (_NotSi, ArithmeticError):
         return unit.strip() in ("", "degC")
     return True
 
@@ -146,8 +216,10 @@ def _same_dimension(one: Unit, other: Unit) -> bool:
     return all(one.exponents.get(base, 0) == other.exponents.get(base, 0) for base in BASES if base != "rad")
 
 
-def _product(text: str) -> tuple[float, dict[str, int]]:
-    """Modelica's grammar: factors joined by ".", one "/" with an optional bracket after it."""
+def _product(
+    text: str, extra: Mapping[str, tuple[float, dict[str, int]]] | None = None
+) -> tuple[float, dict[str, int]]:
+    """Modelica's grammar: factors joined by ".", one "/" with an optional bracket after it; ``extra``: more symbols."""
     numerator, slash, denominator = text.partition("/")
     if slash and not denominator:
         raise _NotSi
@@ -156,18 +228,20 @@ def _product(text: str) -> tuple[float, dict[str, int]]:
     factor, powers = 1.0, dict.fromkeys(BASES, 0)
     for part, sign in ((numerator, 1), (denominator, -1)):
         for item in part.split(".") if part else ():
-            scale, dims, power = _factor(item)
+            scale, dims, power = _factor(item, extra or {})
             factor *= scale ** (sign * power)
             for base, exponent in dims.items():
                 powers[base] += sign * power * exponent
     return factor, powers
 
 
-def _factor(text: str) -> tuple[float, dict[str, int], int]:
+def _factor(text: str, extra: Mapping[str, tuple[float, dict[str, int]]]) -> tuple[float, dict[str, int], int]:
     match = _FACTOR.match(text.strip().replace("²", "2").replace("³", "3"))
     if not match:
         raise _NotSi
     symbol, power = match[1], int(match[2] or 1)
+    if symbol in extra:
+        return *extra[symbol], power
     if symbol in _WHOLE:
         return *_WHOLE[symbol], power
     if symbol in _SYMBOLS:
@@ -205,4 +279,6 @@ def _by_pint(text: str) -> Unit:
     if len(powers) != len(dims):
         raise UsageError(f"unit '{text}' has no SI exponents")
     offset = float(at_zero.magnitude)
+    if not (math.isfinite(offset) and 0 < float(at_one.magnitude) - offset < math.inf):
+        raise UsageError(f"unit '{text}' has no finite size in SI units")
     return Unit(text, float(at_one.magnitude) - offset, offset, powers)

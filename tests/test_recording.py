@@ -10,11 +10,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from hystid.consistency import admit
 from hystid.errors import RecordingError, UsageError
 from hystid.recording import Recording, read, read_all, write_csv
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
-REAL = sorted(DATA.glob("*/*.csv"))
+FORCELESS = ("linear_actuator_faults", "magneto_elastic_decay")
+REAL = sorted(path for path in DATA.glob("*/*.csv") if path.parent.name not in FORCELESS)
 
 DT, N = 1e-3, 2000
 T = np.arange(N) * DT
@@ -34,7 +36,7 @@ def write(path: Path, columns: dict[str, np.ndarray], separator: str = ",") -> P
 
 def refused(path: Path, **arguments: object) -> str:
     with pytest.raises(RecordingError) as caught:
-        read(path, **arguments)  # type: ignore[arg-type]
+        admit([read(path, **arguments)])  # type: ignore[arg-type]
     return str(caught.value)
 
 
@@ -150,14 +152,14 @@ def spoilt(**changes: np.ndarray) -> dict[str, np.ndarray]:
     return {**GOOD, **{named[name]: values for name, values in changes.items()}}
 
 
-def at(values: np.ndarray, sample: int, value: float) -> np.ndarray:
+def at(values: np.ndarray, sample: int | slice, value: float) -> np.ndarray:
     changed = values.copy()
     changed[sample] = value
     return changed
 
 
 BAD = {
-    "NaN": (spoilt(x=at(X, 40, np.nan)), "line 42, sample 40, channel x: 1 of 2000 samples are NaN"),
+    "NaN": (spoilt(x=at(X, slice(40, 70), np.nan)), "line 42, sample 40, channel x: 30 of 2000 samples are NaN"),
     "infinite": (spoilt(F=at(F, 7, np.inf)), "line 9, sample 7, channel F"),
     "reversed time": (spoilt(t=T[::-1]), "time runs backwards throughout"),
     "one step back": (spoilt(t=at(T, 100, T[98])), "time repeats|time runs backwards"),
@@ -167,15 +169,15 @@ BAD = {
     "dead velocity sensor": (spoilt(v=np.zeros(N)), "channel v: the channel is constant"),
     "clipped force": (spoilt(F=np.clip(F, -0.6 * F.max(), 0.6 * F.max())), "channel F: cut off at"),
     "clipped on one side": (spoilt(a=np.minimum(A, 0.8 * A.max())), "channel a: cut off at"),
-    "x in mm labelled m": (spoilt(x=1e3 * X), "times dx/dt, as if x were in mm;"),
-    "v in mm/s labelled m/s": (spoilt(v=1e3 * V), "times dx/dt, as if v were in mm and s;"),
-    "a in g labelled m/s2": (spoilt(a=A / 9.80665), "times dv/dt, as if a were in g;"),
-    "v with the wrong sign": (spoilt(v=-V), "so one of both has the wrong sign"),
-    "a with the wrong sign": (spoilt(a=-A), "so one of both has the wrong sign"),
-    "F with the wrong sign": (spoilt(F=-F), "the structure gives out energy throughout"),
+    "x in mm labelled m": (spoilt(x=1e3 * X), "it looks like mm;"),
+    "v in mm/s labelled m/s": (spoilt(v=1e3 * V), "it looks like mm/s;"),
+    "a in g labelled m/s2": (spoilt(a=A / 9.80665), "it looks like g;"),
+    "v with the wrong sign": (spoilt(v=-V), "v has the wrong sign"),
+    "a with the wrong sign": (spoilt(a=-A), "a has the wrong sign"),
+    "F with the wrong sign": (spoilt(F=-F), "F has the wrong sign"),
     "quasi-static F with the wrong sign": (
         {"t_pseudo [s]": T, "F [N]": -F, "x [m]": X},
-        "gives out|F falls as x grows",
+        "F has the wrong sign",
     ),
     "F without motion": ({"t [s]": T, "F [N]": F}, "there is no motion x, v or a"),
     "no force": ({"t [s]": T, "x [m]": X}, "there is no channel F"),
@@ -194,7 +196,7 @@ def test_bad_recordings_are_named(tmp_path: Path, name: str) -> None:
     columns, expected = BAD[name]
     message = refused(write(tmp_path / "bad.csv", columns))
     assert re.search(expected, message), message
-    assert message.startswith("bad.csv")
+    assert message.startswith("bad")
 
 
 @pytest.mark.parametrize(
@@ -219,8 +221,8 @@ def test_text_that_is_no_table(tmp_path: Path, text: str, expected: str) -> None
 
 
 def test_every_problem_of_every_file_is_reported_at_once(tmp_path: Path) -> None:
-    one = write(tmp_path / "one.csv", spoilt(F=at(F, 3, np.nan), v=np.zeros(N), t=at(T, 50, T[49])))
-    two = write(tmp_path / "two.csv", spoilt(x=1e3 * X, a=-A))
+    one = write(tmp_path / "one.csv", spoilt(F=at(F, 3, np.inf), v=np.zeros(N), t=at(T, 50, T[49])))
+    two = write(tmp_path / "two.csv", spoilt(x=np.zeros(N), a=np.ones(N)))
     with pytest.raises(RecordingError) as caught:
         read_all([one, two, tmp_path / "three.csv"])
     lines = str(caught.value).splitlines()
@@ -229,8 +231,8 @@ def test_every_problem_of_every_file_is_reported_at_once(tmp_path: Path) -> None
 
 def test_a_rule_can_be_accepted_and_then_warns(tmp_path: Path) -> None:
     path = write(tmp_path / "active.csv", spoilt(F=-F))
-    found = read(path, accept=("swapped_sign",))
-    assert "gives out energy throughout" in found.warnings[0]
+    (found,) = admit([read(path, accept=("swapped_sign",))])
+    assert "F has the wrong sign" in found.warnings[0]
     with pytest.raises(UsageError, match="the rules are"):
         read(path, accept=("swaped_sign",))
 
@@ -294,3 +296,10 @@ def test_every_real_recording_loads(path: Path) -> None:
     gaps = path.stem.startswith("pneumatic")
     assert bool(found.warnings) == gaps, found.warnings
     assert all("gap" in warning for warning in found.warnings)
+    assert found.rotational == path.parent.name.startswith(("servo", "torque", "cycloidal"))
+
+
+@pytest.mark.skipif(not REAL, reason="the real recordings (../shared/data) are not on this machine")
+def test_an_actuator_without_a_force_sensor_is_refused_with_the_reason() -> None:
+    path = next((DATA / "linear_actuator_faults").glob("*.csv"))
+    assert "a current, a command or a set point is no measured force" in refused(path)

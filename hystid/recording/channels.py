@@ -4,91 +4,129 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from hystid.errors import UsageError
+from hystid.recording.names import known_name, turns, unit_symbol
 from hystid.recording.problems import Problem, Severity
 from hystid.recording.table import Column, Table
-from hystid.recording.types import CHANNELS, PSEUDO_TIME, Array
-from hystid.units import parse, to_si
+from hystid.recording.types import CHANNELS, PSEUDO_TIME, ROTATIONAL, Array
+from hystid.units import parse, si_name, to_si
 
 SI = {"t": "s", **CHANNELS}
 
-_ALIASES = {
-    "t": ("t", "time", "zeit", "t_pseudo", "time_pseudo"),
-    "F": ("f", "force", "load", "excitation", "input_force", "f_ext"),
-    "x": ("x", "disp", "displ", "displacement", "position", "pos"),
-    "v": ("v", "vel", "velocity", "speed", "xd", "xdot"),
-    "a": ("a", "acc", "accel", "acceleration", "xdd", "xddot"),
-    "R": ("r", "restoring_force", "restoring"),
-}
+_NOT_STATED = ("as_stored", "as stored", "unit_not_stated")  # what data sets write where nobody knows the unit
 _NUMBER = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)$")
-_CANONICAL = {alias: name for name, aliases in _ALIASES.items() for alias in aliases}
-
-
-def known_name(name: str) -> str | None:
-    """The channel (t, F, x, v, a, R) that a column of this name holds, None when hystid has no meaning for it."""
-    return _CANONICAL.get(name.strip().lower().replace(" ", "_"))
 
 
 @dataclass(frozen=True)
 class Channels:
-    """Channels in SI units. values holds t and what else was found; extra the columns that hystid has no name for."""
+    """Channels in SI units. values holds t and what else was found; extra the columns that hystid has no name for, and
+    units the SI unit of those whose unit is known."""
 
     values: Mapping[str, Array]
     extra: Mapping[str, Array]
     origin: Mapping[str, str]
+    units: Mapping[str, str]
+    rotational: bool
     notes: tuple[str, ...]
     problems: tuple[Problem, ...]
 
 
-def interpret(
-    table: Table,
-    *,
-    sensitivity: Mapping[str, str] | None = None,
-    names: Mapping[str, str] | None = None,
-) -> Channels:
-    """Give every column its meaning and its SI values; problems are collected, not raised.
+@dataclass(frozen=True)
+class Wishes:
+    """How a user wants the columns of a file to be read.
 
     sensitivity: channel -> sensor sensitivity with its unit, "22.4 mV/N" or "44.6 N/V", for channels stored as voltage.
-    names: channel -> column of the file, where the file uses names of its own.
-    Raises UsageError when an argument itself is wrong.
+    names: channel -> column of the file, where the file uses names of its own. units: channel -> unit, instead of the
+    one in the header. reverse: channels whose sign is turned round.
     """
-    reading = _Reading(table, dict(sensitivity or {}), _wanted(table, names or {}))
+
+    sensitivity: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    reverse: Collection[str] = ()
+
+
+def interpret(table: Table, wishes: Wishes | None = None) -> Channels:
+    """Give every column its meaning and its SI values; problems are collected, not raised.
+
+    A rig turns where a channel's unit or name says so (N.m, rad, torque); all its channels are then angular.
+    Raises UsageError when a wish itself is wrong.
+    """
+    wishes = wishes or Wishes()
+    for option, channels in (("--unit", wishes.units), ("--reverse", wishes.reverse)):
+        for channel in channels:
+            if channel not in SI or (channel == "t" and option == "--reverse"):
+                raise UsageError(f"{option} {channel}: the channels are {', '.join(SI)}")
+    wanted = _wanted(table, wishes.names)
+    reading = _Reading(table, wishes, wanted)
     for column in table.columns:
         reading.take(column)
     reading.time_from_rate()
-    return Channels(reading.values, reading.extra, reading.origin, tuple(reading.notes), tuple(reading.problems))
+    return Channels(
+        reading.values, reading.extra, reading.origin, reading.units, reading.rotational,
+        tuple(reading.notes), tuple(reading.problems),
+    )  # fmt: skip
 
 
 def _wanted(table: Table, names: Mapping[str, str]) -> dict[str, str]:
+    """Column -> channel. A file that lacks the column, but names the channel in its own words, is left as it is."""
     present = [column.name for column in table.columns]
+    found = {}
     for channel, column in names.items():
         if channel not in SI:
             raise UsageError(f"--channel {channel}={column}: the channels are {', '.join(SI)}")
-        if column not in present:
+        if column in present:
+            found[column] = channel
+        elif channel not in map(known_name, present):
             near = difflib.get_close_matches(column, present, n=3)
             hint = f"did you mean {', '.join(near)}?" if near else f"it has {', '.join(present)}"
             raise UsageError(f"{table.file} has no column '{column}' (--channel {channel}={column}): {hint}")
-    return {column: channel for channel, column in names.items()}
+    return found
+
+
+def _angular(unit: str, channel: str) -> bool:
+    """Whether a unit measures the angular kind of a channel, and could not measure the linear one."""
+    try:
+        known = parse(unit_symbol(unit))
+        to_si(unit_symbol(unit), ROTATIONAL[channel])
+    except UsageError:
+        return False
+    return channel in ("F", "R") or bool(known.exponents.get("rad"))
 
 
 class _Reading:
     """Fills the channels of one table, column by column."""
 
-    def __init__(self, table: Table, sensitivity: dict[str, str], wanted: dict[str, str]) -> None:
+    def __init__(self, table: Table, wishes: Wishes, wanted: dict[str, str]) -> None:
         self.table = table
-        self.sensitivity = {name: _sensitivity(name, text) for name, text in sensitivity.items()}
+        self.wishes = wishes
         self.wanted = wanted
+        self.rotational = any(self._is_angular(column) for column in table.columns)
+        self.si = {"t": "s", **(ROTATIONAL if self.rotational else CHANNELS)}
+        self.sensitivity = {name: _sensitivity(name, text, self.si) for name, text in wishes.sensitivity.items()}
         self.values: dict[str, Array] = {}
         self.extra: dict[str, Array] = {}
         self.origin: dict[str, str] = {}
         self.notes: list[str] = []
         self.problems: list[Problem] = []
         self.taken: dict[str, str] = {}
+        self.units: dict[str, str] = {}
+
+    def _is_angular(self, column: Column) -> bool:
+        channel = self.wanted.get(column.name) or self._canonical(column.name)
+        if channel is None or channel == "t":
+            return False
+        unit = self._unit(channel, column)
+        return _angular(unit, channel) if unit else turns(column.name)
+
+    def _unit(self, channel: str, column: Column) -> str:
+        """The unit that counts, as a symbol: the user's word before the header's; "" where there is none."""
+        return self.wishes.units.get(channel) or unit_symbol(column.unit or "")
 
     def take(self, column: Column) -> None:
         channel = self.wanted.get(column.name) or self._canonical(column.name)
@@ -120,44 +158,51 @@ class _Reading:
         values = self._si(channel, column)
         if values is None:
             return
+        if channel in self.wishes.reverse:
+            values = -values
+            self.notes.append(f"sign of {channel} reversed as asked")
         self.values[channel] = values
         self.origin[channel] = "measured"
+        self.units[channel] = self._unit(channel, column)
         if channel == "t" and "pseudo" in column.name.lower():
             self.origin["t"] = PSEUDO_TIME
             self.notes.append(f"{column.name} numbers the samples and is not a measured time: rates have no scale")
 
     def _si(self, channel: str, column: Column) -> Array | None:
-        unit = column.unit
-        if not unit:
-            text = f"column {column.name} has no unit and is taken as {SI[channel]}"
-            self._problem("columns", text, f"write '{column.name} [{SI[channel]}]'", channel, severity="warning")
+        unit, si = self._unit(channel, column), self.si[channel]
+        if not unit or unit in _NOT_STATED:
+            text = f"column {column.name} has no unit and is taken as {si}"
+            self._problem("columns", text, f"write '{column.name} [{si}]'", channel, severity="warning")
             return column.values
         try:
             if _is_voltage(unit) and channel != "t":
                 return self._from_voltage(channel, column, unit)
-            factor, offset = to_si(unit, SI[channel])
+            factor, offset = to_si(unit, si)
         except UsageError as error:
-            self._problem(
-                "columns", str(error), f"write the unit of {channel} so that it converts to {SI[channel]}", channel
-            )
+            action = f"write the unit of {channel} so that it converts to {si}"
+            if self.rotational and not _angular(unit, channel):
+                action += ", as other columns say that the rig turns, or leave the columns of the other motion out"
+            self._problem("columns", str(error), action, channel)
             return None
         if factor == 1.0 and offset == 0.0:
             return column.values
-        self.notes.append(f"{channel} converted from {unit} to {SI[channel]}")
+        self.notes.append(f"{channel} converted from {unit} to {si}")
         return factor * column.values + offset
 
     def _from_voltage(self, channel: str, column: Column, unit: str) -> Array | None:
         if channel not in self.sensitivity:
-            action = f"state the sensor with --sensitivity {channel}=22.4mV/{SI[channel]}"
+            action = f"state the sensor with --sensitivity {channel}=22.4mV/{self.si[channel]}"
             self._problem("columns", f"{channel} is a voltage ({unit})", action, channel)
             return None
         per_volt = self.sensitivity[channel]
-        self.notes.append(f"{channel} converted from {unit} with {per_volt:.10g} {SI[channel]}/V")
+        self.notes.append(f"{channel} converted from {unit} with {per_volt:.10g} {self.si[channel]}/V")
         return column.values * parse(unit).factor * per_volt
 
     def _extra_si(self, column: Column) -> Array:
         try:
             unit = parse(column.unit or "1")
+            if column.unit:
+                self.units[column.name] = si_name(column.unit)
         except UsageError:
             self.notes.append(f"{column.name} [{column.unit}] is kept as stored: its unit is not known")
             return column.values
@@ -171,7 +216,7 @@ def _is_voltage(unit: str) -> bool:
     return dict(parse(unit).exponents) == dict(parse("V").exponents)
 
 
-def _sensitivity(channel: str, text: str) -> float:
+def _sensitivity(channel: str, text: str, si: Mapping[str, str]) -> float:
     """SI units per volt. "22.4 mV/N" and "44.6 N/V" are both read; a bare number is SI units per volt."""
     match = _NUMBER.match(text)
     if not match:
@@ -181,10 +226,10 @@ def _sensitivity(channel: str, text: str) -> float:
         raise UsageError(f"--sensitivity {channel}={text}: the channels are {', '.join(CHANNELS)}")
     if not np.isfinite(value) or value == 0.0:
         raise UsageError(f"--sensitivity {channel}={text}: the sensitivity must be a finite number other than 0")
-    return _per_volt(channel, value, unit)
+    return _per_volt(channel, value, unit, si[channel])
 
 
-def _per_volt(channel: str, value: float, unit: str) -> float:
+def _per_volt(channel: str, value: float, unit: str, si: str) -> float:
     if not unit:
         return value
     above, _, below = unit.partition("/")
@@ -192,10 +237,10 @@ def _per_volt(channel: str, value: float, unit: str) -> float:
     try:
         # "100 mV/g": the unit below the line is read in its channel's context, so that g means gravity for a
         if below and _is_voltage(above):
-            return to_si(below, SI[channel])[0] / (value * parse(above).factor)
+            return to_si(below, si)[0] / (value * parse(above).factor)
         if head and _is_voltage(volts):
-            return value * to_si(head, SI[channel])[0] / parse(volts).factor
+            return value * to_si(head, si)[0] / parse(volts).factor
     except UsageError:
         pass
     text = f"--sensitivity {channel}={value:g}{unit}"
-    raise UsageError(f"{text}: write it as {SI[channel]}/V or mV/{SI[channel]}, for example 22.4mV/{SI[channel]}")
+    raise UsageError(f"{text}: write it as {si}/V or mV/{si}, for example 22.4mV/{si}")

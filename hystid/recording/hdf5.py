@@ -52,13 +52,24 @@ def hdf5_tree(path: Path) -> dict[str, Any]:
 
 def _group(group: Any, file: Any) -> dict[str, Any]:
     scalars = {key: _plain(value) for key, value in group.attrs.items() if not key.startswith("MATLAB")}
-    members = {key: _node(item, file) for key, item in group.items() if not key.startswith("#")}
+    members = {key: _node(group[key], file) for key in group if not key.startswith("#") and _is_within(group, key)}
     return _struct_array({**scalars, **members})
+
+
+def _is_within(group: Any, key: str) -> bool:
+    """Whether a member lies in this file: links to other files are not followed."""
+    import h5py
+
+    return isinstance(group.get(key, getlink=True), h5py.HardLink | h5py.SoftLink)
 
 
 def _node(item: Any, file: Any) -> Any:
     if hasattr(item, "items"):
         return _group(item, file)
+    if item.external or item.is_virtual:
+        raise RecordingError(
+            f"{Path(file.filename).name}: '{item.name}' takes its values from other files; copy them in"
+        )
     if item.dtype.kind == "O":
         return [_referred(entry, file) for entry in np.asarray(item[()], dtype=object).ravel()]
     values = item[()]

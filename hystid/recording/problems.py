@@ -15,7 +15,8 @@ RULES = {
     "columns": "columns are named once, with the names and units that hystid knows",
     "cell": "every cell of the table is a number",
     "too_short": "a recording has at least 16 samples",
-    "missing_channel": "time, force and one of x, v, a are needed",
+    "missing_channel": "time and one of x, v, a are needed",
+    "missing_force": "a force is needed that is not zero all through, but for a free decay",
     "length": "all channels have the same number of samples",
     "not_finite": "no NaN and no infinity",
     "time_order": "time increases from sample to sample",
@@ -25,7 +26,12 @@ RULES = {
     "clipped": "no channel is cut off at a limit of its range",
     "wrong_unit": "x, v, a and F have sizes that fit each other",
     "swapped_sign": "v = dx/dt, a = dv/dt, and a passive structure takes energy from F and gives none",
+    "swapped_channels": "each column holds the channel that it is called",
     "not_one_motion": "x, v and a are measurements of one motion",
+    "wrong_mass": "the mass that was given is the one that F over a shows at high frequency",
+    "lag": "all channels share one clock",
+    "filtered": "no channel loses a band of the motion that another one shows",
+    "drift": "no channel wanders where the others rest",
 }
 
 

@@ -3,33 +3,42 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
-from importlib import import_module
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
 
-from hystid.errors import HystidError, RecordingError, UsageError
-from hystid.recording.channels import Channels, interpret
-from hystid.recording.checks import channel_problems, motion_problems
+import numpy as np
+
+from hystid.errors import RecordingError, UsageError
+from hystid.files import check_regular
+from hystid.recording.apart import BINARY, read_apart
+from hystid.recording.channels import Channels, Wishes, interpret
+from hystid.recording.checks import channel_problems
 from hystid.recording.problems import RULES, Problem, report
 from hystid.recording.table import Table
+from hystid.recording.text import read_text
 from hystid.recording.timing import SHORTEST, order_problems, uniform
-from hystid.recording.types import Array, Recording
+from hystid.recording.types import PSEUDO_TIME, Array, Recording
 
-# suffix -> (module, function); imported where used, because each pulls in a package of its own
-_READERS = {
-    ".csv": ("text", "read_text"),
-    ".txt": ("text", "read_text"),
-    ".tsv": ("text", "read_text"),
-    ".dat": ("text", "read_text"),
-    ".mat": ("mat", "read_mat"),
-    ".h5": ("hdf5", "read_hdf5"),
-    ".hdf5": ("hdf5", "read_hdf5"),
-    ".uff": ("uff", "read_uff"),
-    ".unv": ("uff", "read_uff"),
-    ".tdms": ("tdms", "read_tdms"),
-}
+_TEXT = (".csv", ".txt", ".tsv", ".dat")
+
+
+_BRIDGED = 0.01  # share of lost rows that are bridged: with a straight line over one in a hundred, 40 dB are kept
+
+
+@dataclass(frozen=True)
+class _Door:
+    """What a file must hold and what is forgiven. motion: whether x, v or a must be there."""
+
+    wishes: Wishes
+    resample: bool
+    accept: Collection[str]
+    motion: bool = True
+
+    @property
+    def force(self) -> bool:
+        """Whether F must be there and change: not in a free decay, which ``accept`` lets in."""
+        return "missing_force" not in self.accept
 
 
 def read(
@@ -40,12 +49,23 @@ def read(
     resample: bool = False,
     accept: Collection[str] = (),
     motion: bool = True,
+    units: Mapping[str, str] | None = None,
+    reverse: Collection[str] = (),
 ) -> Recording:
     """Read the one test in a file: see ``read_all`` for arguments and errors; UsageError if it holds several.
 
     motion: whether x, v or a must be there; False for a file that only prescribes a force.
+
+    >>> import hystid
+    >>> from pathlib import Path
+    >>> rows = [f"{k * 1e-3},{k % 40 - 20},{0.1 * (k % 40) - 2}" for k in range(200)]
+    >>> _ = Path("saw.csv").write_text("\\n".join(["t [s],F [N],x [mm]", *rows]))
+    >>> saw = hystid.read("saw.csv")
+    >>> len(saw), round(saw.sample_rate), float(saw.x.min())  # in metres
+    (200, 1000, -0.002)
     """
-    found = _read_file(Path(path), sensitivity, names, resample, accept, motion)
+    wishes = Wishes(sensitivity or {}, names or {}, units or {}, reverse)
+    found = _read_file(Path(path), _Door(wishes, resample, accept, motion))
     if len(found) > 1:
         listed = ", ".join(recording.name for recording in found)
         raise UsageError(f"{path} holds {len(found)} tests ({listed}): give it where several recordings are taken")
@@ -59,6 +79,8 @@ def read_all(
     names: Mapping[str, str] | None = None,
     resample: bool = False,
     accept: Collection[str] = (),
+    units: Mapping[str, str] | None = None,
+    reverse: Collection[str] = (),
 ) -> list[Recording]:
     """Read recordings, SI units, float64, each on a uniform time grid, in the order given; names are unique.
 
@@ -66,15 +88,17 @@ def read_all(
     sensitivity: channel -> "22.4mV/N" or "44.6N/V", for channels stored as voltage.
     names: channel -> column, for files with names of their own. resample: interpolate unequal steps and gaps.
     accept: rules (see ``problems.RULES``) whose violation is a warning here and not an error.
+    units: channel -> unit, instead of the one in the header. reverse: channels whose sign is turned round.
     Raises RecordingError with one line for every problem of every file; UsageError for a wrong argument.
     """
     if not paths:
         raise UsageError("no recording was given: name at least one file")
+    door = _Door(Wishes(sensitivity or {}, names or {}, units or {}, reverse), resample, accept)
     recordings: list[Recording] = []
     refused: list[str] = []
     for path in paths:
         try:
-            recordings += _read_file(Path(path), sensitivity, names, resample, accept)
+            recordings += _read_file(Path(path), door)
         except RecordingError as error:
             refused.append(str(error))
     if refused:
@@ -82,37 +106,22 @@ def read_all(
     return _unique_names(recordings)
 
 
-def _read_file(
-    path: Path,
-    sensitivity: Mapping[str, str] | None,
-    names: Mapping[str, str] | None,
-    resample: bool,
-    accept: Collection[str],
-    motion: bool = True,
-) -> list[Recording]:
-    unknown = sorted(set(accept) - set(RULES))
+def _read_file(path: Path, door: _Door) -> list[Recording]:
+    unknown = sorted(set(door.accept) - set(RULES))
     if unknown:
         raise UsageError(f"--accept {unknown[0]}: the rules are {', '.join(RULES)}")
-    return [
-        _recording(table, interpret(table, sensitivity=sensitivity, names=names), resample, accept, motion)
-        for table in tables(path)
-    ]
+    return [_recording(table, interpret(table, door.wishes), door) for table in tables(path)]
 
 
 def tables(path: Path) -> list[Table]:
     """The tables of a file as they stand there. Raises RecordingError when there is none to be had."""
-    if not path.exists():
-        raise RecordingError(f"{path}: there is no such file")
-    if path.is_dir():
-        raise RecordingError(f"{path}: this is a folder; name the recording files in it")
-    if path.suffix.lower() not in _READERS:
-        raise RecordingError(f"{path.name}: recordings are read from {' '.join(_READERS)}, not from '{path.suffix}'")
-    module, function = _READERS[path.suffix.lower()]
-    reader = cast(Callable[[Path], list[Table]], getattr(import_module(f"hystid.recording.{module}"), function))
+    check_regular(path, RecordingError)
+    suffix = path.suffix.lower()
+    if suffix not in (*_TEXT, *BINARY):
+        known = " ".join((*_TEXT, *BINARY))
+        raise RecordingError(f"{path.name}: recordings are read from {known}, not from '{path.suffix}'")
     try:
-        found = reader(path)
-    except HystidError:
-        raise
+        found = read_text(path) if suffix in _TEXT else read_apart(path)
     except PermissionError:
         raise RecordingError(f"{path}: the file may not be read; check its permissions") from None
     if not found:
@@ -120,23 +129,26 @@ def tables(path: Path) -> list[Table]:
     return found
 
 
-def _recording(table: Table, channels: Channels, resample: bool, accept: Collection[str], motion: bool) -> Recording:
+def _recording(table: Table, channels: Channels, door: _Door) -> Recording:
     problems = list(channels.problems)
-    values = dict(channels.values)
-    problems += _presence(table, values, channels, motion)
-    problems += channel_problems(table, values)
-    if "t" in values:
-        problems += order_problems(table, values["t"])
-    report(problems, accept)  # what follows needs an increasing time axis and channels of one length
-    grid = uniform(table, values["t"], resample=resample)
-    problems += grid.problems
-    report(grid.problems, accept)
+    problems += _presence(table, channels, door)
+    report(problems, door.accept)
+    _refuse_unusable(channels.values, [*problems, *channel_problems(table, channels.values)])
+    values, extra, lost = _without_lost_rows(table, channels)
+    table = replace(table, lines=None) if lost else table  # lines are counted with the lost rows
+    checked = {name: u for name, u in values.items() if door.force or name != "F" or np.ptp(u) > 0}
+    more = [*lost, *channel_problems(table, checked), *order_problems(table, values["t"])]
+    report(more, door.accept)  # what follows needs an increasing time axis
+    if not np.all(np.isfinite(values["t"])):
+        report(more)
+    grid = uniform(table, values["t"], resample=door.resample)
+    problems += [*more, *grid.problems]
+    report(grid.problems, door.accept)
     placed = {name: grid.place(array) for name, array in values.items() if name != "t"}
-    dt = float((grid.t[-1] - grid.t[0]) / (grid.t.size - 1))
     recording = Recording(
         table.name or Path(table.file).stem,
         grid.t,
-        extra={name: grid.place(array) for name, array in channels.extra.items() if array.size == values["t"].size},
+        extra={name: grid.place(array) for name, array in extra.items()},
         origin=channels.origin,
         notes=(*channels.notes, *grid.notes),
         F=placed.get("F"),
@@ -144,25 +156,57 @@ def _recording(table: Table, channels: Channels, resample: bool, accept: Collect
         v=placed.get("v"),
         a=placed.get("a"),
         R=placed.get("R"),
+        rotational=channels.rotational,
+        units=channels.units,
+        accepted=frozenset(door.accept),
     )
-    problems += motion_problems(table, placed, dt, timed=not recording.quasi_static)
-    return replace(recording, warnings=tuple(str(item) for item in report(problems, accept)))
+    return replace(recording, warnings=tuple(str(item) for item in report(problems, door.accept)))
 
 
-def _presence(table: Table, values: Mapping[str, Array], channels: Channels, motion: bool) -> list[Problem]:
+def _refuse_unusable(values: Mapping[str, Array], problems: list[Problem]) -> None:
+    """Whatever is accepted: nothing can be computed without a clock, or with channels that differ in length."""
+    t = values.get("t")
+    lengths = {array.size for array in values.values()}
+    if t is None or t.size < 2 or len(lengths) > 1:
+        report(problems)
+
+
+def _without_lost_rows(table: Table, channels: Channels) -> tuple[dict[str, Array], dict[str, Array], list[Problem]]:
+    """Channels and extra columns without the rows in which a channel is missing, where these are few."""
+    values, n = dict(channels.values), channels.values["t"].size
+    extra = {name: array for name, array in channels.extra.items() if array.size == n}
+    if any(array.size != n for array in values.values()):
+        return values, extra, []
+    missing = np.any([np.isnan(array) for array in values.values()], axis=0)
+    at = np.flatnonzero(missing)
+    if not 0 < at.size <= _BRIDGED * n or channels.origin["t"] == PSEUDO_TIME:
+        return values, extra, []
+    kept = ~missing
+    found = f"{at.size} of {n} rows hold no number in some channel"
+    action = "they count as lost and are bridged"
+    first = int(at[0])
+    lost = Problem(table.file, "gap", found, action, "", first, table.line(first), "warning")
+    values, extra = ({name: u[kept] for name, u in group.items()} for group in (values, extra))
+    return values, extra, [lost]
+
+
+def _presence(table: Table, channels: Channels, door: _Door) -> list[Problem]:
+    values = channels.values
     misread = {item.channel for item in channels.problems if item.severity == "error"}
     problems = []
     found = f"it has {', '.join(column.name for column in table.columns)}"
-    for name, unit in (("t", "s"), ("F", "N")):
+    force = "N.m" if channels.rotational else "N"
+    for name, unit in (("t", "s"), ("F", force)):
         if name not in values and name not in misread:
             near = (
                 " (a restoring force R alone is taken with mass 0 when the column is named F)" if "R" in values else ""
             )
             action = f"name a column '{name} [{unit}]' or choose one with --channel {name}=COLUMN{near}"
-            problems.append(
-                Problem(table.file, "missing_channel", f"there is no channel {name}; {found}", action, name)
-            )
-    if motion and not {"x", "v", "a"} & (set(values) | misread):
+            if name == "F" and not near:
+                action += "; a current, a command or a set point is no measured force"
+            rule = "missing_force" if name == "F" else "missing_channel"
+            problems.append(Problem(table.file, rule, f"there is no channel {name}; {found}", action, name))
+    if door.motion and not {"x", "v", "a"} & (set(values) | misread):
         action = "name a column 'x [m]', 'v [m/s]' or 'a [m/s2]', or choose one with --channel x=COLUMN"
         problems.append(Problem(table.file, "missing_channel", f"there is no motion x, v or a; {found}", action, "x"))
     size = max((array.size for array in values.values()), default=0)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from hystid.recording.names import split_header
 from hystid.recording.types import Array
-
-_HEADER = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))?\s*$")
 
 
 @dataclass(frozen=True)
@@ -42,15 +40,6 @@ class Table:
         if sample is None or self.lines is None:
             return None
         return int(self.lines[sample])
-
-
-def split_header(text: str) -> tuple[str, str | None]:
-    """``"x [mm]"`` or ``"x (mm)"`` -> ("x", "mm"); ``"x"`` -> ("x", None)."""
-    match = _HEADER.match(text.strip().strip('"').strip("'"))
-    if not match:
-        return text.strip(), None
-    unit = match["square"] if match["square"] is not None else match["round"]
-    return match["name"], None if unit is None else unit.strip()
 
 
 def column(header: str, values: object) -> Column:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from hystid.errors import RecordingError
-from hystid.recording.channels import known_name
-from hystid.recording.table import Column, Table, split_header
+from hystid.recording.names import known_name, split_header
+from hystid.recording.table import Column, Table
 
 
 def read_tdms(path: Path) -> list[Table]:
@@ -18,10 +18,8 @@ def read_tdms(path: Path) -> list[Table]:
     The unit is the channel's property ``unit_string`` (LabVIEW) or ``unit``, or stands in the name, ``x [mm]``;
     without a time channel the waveform property ``wf_increment`` gives the time axis.
     """
-    try:
-        from nptdms import TdmsFile
-    except ImportError:
-        raise RecordingError(f"{path.name}: reading TDMS needs the extra: pip install 'hystid[tdms]'") from None
+    from nptdms import TdmsFile
+
     try:
         groups = [
             (group.name, [_column(channel) for channel in group.channels()], _rate(group))

@@ -1,92 +1,128 @@
-"""CSV and its relatives: comma, semicolon, tab or blanks; decimal point or comma; comments; BOM.
+"""CSV and its relatives as loggers write them: any of comma, semicolon, tab or blanks; decimal point or comma;
+UTF-8, UTF-16, Windows and Japanese code pages; lines before the table; names and units in one row or in two.
 
-The header line is ``name [unit]`` per column. A second line with nothing but units is taken as such.
-Lines that start with ``#`` or ``%`` are comments.
+Lines that start with ``#`` or ``%`` are comments; the last one before the numbers may hold the names.
 """
 
 from __future__ import annotations
 
 import codecs
+import re
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from hystid.errors import RecordingError
+from hystid.recording.names import announced, is_unit, known_name, split_header
 from hystid.recording.problems import Problem
-from hystid.recording.table import Column, Table, split_header
+from hystid.recording.table import Column, Table
 from hystid.recording.types import Array
 
 _EXAMPLE = "name the columns like 't [s],F [N],x [m]'"
+_MISSING = frozenset(
+    {"", "nan", "na", "n/a", "#n/a", "-", "--", "---", "null", "none", "n.a.", "#nv", "1.#qnan", "-nan"}
+)
+_HEADERS = 4  # rows above the numbers that may hold names, units, or what a logger has to say of each channel
+_LOST = 0.01  # share of rows that may have lost a cell, as ``reading`` bridges them
+_LOOKED_AT = 200  # lines by which the separator is chosen
+
+Line = tuple[int, str]
+Header = tuple[str, str | None]
 
 
 def read_text(path: Path) -> list[Table]:
     """The one table of a text file. Raises RecordingError naming the line and column of the first bad cell."""
-    numbered = _content(path)
-    if not numbered:
+    lines, comments = _content(path)
+    if not lines:
         raise _refused(path, "format", "the file is empty", _EXAMPLE + " and put one sample in each line")
-    separator = _separator(numbered[0][1])
-    headers, body = _split_headers(path, numbered, separator)
+    separator = _separator([line for _, line in lines])
+    first = _first_row(lines, separator)
+    headers = _headers(path, lines[:first], comments, lines[first:], separator)
+    body = _body(lines[first:], len(headers), separator)
+    if not body:
+        raise _refused(path, "too_short", "there is a header but no sample", "record at least 16 samples")
     values = _numbers(path, headers, body, separator)
     columns = tuple(Column(name, unit, np.ascontiguousarray(values[:, k])) for k, (name, unit) in enumerate(headers))
-    return [Table(path.name, columns, path.stem, _line_numbers(body))]
+    rates = [rate for _, line in [*comments, *lines[:first]] if (rate := announced(line.strip())) is not None]
+    return [Table(path.name, columns, path.stem, _line_numbers(body), rates[-1] if rates else None)]
 
 
-def _content(path: Path) -> list[tuple[int, str]]:
-    """(line number, text) of every line that is neither blank nor a comment."""
-    text = _decode(path)
-    return [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith(("#", "%"))
-    ]
+def _content(path: Path) -> tuple[list[Line], list[Line]]:
+    """(line number, text) of every line that is not blank: those of the table, and comments."""
+    lines: list[Line] = []
+    comments: list[Line] = []
+    for number, line in enumerate(_decode(path).splitlines(), start=1):
+        if line.strip():
+            (comments if line.lstrip().startswith(("#", "%")) else lines).append((number, line))
+    return lines, comments
 
 
 def _decode(path: Path) -> str:
     raw = path.read_bytes()
     for mark, name in (
         (codecs.BOM_UTF8, "utf-8-sig"),
+        (codecs.BOM_UTF32_LE, "utf-32"),
         (codecs.BOM_UTF16_LE, "utf-16"),
         (codecs.BOM_UTF16_BE, "utf-16"),
     ):
         if raw.startswith(mark):
             return raw.decode(name, errors="replace")
-    if b"\0" in raw[:4096]:
-        raise _refused(
-            path, "format", "this is a binary file, not text", "give CSV, .mat, .h5, .uff or .tdms by its suffix"
-        )
-    try:
-        return raw.decode("utf-8")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")  # every byte is a character there: headers such as "µm" or "m/s²" survive
+    head = raw[:4096]
+    if b"\0" in head:
+        for name, zeros in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
+            if zeros.count(0) > 0.6 * len(zeros):  # plain text in two bytes: every other byte is zero
+                return raw.decode(name, errors="replace")
+        advice = "give CSV, .mat, .h5, .uff, .tdms, .mf4 or .parquet by its suffix"
+        raise _refused(path, "format", "this is a binary file, not text", advice)
+    for name in ("utf-8", "cp932", "cp1252"):
+        try:
+            text = raw.decode(name)
+        except UnicodeDecodeError:
+            continue
+        if name != "cp932" or _is_japanese(text):
+            return text
+    return raw.decode("latin-1")  # every byte is a character there: headers such as "µm" or "m/s²" survive
 
 
-def _separator(header: str) -> str | None:
-    return next((mark for mark in ("\t", ";", ",") if mark in header), None)
+def _is_japanese(text: str) -> bool:
+    """Whether words that hystid knows stand there; by chance, other code pages make rare characters of two bytes."""
+    words = re.findall(r"[ぁ-んァ-ヶー一-龠]+", text[:20_000])
+    return any(known_name(word) is not None for word in words)
+
+
+def _separator(lines: Sequence[str]) -> str | None:
+    """What parts the columns: that which makes most lines rows of numbers, of the most usual length."""
+    looked_at = [*lines[: _LOOKED_AT // 2], *lines[-_LOOKED_AT:]]
+    best, most = None, 0.0
+    for mark in ("\t", ";", ",", None):
+        counts = Counter(n for line in looked_at if (n := _is_row(line, mark)) > 1)
+        usual = counts.most_common(1)
+        if usual and usual[0][1] > most:
+            best, most = mark, usual[0][1]
+    if most:
+        return best
+    return next((mark for mark in ("\t", ";", ",") if mark in lines[0]), None)
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
-    return [cell.strip().strip('"') for cell in line.strip().split(separator)]
+    if separator and '"' in line:
+        import csv
+
+        return [cell.strip() for cell in next(csv.reader([line.strip("\r\n")], delimiter=separator))]
+    text = line.strip() if separator != "\t" else line.strip("\r\n ")
+    return [cell.strip().strip('"') for cell in text.split(separator)]
 
 
-def _split_headers(
-    path: Path, numbered: list[tuple[int, str]], separator: str | None
-) -> tuple[list[tuple[str, str | None]], list[tuple[int, str]]]:
-    number, line = numbered[0]
-    if separator is None and "[" in line:
-        raise _refused(path, "columns", "only one column is there", _EXAMPLE, line=number)
+def _is_row(line: str, separator: str | None) -> int:
+    """Number of cells where all of them are numbers or missing and at least one is a number, else 0."""
     cells = _cells(line, separator)
-    if all(_is_number(cell) for cell in cells):
-        raise _refused(path, "columns", "the first line holds numbers instead of names", _EXAMPLE, line=number)
-    headers = [split_header(cell) for cell in cells]
-    while len(headers) > 1 and headers[-1] == ("", None):  # a separator at the end of the line
-        headers.pop()
-    body = numbered[1:]
-    if body and all(unit is None for _, unit in headers):
-        units = _cells(body[0][1], separator)
-        if len(units) >= len(headers) and not any(_is_number(cell) for cell in units):
-            headers = [(name, unit.strip("[]()")) for (name, _), unit in zip(headers, units, strict=False)]
-            body = body[1:]
-    return headers, body
+    while len(cells) > 1 and cells[-1] == "":
+        cells.pop()
+    numbers = sum(_is_number(cell) for cell in cells)
+    allowed = all(_is_number(cell) or cell.lower() in _MISSING for cell in cells)
+    return len(cells) if allowed and numbers else 0
 
 
 def _is_number(cell: str) -> bool:
@@ -94,15 +130,98 @@ def _is_number(cell: str) -> bool:
         float(cell.replace(",", "."))
     except ValueError:
         return False
-    return True
+    return cell.strip().lower() not in _MISSING
 
 
-def _numbers(
-    path: Path, headers: list[tuple[str, str | None]], body: list[tuple[int, str]], separator: str | None
-) -> Array:
-    """Shape (n, columns)."""
-    if not body:
-        raise _refused(path, "too_short", "there is a header but no sample", "record at least 16 samples")
+def _first_row(lines: Sequence[Line], separator: str | None) -> int:
+    """Index of the first row of numbers: of the usual length, and with others of its kind after it."""
+    lengths = Counter(n for _, line in lines[: 50 * _LOOKED_AT] if (n := _is_row(line, separator)) > 1)
+    if not lengths:
+        return next((k for k, (_, line) in enumerate(lines) if k and _is_data_like(line, separator)), len(lines))
+    usual = lengths.most_common(1)[0][0]
+    rows = [_is_row(line, separator) == usual for _, line in lines]
+    starts = (k for k, row in enumerate(rows) if row and 2 * sum(rows[k : k + 10]) >= len(rows[k : k + 10]))
+    return next(starts, rows.index(True))
+
+
+def _is_data_like(line: str, separator: str | None) -> bool:
+    cells = _cells(line, separator)
+    return sum(_is_number(cell) for cell in cells) * 2 >= len(cells)
+
+
+def _headers(
+    path: Path, above: Sequence[Line], comments: Sequence[Line], rows: Sequence[Line], separator: str | None
+) -> list[Header]:
+    """(name, unit) of every column."""
+    width = max((_is_row(line, separator) for _, line in rows[:50]), default=0)
+    if above and separator is None and "[" in above[-1][1] and not width > 1:
+        raise _refused(path, "columns", "only one column is there", _EXAMPLE, line=above[-1][0])
+    candidates = [_heading(line, separator, width) for _, line in above[-_HEADERS:]]
+    candidates = [cells for cells in candidates if len(cells) > 1 and (not width or abs(len(cells) - width) <= 1)]
+    if not candidates and rows:
+        before = [line.lstrip("#% ") for number, line in comments if number < rows[0][0]]
+        named = [_heading(line, separator, width) for line in before]
+        candidates = [cells for cells in named if len(cells) == width and any(_known(cell) for cell in cells)]
+    if not candidates:
+        if above and (width > 1 or not rows):
+            cells = _heading(above[-1][1], separator, width)
+            if len(cells) == 1 and width <= 1:
+                raise _refused(path, "columns", "only one column is there", _EXAMPLE, line=above[-1][0])
+        if not above:
+            found = "the first line holds numbers instead of names"
+            raise _refused(path, "columns", found, _EXAMPLE, line=rows[0][0])
+        if width <= 1:
+            raise _refused(path, "columns", "only one column is there", _EXAMPLE, line=above[-1][0])
+        if separator == "," and any(2 * len(_heading(line, separator, 0)) == width for _, line in above[-1:]):
+            action = "separate the columns with semicolons, or write decimal points"
+            raise _refused(path, "cell", "commas separate both columns and decimals", action, line=rows[0][0])
+        found = f"the line before the numbers does not name {width} columns"
+        raise _refused(path, "columns", found, _EXAMPLE, line=above[-1][0])
+    return _named(candidates, width)
+
+
+def _heading(line: str, separator: str | None, width: int) -> list[str]:
+    """Cells of a line of names. Names may hold blanks where blanks part the numbers: two or more then part them."""
+    cells = _cells(line, separator)
+    if separator is None and width and len(cells) != width:
+        for mark in (r"\t", r"\s{2,}", ";", r"(?<=[\])])\s+", ","):
+            parted = [cell.strip() for cell in re.split(mark, line.strip())]
+            if len(parted) == width:
+                return parted
+    while len(cells) > max(width, 1) and cells[-1] == "":
+        cells.pop()
+    return cells
+
+
+def _known(cell: str) -> bool:
+    return known_name(split_header(cell)[0]) is not None
+
+
+def _named(candidates: Sequence[list[str]], width: int) -> list[Header]:
+    """The row with the most known names (the lowest of equals), and a row of nothing but units beside it."""
+    units = [all(is_unit(cell) for cell in cells) and any(cells) for cells in candidates]
+    scores = [sum(map(_known, cells)) - (0.5 if unit else 0.0) for cells, unit in zip(candidates, units, strict=True)]
+    best = max(range(len(candidates)), key=lambda k: (scores[k], not units[k], k))
+    headers = [split_header(cell) for cell in candidates[best]]
+    while width and len(headers) > width and headers[-1] == ("", None):
+        headers.pop()
+    beside = [cells for k, (cells, unit) in enumerate(zip(candidates, units, strict=True)) if unit and k != best]
+    if beside and all(unit is None for _, unit in headers):
+        row = [*beside[-1], *[""] * len(headers)]
+        headers = [(name, row[k].strip().strip("[](){}") or None) for k, (name, _) in enumerate(headers)]
+    return headers
+
+
+def _body(rows: Sequence[Line], columns: int, separator: str | None) -> list[Line]:
+    """Rows of the table without what a logger wrote after its end."""
+    body = list(rows)
+    while body and not _is_row(body[-1][1], separator) and not any(map(_is_number, _cells(body[-1][1], separator))):
+        body.pop()
+    return body
+
+
+def _numbers(path: Path, headers: Sequence[Header], body: Sequence[Line], separator: str | None) -> Array:
+    """Shape (n, columns); NaN where a cell or the end of a row is missing."""
     lines = [line for _, line in body]
     if separator != "," and any("," in line for line in lines[:50]):
         lines = _decimal_points(path, body)
@@ -112,11 +231,47 @@ def _numbers(
     except ValueError:
         values = None
     if values is None or values.shape[1] != len(headers):
-        raise _first_bad_cell(path, headers, [(n, line) for (n, _), line in zip(body, lines, strict=True)], separator)
+        numbered = [(n, line) for (n, _), line in zip(body, lines, strict=True)]
+        values = _row_by_row(path, headers, numbered, separator)
     return np.asarray(values, dtype=np.float64)
 
 
-def _decimal_points(path: Path, body: list[tuple[int, str]]) -> list[str]:
+def _row_by_row(path: Path, headers: Sequence[Header], body: Sequence[Line], separator: str | None) -> Array:
+    """As ``_numbers``, for rows that are not all alike. Raises RecordingError for a cell that is no number."""
+    values = np.full((len(body), len(headers)), np.nan)
+    lost = 0
+    for sample, (number, line) in enumerate(body):
+        cells = _cells(line, separator)
+        if len(cells) == len(headers) + 1 and cells[-1] == "":
+            cells.pop()
+        if separator == "," and len(cells) == 2 * len(headers):
+            action = "separate the columns with semicolons, or write decimal points"
+            raise _refused(path, "cell", "commas separate both columns and decimals", action, line=number)
+        if len(cells) > len(headers):
+            found = f"{len(cells)} cells where the header names {len(headers)} columns"
+            raise _refused(path, "length", found, "complete or remove the line", sample, number)
+        lost += len(cells) < len(headers) or "" in cells
+        if lost > _LOST * len(body):
+            if len(cells) < len(headers):
+                found = f"{len(cells)} cells where the header names {len(headers)} columns"
+                raise _refused(path, "length", found, "complete or remove the line", sample, number)
+            name = headers[cells.index("")][0]
+            raise _refused(path, "cell", "the cell is empty", "write a number, or cut the line", sample, number, name)
+        for k, cell in enumerate(cells):
+            if cell.lower() in _MISSING:
+                continue
+            try:
+                values[sample, k] = float(cell)
+            except ValueError:
+                found = f"'{cell[:40]}' is not a number"
+                action = "write a number, or cut the line"
+                raise _refused(path, "cell", found, action, sample, number, headers[k][0]) from None
+        if len(cells) < len(headers):
+            values[sample] = np.nan  # the row broke off: its last number may have lost digits
+    return values
+
+
+def _decimal_points(path: Path, body: Sequence[Line]) -> list[str]:
     for number, line in body:
         if "." in line and "," in line:
             action = "write numbers with one decimal mark and no marks between thousands"
@@ -124,27 +279,7 @@ def _decimal_points(path: Path, body: list[tuple[int, str]]) -> list[str]:
     return [line.replace(",", ".") for _, line in body]
 
 
-def _first_bad_cell(
-    path: Path, headers: list[tuple[str, str | None]], body: list[tuple[int, str]], separator: str | None
-) -> RecordingError:
-    for sample, (number, line) in enumerate(body):
-        cells = _cells(line, separator)
-        if separator == "," and len(cells) == 2 * len(headers):
-            action = "separate the columns with semicolons, or write decimal points"
-            return _refused(path, "cell", "commas separate both columns and decimals", action, line=number)
-        if len(cells) != len(headers):
-            found = f"{len(cells)} cells where the header names {len(headers)} columns"
-            return _refused(path, "length", found, "complete or remove the line", sample, number)
-        for (name, _), cell in zip(headers, cells, strict=True):
-            try:
-                float(cell)
-            except ValueError:
-                found = f"'{cell[:40]}' is not a number" if cell else "the cell is empty"
-                return _refused(path, "cell", found, "write a number, or cut the line", sample, number, name)
-    return _refused(path, "format", "the numbers cannot be read", _EXAMPLE)
-
-
-def _line_numbers(body: list[tuple[int, str]]) -> range | Array:
+def _line_numbers(body: Sequence[Line]) -> range | Array:
     first, last = body[0][0], body[-1][0]
     if last - first == len(body) - 1:
         return range(first, last + 1)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from hystid.errors import UsageError
-from hystid.recording.channels import known_name
-from hystid.recording.table import Column, Table, split_header
+from hystid.recording.names import known_name, split_header
+from hystid.recording.table import Column, Table
 from hystid.recording.types import Array
 from hystid.units import parse
 

@@ -7,25 +7,34 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hystid.errors import RecordingError, printable
+from hystid.results import Result
 
 Array = NDArray[np.float64]
 
 PSEUDO_TIME = "sample numbers, not a measured time"
 
 CHANNELS = {"F": "N", "x": "m", "v": "m/s", "a": "m/s2", "R": "N"}
+ROTATIONAL = {"F": "N.m", "x": "rad", "v": "rad/s", "a": "rad/s2", "R": "N.m"}
 
 
 @dataclass(frozen=True)
-class Recording:
+class Recording(Result, report="recording"):
     """One test. All arrays have shape (n,), float64, SI units, and share the uniform grid ``t`` [s].
 
     Channels that were not recorded are None until derived; ``origin`` says of each channel whether it was
     "measured" or how it was derived; ``notes`` lists what was done to the data, in order, in sentences;
     ``warnings`` lists what is doubtful about the data, in sentences.
-    ``extra`` keeps further columns of the file (SI where the unit was known).
+    ``extra`` keeps further columns of the file (SI where the unit was known). ``name`` is one line that prints.
+    ``rotational``: F is a torque [N.m], x an angle [rad], R a torque, and the mass an inertia [kg.m2]; the equations
+    stay. ``units``: per channel the unit that the file states, "" where it states none; per further column the SI unit
+    of its values ("1" for a plain number), where its unit is known. ``accepted``: rules of the door whose errors are
+    warnings for this recording.
     """
 
     name: str
@@ -39,9 +48,22 @@ class Recording:
     origin: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    rotational: bool = False
+    units: Mapping[str, str] = field(default_factory=dict)
+    accepted: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", printable(self.name, 200))
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def save(self, path: str | Path, command: str = "") -> Path:
+        """Write the recording as CSV with units in its headers (``write_csv``); returns the path."""
+        from hystid.recording.writing import write_csv
+
+        write_csv(self, path, comments=(command,) if command else ())
+        return Path(path)
 
     @property
     def dt(self) -> float:
@@ -58,10 +80,17 @@ class Recording:
         """Whether ``t`` only numbers the samples: rates then have no physical scale and inertia cannot be had."""
         return self.origin.get("t") == PSEUDO_TIME
 
+    def direct(self, name: str) -> bool:
+        """Whether the channel is there as a sensor or a simulation gave it, and not derived from other channels."""
+        origin = self.origin.get(name, "measured")
+        return getattr(self, name) is not None and origin.startswith(("measured", "simulated"))
+
+    def unit(self, name: str) -> str:
+        """SI unit of a channel: "N" or "N.m" for F, "s" for t."""
+        return {"t": "s", **(ROTATIONAL if self.rotational else CHANNELS)}[name]
+
     def channel(self, name: str) -> Array:
         """The named channel, shape (n,); KeyError-free: raises RecordingError naming the recording when absent."""
-        from hystid.errors import RecordingError
-
         values = getattr(self, name, None) if name in CHANNELS else self.extra.get(name)
         if values is None:
             raise RecordingError(f"{self.name}: channel {name} is needed here but neither recorded nor derived")

@@ -20,10 +20,8 @@ def read_uff(path: Path) -> list[Table]:
 
     Several responses of one type keep the type's channel for the first and become extra columns after that.
     """
-    try:
-        import pyuff
-    except ImportError:
-        raise RecordingError(f"{path.name}: reading UFF needs the extra: pip install 'hystid[uff]'") from None
+    import pyuff
+
     try:
         sets = pyuff.UFF(str(path)).read_sets()
     except Exception as error:  # pyuff raises plain Exception, IndexError, ValueError ... on broken files

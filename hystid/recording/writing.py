@@ -18,7 +18,7 @@ def write_csv(recording: Recording, path: str | Path, *, comments: tuple[str, ..
     """
     present = {name: getattr(recording, name) for name in CHANNELS if getattr(recording, name) is not None}
     time = "t_pseudo" if recording.quasi_static else "t"
-    headers = [f"{time} [s]", *(f"{name} [{CHANNELS[name]}]" for name in present), *recording.extra]
+    headers = [f"{time} [s]", *(f"{name} [{CHANNELS[name]}]" for name in present), *_extra_headers(recording)]
     columns = [recording.t, *present.values(), *recording.extra.values()]
     derived = [f"{name}: {text}" for name, text in recording.origin.items() if text != "measured"]
     lines = [recording.name, *comments, *recording.notes, *derived]
@@ -26,3 +26,7 @@ def write_csv(recording: Recording, path: str | Path, *, comments: tuple[str, ..
         file.writelines(f"# {part}\n" for text in lines for part in text.splitlines())
         file.write(",".join(headers) + "\n")
         np.savetxt(file, np.column_stack(columns), fmt="%.17g", delimiter=",")
+
+
+def _extra_headers(recording: Recording) -> list[str]:
+    return [f"{name} [{recording.units[name]}]" if name in recording.units else name for name in recording.extra]

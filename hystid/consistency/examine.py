@@ -1,0 +1,352 @@
+"""Do the channels of a recording fit together? The one place that decides it, for every command."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hystid.consistency import words
+from hystid.consistency.force import Force, examine_force
+from hystid.consistency.kinematics import ORDER, Pair, Spectrum, computed, motion, pair, pairs, spectrum
+from hystid.consistency.slips import Explanation, Situation, explain
+from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
+from hystid.recording import Array, Recording, Sources, loaded
+
+_log = logging.getLogger("hystid")
+_SHORTEST = 64  # samples below which spectra say nothing
+_SURE = math.log(20.0)  # odds beyond which a slip is refused: a wrong label costs a result, a false alarm one --accept
+_CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
+_SIGMAS = 5.0  # standard errors of a lag
+_PHASE = 0.5  # radians of the main motion beyond which a lag spoils the balance: an eighth of the force moves over
+_FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
+_LOST = 0.7  # response over the gain below which a channel does not count (3 dB)
+_CERTAIN = 0.8  # coherence at which a response is read band by band
+# Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
+_LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
+_MATTERS = 0.01  # share of the power of the motion: a tenth of its size
+_DRIFT = 0.01  # share of the power of a channel
+
+
+def admit(recordings: Sequence[Recording], mass: float | None = None, accept: Collection[str] = ()) -> list[Recording]:
+    """The recordings, with what is doubtful about them among their warnings, after the door of every command.
+
+    accept: slips whose findings are warnings here. Raises RecordingError with one line per finding that is none.
+    """
+    taken = {recording.name: {*accept, *recording.accepted} for recording in recordings}
+    found = examine(recordings, mass).accepting(taken)
+    found.admit()
+    told = {name: tuple(str(n) for n in found.notes if n.recording == name) for name in {r.name for r in recordings}}
+    for note in found.notes:
+        _log.warning("hystid: warning: %s", note)
+    return [replace(r, warnings=(*r.warnings, *told[r.name])) if told[r.name] else r for r in recordings]
+
+
+def examine(recordings: Sequence[Recording], mass: float | None = None) -> Examination:
+    """Whether force and motion of each recording fit together, and which slip explains it where they do not.
+
+    mass [kg, or kg.m2 where rotational]: the moving mass as given, None where nobody knows it; 0 (F is the restoring
+    force itself) lets inertia out of it. Recordings that are too short to say anything have no findings.
+    """
+    if mass is not None and not (math.isfinite(mass) and mass >= 0):
+        mass = None  # every command refuses such a mass in its own words
+    found = [_one(recording, mass) for recording in recordings]
+    findings = [finding for _, several in found for finding in several]
+    return Examination([item for item, _ in found], findings, tuple(recordings))
+
+
+def check(
+    recordings: Sources, mass: float | None = None, accept: Collection[str] = (), out: str | Path | None = None
+) -> Examination:
+    """What ``hystid check`` does: read recordings, if need be, and examine them.
+
+    mass: as for ``examine``. accept: rules whose findings are notes. out: folder for check.json and report.html.
+    Raises RecordingError for a file that cannot be read; slips are findings.
+
+    >>> import hystid
+    >>> fmu = hystid.build("HystId.Oscillators.Linear", "linear.fmu")
+    >>> sweep = hystid.simulate(fmu, "chirp:1-40Hz@40N,2s", dt=1e-3, noise_snr=40)
+    >>> hystid.check(sweep, mass=1.0).findings
+    []
+    """
+    read = loaded(recordings, accept)
+    found = examine(read, mass).accepting({recording.name: {*accept, *recording.accepted} for recording in read})
+    if out is not None:
+        found.save(out)
+    return found
+
+
+def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Finding]]:
+    findings: list[Finding] = []
+    moves = all(np.ptp(values) > 0 for values in motion(recording).values())  # a constant channel is told as such
+    timed = not recording.quasi_static and len(recording) >= _SHORTEST and moves
+    compared = pairs(recording) if timed else []
+    force = examine_force(recording) if len(recording) >= _SHORTEST and moves else None
+    exchanged = _force_for_motion(recording, compared) if timed else None
+    if exchanged is not None:
+        findings.append(exchanged)
+    else:
+        best = _explanation(recording, compared, force, mass)
+        findings += words.slips(recording.name, best, compared, recording.rotational, mass)
+        if not any(slip.kind == "exchanged" for slip in best.slips):
+            mended = _mended(recording, best)
+            force = examine_force(mended) if best.slips and len(recording) >= _SHORTEST else force
+            findings += _judged_force(mended, force)
+            findings += [] if findings else _sizes(mended)
+        findings += _lags(recording, compared, best) + _filters(recording, compared, best)
+        findings += _strangers(recording, compared, best)
+    channels = _channels(recording, compared)
+    relations = [
+        Relation(p.low, p.high, p.gain, p.error, p.sign, p.lag, p.lag_error, _hertz(p.band), p.coherence)
+        for p in compared
+    ]
+    balance = None
+    if force is not None:
+        balance = Balance(
+            force.share, force.reversed_share, force.power, force.mass, force.mass_error, force.lag, force.lag_error
+        )
+    name, rate = recording.name, recording.sample_rate
+    return Examined(name, len(recording), rate, recording.rotational, channels, relations, balance), findings
+
+
+def _hertz(band: tuple[float, float]) -> tuple[float, float]:
+    return band[0] / (2 * math.pi), band[1] / (2 * math.pi)
+
+
+def _explanation(
+    recording: Recording, compared: Sequence[Pair], force: Force | None, mass: float | None
+) -> Explanation:
+    names = motion(recording)
+    ratio = None
+    if mass and force is not None and math.isfinite(force.mass_error):
+        relative = force.mass_error / max(abs(force.mass), 1e-300)
+        if relative < 0.3:
+            ratio = force.mass / mass, relative
+    written = {name: unit for name, unit in recording.units.items() if unit}
+    rms = {name: float(np.std(values)) for name, values in names.items()}
+    if recording.F is not None:
+        rms["F"] = float(np.std(recording.F))
+    kept = [p for p in compared if p.is_one_motion]
+    last = list(names)[-1] if names else "a"
+    situation = Situation(kept, written, rms, recording.sample_rate, recording.rotational, mass, ratio, last)
+    ordered = explain(situation)
+    sound = next(item for item in ordered if item.sound)
+    best = ordered[0]
+    return best if best.score - sound.score > _SURE else sound
+
+
+def _force_for_motion(recording: Recording, compared: Sequence[Pair]) -> Finding | None:
+    """The column of F follows the motion, and that of a motion channel does not."""
+    names = motion(recording)
+    if recording.F is None or not np.ptp(recording.F):
+        return None
+    if len(names) < 2:
+        return _force_for_x(recording)
+    for name in names:
+        others = [other for other in names if other != name]
+        own = [p for p in compared if name in (p.low, p.high)]
+        if any(abs(p.correlation) > 0.7 for p in own):
+            continue
+        moved = {**names, name: recording.F}
+        again = [
+            pair(moved, *((name, other) if "xva".index(name) < "xva".index(other) else (other, name)), recording.dt)
+            for other in others
+        ]
+        if all(abs(p.correlation) > 0.9 and abs(p.slope) < 0.5 for p in again):
+            return words.force_exchanged(recording.name, name, min(abs(p.correlation) for p in again))
+    return None
+
+
+def _force_for_x(recording: Recording) -> Finding | None:
+    """With x alone: the exchange makes the structure give out energy, and F a length."""
+    x, F = recording.x, recording.F
+    if x is None or F is None or list(motion(recording)) != ["x"]:
+        return None
+    largest = float(np.max(np.abs(x - np.median(x))))
+    other = replace(recording, x=F, F=x)
+    here, there = examine_force(recording), examine_force(other)
+    if here is None or there is None or recording.rotational:
+        return None
+    active = 0.5 * here.samples * math.log(max(1 - here.reversed_share, 1e-9) / max(1 - here.share, 1e-9)) < -_CLEAR
+    if (active or largest > 1.0) and there.share > max(here.share, 0.5) and float(np.std(F)) < 0.1 and largest > 1.0:
+        return words.force_exchanged(recording.name, "x", there.share)
+    return None
+
+
+def _mended(recording: Recording, best: Explanation) -> Recording:
+    """The recording as it would be without the slips."""
+    changed: dict[str, Array] = {}
+    held = {name: values for name, values in motion(recording).items()}
+    if recording.F is not None:
+        held["F"] = recording.F
+    t = recording.t
+    for slip in best.slips:
+        if slip.kind in ("unit", "gain") and slip.channels[0] in held:
+            name = slip.channels[0]
+            changed[name] = changed.get(name, held[name]) / slip.factor
+        elif slip.kind == "reversed":
+            name = slip.channels[0]
+            changed[name] = -changed.get(name, held[name])
+        elif slip.kind == "time" and math.isfinite(slip.factor):
+            t = t / slip.factor
+    return replace(recording, t=t, **changed)  # type: ignore[arg-type]  # the keys are channels
+
+
+def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
+    """Sign and clock of the force."""
+    if force is None:
+        return []
+    names = motion(recording)
+    found = []
+    shifted = _is_late(recording, force)
+    share, other = (force.lag_share, force.lag_reversed) if shifted else (force.share, force.reversed_share)
+    odds = 0.5 * force.samples * math.log(max(1 - other, 1e-6) / max(1 - share, 1e-6))
+    elastic = recording.quasi_static or "a" not in names
+    if elastic and abs(force.correlation) > 0.9 and abs(odds) < 20 * _CLEAR:  # the slope of a spring says it
+        odds += _CLEAR * 2 * math.copysign(1.0, force.correlation) if recording.quasi_static else 0.0
+    if odds < -_CLEAR and other > 0.2:
+        found.append(words.force_reversed(recording.name, force, other, share, names))
+    if shifted:
+        main = _main(recording)
+        found.append(words.force_late(recording.name, force, severe=main * abs(force.lag) > _PHASE))
+    return found
+
+
+def _sizes(recording: Recording) -> list[Finding]:
+    """Motion that no structure makes, which needs no second channel to be seen."""
+    names = motion(recording)
+    if recording.rotational:
+        return []
+    for name, values in names.items():
+        largest = float(np.max(np.abs(values - np.median(values))))
+        if largest > _LARGEST[name] and not (recording.quasi_static and name != "x"):
+            return [words.too_large(recording.name, name, f"reaches {largest:.4g} {recording.unit(name)}", largest)]
+    if list(names) == ["x"] and not recording.quasi_static:
+        speed = float(np.std(names["x"])) * _main(recording)
+        if speed > _LARGEST["v"]:
+            return [words.too_large(recording.name, "x", f"moves at about {speed:.3g} m/s", speed)]
+    return []
+
+
+def _is_late(recording: Recording, force: Force) -> bool:
+    """Whether the force comes clearly later or earlier than its motion, by the same time all through the recording."""
+    if recording.quasi_static or not math.isfinite(force.lag_error):
+        return False
+    clear = abs(force.lag) > 1.5 * recording.dt and abs(force.lag) > _SIGMAS * force.lag_error
+    before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
+    passive = (1 - before) > _FOURFOLD * (1 - after)
+    return clear and (passive or (1 - force.free_share) > _FOURFOLD * (1 - force.free_lag_share))
+
+
+def _main(recording: Recording) -> float:
+    """Angular frequency of the strongest motion [rad/s]."""
+    held = spectrum(motion(recording)[next(iter(motion(recording)))], recording.dt)
+    weight = held.density * np.gradient(held.omega) if len(held.omega) > 2 else held.density
+    return float(held.omega[int(np.argmax(weight))]) if len(held.omega) else 0.0
+
+
+def _lags(recording: Recording, compared: Sequence[Pair], best: Explanation) -> list[Finding]:
+    """A channel of the motion on another clock; of several, the one that all others disagree with."""
+    if any(slip.kind == "exchanged" for slip in best.slips):
+        return []
+    late = [p for p in compared if _pair_is_late(p, recording)]
+    if not late:
+        return []
+    names = list(motion(recording))
+    blamed = late[0].high if len(late) == 1 else max(names, key=lambda n: sum(n in (p.low, p.high) for p in late))
+    shown = max((p for p in late if blamed in (p.low, p.high)), key=lambda p: abs(p.lag) / max(p.lag_error, 1e-12))
+    lag = shown.lag if shown.high == blamed else -shown.lag
+    severe = _main(recording) * abs(lag) > _PHASE
+    return [words.channel_late(recording.name, blamed, shown, lag, severe=severe)]
+
+
+def _pair_is_late(p: Pair, recording: Recording) -> bool:
+    if not p.is_one_motion or not math.isfinite(p.lag_error):
+        return False
+    made = computed(recording, motion(recording), p.low, p.high)
+    least = 0.75 * recording.dt if made is None else 1.5 * recording.dt  # differences are half a sample off per order
+    return abs(p.lag) > least and abs(p.lag) > _SIGMAS * max(p.lag_error, 0.02 * recording.dt)
+
+
+def _filters(recording: Recording, compared: Sequence[Pair], best: Explanation) -> list[Finding]:
+    """Channels that lose low or high frequencies which another one shows, and integrated channels that drift."""
+    if any(slip.kind == "exchanged" for slip in best.slips):
+        return []
+    found: dict[tuple[str, str], Finding] = {}
+    for p in compared:
+        if not p.is_one_motion or computed(recording, motion(recording), p.low, p.high) is not None:
+            continue
+        sure = p.bands.seen & (p.bands.coherence > _CERTAIN)
+        size = np.abs(p.bands.response) / p.gain
+        slow = np.maximum(p.bands.low, p.bands.high) / np.maximum(p.bands.omega, 1e-300) ** (2 * ORDER[p.high])
+        for side, beyond in (("low", p.bands.omega < p.band[0]), ("high", p.bands.omega > p.band[1])):
+            at = np.flatnonzero(sure & beyond)
+            power = slow if side == "low" else np.maximum(p.bands.low * p.gain**2, p.bands.high)
+            if len(at) < 3 or np.sum(power[at]) < _MATTERS * np.sum(power):
+                continue
+            limit = _hertz(p.band)[0 if side == "low" else 1]
+            lost, gained = np.median(size[at]) < _LOST, np.median(size[at]) > 1 / _LOST
+            if lost or gained:
+                name = p.high if lost else p.low
+                found.setdefault((name, side), words.filtered(recording.name, name, side, limit, p))
+        drifting = _drift(p, recording)
+        if drifting is not None:
+            name, share = drifting
+            found.setdefault((name, "drift"), words.drift(recording.name, name, share, _hertz(p.band)[0]))
+    return list(found.values())
+
+
+def _drift(p: Pair, recording: Recording) -> tuple[str, float] | None:
+    """A channel whose slowest lines hold power that the other one does not show, far above its own noise."""
+    below = (p.bands.omega < 0.5 * p.band[0]) & ~p.bands.seen
+    if not np.any(below) or p.high == "a":
+        return None
+    extra = float(np.sum(p.bands.high[below]) - np.sum(p.bands.low[below]) * p.gain**2)
+    share = extra / float(np.sum(p.bands.high))
+    held = spectrum(motion(recording)[p.high], recording.dt)
+    rising = np.interp(p.bands.omega[below], held.omega, held.density) > 100 * held.level
+    return (p.high, share) if share > _DRIFT and bool(np.all(rising[:1])) else None
+
+
+def _strangers(recording: Recording, compared: Sequence[Pair], best: Explanation) -> list[Finding]:
+    if best.slips:
+        return []
+    return [words.strangers(recording.name, p) for p in compared if not p.is_one_motion]
+
+
+def _channels(recording: Recording, compared: Sequence[Pair]) -> dict[str, Channel]:
+    names = motion(recording)
+    made: dict[str, str] = {}
+    for p in compared:
+        name = computed(recording, names, p.low, p.high)
+        if name is not None and name not in made:
+            made[name] = p.high if name == p.low else p.low
+    held: dict[str, Array] = dict(names)
+    if recording.F is not None:
+        held = {"F": recording.F, **held}
+    found = {}
+    for name, values in held.items():
+        how = spectrum(values, recording.dt)
+        band = _counts(name, how, compared, recording)
+        told = recording.origin.get(name, "measured")
+        measured = told.startswith("measured") and name not in made
+        origin = f"computed from {made[name]}" if name in made and told.startswith("measured") else told
+        rms = float(np.std(values))
+        ratio = 20 * math.log10(rms / how.noise) if how.noise > 0 and 0 < rms / how.noise < math.inf else math.inf
+        found[name] = Channel(
+            name, recording.unit(name), rms, float(values.min()), float(values.max()), how.noise, ratio, band,
+            measured, origin,
+        )  # fmt: skip
+    return found
+
+
+def _counts(name: str, how: Spectrum, compared: Sequence[Pair], recording: Recording) -> tuple[float, float]:
+    band = _hertz(how.signal_band())
+    mine = [_hertz(p.band) for p in compared if name in (p.low, p.high) and p.is_one_motion]
+    if not mine:
+        return band
+    return min(b[0] for b in mine), max(b[1] for b in mine)

@@ -1,0 +1,274 @@
+"""Does the force belong to the motion: its sign, its clock, and the mass that it moves.
+
+m a + R = F with a law-free R: any curve of the displacement, a force that grows with the velocity and one that takes
+its sign. Mass and damping are not negative: that decides about the sign. For the clock and for the mass, R may also be
+any curve of the way since the last turn, so that a hysteresis is not read as a delay.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hystid.consistency.kinematics import ORDER, motion, spectrum
+from hystid.consistency.spectra import derived
+from hystid.recording import Array, Recording
+
+_KNOTS = 7  # of the curve of the displacement: one stop on either side, a dead zone and a slope between them
+_ROWS = 4000  # rows of the least squares
+_BLOCKS = 8  # of the recording, each left out once for the standard error of the mass
+_NEAR = (-1, 0, 1)  # samples by which channels of one logger may differ, that are scanned one after the other
+_FURTHEST = 20_000  # samples that two clocks may be apart
+_MEMORY = 5  # knots of the curve of the way since the last turn
+_ALIKE = 1.3  # times the smallest unexplained share, up to which a smaller shift is preferred: a sine repeats itself
+_HALF = 0.5
+
+
+@dataclass(frozen=True)
+class Force:
+    """What the force says.
+
+    share: of its variance that a passive structure with that sign explains; reversed_share: of the reversed force.
+    mass, mass_error: apparent moving mass [kg]; infinite error where the test does not show it.
+    power: mean of F v over the product of their rms (positive: the structure takes energy up).
+    stiffness: slope of F over x [N/m]; correlation of the two. lag [s]: how much later the force is, with its error;
+    free_share and free_lag_share: what any law explains before and after that shift; lag_share, lag_reversed: a
+    passive one after it. samples: number of independent samples, from the correlation time of what is left.
+    """
+
+    share: float
+    reversed_share: float
+    mass: float
+    mass_error: float
+    power: float
+    stiffness: float
+    correlation: float
+    lag: float
+    lag_error: float
+    free_share: float
+    free_lag_share: float
+    lag_share: float
+    lag_reversed: float
+    samples: float
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Smoothed columns, shape (n,) each, of one recording; those of ``signed`` have coefficients of at least 0."""
+
+    F: Array
+    signed: Array
+    free: Array
+    memory: Array
+    x: Array
+
+    def part(self, rows: slice) -> _Columns:
+        """The same of a part of the recording."""
+        return _Columns(self.F[rows], self.signed[rows], self.free[rows], self.memory[rows], self.x[rows])
+
+
+def examine_force(recording: Recording) -> Force | None:
+    """The force of one recording against its motion; None where the force is zero or the motion does not move."""
+    columns = _columns(recording)
+    if columns is None:
+        return None
+    limit = min(len(columns.F) // 4, _FURTHEST)
+    fit = _Fit(columns, limit)
+    now, flipped = (max(fit.passive(k, sign) for k in _NEAR) for sign in (1.0, -1.0))
+    shift = fit.best_shift()
+    there, back = (max(fit.passive(shift + k, s) for k in _NEAR if abs(shift + k) <= limit) for s in (1.0, -1.0))
+    mass, error = _mass(columns, recording.quasi_static)
+    left = _left(columns)
+    F, v, x = columns.F - np.mean(columns.F), columns.signed[:, 1], columns.x - np.mean(columns.x)
+    lag, lag_error = _fine(columns, fit, shift)
+    size = max(float(np.sqrt((F @ F) * (x @ x))), 1e-300)
+    power = float(F @ v) / max(float(np.sqrt((F @ F) * (v @ v))), 1e-300)
+    return Force(
+        now, flipped, mass, error, power, float(F @ x) / max(float(x @ x), 1e-300), float(F @ x) / size,
+        lag * recording.dt, lag_error * recording.dt, fit.freely(0), fit.freely(shift), there, back,
+        len(left) / max(_memory(left), 1.0),
+    )  # fmt: skip
+
+
+class _Fit:
+    """Least squares of the shifted force on the columns, at any shift for the cost of a small system.
+
+    The columns stay where they are; the force is moved, and nothing is known of it outside of the recording.
+    """
+
+    def __init__(self, columns: _Columns, limit: int) -> None:
+        table = np.concatenate([columns.signed, columns.free, columns.memory], axis=1)
+        table = table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
+        self.limit, n = limit, len(columns.F)
+        force = columns.F - np.mean(columns.F)
+        self.total = max(float(force @ force), 1e-300)
+        size = 1 << int(np.ceil(np.log2(n + limit + 1)))
+        spectra = np.fft.rfft(force, size)[:, None] * np.conj(np.fft.rfft(table, size, axis=0))
+        cross = np.fft.irfft(spectra, size, axis=0)
+        self.cross = np.concatenate([cross[-limit:], cross[: limit + 1]]) if limit else cross[:1]
+        gram = table.T @ table + 1e-9 * n * np.eye(table.shape[1])
+        values, vectors = np.linalg.eigh(gram)
+        self.everything = vectors / np.sqrt(np.maximum(values, 1e-9 * n))
+        self.free = slice(3, 3 + columns.free.shape[1])
+        self.inverse = np.linalg.inv(gram[self.free, self.free])
+        self.taken = self.inverse @ gram[self.free, :3]  # of the signed columns by the curve of the displacement
+        values, vectors = np.linalg.eigh(gram[:3, :3] - gram[:3, self.free] @ self.taken)
+        self.root = vectors * np.sqrt(np.maximum(values, 1e-9 * n))  # root root' is what is left of the signed columns
+
+    def passive(self, shift: int, sign: float = 1.0) -> float:
+        """Share of the variance of the force that a passive structure explains, after a shift and with a sign."""
+        from scipy.optimize import nnls
+
+        row = sign * self.cross[shift + self.limit]
+        free = row[self.free]
+        reduced = np.linalg.solve(self.root, row[:3] - self.taken.T @ free)
+        left = float(nnls(self.root.T, reduced)[1]) ** 2
+        return (float(free @ self.inverse @ free) + float(reduced @ reduced) - left) / self.total
+
+    def freely(self, shift: int) -> float:
+        """Share that any law explains, with a memory of the last turn and with signs as they come."""
+        return float(np.sum((self.cross[shift + self.limit] @ self.everything) ** 2)) / self.total
+
+    def best_shift(self) -> int:
+        """The shift [samples] at which any law explains most; the smallest of those that do nearly as well.
+
+        A sine repeats itself, and what is left of a smooth force hardly changes from sample to sample.
+        """
+        shares = np.sum((self.cross @ self.everything) ** 2, axis=1) / self.total
+        alike = np.flatnonzero(1.0 - shares <= _ALIKE * (1.0 - float(np.max(shares))) + 1e-3)
+        at = int(alike[np.argmin(np.abs(alike - self.limit))])
+        while 0 < at < len(shares) - 1 and (step := int(np.argmax(shares[at - 1 : at + 2])) - 1):
+            at += step
+        return at - self.limit
+
+
+def _columns(recording: Recording) -> _Columns | None:
+    names, dt = motion(recording), recording.dt
+    if recording.F is None or not names or not np.ptp(recording.F):
+        return None
+    width = _width(recording)
+    found: dict[int, Array] = {}
+    for target in (0, 1, 2):
+        sources = [name for name in names if ORDER[name] <= target]
+        if sources:
+            source = max(sources, key=lambda name: ORDER[name])
+            found[target] = derived(names[source], target - ORDER[source], dt, width)
+    force = derived(recording.F, 0, dt, width)
+    if len(force) < 64:
+        return None
+    return _assembled(recording, found, force, width)
+
+
+def _assembled(recording: Recording, found: dict[int, Array], force: Array, width: float) -> _Columns | None:
+    dt = recording.dt
+    names = motion(recording)
+    if 1 not in found:  # only a: its integral, without drift
+        found[1] = _integral(found[2], dt)
+    if 0 not in found:
+        found[0] = _integral(found[1], dt)
+    if not all(np.any(found[k]) for k in (0, 1, 2)):
+        return None
+    if "x" in names:
+        found[0] = found[0] + np.mean(names["x"])
+    inertia = np.zeros_like(found[2]) if recording.quasi_static else found[2]
+    way = _sign(found[1])
+    signed = np.stack([inertia, found[1], way], axis=1)
+    since = way[:, None] * _hats(_since_turn(found[0], found[1]), _MEMORY)[:, 1:]
+    memory = np.concatenate([(found[1] * np.abs(found[1]))[:, None], since], axis=1)
+    return _Columns(force, signed, _hats(found[0], _KNOTS), memory, found[0])
+
+
+def _width(recording: Recording) -> float:
+    """Kernel that keeps what stands above the noise of the channel that the motion is taken from."""
+    names = motion(recording)
+    last = list(names)[-1]
+    top = spectrum(names[last], recording.dt).signal_band(10.0)[1] * recording.dt
+    widest = max(1.5, len(recording) / 400)
+    return float(np.clip(1.2 / max(top, 1e-3), 1.5, min(widest, 60.0)))
+
+
+def _integral(values: Array, dt: float) -> Array:
+    total = np.cumsum(values - np.mean(values)) * dt
+    n = len(total)
+    k = np.linspace(-1, 1, n)
+    return np.asarray(total - np.polyval(np.polyfit(k, total, 3), k))
+
+
+def _sign(v: Array) -> Array:
+    return np.asarray(np.tanh(v / max(0.05 * float(np.std(v)), 1e-300)))
+
+
+def _since_turn(x: Array, v: Array) -> Array:
+    """Way since the velocity last changed its sign, shape (n,)."""
+    turn = np.concatenate([[True], np.signbit(v[1:]) != np.signbit(v[:-1])])
+    last = np.maximum.accumulate(np.where(turn, np.arange(len(x)), 0))
+    return np.asarray(np.abs(x - x[last]))
+
+
+def _hats(x: Array, count: int) -> Array:
+    """Broken lines over the range of x, shape (n, count): any curve of it."""
+    knots = np.quantile(x, np.linspace(0.0, 1.0, count))
+    knots = knots + np.linspace(-1e-9, 1e-9, count) * max(float(np.ptp(x)), 1e-300)
+    return np.stack([np.interp(x, knots, row) for row in np.eye(count)], axis=1)
+
+
+def _fine(columns: _Columns, fit: _Fit, shift: int) -> tuple[float, float]:
+    """Best shift between samples by a parabola, and its standard error from quarters of the recording."""
+    sign = 1.0 if fit.passive(shift) >= fit.passive(shift, -1.0) else -1.0
+    found = []
+    for part in np.array_split(np.arange(len(columns.F)), 4):
+        one = columns.part(slice(part[0], part[-1] + 1))
+        reach = min(abs(shift) + 8, len(part) // 3)
+        if len(part) >= 64 and np.ptp(one.F) > 0.1 * np.ptp(columns.F) and reach > abs(shift):
+            own = _Fit(one, reach)
+            near = [k for k in range(shift - 8, shift + 9) if abs(k) <= reach]
+            found.append(near[int(np.argmax([own.passive(k, sign) for k in near]))])
+    error = float(np.std(found, ddof=1) / np.sqrt(len(found))) if len(found) > 2 else np.inf
+    if abs(shift) >= fit.limit:
+        return float(shift), max(error, _HALF)
+    three = [fit.freely(shift + k) for k in (-1, 0, 1)]
+    bend = three[0] - 2 * three[1] + three[2]
+    between = 0.5 * (three[0] - three[2]) / bend if bend < 0 else 0.0
+    return shift + float(np.clip(between, -_HALF, _HALF)), max(error, 0.1)
+
+
+def _table(columns: _Columns) -> tuple[Array, Array]:
+    """Rows of all columns, each of rms 1, and of the force, thinned."""
+    step = max(1, len(columns.F) // _ROWS)
+    table = np.concatenate([columns.signed, columns.free, columns.memory], axis=1)[::step]
+    return table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300), columns.F[::step]
+
+
+def _left(columns: _Columns) -> Array:
+    table, force = _table(columns)
+    return np.asarray(force - table @ np.linalg.lstsq(table, force, rcond=None)[0])
+
+
+def _memory(left: Array) -> float:
+    """Correlation time [rows] of a series."""
+    plain = left - np.mean(left)
+    size = 1 << int(np.ceil(np.log2(2 * len(plain))))
+    found = np.fft.irfft(np.abs(np.fft.rfft(plain, size)) ** 2, size)[: len(plain) // 2]
+    if found[0] <= 0:
+        return 1.0
+    rho = found / found[0]
+    end = int(np.argmax(rho < 0.1)) or len(rho)
+    return 1.0 + 2.0 * float(np.sum(np.abs(rho[1:end])))
+
+
+def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float]:
+    """Apparent mass with a free law beside it, unsigned, and its standard error (one block left out at a time)."""
+    if quasi_static:
+        return np.nan, np.inf
+    table, force = _table(columns)
+    step = max(1, len(columns.F) // _ROWS)
+    size = float(np.sqrt(np.mean(columns.signed[::step, 0] ** 2)))
+    blocks = np.array_split(np.arange(len(force)), _BLOCKS)
+    everything = float(np.linalg.lstsq(table, force, rcond=None)[0][0]) / size
+    left_out = [
+        float(np.linalg.lstsq(np.delete(table, rows, axis=0), np.delete(force, rows), rcond=None)[0][0]) / size
+        for rows in blocks
+    ]
+    error = float(np.sqrt((_BLOCKS - 1) / _BLOCKS * np.sum((np.array(left_out) - np.mean(left_out)) ** 2)))
+    return everything, error

@@ -1,0 +1,293 @@
+"""Do x, v and a describe one motion: gain, sign, lag, band and errors of each pair of channels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from hystid.consistency.spectra import HIGHEST, Bands, bands, compare, derived
+from hystid.recording import Array, Recording
+
+ORDER = {"x": 0, "v": 1, "a": 2}
+_CALIBRATION = 0.02  # relative error of a response that a sound chain leaves in each band, beside noise
+_SECTIONS = 6  # of the recording, whose lags are compared
+_FLAT = 1.0  # exponent of a power spectrum over the highest octave below which it counts as white
+_SAME = 0.9  # squared coherence beyond which nine tenths of a channel come from another one
+_SMOOTHED = 1e4  # ratio of noise powers, force over motion, that no chain of one rig shows (40 dB)
+_CLEARLY = 0.1  # share of a misfit that a formula leaves when it is the right one
+_PLATEAU = 1.25  # response over the gain beyond which a filter is at work (2 dB, the usual limit of a sensor's band)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """How channel ``high`` compares with the derivative of channel ``low``.
+
+    gain: high over derivative of low (positive); error: standard error of its logarithm. sign: 1 or -1.
+    lag: how much later ``high`` is [s]; lag_error: from the scatter of sections of the recording [s].
+    slope, slope_error: exponent of the response over frequency (0 for a sound pair).
+    band: [rad/s] in which the response stays within 2 dB of the gain; coherence: mean over these bands, by power.
+    correlation: of the two after the lag was taken out. bands: the spectra themselves, after the lag.
+    """
+
+    low: str
+    high: str
+    gain: float
+    error: float
+    sign: float
+    lag: float
+    lag_error: float
+    slope: float
+    slope_error: float
+    band: tuple[float, float]
+    coherence: float
+    correlation: float
+    bands: Bands
+
+    @property
+    def order(self) -> int:
+        """Number of derivatives between the two channels."""
+        return ORDER[self.high] - ORDER[self.low]
+
+    @property
+    def is_one_motion(self) -> bool:
+        """Whether the two have anything to do with each other: one signal where either of them is strongest."""
+        seen = self.bands.seen
+        if not np.any(seen):
+            return False
+        slow = self.bands.low / np.maximum(self.bands.omega, 1e-300) ** (2 * self.order)
+        return bool(any(seen[int(np.argmax(power))] for power in (self.bands.high, self.bands.low, slow)))
+
+
+def pairs(recording: Recording) -> list[Pair]:
+    """All pairs of motion channels that are there."""
+    channels = motion(recording)
+    return [pair(channels, low, high, recording.dt) for low, high in combinations(channels, 2)]
+
+
+def motion(recording: Recording) -> dict[str, Array]:
+    """The channels of the motion that the recording holds, in the order x, v, a."""
+    held = {name: getattr(recording, name) for name in ORDER}
+    return {name: np.asarray(values) for name, values in held.items() if values is not None}
+
+
+def pair(channels: Mapping[str, Array], low: str, high: str, dt: float) -> Pair:
+    """One pair of channels, each of shape (n,)."""
+    order = ORDER[high] - ORDER[low]
+    one, other = derived(channels[low], order, dt), derived(channels[high], 0, dt)
+    shift, sign = alignment(one, other)
+    one, other = _shifted(one, other, shift)
+    found = bands(one, other, dt)
+    seen, weight = found.seen, 1.0 / (found.variance + _CALIBRATION**2)
+    weight = np.where(seen, weight, 0.0)
+    if not np.any(seen):
+        return Pair(low, high, np.nan, np.inf, 1.0, 0.0, np.inf, 0.0, np.inf, (0.0, 0.0), 0.0, 0.0, found)
+    size = np.log(np.abs(found.response))
+    centre = _median(size, weight * found.high / np.sum(found.high))
+    lag, _ = _delay(found, sign, weight)
+    slope, slope_error = _slope(np.log(found.omega), size, weight)
+    near = seen & (np.abs(size - centre) < np.log(_PLATEAU))
+    inside = _run(near, int(np.argmax(np.where(seen, found.high, 0.0))))
+    power = np.where(inside, found.high, 0.0)
+    share = power[inside] / np.sum(power)
+    level = float(np.sum(share * size[inside]))
+    error = float(np.sqrt(np.sum(share**2 / weight[inside]) + np.sum(share * (size[inside] - level) ** 2) / len(share)))
+    return Pair(
+        low, high, float(np.exp(level)), error, sign, lag + shift * dt, _scatter(one, other, dt, sign),
+        slope, slope_error, (float(found.omega[inside][0]), float(found.omega[inside][-1])),
+        float(np.sum(power * found.coherence) / np.sum(power)), _correlation(one, other), found,
+    )  # fmt: skip
+
+
+def alignment(one: Array, other: Array, reach: float = 0.25) -> tuple[int, float]:
+    """(samples by which ``other`` comes later, sign of the relation), from the correlation at all shifts.
+
+    A sine repeats itself: of all shifts that fit nearly as well as the best one, the smallest is taken, so that a
+    reversed sign is not read as half a period.
+    """
+    from scipy.signal import correlate
+
+    n = len(one)
+    if n < 8 or not np.any(one) or not np.any(other):
+        return 0, 1.0
+    most = max(int(reach * n), 1)
+    full = correlate(other - np.mean(other), one - np.mean(one), mode="full", method="fft")
+    middle = n - 1
+    lags = np.arange(-most, most + 1)
+    seen = n - np.abs(lags)  # fewer samples overlap at larger shifts
+    size = float(np.sqrt(np.sum((one - np.mean(one)) ** 2) * np.sum((other - np.mean(other)) ** 2)))
+    values = full[middle - most : middle + most + 1] / size * np.sqrt(n / seen)
+    best = float(np.max(np.abs(values)))
+    near = 1.0 - np.abs(values) <= 2.0 * (1.0 - min(best, 1.0)) + 0.02
+    at = np.flatnonzero(near)
+    smallest = int(at[np.argmin(np.abs(lags[at]))])
+    climbed = _climb(np.abs(values), smallest)
+    return int(lags[climbed]), float(np.sign(values[climbed]) or 1.0)
+
+
+def _climb(values: Array, start: int) -> int:
+    at = start
+    while 0 < at < len(values) - 1:
+        step = int(np.argmax(values[at - 1 : at + 2])) - 1
+        if step == 0:
+            break
+        at += step
+    return at
+
+
+def _shifted(one: Array, other: Array, shift: int) -> tuple[Array, Array]:
+    if shift > 0:
+        return one[:-shift], other[shift:]
+    return (one[-shift:], other[:shift]) if shift < 0 else (one, other)
+
+
+def _delay(found: Bands, sign: float, weight: Array) -> tuple[float, float]:
+    """Lag [s] within half a period of the strongest motion, and the mean cosine that is left."""
+    phase = np.angle(found.response * sign)
+    omega = found.omega
+    main = float(omega[int(np.argmax(weight * found.high))])
+    lag = 0.0
+    step = np.pi / main / 2
+    for _ in range(14):  # each round halves the grid: 1e-4 of the first step in the end
+        tried = lag + step * np.linspace(-1, 1, 9)
+        fit = [float(np.sum(weight * np.cos(phase + omega * t))) for t in tried]
+        lag, step = float(tried[int(np.argmax(fit))]), step / 2
+    return lag, float(np.sum(weight * np.cos(phase + omega * lag)) / np.sum(weight))
+
+
+def _scatter(one: Array, other: Array, dt: float, sign: float) -> float:
+    """Standard error of the lag from sections of the recording [s]; infinite where fewer than three show one."""
+    lags = []
+    for a, b in zip(np.array_split(one, _SECTIONS), np.array_split(other, _SECTIONS), strict=True):
+        found = bands(a, b, dt)
+        weight = np.where(found.seen, 1.0 / (found.variance + _CALIBRATION**2), 0.0)
+        if np.any(found.seen):
+            lags.append(_delay(found, sign, weight)[0])
+    return float(np.std(lags, ddof=1) / np.sqrt(len(lags))) if len(lags) > 2 else np.inf
+
+
+def _slope(x: Array, y: Array, weight: Array) -> tuple[float, float]:
+    total = float(np.sum(weight))
+    mean, level = float(np.sum(weight * x)) / total, float(np.sum(weight * y)) / total
+    spread = float(np.sum(weight * (x - mean) ** 2))
+    if np.count_nonzero(weight) < 3 or spread <= 0:
+        return 0.0, np.inf
+    slope = float(np.sum(weight * (x - mean) * (y - level))) / spread
+    rest = weight * (y - level - slope * (x - mean)) ** 2
+    excess = max(1.0, float(np.sum(rest)) / (np.count_nonzero(weight) - 2))
+    return slope, float(np.sqrt(excess / spread))
+
+
+def _median(values: Array, weight: Array) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weight[order])
+    return float(values[order][int(np.searchsorted(total, 0.5 * total[-1]))])
+
+
+def _run(flags: np.ndarray[tuple[int], np.dtype[np.bool_]], at: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """The unbroken run of flags around one place (two misses in a row end it)."""
+    if not flags[at]:
+        at = int(np.flatnonzero(flags)[np.argmin(np.abs(np.flatnonzero(flags) - at))]) if np.any(flags) else at
+    first = last = at
+    while first > 0 and (flags[first - 1] or (first > 1 and flags[first - 2])):
+        first -= 1
+    while last < len(flags) - 1 and (flags[last + 1] or (last < len(flags) - 2 and flags[last + 2])):
+        last += 1
+    inside = np.zeros(len(flags), dtype=bool)
+    inside[first : last + 1] = True
+    kept = inside & flags
+    kept[at] = True
+    return kept
+
+
+def _correlation(one: Array, other: Array) -> float:
+    one, other = one - np.mean(one), other - np.mean(other)
+    return float(one @ other / np.sqrt(max(float(one @ one) * float(other @ other), 1e-300)))
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Power density of one channel by band, and what of it is noise.
+
+    omega [rad/s], density [unit2 per rad/sample]. white: whether the highest octave is flat; level: its density.
+    """
+
+    omega: Array
+    density: Array
+    white: bool
+    exponent: float
+    level: float
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of white noise of that level."""
+        return float(np.sqrt(self.level * np.pi))
+
+    def signal_band(self, ratio: float = 4.0) -> tuple[float, float]:
+        """Lowest and highest frequency [rad/s] whose density stands above the noise by a ratio."""
+        above = np.flatnonzero(self.density > ratio * self.level)
+        return (float(self.omega[above[0]]), float(self.omega[above[-1]])) if above.size else (0.0, 0.0)
+
+
+def spectrum(values: Array, dt: float) -> Spectrum:
+    """Spectrum of a channel of shape (n,)."""
+    n = len(values)
+    t = np.arange(n)
+    plain = values - np.polyval(np.polyfit(t, values, 1), t)
+    found = bands(plain, plain, dt)
+    window = np.hanning(n)
+    lines = np.maximum(found.count * 1.5, 1.0)
+    density = found.low / lines / (np.pi * float(np.sum(window**2)))
+    high = found.omega * dt > HIGHEST / 2
+    if np.count_nonzero(high) < 3:
+        return Spectrum(found.omega, density, False, 0.0, float(np.min(density, initial=np.inf)))
+    exponent = float(np.polyfit(np.log(found.omega[high]), np.log(density[high] + 1e-300), 1)[0])
+    return Spectrum(found.omega, density, abs(exponent) < _FLAT, exponent, float(np.median(density[high])))
+
+
+def computed(recording: Recording, names: Mapping[str, Array], low: str, high: str) -> str | None:
+    """Which of two channels was computed from the other one, None where both were measured.
+
+    A measured channel has errors of its own. So where one channel shows nothing but its noise, another measured one is
+    not coherent with it; a channel that was computed from it carries the very same noise, whatever formula and filter
+    made it. How close the two are says nothing: good sensors agree to any number of digits.
+    """
+    found = compare(names[low], names[high], ORDER[high] - ORDER[low], recording.dt)
+    if len(found.omega) < 8:
+        return None
+    one, other = spectrum(names[low], recording.dt), spectrum(names[high], recording.dt)
+    quotient = _is_quotient(found, ORDER[high] - ORDER[low], recording.dt)
+    for held in (one, other):
+        if held.white:
+            quiet = np.interp(found.omega, held.omega, held.density) < 1.5 * held.level
+            if np.count_nonzero(quiet) >= 4 and np.mean(found.coherence[quiet] > 0.5) > 0.5:
+                return high if quotient or held is one or abs(one.exponent) < abs(other.exponent) else low
+    if quotient:
+        return high
+    # No channel shows its noise. Either nothing here is noisy, which the force can tell, or the motion was smoothed.
+    if float(np.mean(found.coherence > _SAME)) < 0.85 or recording.F is None or not np.any(recording.F):
+        return None
+    return high if _depth(spectrum(recording.F, recording.dt)) > _SMOOTHED * max(_depth(one), _depth(other)) else None
+
+
+def _depth(held: Spectrum) -> float:
+    """Quietest of a spectrum over its peak."""
+    return held.level / max(float(np.max(held.density)), 1e-300)
+
+
+def _is_quotient(found: Bands, order: int, dt: float) -> bool:
+    """Whether the response is that of differences between neighbouring samples instead of that of a derivative."""
+    seen = found.seen & (found.coherence > _SAME)
+    angle = found.omega[seen] * dt
+    if len(angle) < 4 or angle[-1] < 0.3:  # below, a difference quotient is a derivative to 0.4 %
+        return False
+    response = found.response[seen]
+    weight = found.high[seen] ** 0 / (found.variance[seen] + 1e-6)
+    half, whole = np.sinc(angle / 2 / np.pi), np.sinc(angle / np.pi)
+    shift = np.exp(-0.5j * angle)
+    forms = (half * shift, half / shift, whole, half)
+    misfit = [float(np.sum(weight * np.abs(response / form**order - 1.0) ** 2)) for form in forms]
+    plain = float(np.sum(weight * np.abs(response - 1.0) ** 2))
+    return min(misfit) < _CLEARLY * plain and plain / float(np.sum(weight)) > 1e-5

@@ -1,0 +1,174 @@
+"""What an examination finds: findings, the state of each channel, and the relations between channels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from hystid.errors import RecordingError
+from hystid.recording import Recording
+from hystid.results import Result
+
+Severity = Literal["refuse", "note"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One slip of one recording.
+
+    slip: rule that ``--accept`` knows: "wrong_unit", "swapped_sign", "swapped_channels", "not_one_motion", "lag",
+    "filtered", "drift", "wrong_mass". seen: what was measured, as numbers. sentence: what was found; mend: what to do,
+    both clauses without a full stop. repair: the option that mends it, as {"reverse": "F"} or {"unit": "a=g"}.
+    """
+
+    recording: str
+    channel: str
+    slip: str
+    sentence: str
+    mend: str
+    severity: Severity = "refuse"
+    seen: Mapping[str, float] = field(default_factory=dict)
+    repair: Mapping[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        place = f"{self.recording}, channel {self.channel}" if self.channel else self.recording
+        return f"{place}: {self.sentence}; {self.mend} [{self.slip}]"
+
+
+@dataclass(frozen=True)
+class Channel:
+    """State of one channel.
+
+    unit: SI. rms about the mean, smallest and largest value, SI. noise: standard deviation of its white noise, and its
+    level noise_db below the rms [dB]. band: frequencies [Hz] in which the channel counts: above its noise, and where
+    another channel shows the same motion, in accord with that. measured: whether it holds information of its own;
+    origin says how it came about.
+    """
+
+    name: str
+    unit: str
+    rms: float
+    low: float
+    high: float
+    noise: float
+    noise_db: float
+    band: tuple[float, float]
+    measured: bool
+    origin: str
+
+
+@dataclass(frozen=True)
+class Relation:
+    """How two channels of the motion agree: ``high`` against the derivative of ``low``.
+
+    gain (1 where all is well) and its standard error, sign, lag of ``high`` [s] and its error from the scatter of
+    sections, band [Hz] and mean squared coherence there.
+    """
+
+    low: str
+    high: str
+    gain: float
+    gain_error: float
+    sign: float
+    lag: float
+    lag_error: float
+    band: tuple[float, float]
+    coherence: float
+
+
+@dataclass(frozen=True)
+class Balance:
+    """What force and motion say together.
+
+    passive: share of the force's variance that a structure which takes up energy explains, reversed: the same for the
+    reversed force. power: mean of F v over the product of the rms. mass: moving mass that F over a shows at high
+    frequency, and mass_error (infinite where the test does not show it). lag of the force [s] and its error.
+    """
+
+    passive: float
+    reversed: float
+    power: float
+    mass: float
+    mass_error: float
+    lag: float
+    lag_error: float
+
+    @property
+    def mass_bounds(self) -> tuple[float, float]:
+        """Moving mass that these data allow (three standard errors and a third for the law), never negative."""
+        if not math.isfinite(self.mass_error):
+            return 0.0, math.inf
+        top = max(self.mass, 0.0) + 3.0 * self.mass_error
+        return max(0.0, (self.mass - 3.0 * self.mass_error) / 1.6), 1.6 * top
+
+
+@dataclass(frozen=True)
+class Examined:
+    """One recording: its channels, relations and force, in the order of the channels."""
+
+    recording: str
+    samples: int
+    sample_rate: float
+    rotational: bool
+    channels: Mapping[str, Channel]
+    relations: Sequence[Relation]
+    balance: Balance | None
+
+
+@dataclass(frozen=True)
+class Examination(Result, report="examination", json="check.json"):
+    """All recordings and all findings."""
+
+    examined: Sequence[Examined]
+    findings: Sequence[Finding]
+    recordings: Sequence[Recording] = field(default=(), repr=False)
+
+    @property
+    def refusals(self) -> list[Finding]:
+        """Findings with which no result would mean anything."""
+        return [item for item in self.findings if item.severity == "refuse"]
+
+    @property
+    def notes(self) -> list[Finding]:
+        """Findings that a user should know of."""
+        return [item for item in self.findings if item.severity == "note"]
+
+    def accepting(self, rules: Mapping[str, Collection[str]]) -> Examination:
+        """The same with refusals turned into notes: name of a recording -> slips that are accepted there."""
+        judged = [
+            replace(item, severity="note") if item.slip in rules.get(item.recording, ()) else item
+            for item in self.findings
+        ]
+        return replace(self, findings=judged)
+
+    def admit(self) -> None:
+        """Raise RecordingError with one line per refusal, if there is any."""
+        if self.refusals:
+            raise RecordingError("\n".join(str(item) for item in self.refusals))
+
+    def measured(self, recording: str) -> list[str]:
+        """Channels of a recording that hold information of their own."""
+        found = next(item for item in self.examined if item.recording == recording)
+        return [name for name, channel in found.channels.items() if channel.measured]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; numbers that do not exist are None."""
+        from dataclasses import asdict
+
+        return {
+            "recordings": [_plain(asdict(item)) for item in self.examined],
+            "findings": [_plain(asdict(item)) for item in self.findings],
+        }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, bool | str) or value is None:
+        return value
+    number = float(value)
+    return number if math.isfinite(number) else None

@@ -1,0 +1,202 @@
+"""Findings as sentences: what was seen, in numbers, and how to mend it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from hystid.consistency.force import Force
+from hystid.consistency.kinematics import Pair
+from hystid.consistency.slips import Explanation, Slip
+from hystid.consistency.types import Finding
+from hystid.recording import Array
+
+_DERIVATIVES = {("x", "v"): "dx/dt", ("x", "a"): "the second derivative of x", ("v", "a"): "dv/dt"}
+
+
+def slips(
+    name: str, best: Explanation, compared: Sequence[Pair], rotational: bool, mass: float | None
+) -> list[Finding]:
+    """One finding per slip of an explanation."""
+    return [_slip(name, slip, compared, rotational, mass) for slip in best.slips]
+
+
+def _slip(name: str, slip: Slip, compared: Sequence[Pair], rotational: bool, mass: float | None) -> Finding:
+    if slip.kind == "exchanged":
+        return _exchanged(name, slip, compared)
+    if slip.kind == "reversed":
+        return _reversed(name, slip, compared)
+    if slip.channels[0] == "m":
+        return _mass(name, slip, rotational, mass)
+    if slip.kind == "time":
+        return _time(name, slip, compared)
+    return _unit(name, slip, compared)
+
+
+def _evidence(channel: str, compared: Sequence[Pair]) -> tuple[str, dict[str, float]]:
+    told, seen = [], {}
+    for p in compared:
+        if channel in (p.low, p.high, "") and math.isfinite(p.gain):
+            seen[f"{p.high} over {_DERIVATIVES[p.low, p.high]}"] = p.sign * p.gain
+            told.append(f"{p.high} is {_number(p.sign * p.gain)} times {_DERIVATIVES[p.low, p.high]}")
+    return " and ".join(told), seen
+
+
+def _unit(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
+    channel = slip.channels[0]
+    told, seen = _evidence(channel, compared)
+    seen["times too large"] = slip.factor
+    size = (
+        f"{_number(slip.factor)} times too large" if slip.factor > 1 else f"{_number(1 / slip.factor)} times too small"
+    )
+    others = "the motion" if channel == "F" else "the other channels"
+    sentence = f"{channel} is {size} for {others}" + (f" ({told})" if told else "")
+    if channel == "F":
+        sentence += ", judged by the mass and the acceleration"
+    if slip.kind == "gain":
+        sentence += ", which fits no unit"
+        mend = f"check the sensor's factor, as --sensitivity {channel}=..., or the column of {channel}"
+        return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen)
+    sentence += f": it looks like {slip.units[1]}"
+    mend = f"write '{channel} [{slip.units[1]}]' in the header or give --unit {channel}={slip.units[1]}"
+    return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen, {"unit": f"{channel}={slip.units[1]}"})
+
+
+def _time(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
+    told, seen = _evidence("", compared)
+    seen["times too large"] = slip.factor
+    size = f"{_number(slip.factor)} times too slow" if slip.factor > 1 else f"{_number(1 / slip.factor)} times too fast"
+    if slip.units[1] == "samples":
+        looks = f"t numbers the samples; the sample rate would be {_number(slip.factor)} Hz"
+        mend = f"divide t by the sample rate in Hz (about {_number(slip.factor)}), or write the time in s"
+        repair = {}
+    else:
+        looks = f"t looks like {slip.units[1]}"
+        mend = f"write 't [{slip.units[1]}]' in the header or give --unit t={slip.units[1]}"
+        repair = {"unit": f"t={slip.units[1]}"}
+    sentence = f"time runs {size} for the motion ({told}): {looks}"
+    return Finding(name, "t", "wrong_unit", sentence, mend, "refuse", seen, repair)
+
+
+def _mass(name: str, slip: Slip, rotational: bool, mass: float | None) -> Finding:
+    given, unit = mass or 0.0, "kg.m2" if rotational else "kg"
+    word = "inertia" if rotational else "mass"
+    true = given / slip.factor
+    sentence = f"F over a at high frequency says a {word} of {_number(true)} {unit}, not {_number(given)} {unit}"
+    if slip.kind == "unit":
+        sentence += f": it looks like {slip.units[1]}"
+    seen = {"apparent mass": true, "given mass": given}
+    mend = f"give --mass {_number(true)} if it was weighed so, or check the units of F and a"
+    return Finding(name, "m", "wrong_mass", sentence, mend, "refuse", seen)
+
+
+def _reversed(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
+    channel = slip.channels[0]
+    told, seen = _evidence(channel, compared)
+    sentence = f"{channel} has the wrong sign ({told})"
+    if len({n for p in compared for n in (p.low, p.high)}) == 2:
+        other = next(n for p in compared for n in (p.low, p.high) if n != channel)
+        sentence = f"{channel} or {other} has the wrong sign ({told})"
+    mend = f"reverse it with --reverse {channel}"
+    return Finding(name, channel, "swapped_sign", sentence, mend, "refuse", seen, {"reverse": channel})
+
+
+def _exchanged(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
+    moves = dict(item.split("=") for item in slip.channels)
+    seen = {f"exponent of {p.high} over {_DERIVATIVES[p.low, p.high]}": p.slope for p in compared}
+    p = compared[0]
+    held = ", ".join(f"{a} holds {b}" for a, b in moves.items())
+    sentence = f"the columns are exchanged: {held} ({p.high} over {_DERIVATIVES[p.low, p.high]} changes with frequency"
+    sentence += f" as its power {p.slope:.1f})" if math.isfinite(p.slope_error) else " does not fit otherwise)"
+    mend = "choose the columns with " + " ".join(f"--channel {b}=<column of {a}>" for a, b in moves.items())
+    return Finding(name, " and ".join(moves), "swapped_channels", sentence, mend, "refuse", seen)
+
+
+def force_exchanged(name: str, channel: str, correlation: float) -> Finding:
+    """F holds a channel of the motion, and that channel the force."""
+    sentence = f"F and {channel} are exchanged: the column of F moves as {channel} must, that of {channel} does not"
+    mend = f"choose the columns with --channel F=<column of {channel}> --channel {channel}=<column of F>"
+    return Finding(
+        name, f"F and {channel}", "swapped_channels", sentence, mend, "refuse", {"correlation": correlation}
+    )  # fmt: skip
+
+
+def force_reversed(name: str, force: Force, other: float, share: float, names: Mapping[str, Array]) -> Finding:
+    """The structure would give out energy, or have a negative mass."""
+    told = [f"the mean power F v is {_number(100 * force.power)} % of what it could be"] if force.power < 0 else []
+    if force.mass < -3 * force.mass_error:
+        told.append(f"F over a says a mass of {_number(force.mass)}")
+    if force.correlation < -0.8:
+        told.append(f"F falls as x grows (correlation {force.correlation:.2f})")
+    why = ", ".join(told) or "mass and damping would be negative"
+    motions = " or ".join(names)
+    sentence = (
+        f"F has the wrong sign against {motions if len(names) == 1 else 'the motion'}: {why}; a structure that takes "
+        f"up energy explains {100 * share:.0f} % of F, and {100 * other:.0f} % of the reversed one"
+    )
+    seen = {"power": force.power, "mass": force.mass, "correlation": force.correlation, "explained": share}
+    mend = "reverse it with --reverse F, or accept a structure that is driven from inside with --accept swapped_sign"
+    return Finding(name, "F", "swapped_sign", sentence, mend, "refuse", seen, {"reverse": "F"})
+
+
+def force_late(name: str, force: Force, *, severe: bool) -> Finding:
+    """The force runs on another clock."""
+    word = "later" if force.lag > 0 else "earlier"
+    sentence = f"F comes {_milliseconds(abs(force.lag))} {word} than the motion, all through the test"
+    sentence += f" ({100 * force.share:.0f} % of F fits as it stands, {100 * force.lag_share:.0f} % aligned)"
+    aligned = max(force.lag_share, force.lag_reversed, force.free_lag_share)
+    seen = {"lag": force.lag, "lag_error": force.lag_error, "explained": aligned}
+    mend = "were they logged by two devices? align them with --align F"
+    return Finding(name, "F", "lag", sentence, mend, "refuse" if severe else "note", seen, {"align": "F"})
+
+
+def channel_late(name: str, channel: str, p: Pair, lag: float, *, severe: bool) -> Finding:
+    """A channel of the motion runs on another clock."""
+    word, other = "later" if lag > 0 else "earlier", p.low if channel == p.high else p.high
+    sentence = f"{channel} comes {_milliseconds(abs(lag))} {word} than {other} shows, all through the test"
+    seen = {"lag": lag, "lag_error": p.lag_error}
+    mend = f"align it with --align {channel}, or check the filter of its amplifier"
+    return Finding(name, channel, "lag", sentence, mend, "refuse" if severe else "note", seen, {"align": channel})
+
+
+def filtered(name: str, channel: str, side: str, limit: float, p: Pair) -> Finding:
+    """A channel counts only on one side of a frequency."""
+    other = p.low if channel == p.high else p.high
+    where = f"below {limit:.3g} Hz" if side == "low" else f"above {limit:.3g} Hz"
+    why = "an AC-coupled sensor or a high-pass filter" if side == "low" else "a low-pass filter"
+    counts = f"it counts from {limit:.3g} Hz on" if side == "low" else f"it counts up to {limit:.3g} Hz"
+    sentence = f"{channel} loses motion {where} that {other} shows, as {why} does: {counts}"
+    mend = f"leave {channel} out where slower motion matters, or state --band" if side == "low" else (
+        f"leave {channel} out, or state --band -{limit:.3g}Hz"
+    )  # fmt: skip
+    return Finding(name, channel, "filtered", sentence, mend, "note", {"limit": limit})
+
+
+def drift(name: str, channel: str, share: float, limit: float) -> Finding:
+    """A slow wandering that no other channel shows."""
+    sentence = f"{channel} drifts: {100 * share:.0f} % of its power is slow and in no other channel, as if integrated"
+    mend = f"leave {channel} out, or state --band {limit:.3g}-...Hz; it counts from {limit:.3g} Hz on"
+    return Finding(name, channel, "drift", sentence, mend, "note", {"share": share, "limit": limit})
+
+
+def strangers(name: str, p: Pair) -> Finding:
+    """Two channels that have nothing in common."""
+    sentence = f"{p.high} does not follow {_DERIVATIVES[p.low, p.high]} (both move alike in no band)"
+    mend = "check that both columns belong to one test and one point, and are the channels that they are called"
+    return Finding(name, p.high, "not_one_motion", sentence, mend, "note", {"correlation": p.correlation})
+
+
+def too_large(name: str, channel: str, seen: str, size: float) -> Finding:
+    """A size that no structure has."""
+    sentence = f"{channel} {seen}, which no structure of this kind does"
+    unit = {"x": "mm", "v": "mm/s", "a": "mm/s2"}[channel]
+    mend = f"correct the unit of {channel} or of t in the header, or give --unit {channel}={unit}"
+    return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", {"size": size})
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}" if 1e-3 <= abs(value) < 1e5 else f"{value:.3e}"
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"

@@ -1,0 +1,47 @@
+"""MDF 4 (and 3) files of data loggers and test benches, by ``asammdf``; one test per group of channels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hystid.errors import RecordingError
+from hystid.recording.names import known_name, split_header
+from hystid.recording.table import Column, Table
+
+
+def read_mdf(path: Path) -> list[Table]:
+    """Tables of an MDF file: channels of all groups on the time axis of the quickest one that holds a known channel.
+
+    Raises RecordingError where the package is missing or the file is none.
+    """
+    try:
+        from asammdf import MDF
+    except ImportError:
+        raise RecordingError(
+            f"{path.name}: reading MDF files needs the package asammdf: pip install 'hystid[mdf]'"
+        ) from None
+    try:
+        with MDF(path) as file:
+            signals = [signal for signal in file.iter_channels(skip_master=True) if signal.samples.dtype.kind in "fiu"]
+    except Exception as error:  # asammdf has exceptions of its own, and those of struct and zlib, for a broken file
+        raise RecordingError(f"{path.name}: this is no MDF file that can be read ({error})") from None
+    known = [
+        s for s in signals if known_name(split_header(s.name)[0]) and s.samples.ndim == 1 and len(s.timestamps) > 1
+    ]
+    if not known:
+        known = [signal for signal in signals if signal.samples.ndim == 1 and len(signal.timestamps) > 1]
+    if not known:
+        return []
+    time = max((signal.timestamps for signal in known), key=len)
+    columns = [Column("t", "s", np.asarray(time, dtype=np.float64))]
+    for signal in signals:
+        if signal.samples.ndim != 1 or not len(signal.timestamps):
+            continue
+        name, unit = split_header(signal.name)
+        values = np.asarray(signal.samples, dtype=np.float64)
+        if len(signal.timestamps) != len(time) or not np.array_equal(signal.timestamps, time):
+            values = np.interp(time, signal.timestamps, values)
+        columns.append(Column(name, unit or signal.unit or None, values))
+    return [Table(path.name, tuple(columns), path.stem)]

@@ -1,0 +1,107 @@
+"""What column headers mean: words in several languages, units beside them. The words stand in ``names.toml``."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+import unicodedata
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from hystid.errors import UsageError
+from hystid.units import parse
+
+_WORDS = Path(__file__).with_name("names.toml")
+_BRACKETS = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|\{(?P<curly>[^}]*)\})?\s*$")
+_SPOKEN = re.compile(r"^(?P<name>.*\S)(?:\s+(?:in|en|im)\s+|\s*/\s*\(?|\s*,\s*|\s*:\s*|_)(?P<unit>[^\s_]+?)\)?$")
+
+
+@cache
+def _words() -> dict[str, Any]:
+    return tomllib.loads(_WORDS.read_text(encoding="utf-8"))
+
+
+@cache
+def _channels() -> dict[str, tuple[str, bool]]:
+    """Plain word -> (channel, whether it says that the rig turns)."""
+    words = _words()
+    found = {_plain(word): (channel, False) for channel, listed in words["linear"].items() for word in listed}
+    return found | {_plain(word): (channel, True) for channel, listed in words["angular"].items() for word in listed}
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[\s_.\-]+", " ", unicodedata.normalize("NFKC", text)).strip().casefold()
+
+
+def known_name(name: str) -> str | None:
+    """The channel (t, F, x, v, a, R) that a column of this name holds, None when hystid has no meaning for it."""
+    found = _channels().get(_plain(name))
+    return found[0] if found else None
+
+
+def turns(name: str) -> bool:
+    """Whether the name alone says that the rig turns, as "torque" does."""
+    found = _channels().get(_plain(name))
+    return bool(found and found[1])
+
+
+def unit_symbol(text: str) -> str:
+    """The symbol of a unit that may be written in words: "Sekunden" -> "s", "Grad" -> "deg"; others as they are."""
+    text = unicodedata.normalize("NFC", text.strip().strip("[](){}"))
+    for symbol, listed in _words()["units"].items():
+        if text.casefold().rstrip(".") in {word.casefold() for word in listed} and text != "nm":
+            return str(symbol)
+    return text
+
+
+def is_unit(text: str) -> bool:
+    """Whether a cell is a unit and nothing else."""
+    stripped = text.strip().strip("[](){}")
+    if stripped in ("", "-"):
+        return True
+    if re.fullmatch(r"[-+]?[\d.,eE+-]+", stripped) and stripped != "1":
+        return False
+    try:
+        parse(unit_symbol(stripped))
+    except UsageError:
+        return False
+    return True
+
+
+def split_header(text: str) -> tuple[str, str | None]:
+    """``"x [mm]"``, ``"Weg (mm)"``, ``"Kraft in N"`` or ``"F / kN"`` -> (name, unit); ``"x"`` -> ("x", None)."""
+    stripped = text.strip().strip('"').strip("'").strip()
+    match = _BRACKETS.match(stripped)
+    if match:
+        unit = next((match[kind] for kind in ("square", "round", "curly") if match[kind] is not None), None)
+        if unit is not None and match["name"]:
+            return match["name"].rstrip(" /,:"), unit.strip()
+    spoken = _SPOKEN.match(stripped)
+    if spoken and known_name(spoken["name"]) and known_name(stripped) is None and is_unit(spoken["unit"]):
+        return spoken["name"], spoken["unit"]
+    return stripped, None
+
+
+def announced(line: str) -> float | None:
+    """Sample rate [Hz] that a line above the table states, as "Abtastrate: 1 kHz"; None where it states none."""
+    text = unicodedata.normalize("NFKC", line).casefold().lstrip("#% ")
+    for kind, listed in _words()["announced"].items():
+        for word in listed:
+            match = re.match(
+                rf"{re.escape(word.casefold())}\s*(?:[\[(](\S+?)[\])])?[\s:;=,]*([\d.,]+(?:e[+-]?\d+)?)[\s;,]*(\S*)",
+                text,
+            )
+            if match:
+                return _rate(kind, match[2].rstrip(","), match[3] or match[1] or "")
+    return None
+
+
+def _rate(kind: str, number: str, unit: str) -> float | None:
+    symbols = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "": 1.0, "sec": 1.0}
+    symbols |= {"1/s": 1.0, "sps": 1.0, "ks/s": 1e3, "s/s": 1.0, "samples/s": 1.0}
+    try:
+        value = float(number.replace(",", ".")) * symbols[unit.strip("[]()")]
+    except (ValueError, KeyError):
+        return None
+    return None if value <= 0 else value if kind == "rate" else 1.0 / value

@@ -1,0 +1,36 @@
+"""Parquet files, by ``pyarrow``: one test per file; units in the column's name or in its metadata under "unit"."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hystid.errors import RecordingError
+from hystid.recording.names import split_header
+from hystid.recording.table import Column, Table
+
+
+def read_parquet(path: Path) -> list[Table]:
+    """The table of a Parquet file. Raises RecordingError where the package is missing or the file is none."""
+    try:
+        from pyarrow import ArrowException
+        from pyarrow.parquet import read_table
+    except ImportError:
+        raise RecordingError(
+            f"{path.name}: reading Parquet files needs the package pyarrow: pip install 'hystid[parquet]'"
+        ) from None
+    try:
+        table = read_table(path)
+    except (ArrowException, OSError) as error:
+        raise RecordingError(f"{path.name}: this is no Parquet file that can be read ({error})") from None
+    columns = []
+    for field, values in zip(table.schema, table.columns, strict=True):
+        name, unit = split_header(field.name)
+        stated = (field.metadata or {}).get(b"unit", b"").decode() or unit
+        array = values.to_numpy()
+        if array.dtype.kind == "M":  # time stamps: seconds from the first one
+            array, stated = (array - array[0]) / np.timedelta64(1, "s"), "s"
+        if array.dtype.kind in "fiub":
+            columns.append(Column(name, stated, np.ascontiguousarray(array, dtype=np.float64)))
+    return [Table(path.name, tuple(columns), path.stem)]

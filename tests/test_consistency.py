@@ -1,0 +1,103 @@
+"""Do the channels fit together: one relation after the other, on motions whose truth is known in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hystid.consistency import admit, examine
+from hystid.errors import RecordingError
+from hystid.recording import Recording
+
+RATE, N, MASS, DAMPING, STIFFNESS = 1000.0, 6000, 2.5, 30.0, 4e4
+
+
+def rig(noise_db: float | None = 40.0, seed: int = 0) -> Recording:
+    """A linear oscillator under a force of many lines: its answer is exact, line by line."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(N) / RATE
+    omega = 2 * np.pi * np.arange(12, 480) * RATE / N  # 2 to 80 Hz
+    phase = rng.uniform(0, 2 * np.pi, len(omega))
+    line = np.exp(1j * (np.outer(t, omega) + phase))
+    answer = 1.0 / (STIFFNESS - MASS * omega**2 + 1j * omega * DAMPING)
+    force = np.real(line @ np.ones(len(omega)))
+    x, v, a = (np.real(line @ (answer * (1j * omega) ** k)) for k in (0, 1, 2))
+    channels = {"F": force, "x": x, "v": v, "a": a}
+    if noise_db is not None:
+        channels = {k: u + np.std(u) * 10 ** (-noise_db / 20) * rng.standard_normal(N) for k, u in channels.items()}
+    return Recording("rig", t, **channels, origin=dict.fromkeys(channels, "measured"))
+
+
+@pytest.mark.parametrize("noise_db", [20.0, 40.0, 60.0, 80.0, None])
+def test_a_sound_recording_has_no_findings(noise_db: float | None) -> None:
+    found = examine([rig(noise_db)], mass=MASS)
+    assert found.findings == []
+    balance = found.examined[0].balance
+    assert balance is not None and balance.mass == pytest.approx(MASS, rel=0.1)  # at 20 dB: noise of a tells less mass
+
+
+@pytest.mark.parametrize("noise_db", [40.0, 60.0, 80.0])
+def test_good_sensors_stay_measurements(noise_db: float) -> None:
+    """However closely x, v and a agree: their errors are their own."""
+    assert examine([rig(noise_db)]).measured("rig") == ["F", "x", "v", "a"]
+
+
+@pytest.mark.parametrize("noise_db", [30.0, 50.0, 70.0])
+def test_difference_quotients_are_no_measurements(noise_db: float) -> None:
+    plain = rig(noise_db)
+    assert plain.x is not None
+    v = np.gradient(plain.x, 1 / RATE)
+    made = replace(plain, v=v, a=np.gradient(v, 1 / RATE))
+    assert examine([made]).measured("rig") == ["F", "x"]
+
+
+@pytest.mark.parametrize(
+    ("channel", "factor", "said"),
+    [("a", 1 / 9.80665, "looks like g"), ("a", 1 / 0.3048, "ft/s2"), ("x", 1e3, "mm"), ("v", 1e3, "mm/s")],
+)
+def test_a_wrong_unit_is_named(channel: str, factor: float, said: str) -> None:
+    plain = rig()
+    values = getattr(plain, channel)
+    with pytest.raises(RecordingError, match=rf"channel {channel}: .*{said}"):
+        admit([replace(plain, **{channel: factor * values})])
+
+
+@pytest.mark.parametrize("channel", ["F", "x", "v", "a"])
+def test_a_reversed_channel_is_named(channel: str) -> None:
+    plain = rig()
+    with pytest.raises(RecordingError, match=rf"channel {channel}: .*--reverse {channel}"):
+        admit([replace(plain, **{channel: -getattr(plain, channel)})])
+
+
+def test_time_in_milliseconds_is_named() -> None:
+    plain = rig()
+    with pytest.raises(RecordingError, match="t looks like ms"):
+        admit([replace(plain, t=1e3 * plain.t)])
+
+
+def test_exchanged_columns_are_named() -> None:
+    plain = rig()
+    with pytest.raises(RecordingError, match="exchanged"):
+        admit([replace(plain, x=plain.a, a=plain.x)])
+
+
+def test_a_mass_in_grams_is_named() -> None:
+    with pytest.raises(RecordingError, match=r"says a mass of 2\.5"):
+        admit([rig()], mass=1e3 * MASS)
+
+
+def test_a_late_force_is_measured_in_milliseconds() -> None:
+    plain = rig()
+    assert plain.F is not None
+    late = replace(plain, F=np.roll(plain.F, 12))
+    (finding,) = examine([late]).findings
+    assert finding.slip == "lag" and finding.seen["lag"] == pytest.approx(0.012, abs=5e-4)  # half a sample
+
+
+def test_accepted_slips_are_warnings() -> None:
+    plain = rig()
+    assert plain.F is not None
+    (taken,) = admit([replace(plain, F=-plain.F)], accept=["swapped_sign"])
+    assert any("wrong sign" in text for text in taken.warnings)
