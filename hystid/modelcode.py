@@ -6,9 +6,10 @@ The shell (``hystid.fmu``) and the in-process runner (``hystid.compiled``) know 
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
 
 Causality = Literal[
     "parameter", "calculatedParameter", "input", "output", "local", "independent", "structuralParameter"
@@ -57,7 +58,10 @@ class ModelCode:
     sources: file name -> C text; the one named ``model.c`` defines ``hy_the_model``.
     states: names of the continuous states in block order. n_indicators: number of event indicators.
     dependencies: name of an output or derivative -> names of what it depends on: inputs, states, parameters, "time".
-    has_memory: the model has a ``completed_step``, which must be called once per accepted step.
+    has_memory: the model has a ``completed_step``, which is called at accepted steps.
+    sample: interval [s] at which that is called instead, as the clock of a sampled memory; None without one.
+    jumps: a derivative jumps without an event; model exchange is not offered then, for solvers do not get past that.
+    steps_are_samples: each step of co-simulation is a sample of a memory; model exchange is not offered then.
     resources: path below ``resources/`` -> bytes.
     reinit: names of the states that events may set anew; None where that is not known.
     unread: inputs that nothing in the model depends on.
@@ -75,6 +79,9 @@ class ModelCode:
     has_forward: bool = False
     has_adjoint: bool = False
     has_memory: bool = False
+    sample: float | None = None
+    steps_are_samples: bool = False
+    jumps: bool = False
     experiment: Experiment = field(default_factory=Experiment)
     resources: Mapping[str, bytes] = field(default_factory=dict)
     token: str = ""
@@ -87,3 +94,24 @@ class ModelCode:
             if candidate.name == name:
                 return candidate
         raise KeyError(name)
+
+
+def code_data(code: ModelCode) -> dict[str, Any]:
+    """What JSON can hold of a model; ``code_of`` makes an equal one of it."""
+    resources = {name: base64.b64encode(content).decode() for name, content in code.resources.items()}
+    return {**asdict(code), "resources": resources}
+
+
+def code_of(data: Mapping[str, Any]) -> ModelCode:
+    """The model that ``code_data`` was given."""
+    reinit = data["reinit"]
+    made = {
+        "variables": tuple(Variable(**variable) for variable in data["variables"]),
+        "states": tuple(data["states"]),
+        "dependencies": {name: tuple(known) for name, known in data["dependencies"].items()},
+        "experiment": Experiment(**data["experiment"]),
+        "resources": {name: base64.b64decode(text) for name, text in data["resources"].items()},
+        "reinit": None if reinit is None else tuple(reinit),
+        "unread": tuple(data["unread"]),
+    }
+    return ModelCode(**{**data, **made})

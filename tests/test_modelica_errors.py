@@ -58,7 +58,6 @@ REFUSED = {
         "condition of a while-loop depends on a variable.*use for and if",
     ),
     "delay": (model("  Real x;\nequation\n  x = delay(time, 1.0);\n"), 4, r"delay\(\) is not supported"),
-    "homotopy": (model("  Real x;\nequation\n  x = homotopy(time, 1.0);\n"), 4, r"homotopy\(\).*first argument"),
     "clock": (
         model("  Real x;\nequation\n  when Clock(0.1) then\n    x = previous(x) + 1;\n  end when;\n"),
         4,

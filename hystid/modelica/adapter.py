@@ -21,10 +21,12 @@ from hystid.modelica.flat import (
     Function,
     FunctionVariable,
     Place,
+    Section,
     Statement,
     When,
 )
 from hystid.modelica.sources import Source
+from hystid.modelica.tables import is_table_object
 
 _BINARY = {
     "Add": "+", "Sub": "-", "Mul": "*", "Div": "/", "Exp": "^", "And": "and", "Or": "or",
@@ -58,7 +60,7 @@ class Adapter:
         self._enumerations: dict[str, float] = {}
         self._pieces: dict[int, dict[tuple[int, int], str]] = {}
         self._records: frozenset[str] = frozenset()
-        self._texts: dict[str, Text] = {}
+        self._texts: dict[str, Expr] = {}
         self._here: Place | None = None
 
     def model(self, d: Mapping[str, Any]) -> FlatModel:
@@ -71,15 +73,21 @@ class Adapter:
         texts = [v for v in d["variables"].values() if self._is_text(v, d)]
         for v in texts:
             self._note_text(v)
+        objects = [v for v in d["variables"].values() if self._is_table(v, d)]
+        for v in objects:
+            self._here = self._place(v)
+            self._texts[v["name"]] = self.expr(v["binding"])
+        gone = {v["name"] for v in (*texts, *objects)}
         return FlatModel(
             name=self.name,
             description="",
-            variables=tuple(self._variable(v, d, structural) for v in d["variables"].values() if v not in texts),
+            variables=tuple(self._variable(v, d, structural) for v in d["variables"].values() if v["name"] not in gone),
             equations=self._equations(d["equations"], d["structured_equations"]),
             initial=self._equations(d["initial_equations"], d["initial_structured_equations"]),
             whens=tuple(self._when(w) for w in d["when_chains"]),
             assertions=tuple(self._assertion(a) for a in d["assert_equations"]),
             functions=tuple(self._function(f) for f in d["functions"].values()),
+            sections=tuple(self._section(a) for a in d["initial_algorithms"]),
         )
 
     # -- places
@@ -126,7 +134,6 @@ class Adapter:
     def _refuse_sections(self, d: Mapping[str, Any]) -> None:
         table = {
             "algorithms": ("an algorithm section in a model", "write equations, or put the algorithm into a function"),
-            "initial_algorithms": ("an initial algorithm", "write initial equations"),
             "initial_assert_equations": ("assert in an initial equation", "put the assert among the equations"),
             "branches": ("an overconstrained connector", "use plain connectors"),
         }
@@ -173,10 +180,15 @@ class Adapter:
         """Whether it is a String parameter or constant: its value is built in."""
         return _predefined(v, d) == "string" and _tag(v["variability"]) in ("parameter", "constant")
 
+    def _is_table(self, v: Mapping[str, Any], d: Mapping[str, Any]) -> bool:
+        """Whether it is an external object that holds a table; it is written where it is used."""
+        call = (v["binding"] or {}).get("FunctionCall") if _predefined(v, d) == "" else None
+        return call is not None and is_table_object(call["name"]["name"])
+
     def _note_text(self, v: Mapping[str, Any]) -> None:
         self._here = self._place(v)
         value = self._attribute(v, "binding")
-        if not isinstance(value, Text):
+        if value is None or isinstance(value, Ref):
             self._refuse(v, f"the value of the String '{v['name']}'", "write it as one text in quotes")
         self._texts[v["name"]] = value
 
@@ -207,7 +219,7 @@ class Adapter:
 
     def _equation(self, residual: Any, item: Mapping[str, Any]) -> Equation:
         self._here = self._equation_place(item)
-        return Equation(self.expr(residual), self._here)
+        return Equation(_without_zero(self.expr(residual)), self._here)
 
     def _rows(self, family: Mapping[str, Any]) -> Iterator[Equation]:
         """The equations of a family, one for each body at each point of its domain, the last index running fastest."""
@@ -279,7 +291,7 @@ class Adapter:
         place = self._place(f["inputs"][0] if f["inputs"] else f)
         self._here = place
         if f.get("external"):
-            self._refuse(f, f"external function '{f['name']}'", "write the function in Modelica")
+            return Function(f["name"], (), (), (), (), place, external=True)
         inputs, outputs, inner = (
             tuple(self._function_variable(v) for v in f[key]) for key in ("inputs", "outputs", "locals")
         )
@@ -291,6 +303,9 @@ class Adapter:
             body=tuple(s for item in f["body"] for s in self._statement(item)),
             place=place,
         )
+
+    def _section(self, a: Mapping[str, Any]) -> Section:
+        return Section(self._statements(a["statements"]), self._equation_place(a))
 
     def _function_variable(self, v: Mapping[str, Any]) -> FunctionVariable:
         dims = tuple(Num(-1.0) if "Colon" in s else self._subscript(s) for s in v["shape_expr"])
@@ -329,9 +344,19 @@ class Adapter:
         return inner[0]
 
     def _target(self, comp: Mapping[str, Any]) -> Expr:
-        subscripts = [s for part in comp["parts"] for s in part["subs"] or ()]
-        base = Ref(".".join(part["ident"] for part in comp["parts"]))
+        *front, last = comp["parts"]
+        subscripts = last["subs"] or ()
+        base = Ref(".".join([*(self._element(part) for part in front), last["ident"]]))
         return Op("[]", (base, *(self._subscript(s) for s in subscripts))) if subscripts else base
+
+    def _element(self, part: Mapping[str, Any]) -> str:
+        """Name of a component, an element of an array maybe."""
+        numbers = [self._subscript(s) for s in part["subs"] or ()]
+        if not all(isinstance(n, Num) for n in numbers):
+            what = f"a computed subscript of '{part['ident']}' on the left of an assignment"
+            self._refuse(part, what, "write the assignments out")
+        inside = ",".join(f"{n.value:g}" for n in numbers if isinstance(n, Num))
+        return f"{part['ident']}[{inside}]" if numbers else str(part["ident"])
 
     def _lvalue(self, node: Any) -> Expr | None:
         return self.expr(node) if node is not None and node != "Empty" else None
@@ -480,6 +505,17 @@ def _at(expr: Expr, values: Mapping[str, Expr]) -> Expr:
         )
         return Op("for", (_at(expr.args[0], inside), *ranges))
     return Op(expr.name, tuple(_at(a, values) for a in expr.args))
+
+
+def _without_zero(residual: Expr) -> Expr:
+    """An if-equation inside another arrives as (if ...) - 0, which would hide the equations in its branches."""
+    if not (isinstance(residual, Op) and residual.name in ("-", "if")):
+        return residual
+    first, *rest = residual.args
+    if residual.name == "if":
+        return Op("if", (first, *(_without_zero(branch) for branch in rest)))
+    inner = isinstance(first, Op) and first.name == "if" and rest == [ZERO]
+    return _without_zero(first) if inner else residual
 
 
 def _tag(value: Any) -> str:

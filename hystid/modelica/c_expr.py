@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import islice
 
-from hystid.modelica.expr import LOGICAL, Expr, Num, Op, Ref, nodes
+from hystid.modelica.curves import C_TEXT, NEXT_TEXT, literal
+from hystid.modelica.expr import CURVES, LOGICAL, Expr, Num, Op, Ref, Text, nodes
 
 # Text of small functions, put into model.c only where they are used.
 HELPERS = {
+    "hy_curve": C_TEXT,
+    "hy_next_break": NEXT_TEXT,
     "hy_sign": "static double hy_sign(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : 0.0; }",
     "hy_min": "static double hy_min(double a, double b) { return a <= b ? a : b; }",
     "hy_max": "static double hy_max(double a, double b) { return a >= b ? a : b; }",
@@ -40,11 +44,12 @@ _SHORT = 12  # nodes
 
 
 class Printer:
-    """Prints expressions; name gives the C text of a variable. ``used`` collects the helper functions needed."""
+    """Prints expressions; name gives the C text of a variable. ``used`` and ``tables`` collect what they need."""
 
     def __init__(self, name: Callable[[str], str]) -> None:
         self.name = name
         self.used: set[str] = set()
+        self.tables: dict[str, Sequence[float]] = {}
         self._temporaries: Mapping[Expr, str] = {}
         self._count = 0
 
@@ -118,9 +123,23 @@ class Printer:
             name, args = ("hy_square" if e.args[1].value == 2.0 else "hy_cube"), e.args[:1]
         else:
             name, args = _CALLS.get(e.name, e.name), e.args
+        if name in CURVES or name == "curve_next":
+            return self._curve(name, args)
         if name in HELPERS:
             self.used.add(name)
         return f"{name}({', '.join(self.value(a) for a in args)})"
+
+    def _curve(self, name: str, args: tuple[Expr, ...]) -> str:
+        """A lookup in the numbers of a table, which the preamble prints."""
+        data = args[1]
+        assert isinstance(data, Text)
+        key = f"hy_table_{hashlib.sha256(data.value.encode()).hexdigest()[:12]}"
+        self.used.add("hy_next_break" if name == "curve_next" else "hy_curve")
+        self.tables[key] = literal(data.value)
+        x = self.value(args[0])
+        if name == "curve_next":
+            return f"hy_next_break({key}, {x})"
+        return f"hy_curve({key}, {x}, {CURVES[name]}, {self.value(args[2])})"
 
     def truth(self, e: Expr, weight: int = 0) -> str:
         """Text of a condition."""

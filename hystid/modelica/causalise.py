@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from hystid.errors import ModelicaError
 from hystid.modelica.blocks import (
@@ -237,6 +238,7 @@ class _Initial:
     solved: frozenset[str]
     starts: Mapping[str, float]
     dependent: tuple[Step, ...]
+    relations: tuple[Expr, ...]
 
 
 class _Start:
@@ -264,7 +266,8 @@ class _Start:
         steps = solve_order(equations, owner)
         steps = [s for s in steps if not (isinstance(s, Assign) and s.variable in defaults and self._plain(s))]
         solved = frozenset(t for s in steps for t in targets(s))
-        return _Initial(tuple(steps), solved, self._starts(), tuple(dependent))
+        relations = tuple(self._value_at_start(r.value) for r in self.events.relations)
+        return _Initial(tuple(steps), solved, self._starts(), tuple(dependent), relations)
 
     def _plain(self, step: Assign) -> bool:
         """A state that starts from a number keeps what is in the block, so that a user may set it."""
@@ -310,7 +313,17 @@ class _Start:
                 yield self._start_equation(name)
 
     def _at_start(self, e: ScalarEquation) -> ScalarEquation:
+        left, right = self._value_at_start(e.left), self._value_at_start(e.right)
+        if isinstance(e.left, Ref) and e.left.name in self.before:
+            left = Ref(self.before[e.left.name])  # an initial equation for pre(v)
+        return ScalarEquation(left, _never_new(right, self.events.hidden), e.place)
+
+    def _value_at_start(self, expr: Expr) -> Expr:
         """initial() is true; when-conditions have not just become true; pre() is the start value."""
+        return substitute(expr, self._before_start)
+
+    @cached_property
+    def _before_start(self) -> dict[str, Expr]:
         values: dict[str, Expr] = {INITIAL: ONE}
         for before, name in self.before.items():
             if name in self.events.hidden:
@@ -323,10 +336,7 @@ class _Start:
                 values[before] = self._start_value(name)
         for s in self.events.samplers:
             values[s.flag] = values[pre(s.flag)] = ZERO
-        left, right = substitute(e.left, values), substitute(e.right, values)
-        if isinstance(e.left, Ref) and e.left.name in self.before:
-            left = Ref(self.before[e.left.name])  # an initial equation for pre(v)
-        return ScalarEquation(left, _never_new(right, self.events.hidden), e.place)
+        return values
 
     def _start_value(self, name: str) -> Expr:
         v = self.variables.get(name)
@@ -435,6 +445,7 @@ def _assemble(
         states=events.states,
         discrete=tuple(_discrete(events)),
         hidden=frozenset(events.hidden),
+        clocked=frozenset((*events.hidden, *events.from_when)),
         algebraic=tuple(n for n in _unknowns(events, aliases) if n not in {der(s) for s in events.states}),
         inputs=tuple(_of_kind(events, "input")),
         settable=tuple(_of_kind(events, "parameter")),
@@ -447,6 +458,7 @@ def _assemble(
         starts=start.starts,
         solved_at_start=later,
         relations=events.relations,
+        relations_at_start=start.relations,
         samplers=events.samplers,
         reinits=events.reinits,
         assertions=events.assertions,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import threading
@@ -19,14 +20,15 @@ from hystid.modelica.equations import with_readable_equations
 from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
+from hystid.modelica.lookup import Tree, cut
 from hystid.modelica.modifiers import refuse_mixed_functions, refuse_undecided, with_acting_modifiers
 from hystid.modelica.packages import with_separate_packages
 from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
-from hystid.modelica.sources import Source, declaration, library_folder, near, qualified_classes, read, read_tree
+from hystid.modelica.sources import Source, declaration, near, read, read_tree
 
-# Names of the Modelica Standard Library in a text bring in our small package of its units, constants and functions.
-_STANDARD = re.compile(r"(?<![\w.])Modelica\.")
+# Our small package of units, constants and functions of the Modelica Standard Library, for those who have none.
+_STANDARD = Path(__file__).parent / "standard"
 _STACK = 256 << 20  # bytes, of which only what is used is taken
 _DEPTH = 20_000  # Python calls: expressions nested some 5,000 deep
 
@@ -38,7 +40,7 @@ def compile_model(
 
     model: a class of the library ("HystId.Oscillators.Jenkins") or of a file ("rig.mo:Rig", "f/package.mo:Rig.Arm").
     parameters: name -> value; those that decide sizes or equations are built in, the others become start values.
-    libraries: further .mo files or package folders that the model uses.
+    libraries: further .mo files, package folders, or folders that hold packages, as those that MODELICAPATH names.
     Raises ModelicaError with file, line, construct and the way around it.
     """
     return _deeply(model, lambda: _compiled(model, dict(parameters or {}), libraries))
@@ -83,15 +85,14 @@ def flat_from_text(
     model: str, *, libraries: Sequence[Path] = (), structure: Mapping[str, float] | None = None
 ) -> FlatModel:
     """The flat model from Modelica text by the front end, checked. Raises ModelicaError."""
-    name, files, roots = _locate(model, libraries)
-    own = [*files, *(s for root in roots[1:] for s in read_tree(root))]
-    everything = [*own, *library_sources()]
-    _must_exist(name, files, everything, roots)
+    name, files, placed = texts_for(model, libraries)
+    everything = [*files, *(source for source, _ in placed)]
     _must_be_complete(name, everything)
     refuse_large_arrays(name, everything, structure or {})
     acting = with_acting_modifiers(name, with_separate_packages(name, everything))
     texts = with_readable_equations([with_readable_functions(source) for source in acting])
-    flat = flatten(name, texts[: len(files)], texts[len(files) :], roots, structure or {})
+    places = [file for _, file in placed]
+    flat = flatten(name, texts[: len(files)], list(zip(texts[len(files) :], places, strict=True)), structure or {})
     refuse_undecided(everything)
     refuse_mixed_functions(name, (f.name for f in flat.functions), everything)
     refuse_many_scalars(flat)
@@ -118,21 +119,32 @@ def _typed(v: FlatVariable, value: float) -> float:
     return int(value) if v.type == "Integer" else float(value)
 
 
-def _locate(model: str, libraries: Sequence[Path]) -> tuple[str, list[Source], list[Path]]:
-    """Class name, the user's files, and the folders of directory packages."""
-    roots = [library_folder() / "HystId"]
-    files: list[Source] = []
+def texts_for(model: str, libraries: Sequence[Path]) -> tuple[str, list[Source], list[tuple[Source, Path]]]:
+    """Class name, the user's files, and the texts of packages with their places below the package's folder.
+
+    Of HystId and of packages that the user names every text is there; of what MODELICAPATH and folders of packages
+    hold, and of our small Modelica package, only what the class reaches. Raises ModelicaError where it is nowhere.
+    """
     path, name = _split(model)
+    files: list[Source] = []
+    packages: list[Path] = []
+    folders: list[Path] = []
     for entry in (*([path] if path else []), *map(Path, libraries)):
-        folder = _package_of(entry)
-        if folder is None:
-            files.append(read(entry))
-        elif folder not in roots:
-            roots.append(folder)
-    texts = [*files, *(s for root in roots[1:] for s in read_tree(root))]
-    if not any(root.name == "Modelica" for root in roots) and any(_STANDARD.search(s.plain) for s in texts):
-        roots.append(Path(__file__).parent / "standard" / "Modelica")
-    return name, files, roots
+        kind, found = _kind_of(entry)
+        if kind == "file":
+            files.append(read(found))
+        elif found not in (*packages, *folders):
+            (packages if kind == "package" else folders).append(found)
+    given = [(s, s.path.relative_to(p.parent)) for p in packages for s in read_tree(p)]
+    given = [*given, *((s, s.path) for s in library_sources())]
+    tree = Tree([*((s, s.path) for s in files), *given], [*folders, *_search_path(), _STANDARD])
+    _must_exist(name, tree, files)
+    return name, files, [*given, *cut(tree, name, [*((s, s.path) for s in files), *given])]
+
+
+def _search_path() -> list[Path]:
+    """Folders of packages that the environment names (Modelica specification 3.6, section 13.3)."""
+    return [Path(entry) for entry in os.environ.get("MODELICAPATH", "").split(os.pathsep) if entry]
 
 
 def _split(model: str) -> tuple[Path | None, str]:
@@ -144,30 +156,25 @@ def _split(model: str) -> tuple[Path | None, str]:
     raise ModelicaError(f"'{model}' names no model: write a class such as HystId.Oscillators.Jenkins, or file.mo:Class")
 
 
-def _package_of(entry: Path) -> Path | None:
-    """The outermost folder of the directory package that a file belongs to, None for a file of its own."""
+def _kind_of(entry: Path) -> tuple[str, Path]:
+    """A file of its own, the outermost folder of a package that the entry belongs to, or a folder of packages."""
     if not entry.exists():
         raise ModelicaError(f"{entry}: no such file")
     folder = entry.resolve() if entry.is_dir() else entry.resolve().parent
     if not (folder / "package.mo").is_file():
-        if entry.is_dir():
-            raise ModelicaError(f"{entry}: a folder without package.mo is no Modelica package; name the .mo files")
-        return None
+        if not entry.is_dir():
+            return "file", entry
+        if any(folder.glob("*/package.mo")) or any(folder.glob("*.mo")):
+            return "folder", folder
+        raise ModelicaError(f"{entry}: a folder without Modelica packages; name the .mo files")
     while (folder.parent / "package.mo").is_file():
         folder = folder.parent
-    return folder
+    return "package", folder
 
 
-def _must_exist(name: str, files: Sequence[Source], library: Sequence[Source], roots: Sequence[Path]) -> None:
+def _must_exist(name: str, tree: Tree, files: Sequence[Source]) -> None:
     """The class is declared somewhere; else near names are suggested."""
-    names = [c for root in roots for c in qualified_classes(root)] + [c for f in files for c in _classes(f)]
-    if name in names or any(name.rsplit(".", 1)[-1] in s.classes() for s in files):
+    if tree.find(name) is not None or any(name.rsplit(".", 1)[-1] in s.classes() for s in files):
         return
     where = ", ".join(str(f.path) for f in files) or "the library HystId"
-    raise ModelicaError(f"{where}: there is no class '{name}'{near(name, names)}")
-
-
-def _classes(source: Source) -> list[str]:
-    """Names of a file's classes; those inside the first are given with its name in front."""
-    found = source.classes()
-    return [*found, *(f"{found[0]}.{c}" for c in found[1:])]
+    raise ModelicaError(f"{where}: there is no class '{name}'{near(name, tree.names_beside(name))}")

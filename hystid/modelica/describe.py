@@ -16,6 +16,7 @@ from hystid.modelica.emit_derivatives import DerivativeEmitter
 from hystid.modelica.events import der
 from hystid.modelica.expr import refs
 from hystid.modelica.hybrid import HybridModel, is_output
+from hystid.modelica.jumps import jumps_without_event
 from hystid.modelica.layout import Layout
 from hystid.modelica.scalar import ScalarVariable
 from hystid.modelica.shown import Shown, shown_of
@@ -44,6 +45,7 @@ def model_code(model: HybridModel) -> ModelCode:
         has_memory=bool(model.assertions),
         experiment=model.flat.experiment,
         unread=_unread(model),
+        jumps=jumps_without_event(model),
     )
     text = _c_text(model, layout, _TOKEN)
     token = hashlib.sha256(f"{text}{draft}".encode()).hexdigest()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from hystid.modelica.blocks import Assign, Solve, Step
+from hystid.modelica.blocks import Assign, Solve, Step, sources
 from hystid.modelica.c_expr import HELPERS, Printer, comment, number, quoted
-from hystid.modelica.events import INITIAL
+from hystid.modelica.events import INITIAL, pre
 from hystid.modelica.expr import Expr, Num, Op, Ref, Text, op
 from hystid.modelica.flat import Assertion
 from hystid.modelica.hybrid import HybridModel
@@ -17,6 +17,27 @@ from hystid.modelica.shown import Shown
 _ROWS = {"v": "v[", "in": " in[", "out": " out["}
 # How often initialisation looks at the relations anew: a start that still changes then has no consistent modes.
 _START_PASSES = 50
+# Sweeps of one instant in which all relations are renewed together, before they take turns.
+_TOGETHER = 3
+
+TURNS = """\
+/* Relations take their values: all, or the first that falls, else the first that rises. 1 where one has changed. */
+static int hy_renew(double *v, int n, const int *slots, const double *now, int together)
+{
+    int moved = 0;
+    for (int i = 0; together && i < n; i++) {
+        moved |= now[i] != v[slots[i]];
+        v[slots[i]] = now[i];
+    }
+    for (int rising = 0; !together && rising < 2; rising++)
+        for (int i = 0; i < n; i++)
+            if (rising ? now[i] > v[slots[i]] : now[i] < v[slots[i]]) {
+                v[slots[i]] = now[i];
+                return 1;
+            }
+    return moved;
+}
+"""
 
 SOLVERS = """\
 /* Solves A x = b by elimination with row exchange; b becomes x. 1 where A is singular to rounding. */
@@ -110,6 +131,7 @@ class Emitter:
         self.printer = Printer(self.slot)
         self.needs_solve = False
         self.needs_newton = False
+        self.needs_turns = False
         self._blocks: dict[Solve, int] = {}
         self._block_text: list[str] = []
 
@@ -218,6 +240,7 @@ class Emitter:
             body += [*declarations, f"const double y{slot} /* {comment(step.variable)} */ = {texts[0]};"]
         body += [f"out{k}[i] = {name(variable)};" for k, variable in enumerate(shown.variables)]
         self.printer.used |= printer.used
+        self.printer.tables |= printer.tables
         rows = [f"const double *restrict const s{k} = in[{taken[k]}]; /* {read[k]} */" for k in sorted(read)]
         rows += [f"double *restrict const out{k} = out[{k}];" for k in range(len(shown.variables))]
         text = "\n".join([*rows, *body])
@@ -244,7 +267,7 @@ class Emitter:
         return [
             "for (int pass = 0;; pass++) {",
             "    int changed = 0;",
-            *indented([*body, *self._renew_relations("changed")]),
+            *indented([*body, *self._renew_relations("changed", self.model.relations_at_start)]),
             "    if (!changed) break;",
             f"    if (pass == {_START_PASSES}) {{",
             f"        m->log(m->owner, HY_FAILURE, {text});",
@@ -257,11 +280,11 @@ class Emitter:
         ratio = self.printer.value(op("/", op("-", Ref("time"), start), interval))
         return f"{self.slot(tick(flag))} = fmax(0.0, ceil({ratio} - 1e-9));"
 
-    def _renew_relations(self, changed: str) -> list[str]:
+    def _renew_relations(self, changed: str, values: Sequence[Expr]) -> list[str]:
         lines = []
-        for r in self.model.relations:
+        for r, value in zip(self.model.relations, values, strict=True):
             name = self.slot(r.name)
-            text = self.printer.value(r.value)
+            text = self.printer.value(value)
             lines += [
                 "{",
                 f"    const double now = {text};",
@@ -281,12 +304,52 @@ class Emitter:
     def update(self) -> list[str]:
         """One pass of event iteration."""
         lines = ["int changed = 0;"]
-        lines += self._renew_relations("changed")
-        lines += self._ticks()
-        lines += self.steps(self.model.event)
+        if self._remembers():
+            lines += self._ticks() + self._sweeps()
+        else:
+            lines += self._renew_relations("changed", [r.value for r in self.model.relations])
+            lines += [*self._ticks(), *self.steps(self.model.event)]
         lines += self._checks() + self._reinits() + self._settled()
         lines.append("*again = changed;")
         return self.function("int", "update", "hy_data *m, int *again", lines)
+
+    def _remembers(self) -> bool:
+        """Whether a discrete variable that an equation states looks at its own past, as the mode of dry friction."""
+        stated = {pre(name) for name in self.model.discrete if name not in self.model.clocked}
+        return any(stated & sources(step) for step in self.model.event)
+
+    def _sweeps(self) -> list[str]:
+        """Relations, discrete and continuous equations until they agree, while pre() stays: only then may pre() move on
+        (Modelica specification 3.6, appendix B). Else dry friction would judge by a force of the mode before. A
+        when-clause acts in the first sweep; one that comes true later, in the next pass."""
+        body: list[str] = []
+        for step in self.model.event:
+            text = self.steps([step])
+            clocked = isinstance(step, Assign) and step.variable in self.model.clocked
+            body += ["if (sweep == 0) {", *indented(text), "}"] if clocked else text
+        count, d, n = self.layout.count("d"), self.layout.first("d"), len(self.model.relations)
+        inside = [
+            "int moved = 0;",
+            f"double before[{count}];",
+            f"for (int i = 0; i < {count}; i++) before[i] = v[{d} + i];",
+            *(self._relations_in_turn() if n else []),
+            *body,
+            f"for (int i = 0; i < {count}; i++) moved |= v[{d} + i] != before[i];",
+            "changed |= moved;",
+            "if (!moved) break;",
+        ]
+        return [f"for (int sweep = 0; sweep < {_TOGETHER + 4 * n + 4}; sweep++) {{", *indented(inside), "}"]
+
+    def _relations_in_turn(self) -> list[str]:
+        """All relations at once in the first sweeps. Where these go round in circles, one at a time, first those that
+        cease to hold: a slider that would start forward and, once it does, backward, is stuck."""
+        n = len(self.model.relations)
+        self.needs_turns = True
+        slots = ", ".join(str(self.layout.slots[r.name]) for r in self.model.relations)
+        lines = [f"static const int slots[{n}] = {{{slots}}};", f"double now[{n}];"]
+        for k, r in enumerate(self.model.relations):
+            lines.append(f"now[{k}] = {self.printer.value(r.value)}; /* {comment(r.name)} */")
+        return [*lines, f"moved = hy_renew(v, {n}, slots, now, sweep < {_TOGETHER});"]
 
     def _ticks(self) -> list[str]:
         lines = []
@@ -374,9 +437,13 @@ class Emitter:
     def preamble(self) -> list[str]:
         """Helpers that the printed functions use; call after printing them."""
         lines: list[str] = []
+        for name, values in self.printer.tables.items():
+            lines += [f"static const double {name}[{len(values)}] = {{{', '.join(map(number, values))}}};", ""]
         for name in HELPERS:
             if name in self.printer.used:
                 lines += [HELPERS[name], ""]
+        if self.needs_turns:
+            lines.append(TURNS)
         if self.needs_solve:
             lines += [SOLVERS, *self._outcome("hy_singular", "HY_ERROR", "singular", "HY_FAILURE")]
         if self.needs_newton:

@@ -7,14 +7,12 @@ algorithm on expressions, where an ``if`` statement merges the values of its bra
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NoReturn
 
 import numpy as np
-import numpy.typing as npt
 
 from hystid.errors import ModelicaError
-from hystid.modelica.bodies import ELSE, NOTHING, WHILE
 from hystid.modelica.expr import (
     FUNCTIONS,
     LOGICAL,
@@ -26,25 +24,21 @@ from hystid.modelica.expr import (
     Op,
     Ref,
     Text,
-    balanced_sum,
-    nodes,
     op,
-    rebuild,
     refs,
 )
-from hystid.modelica.flat import Function, FunctionVariable, Place, Statement
-
-Array = npt.NDArray[np.object_]
-Value = Expr | Array | tuple[Any, ...]
+from hystid.modelica.flat import Function, Place
+from hystid.modelica.inlining import Call
+from hystid.modelica.tables import is_table_function, looked_up
+from hystid.modelica.values import Array, Value, array, flattened, mapped, matrix, merge, rows, stacked, summed
 
 _KEPT = frozenset({"der", "pre", "edge", "change", "sample", "initial", "terminal", "String"})
 _ELEMENTWISE = {".*": "*", "./": "/", ".^": "^"}
 _EVENTS = RELATIONS | {"floor", "ceil", "integer", "div", "mod", "rem"}
 _LOOP_LIMIT = 100_000
-_WHILE_LIMIT = 10_000
 _CALL_DEPTH = 50
 _WORK_LIMIT = 2_000_000  # operations on scalars: some 20 s
-_CALL_COST, _STATEMENT_COST = 10, 3  # in such operations
+_CALL_COST = 10  # in such operations
 
 
 def element(name: str, index: tuple[int, ...]) -> str:
@@ -80,7 +74,8 @@ class Expander:
         functions: Mapping[str, Function],
         parameters: frozenset[str] = frozenset(),
     ) -> None:
-        self.parameters = parameters
+        self.parameters = parameters - set(dims)
+        self.arrays = parameters & set(dims)
         self.dims = dims
         self.constants = {name: Num(value) for name, value in constants.items()}
         self.functions = functions
@@ -106,7 +101,7 @@ class Expander:
         """Value that must be scalar."""
         value = self.value(expr, local or {})
         if isinstance(value, np.ndarray) and value.size == 1:
-            value = _flatten(value)[0]
+            value = flattened(value)[0]
         if isinstance(value, np.ndarray | tuple):
             self.refuse("an array stands where a scalar is wanted")
         return value
@@ -114,7 +109,7 @@ class Expander:
     def flat(self, expr: Expr, local: Mapping[str, Value] | None = None) -> list[Expr]:
         """Value as a list of scalars, row by row."""
         value = self.value(expr, local or {})
-        return _flatten(value)
+        return flattened(value)
 
     def value(self, expr: Expr, local: Mapping[str, Value]) -> Value:
         """Scalar expression, array, or tuple of them; of a call with several outputs the first."""
@@ -130,7 +125,7 @@ class Expander:
         if name.startswith("call "):
             return self.outputs(expr, local)[0]
         if name in ("der", "pre", "edge", "change"):
-            return _map(lambda a: Op(name, (a,)), self.value(expr.args[0], local))
+            return mapped(lambda a: Op(name, (a,)), self.value(expr.args[0], local))
         args = [self.value(a, local) for a in expr.args]
         if name in ("*", "^", "/") and any(isinstance(a, np.ndarray) for a in args):
             return self._product(name, *args)
@@ -148,7 +143,7 @@ class Expander:
         if not dims:
             return Ref(name)
         refs = [self.constants.get(e) or Ref(e) for e in elements(name, dims)]
-        return _array(refs).reshape(dims)
+        return array(refs).reshape(dims)
 
     def number(self, expr: Expr, local: Mapping[str, Value], what: str) -> float:
         """Number known now, such as a size or a loop bound."""
@@ -159,6 +154,19 @@ class Expander:
             self.refuse(f"{what} must be known when the model is built, here it depends on a variable")
         return value.value
 
+    def numbers(self, expr: Expr, local: Mapping[str, Value], what: str) -> Any:
+        """Numbers known now, nested as the array is."""
+        value = self.value(expr, local)
+        items = flattened(value)
+        numbers = [v.value for v in items if isinstance(v, Num)]
+        if len(numbers) < len(items):
+            needed = frozenset(n for v in items for n in refs(v))
+            wanted = frozenset(n if n in self.parameters else n.rpartition("[")[0] for n in needed)
+            if wanted <= self.parameters | self.arrays:
+                raise NeededNow(wanted)
+            self.refuse(f"{what} must be known when the model is built, here it depends on a variable")
+        return np.array(numbers).reshape(value.shape if isinstance(value, np.ndarray) else ())
+
     def _broadcast(self, name: str, args: list[Value]) -> Value:
         shapes = [a.shape for a in args if isinstance(a, np.ndarray)]
         if not shapes:
@@ -166,9 +174,9 @@ class Expander:
         if len(set(shapes)) > 1:
             self.refuse(f"the sizes {' and '.join(map(str, shapes))} do not fit in '{name}'")
         self.spend(int(np.prod(shapes[0])))
-        columns = [_flatten(a) if isinstance(a, np.ndarray) else itertools.repeat(a) for a in args]
+        columns = [flattened(a) if isinstance(a, np.ndarray) else itertools.repeat(a) for a in args]
         made = [self._quiet(op(name, *row)) for row in zip(*columns, strict=False)]
-        return _array(made).reshape(shapes[0])
+        return array(made).reshape(shapes[0])
 
     def _quiet(self, expr: Expr) -> Expr:
         """Inside a function nothing makes an event."""
@@ -184,11 +192,11 @@ class Expander:
             self.refuse(f"the sizes {a.shape} and {b.shape} do not fit in a product")
         self.spend(a.size * (b.size // max(b.shape[0], 1)))
         if a.ndim == 1 and b.ndim == 1:
-            return _sum(op("*", x, y) for x, y in zip(a, b, strict=True))
+            return summed(op("*", x, y) for x, y in zip(a, b, strict=True))
         rows = a.reshape(-1, a.shape[-1])
         columns = b.reshape(b.shape[0], -1)
-        made = [_sum(op("*", x, y) for x, y in zip(r, c, strict=True)) for r in rows for c in columns.T]
-        return _array(made).reshape(a.shape[:-1] + b.shape[1:])
+        made = [summed(op("*", x, y) for x, y in zip(r, c, strict=True)) for r in rows for c in columns.T]
+        return array(made).reshape(a.shape[:-1] + b.shape[1:])
 
     def _matrix_power(self, a: Value, b: Value) -> Value:
         if isinstance(a, np.ndarray) and isinstance(b, Num) and b.value >= 1 and b.value.is_integer():
@@ -220,19 +228,19 @@ class Expander:
         base = self.value(args[0], local)
         if not isinstance(base, np.ndarray):
             self.refuse("a scalar is subscripted")
-        index = tuple(self._index(s, n, local) for s, n in zip(args[1:], base.shape, strict=False))
+        index = tuple(self.index(s, n, local) for s, n in zip(args[1:], base.shape, strict=False))
         result = base
         for axis in reversed(range(len(index))):
             result = np.take(result, index[axis], axis=axis) if index[axis] is not None else result
         return result
 
-    def _index(self, s: Expr, size: int, local: Mapping[str, Value]) -> Any:
+    def index(self, s: Expr, size: int, local: Mapping[str, Value]) -> Any:
         if isinstance(s, Op) and s.name == ":":
             return None
         value = self.value(s, local)
-        numbers = [v.value if isinstance(v, Num) else None for v in _flatten(value)]
+        numbers = [v.value if isinstance(v, Num) else None for v in flattened(value)]
         if None in numbers:
-            needed = frozenset(n for v in _flatten(value) for n in refs(v))
+            needed = frozenset(n for v in flattened(value) for n in refs(v))
             if self.parameters and needed <= self.parameters:
                 raise NeededNow(needed)
             self.refuse("a subscript must be known when the model is built; choose among elements with if-expressions")
@@ -244,40 +252,40 @@ class Expander:
     def _build(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         parts = [self.value(a, local) for a in args]
         if not any(isinstance(p, np.ndarray) for p in parts):
-            return _array(parts)
+            return array(parts)
         if len({p.shape if isinstance(p, np.ndarray) else () for p in parts}) > 1:
             self.refuse("the rows of an array have different sizes")
-        return _stacked(parts)
+        return stacked(parts)
 
     def _horizontal(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return np.concatenate([_matrix(self.value(a, local)) for a in args], axis=1)
+        return np.concatenate([matrix(self.value(a, local)) for a in args], axis=1)
 
     def _vertical(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return np.concatenate([_rows(self.value(a, local)) for a in args], axis=0)
+        return np.concatenate([rows(self.value(a, local)) for a in args], axis=0)
 
     def _range(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Array:
         start, step, end = (self.number(a, local, "a range") for a in args)
         count = int((end - start) / step + 1e-9) + 1 if (end - start) * step >= 0 else 0
         if count > _LOOP_LIMIT:
             self.refuse(f"a range of {count} elements is too long (limit {_LOOP_LIMIT})")
-        return _array([Num(start + step * k) for k in range(count)])
+        return array([Num(start + step * k) for k in range(count)])
 
     def _comprehension(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         body, name, values = args[0], args[1], args[2]
         assert isinstance(name, Ref)
         parts = []
-        for v in _flatten(self.value(values, local)):
+        for v in flattened(self.value(values, local)):
             self.spend(1)
             inner = Op("for", (body, *args[3:])) if len(args) > 3 else body
             parts.append(self.value(inner, {**local, name.name: v}))
-        return _stacked(parts) if parts and isinstance(parts[0], np.ndarray) else _array(parts)
+        return stacked(parts) if parts and isinstance(parts[0], np.ndarray) else array(parts)
 
     def _extreme(self, name: str) -> Callable[..., Value]:
         def run(args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
             values = [self.value(a, local) for a in args]
             if len(values) > 1:
                 return self._broadcast(name, values)
-            items = _flatten(values[0])
+            items = flattened(values[0])
             if not items:
                 self.refuse(f"{name}() of an empty array")
             result = items[0]
@@ -291,7 +299,7 @@ class Expander:
         base = self.value(args[0], local)
         shape = base.shape if isinstance(base, np.ndarray) else ()
         if len(args) == 1:
-            return _array([Num(float(n)) for n in shape])
+            return array([Num(float(n)) for n in shape])
         axis = int(self.number(args[1], local, "the dimension of size()"))
         if not 1 <= axis <= len(shape):
             self.refuse(f"size(): there is no dimension {axis}")
@@ -300,28 +308,28 @@ class Expander:
     def _filled(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         shape = tuple(int(self.number(a, local, "a size")) for a in args[1:])
         self.spend(int(np.prod(shape)))
-        return _array([self.scalar(args[0], local)] * int(np.prod(shape))).reshape(shape)
+        return array([self.scalar(args[0], local)] * int(np.prod(shape))).reshape(shape)
 
     def _identity(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         n = int(self.number(args[0], local, "a size"))
         self.spend(n * n)
-        return _array([ONE if i == j else ZERO for i in range(n) for j in range(n)]).reshape(n, n)
+        return array([ONE if i == j else ZERO for i in range(n) for j in range(n)]).reshape(n, n)
 
     def _diagonal(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         items = self.flat(args[0], local)
         n = len(items)
         self.spend(n * n)
-        return _array([items[i] if i == j else ZERO for i in range(n) for j in range(n)]).reshape(n, n)
+        return array([items[i] if i == j else ZERO for i in range(n) for j in range(n)]).reshape(n, n)
 
     def _linspace(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         a, b = self.scalar(args[0], local), self.scalar(args[1], local)
         n = int(self.number(args[2], local, "the count of linspace()"))
         self.spend(n)
         span = op("-", b, a)
-        return _array([op("+", a, op("/", op("*", span, Num(float(k))), Num(n - 1.0))) for k in range(n)])
+        return array([op("+", a, op("/", op("*", span, Num(float(k))), Num(n - 1.0))) for k in range(n)])
 
     def _sum_of(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return _sum(self.flat(args[0], local))
+        return summed(self.flat(args[0], local))
 
     def _product_of(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         result: Expr = ONE
@@ -330,19 +338,19 @@ class Expander:
         return result
 
     def _transpose(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return _matrix(self.value(args[0], local)).T
+        return matrix(self.value(args[0], local)).T
 
     def _cross(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         a, b = self.flat(args[0], local), self.flat(args[1], local)
         pairs = ((1, 2), (2, 0), (0, 1))
-        return _array([op("-", op("*", a[i], b[j]), op("*", a[j], b[i])) for i, j in pairs])
+        return array([op("-", op("*", a[i], b[j]), op("*", a[j], b[i])) for i, j in pairs])
 
     def _concatenate(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         axis = int(self.number(args[0], local, "the dimension of cat()")) - 1
         return np.concatenate([np.atleast_1d(np.asarray(self.value(a, local), object)) for a in args[1:]], axis=axis)
 
     def _vector(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return _array(self.flat(args[0], local))
+        return array(self.flat(args[0], local))
 
     def _scalar_of(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         return self.scalar(args[0], local)
@@ -351,7 +359,16 @@ class Expander:
         condition = self.scalar(args[0], local)
         if isinstance(condition, Num):
             return self.value(args[1] if condition.value else args[2], local)
+        if self.parameters and refs(condition) and refs(condition) <= self.parameters:
+            return self._decided_if_need_be(condition, args, local)
         return merge(condition, self.value(args[1], local), self.value(args[2], local))
+
+    def _decided_if_need_be(self, condition: Expr, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
+        """A parameter that chooses between what can be written out and what cannot is built in."""
+        try:
+            return merge(condition, self.value(args[1], local), self.value(args[2], local))
+        except ModelicaError:
+            raise NeededNow(refs(condition)) from None
 
     def _tuple(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         return tuple(self.value(a, local) for a in args)
@@ -365,7 +382,11 @@ class Expander:
     def outputs(self, call: Op, local: Mapping[str, Value]) -> list[Value]:
         """Values of all outputs of a function call."""
         name, args = call.name.removeprefix("call "), call.args
+        if is_table_function(name):
+            return [looked_up(self, name, args, local)]
         function = self.functions.get(name)
+        if function is not None and function.external:
+            self.refuse(f"external function '{name}' is not supported: write the function in Modelica")
         if function is None or name.startswith("Modelica.Math."):
             return [self._library_function(name, args, local)]
         if self._depth >= _CALL_DEPTH:
@@ -413,203 +434,3 @@ _SPECIAL: dict[str, Callable[..., Value]] = {
     "scalar": Expander._scalar_of,
     "semiLinear": Expander._semi_linear,
 }
-
-
-class Call:
-    """One call of a function: its variables hold values (expressions), its statements are run."""
-
-    def __init__(self, expander: Expander, function: Function, args: list[Value]) -> None:
-        self.expander = expander
-        self.function = function
-        self.values: dict[str, Value] = {}
-        for variable, value in itertools.zip_longest(function.inputs, args):
-            if variable is None:
-                expander.refuse(f"function '{function.name}' is given too many arguments")
-            self.values[variable.name] = value if value is not None else self._default(variable)
-
-    def run(self) -> list[Value]:
-        """Values of the outputs."""
-        for variable in (*self.function.outputs, *self.function.locals):
-            self.values[variable.name] = self._initial(variable)
-        self._statements(self.function.body)
-        results = [self.values[v.name] for v in self.function.outputs]
-        if any(_is_unset(e) for r in results for e in _flatten(r)):
-            self.expander.refuse(f"function '{self.function.name}' leaves an output without a value on some path")
-        return results
-
-    def _default(self, variable: FunctionVariable) -> Value:
-        if variable.default is None:
-            self.expander.refuse(f"function '{self.function.name}' is called without '{variable.name}'")
-        return self.expander.value(variable.default, self.values)
-
-    def _initial(self, variable: FunctionVariable) -> Value:
-        if variable.name.startswith(NOTHING):
-            return UNSET
-        if variable.default is not None:
-            return self.expander.value(variable.default, self.values)
-        if not variable.dims:
-            return UNSET
-        shape = tuple(int(self.expander.number(d, self.values, "a size")) for d in variable.dims)
-        return _array([UNSET] * int(np.prod(shape))).reshape(shape)
-
-    def _statements(self, statements: tuple[Statement, ...]) -> None:
-        for statement in statements:
-            _RUN[statement.kind](self, statement)
-
-    def _assign(self, s: Statement) -> None:
-        assert s.value is not None
-        self.expander.spend(_STATEMENT_COST)
-        if len(s.targets) == 1:
-            self._set(s.targets[0], self.expander.value(s.value, self.values))
-            return
-        assert isinstance(s.value, Op)
-        for target, part in zip(s.targets, self.expander.outputs(s.value, self.values), strict=False):
-            self._set(target, part)
-
-    def _set(self, target: Expr | None, value: Value) -> None:
-        if isinstance(target, Ref):
-            self.values[target.name] = value
-        elif isinstance(target, Op) and target.name == "[]" and isinstance(target.args[0], Ref):
-            name = target.args[0].name
-            base = self.values[name]
-            assert isinstance(base, np.ndarray)
-            changed = base.copy()
-            pairs = zip(target.args[1:], base.shape, strict=True)
-            index = [self.expander._index(s, n, self.values) for s, n in pairs]
-            changed[tuple(slice(None) if i is None else i for i in index)] = value
-            self.values[name] = changed
-
-    def _branch(self, s: Statement) -> None:
-        self._choose(s.branches)
-
-    def _choose(self, branches: tuple[tuple[Expr, tuple[Statement, ...]], ...]) -> None:
-        if not branches:
-            return
-        condition = self.expander.scalar(branches[0][0], self.values)
-        if isinstance(condition, Num):
-            if condition.value:
-                self._statements(branches[0][1])
-            else:
-                self._choose(branches[1:])
-            return
-        before = dict(self.values)
-        self._statements(branches[0][1])
-        taken, self.values = self.values, before
-        self._choose(branches[1:])
-        last = isinstance(branches[0][0], Ref) and branches[0][0].name.startswith(ELSE)
-        join = _filled_in if last else merge
-        self.values = {k: join(condition, taken.get(k, v), v) for k, v in self.values.items()}
-
-    def _loop(self, s: Statement) -> None:
-        assert s.value is not None
-        if s.name.startswith(WHILE):
-            outside, self.expander.place = self.expander.place, s.place
-            self._while(s.branches[0][1])
-            self.expander.place = outside
-            return
-        outer = self.values.get(s.name)
-        for v in _flatten(self.expander.value(s.value, self.values)):
-            self.values[s.name] = v
-            self._statements(s.branches[0][1])
-        if outer is None:
-            self.values.pop(s.name, None)
-        else:
-            self.values[s.name] = outer
-
-    def _while(self, body: tuple[Statement, ...]) -> None:
-        """The first statement tests the condition."""
-        test = body[0].targets[0]
-        assert isinstance(test, Ref)
-        for _ in range(_WHILE_LIMIT):
-            self._assign(body[0])
-            condition = self.expander.scalar(test, self.values)
-            if not isinstance(condition, Num):
-                self.expander.refuse(
-                    "the condition of a while-loop depends on a variable, which cannot be written out: let it count by "
-                    "numbers, or use for and if"
-                )
-            if not condition.value:
-                return
-            self._statements(body[1:])
-        self.expander.refuse(f"a while-loop takes more than {_WHILE_LIMIT} steps, which cannot be written out")
-
-
-_RUN: dict[str, Callable[[Call, Statement], None]] = {"assign": Call._assign, "if": Call._branch, "for": Call._loop}
-
-UNSET = Op("unset", ())
-
-
-def _is_unset(expr: Expr) -> bool:
-    return any(node is UNSET for node in nodes(expr))
-
-
-def merge(condition: Expr, a: Value, b: Value) -> Value:
-    """if condition then a else b, element by element."""
-    if isinstance(a, tuple) and isinstance(b, tuple):
-        return tuple(merge(condition, x, y) for x, y in zip(a, b, strict=True))
-    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        x, y = np.broadcast_arrays(_boxed(a), _boxed(b))
-        made = [op("if", condition, p, q) for p, q in zip(x.flat, y.flat, strict=True)]
-        return _array(made).reshape(x.shape)
-    return a if a is b else op("if", condition, a, b)  # type: ignore[arg-type]
-
-
-def _filled_in(condition: Expr, last: Value, before: Value) -> Value:
-    """The value of the last branch where no other has set one."""
-    if any(_is_unset(e) for e in _flatten(before)):
-        x, y = np.broadcast_arrays(_boxed(last), _boxed(before))
-        made = [rebuild(q, _instead_of_nothing(p)) for p, q in zip(x.flat, y.flat, strict=True)]
-        return _array(made).reshape(x.shape) if x.shape else made[0]
-    return merge(condition, last, before)
-
-
-def _instead_of_nothing(value: Expr) -> Callable[[Expr], Expr | None]:
-    return lambda node: value if node is UNSET else None
-
-
-def _stacked(parts: list[Value]) -> Array:
-    return np.stack([_boxed(p) for p in parts])
-
-
-def _boxed(value: Value) -> Array:
-    return value if isinstance(value, np.ndarray) else _array([value]).reshape(())
-
-
-def _array(items: list[Any]) -> Array:
-    made = np.empty(len(items), dtype=object)
-    made[:] = items
-    return made
-
-
-def _flatten(value: Value) -> list[Expr]:
-    if isinstance(value, np.ndarray):
-        items: list[Expr] = value.reshape(-1).tolist()
-        return items
-    if isinstance(value, tuple):
-        return [e for part in value for e in _flatten(part)]
-    return [value]
-
-
-def _map(function: Callable[[Expr], Expr], value: Value) -> Value:
-    if isinstance(value, np.ndarray):
-        return _array([function(e) for e in _flatten(value)]).reshape(value.shape)
-    assert not isinstance(value, tuple)
-    return function(value)
-
-
-def _sum(items: Iterable[Expr]) -> Expr:
-    """Sum without the terms that are 0."""
-    terms = [e for e in items if e != ZERO]
-    if all(isinstance(e, Num) for e in terms):
-        return Num(sum(e.value for e in terms if isinstance(e, Num)))
-    return balanced_sum(terms)
-
-
-def _matrix(value: Value) -> Array:
-    array = _boxed(value)
-    return array.reshape(1, 1) if array.ndim == 0 else array.reshape(-1, 1) if array.ndim == 1 else array
-
-
-def _rows(value: Value) -> Array:
-    array = _boxed(value)
-    return array.reshape(1, -1) if array.ndim < 2 else array

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
+from hystid.modelica.curves import Curve
+
 
 @dataclass(frozen=True, slots=True)
 class Num:
@@ -177,7 +179,28 @@ def _or(a: Expr, b: Expr) -> Expr:
     return b if a == ZERO else a if b == ZERO else Op("or", (a, b))
 
 
+def _lookup(order: int) -> Callable[..., Expr]:
+    """A derivative of a curve, see ``curves``; the third argument is the next event of a table in time."""
+
+    def rule(x: Expr, data: Expr, before: Expr) -> Expr:
+        if isinstance(x, Num) and isinstance(before, Num) and isinstance(data, Text):
+            return Num(Curve.read(data.value).value(x.value, order, before.value))
+        return Op(f"curve{order}", (x, data, before))
+
+    return rule
+
+
+def _next_event(x: Expr, data: Expr) -> Expr:
+    if isinstance(x, Num) and isinstance(data, Text):
+        return Num(Curve.read(data.value).next_event(x.value))
+    return Op("curve_next", (x, data))
+
+
+CURVES = {f"curve{order}": order for order in range(4)}
+
 _RULES: dict[str, Callable[..., Expr]] = {
+    **{name: _lookup(order) for name, order in CURVES.items()},
+    "curve_next": _next_event,
     "+": add,
     "-": sub,
     "*": mul,
@@ -237,6 +260,8 @@ _NUMERIC: dict[str, Callable[..., float]] = {
     "sinh": math.sinh,
     "cosh": math.cosh,
     "tanh": math.tanh,
+    "hy_power_x": lambda x, n: 0.0 if x == 0 and n < 1 else x ** (n - 1),
+    "hy_power_n": lambda x, n: x**n * math.log(x) if x > 0 else 0.0,
 }
 
 # Operators and functions that the C printer and the differentiation know as numbers.
@@ -363,7 +388,8 @@ def _terms(expr: Expr) -> Iterator[tuple[bool, Expr]]:
             yield positive, e
 
 
-_FLAT = frozenset({"sign", "floor", "ceil", "integer", "div", "pre", "der"})
+STEPS = frozenset({"sign", "floor", "ceil", "integer", "div", "curve_next", "curve3"})  # flat between their jumps
+_FLAT = STEPS | {"pre", "der"}
 
 _TWO = Num(2.0)
 
@@ -398,12 +424,33 @@ def _d_power(e: Op, da: Expr, db: Expr) -> Expr:
     return op("+", op("*", b, by_base), op("*", op("hy_power_n", a, b), db))
 
 
+def _d_power_x(e: Op, da: Expr, db: Expr) -> Expr:
+    """Of x^(n-1): a second derivative, as in a tie that is differentiated and then solved by Newton's method."""
+    x, n = e.args
+    less = op("-", n, ONE)
+    by_base = op("*", less, op("hy_power_x", x, less))
+    return op("+", op("*", by_base, da), op("*", op("hy_power_n", x, less), db))
+
+
+def _d_power_n(e: Op, da: Expr, db: Expr) -> Expr:
+    """Of x^n log x."""
+    x, n = e.args
+    by_base = op("+", op("*", n, op("hy_power_n", x, op("-", n, ONE))), op("hy_power_x", x, n))
+    by_exponent = select(op(">", x, ZERO), op("*", e, op("log", x)), ZERO)
+    return op("+", op("*", by_base, da), op("*", by_exponent, db))
+
+
 _RULES_OF_SEVERAL: dict[str, Callable[..., Expr]] = {
+    "curve0": lambda e, da, *_: op("*", op("curve1", *e.args), da),
+    "curve1": lambda e, da, *_: op("*", op("curve2", *e.args), da),
+    "curve2": lambda e, da, *_: op("*", op("curve3", *e.args), da),
     "+": lambda e, da, db: op("+", da, db),
     "-": lambda e, da, db: op("-", da, db),
     "*": lambda e, da, db: op("+", op("*", da, e.args[1]), op("*", e.args[0], db)),
     "/": lambda e, da, db: op("/", op("-", da, op("*", e, db)), e.args[1]),
     "^": _d_power,
+    "hy_power_x": lambda e, da, db: _d_power_x(e, da, db),
+    "hy_power_n": lambda e, da, db: _d_power_n(e, da, db),
     "min": lambda e, da, db: select(op("<=", *e.args), da, db),
     "max": lambda e, da, db: select(op(">=", *e.args), da, db),
     "mod": lambda e, da, db: op("-", da, op("*", op("floor", op("/", *e.args)), db)),

@@ -138,13 +138,22 @@ class Statement:
 
 @dataclass(frozen=True)
 class Function:
-    """A pure Modelica function with an algorithm."""
+    """A pure Modelica function with an algorithm; of an external one the name alone is known."""
 
     name: str
     inputs: tuple[FunctionVariable, ...]
     outputs: tuple[FunctionVariable, ...]
     locals: tuple[FunctionVariable, ...]
     body: tuple[Statement, ...]
+    place: Place = Place()
+    external: bool = False
+
+
+@dataclass(frozen=True)
+class Section:
+    """An initial algorithm: what it assigns holds at the start."""
+
+    statements: tuple[Statement, ...]
     place: Place = Place()
 
 
@@ -160,6 +169,7 @@ class FlatModel:
     whens: tuple[When, ...] = ()
     assertions: tuple[Assertion, ...] = ()
     functions: tuple[Function, ...] = ()
+    sections: tuple[Section, ...] = ()
     experiment: Experiment = field(default_factory=Experiment)
 
 
@@ -167,7 +177,7 @@ _CLASSES: dict[str, type] = {
     c.__name__: c
     for c in (
         Place, FlatVariable, Equation, Action, Branch, When, Assertion, FunctionVariable, Statement, Function,
-        FlatModel, Experiment,
+        Section, FlatModel, Experiment,
     )
 }  # fmt: skip
 
@@ -250,7 +260,7 @@ def _decode(value: Any) -> Any:
 _PLAIN_FIELDS = frozenset(
     {
         "name", "type", "variability", "causality", "fixed", "unit", "description", "final", "protected", "structural",
-        "file", "line", "kind", "level",
+        "external", "file", "line", "kind", "level",
     }
 )  # fmt: skip
 

@@ -28,7 +28,7 @@ from hystid.modelica.annotations import description_of, experiment_of
 from hystid.modelica.diagnostics import broken_down, explain, gave_up, located_syntax_error
 from hystid.modelica.expr import Num
 from hystid.modelica.flat import FlatModel
-from hystid.modelica.sources import Source, declaration, read
+from hystid.modelica.sources import Source, declaration, library_folder, read
 
 _WRAPPER = "HystidStructure"
 TIME_LIMIT = 120.0  # seconds for one answer: ten times what 10,000 elements take
@@ -37,29 +37,25 @@ _STACK = 256 << 20  # bytes: parentheses nested ten thousand deep fit
 
 
 def flatten(
-    name: str,
-    files: Sequence[Source],
-    library: Sequence[Source],
-    roots: Sequence[Path],
-    structure: Mapping[str, float],
+    name: str, files: Sequence[Source], library: Sequence[tuple[Source, Path]], structure: Mapping[str, float]
 ) -> FlatModel:
     """The flat model of class ``name``.
 
-    files: texts given by the user. roots: folders of directory packages. library: every file below them, whose text
-    need not be what stands on the disk.
-    structure: values of parameters that decide sizes or which equations exist.
+    files: texts given by the user. library: texts of packages, each with its place, which need not be where its text
+    comes from. structure: values of parameters that decide sizes or which equations exist.
     Raises ModelicaError with file and line.
     """
-    with _one_root(roots, library) as root, FrontEnd(name, files, library, root) as front_end:
+    texts = [source for source, _ in library]
+    with _one_root(library) as root, FrontEnd(name, files, texts, root) as front_end:
         dictionary = front_end.flat_dictionary(structure)
-        flat = Adapter(name, (*files, *library)).model(dictionary)
+        flat = Adapter(name, (*files, *texts)).model(dictionary)
         if any(relation["indices"] for relation in dictionary["instance_relations"].values()):
 
             def names(changed: Mapping[str, float]) -> frozenset[str]:
                 return frozenset(front_end.flat_dictionary({**structure, **changed})["variables"])
 
             flat = _with_sizes_of_components(flat, names)
-    declared = declaration(name, (*files, *library))
+    declared = declaration(name, (*files, *texts))
     return replace(flat, description=description_of(declared), experiment=experiment_of(declared))
 
 
@@ -91,23 +87,20 @@ def _with_sizes_of_components(flat: FlatModel, names: Callable[[Mapping[str, flo
 
 
 @contextmanager
-def _one_root(packages: Sequence[Path], library: Sequence[Source]) -> Iterator[Path]:
+def _one_root(library: Sequence[tuple[Source, Path]]) -> Iterator[Path]:
     """A folder that holds the packages: the front end takes one, and reads everything in it.
 
-    The library alone lies in such a folder; else the texts are written into one, so that what happens to lie beside a
-    user's package is not read.
+    Our library alone lies in such a folder; else the texts are written into one.
     """
-    folder = packages[0].parent  # paths in the library are relative to it
-    texts = {folder / source.path: source.text for source in library}
-    if len(packages) == 1 and all(text == read(path).text for path, text in texts.items()):
+    folder = library_folder()
+    if all((path := folder / file).is_file() and source.text == read(path).text for source, file in library):
         yield folder
         return
     with tempfile.TemporaryDirectory(prefix="hystid-") as stage:
-        for package in packages:
-            for path in package.rglob("*.mo"):
-                copy = Path(stage, package.name) / path.relative_to(package)
-                copy.parent.mkdir(parents=True, exist_ok=True)
-                copy.write_text(texts.get(path, read(path).text), encoding="utf-8")
+        for source, file in library:
+            copy = Path(stage, file)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_text(source.text, encoding="utf-8")
         yield Path(stage)
 
 
@@ -131,7 +124,7 @@ class FrontEnd:
             stdout=subprocess.PIPE,
             stderr=self._printed,
             encoding="utf-8",
-            env={**os.environ, "XDG_CACHE_HOME": self._folder.name, "PYTHONIOENCODING": "utf-8"},
+            env={**_environment(), "XDG_CACHE_HOME": self._folder.name, "PYTHONIOENCODING": "utf-8"},
         )
         self._expired = False
         # names of folders that do not exist: the front end would read what lies beside a real file
@@ -203,6 +196,11 @@ class FrontEnd:
         else:
             how = f"its process ended with code {code}"
         return gave_up(how, self.name, (*self.files, *self.library))
+
+
+def _environment() -> dict[str, str]:
+    """The environment without MODELICAPATH: the front end would read every file below it."""
+    return {name: value for name, value in os.environ.items() if name != "MODELICAPATH"}
 
 
 def _memory_limit() -> int:

@@ -18,7 +18,8 @@ class HybridModel:
 
     dependent: parameters from parameters. derivatives: der(x) and algebraic variables from time, p, u, x, d, relations.
     event: the same and the discrete variables, at an event. initialisation: everything, at the start.
-    aliases: variable -> the variable whose slot it shares.
+    aliases: variable -> the variable whose slot it shares. clocked: discrete variables of
+    when-clauses, conditions among them. relations_at_start: values of the relations at the start.
     """
 
     flat: FlatModel
@@ -26,6 +27,7 @@ class HybridModel:
     states: tuple[str, ...]
     discrete: tuple[str, ...]
     hidden: frozenset[str]
+    clocked: frozenset[str]
     algebraic: tuple[str, ...]
     inputs: tuple[str, ...]
     settable: tuple[str, ...]
@@ -38,6 +40,7 @@ class HybridModel:
     starts: Mapping[str, float]
     solved_at_start: frozenset[str]
     relations: tuple[Relation, ...]
+    relations_at_start: tuple[Expr, ...]
     samplers: tuple[Sampler, ...]
     reinits: tuple[Reinit, ...]
     assertions: tuple[Assertion, ...]

@@ -13,16 +13,22 @@ from dataclasses import dataclass, field
 from hystid.modelica.sources import Source
 
 KEYWORD = r"(?:model|block|class|package|function|connector|record|type|operator)"
+_PREFIX = r"(?:redeclare|replaceable|final|inner|outer|partial|encapsulated|expandable|pure|impure)"
 _STEP = re.compile(
-    rf"(?P<open>[(\[{{])|(?P<close>[)\]}}])|(?<![\w.])end\s+(?P<end>[A-Za-z_]\w*)\s*;"
-    rf"|(?<![\w.])(?P<kind>{KEYWORD})\s+(?:extends\s+)?(?P<name>[A-Za-z_]\w*)(?:\s*(?P<short>=))?"
+    r"(?P<open>[(\[{])|(?P<close>[)\]}])|(?<![\w.])end\s+(?P<end>[A-Za-z_]\w*)\s*(?:;|(?=constrainedby\b))"
+    rf"|(?<![\w.])(?P<front>(?:{_PREFIX}\s+)*)(?P<kind>operator\s+(?:record|function)\b|{KEYWORD})\s+"
+    r"(?:extends\s+)?(?P<name>[A-Za-z_]\w*)(?:\s*(?P<short>=))?"
 )
 _CONTROL = frozenset(("if", "for", "when", "while"))
 
 
 @dataclass(frozen=True)
 class Class:
-    """A class in a text: offsets in characters; ``path`` holds the places of the classes around it, outermost first."""
+    """A class in a text, as offsets in characters.
+
+    front: where its prefixes begin. start: where its keyword stands. body: behind its name. tail: where its ``end``
+    stands (that of a short class: its end). end: behind its semicolon.
+    """
 
     source: Source
     kind: str
@@ -32,6 +38,8 @@ class Class:
     end: int
     parent: Class | None
     short: bool = False
+    front: int = 0
+    tail: int = 0
 
     def around(self) -> Iterator[Class]:
         """The class and those that it is nested in, inside out."""
@@ -50,6 +58,8 @@ class _Open:
     inner: list[_Open] = field(default_factory=list)
     end: int = 0
     short: bool = False
+    front: int = 0
+    tail: int = 0
 
 
 def classes(source: Source) -> list[Class] | None:
@@ -59,7 +69,7 @@ def classes(source: Source) -> list[Class] | None:
 
 
 def _named(source: Source, o: _Open, parent: Class | None) -> Iterator[Class]:
-    made = Class(source, o.kind, o.name, o.start, o.body, o.end, parent, o.short)
+    made = Class(source, o.kind, o.name, o.start, o.body, o.end, parent, o.short, o.front, o.tail)
     yield made
     for inner in o.inner:
         yield from _named(source, inner, made)
@@ -74,13 +84,17 @@ def _outline(plain: str) -> list[_Open] | None:
         elif step["end"] and depth == 0 and step["end"] not in _CONTROL:
             if len(stack) == 1 or stack[-1].name != step["end"]:
                 return None
-            stack.pop().end = step.end()
+            closed = stack.pop()
+            closed.tail = step.start()
+            closed.end = step.end() if plain[step.end() - 1] == ";" else plain.find(";", step.end()) + 1 or len(plain)
         elif step["name"] and depth == 0:
-            opened = _Open(step["kind"], step["name"], step.start(), step.end())
+            kind = step["kind"].split()[-1]
+            opened = _Open(kind, step["name"], step.start("kind"), step.end(), front=step.start())
             stack[-1].inner.append(opened)
             if step["short"]:
                 close = plain.find(";", step.end())
                 opened.end, opened.short = (close + 1 or len(plain)), True
+                opened.tail = opened.end
             else:
                 stack.append(opened)
     return stack[0].inner if len(stack) == 1 and depth == 0 else None

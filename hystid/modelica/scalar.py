@@ -8,8 +8,21 @@ from dataclasses import dataclass, replace
 from hystid.errors import ModelicaError
 from hystid.modelica.expand import Expander, NeededNow, elements
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, refs
-from hystid.modelica.flat import Action, Assertion, Branch, Equation, FlatModel, FlatVariable, Place, When
+from hystid.modelica.flat import (
+    Action,
+    Assertion,
+    Branch,
+    Equation,
+    FlatModel,
+    FlatVariable,
+    Function,
+    Place,
+    Section,
+    When,
+)
+from hystid.modelica.inlining import Call, assigned
 from hystid.modelica.sources import near
+from hystid.modelica.values import Value, flattened
 
 
 @dataclass(frozen=True)
@@ -87,14 +100,19 @@ def _scalarise(flat: FlatModel) -> ScalarModel:
     dims = {v.name: v.dims for v in flat.variables if v.dims}
     constants = _constants(flat, dims)
     open_parameters = frozenset(v.name for v in flat.variables if v.variability == "parameter" and not v.structural)
-    expander = Expander(dims, constants, {f.name: f for f in flat.functions}, open_parameters - set(dims))
+    expander = Expander(dims, constants, {f.name: f for f in flat.functions}, open_parameters)
     variables = {s.name: s for v in flat.variables for s in _scalars(v, expander, constants, flat)}
     bound = [e for v in flat.variables for e in _binding_equations(v, expander)]
     return ScalarModel(
         flat,
         variables,
         tuple([*(s for e in flat.equations for s in _equations(e, expander)), *bound]),
-        tuple(s for e in flat.initial for s in _equations(e, expander)),
+        tuple(
+            [
+                *(s for e in flat.initial for s in _equations(e, expander)),
+                *(e for section in flat.sections for e in _initial_values(section, flat, expander)),
+            ]
+        ),
         tuple(_when(w, expander) for w in flat.whens),
         tuple(_assertion(a, expander) for a in flat.assertions),
     )
@@ -245,6 +263,24 @@ def _equations(e: Equation, expander: Expander) -> Iterator[ScalarEquation]:
     expander.place = e.place
     for left, right in _sides(e.residual, expander):
         yield ScalarEquation(left, right, e.place)
+
+
+def _initial_values(section: Section, flat: FlatModel, expander: Expander) -> Iterator[ScalarEquation]:
+    """What an initial algorithm assigns, as equations; before its first assignment a variable has its start value."""
+    expander.place = section.place
+    names = dict.fromkeys(assigned(section.statements))
+    before: dict[str, Value] = {}
+    for v in (v for v in flat.variables if v.name in names):
+        start = v.start if v.start is not None else ZERO
+        before[v.name] = expander.value(Op("fill", (start, *(Num(float(n)) for n in v.dims))) if v.dims else start, {})
+    function = Function("initial algorithm", (), (), (), section.statements, section.place)
+    after = Call(expander, function, []).section(before)
+    for v in (v for v in flat.variables if v.name in names):
+        values = flattened(after[v.name])
+        yield from (
+            ScalarEquation(Ref(name), value, section.place)
+            for name, value in zip(elements(v.name, v.dims), values, strict=True)
+        )
 
 
 def _sides(residual: Expr, expander: Expander) -> Iterator[tuple[Expr, Expr]]:

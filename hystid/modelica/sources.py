@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from hystid.errors import ModelicaError
+from hystid.files import check_regular
 
 _KEYWORD = r"(?:model|block|class|package|function|connector|record|type|operator)"
 _CLASS = re.compile(rf"(?<![\w.]){_KEYWORD}\s+([A-Za-z_]\w*)")
@@ -126,10 +127,9 @@ def blanked(text: str) -> str:
 
 def read(path: Path) -> Source:
     """Read one file as UTF-8. Raises ModelicaError where that fails."""
+    check_regular(path, ModelicaError)
     try:
         return Source(path, path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise ModelicaError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ModelicaError(f"{path}: cannot be read as UTF-8 text ({error})") from None
 
@@ -148,15 +148,3 @@ def near(name: str, candidates: Iterable[str]) -> str:
     close = [c for c in options if c.rsplit(".", 1)[-1].lower() == last]
     close += [c for c in difflib.get_close_matches(name, options, 3, 0.6) if c not in close]
     return "; did you mean " + " or ".join(f"'{c}'" for c in close[:3]) + "?" if close else ""
-
-
-def qualified_classes(package: Path) -> list[str]:
-    """Full names of the classes of a directory package that stand in files of their own or in package files."""
-    names = []
-    for source in read_tree(package):
-        inside = source.path.relative_to(package.parent).with_suffix("").parts
-        prefix = ".".join(inside[:-1] if inside[-1] == "package" else inside)
-        names.append(prefix)
-        short = prefix.rsplit(".", 1)[-1]
-        names += [f"{prefix}.{c}" for c in source.classes() if c != short]
-    return names

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block PositionDependentFriction "Dry friction whose level changes along the way"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real Fc(unit="N") = 0 "Friction force at x = 0";
+  parameter Real Fc(unit="N", min = 0) = 0 "Friction force at x = 0";
   parameter Real slope(unit="N/m") = 0 "Change of the friction force with x";
   parameter Real v_s(unit="m/s", min = 0) = 0.001 "Speed over which the friction force changes sign";
 protected

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block QuadraticDamping__Cubic "Drag that grows with the square and the cube of the speed"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real c(unit="N.s2/m2") = 0 "Drag coefficient";
+  parameter Real c(unit="N.s2/m2", min = 0) = 0 "Drag coefficient";
   parameter Real c3(unit="N.s3/m3") = 0 "Cubic drag coefficient";
 equation
   f = c*v*abs(v) + c3*v^3;

@@ -1,7 +1,7 @@
 within HystId.Forces;
 block Dahl "Dahl friction: stiffness fades as the force nears its limit"
   extends Interfaces.PartialDissipativeForce;
-  parameter Units.Stiffness Ks = 5e4 "Stiffness at a reversal of motion";
+  parameter Units.Stiffness Ks(min = 0) = 5e4 "Stiffness at a reversal of motion";
   parameter Units.Force fc(min = 0) = 37.5 "Force of steady sliding";
 protected
   Units.Force z(start = 0, fixed = true) "Friction force, between -fc and fc";

@@ -2,7 +2,7 @@ within HystId.Forces;
 block Iwan "N Jenkins elements in parallel: slip starts in the weakest and spreads"
   extends Interfaces.PartialDissipativeForce;
   parameter Integer N(min = 1) = 8 "Number of elements";
-  parameter Units.Stiffness Ks = 5e4 "Stiffness while all elements stick";
+  parameter Units.Stiffness Ks(min = 0) = 5e4 "Stiffness while all elements stick";
   parameter Units.Force fc(min = 0) = 37.5 "Force at which all elements slip";
 protected
   Jenkins element[N](each Ks = Ks/N, fc = {2*fc*i/(N*(N + 1)) for i in 1:N}) "Equal stiffness, slip force grows linearly";

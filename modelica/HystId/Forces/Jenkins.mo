@@ -1,7 +1,7 @@
 within HystId.Forces;
 block Jenkins "Spring in series with a dry slider (elastic-perfectly plastic), valid at every amplitude"
   extends Interfaces.PartialDissipativeForce;
-  parameter Units.Stiffness Ks = 5e4 "Stiffness while the slider sticks";
+  parameter Units.Stiffness Ks(min = 0) = 5e4 "Stiffness while the slider sticks";
   parameter Units.Force fc(min = 0) = 37.5 "Force at which the slider slips";
 protected
   Boolean slips "The slider follows the motion";

@@ -1,7 +1,7 @@
 within HystId.Forces;
 block LuGre "LuGre friction: bristles that bend, with less friction at speed than at rest"
   extends Interfaces.PartialDissipativeForce;
-  parameter Units.Stiffness sigma0 = 5e4 "Stiffness of the bristles";
+  parameter Units.Stiffness sigma0(min = 0) = 5e4 "Stiffness of the bristles";
   parameter Units.Damping sigma1(min = 0) = 10 "Damping of the bristles";
   parameter Units.Force fc(min = 0) = 30 "Friction of fast sliding";
   parameter Units.Force fs(min = 0) = 37.5 "Friction before sliding, not below fc";

@@ -1,7 +1,7 @@
 within HystId.Forces;
 block PecorariSolodov "Stick-slip contact of Pecorari and Solodov, valid for loops of amplitude x0"
   extends Interfaces.PartialDissipativeForce;
-  parameter Units.Stiffness Ks = 5e3 "Stiffness while sticking";
+  parameter Units.Stiffness Ks(min = 0) = 5e3 "Stiffness while sticking";
   parameter Units.Displacement x0(min = 0) = 2e-2 "Amplitude of the loop";
   parameter Units.Displacement x1(min = 0) = 1e-2 "Displacement that parts stick from slip";
   parameter Units.Velocity v_turn(min = 0) = 0 "Speed over which one branch gives way to the other; 0: at once";

@@ -1,7 +1,7 @@
 within HystId.Interfaces;
 partial model PartialOscillator "One mass on a restoring force: m a + R = F"
-  parameter Units.Mass m = 1 "Mass, from weighing";
-  parameter Units.Damping B = 10 "Viscous damping";
+  parameter Units.Mass m(min = 0) = 1 "Mass, from weighing";
+  parameter Units.Damping B(min = 0) = 10 "Viscous damping";
   parameter Units.Stiffness Kl = 1e4 "Linear stiffness";
   parameter Units.Displacement x_start = 0 "Displacement at the start";
   parameter Units.Velocity v_start = 0 "Velocity at the start";

@@ -1,0 +1,154 @@
+"""Functions are inlined: their statements run on expressions, where an ``if`` merges the values of its branches."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping
+
+import numpy as np
+
+from hystid.modelica.bodies import ELSE, NOTHING, WHILE
+from hystid.modelica.expr import Expr, Num, Op, Ref
+from hystid.modelica.flat import Function, FunctionVariable, Statement
+from hystid.modelica.values import UNSET, Interpreter, Value, array, filled_in, flattened, is_unset, merge
+
+_WHILE_LIMIT = 10_000
+_STATEMENT_COST = 3  # in operations on scalars
+
+
+class Call:
+    """One call of a function: its variables hold values (expressions), its statements are run."""
+
+    def __init__(self, expander: Interpreter, function: Function, args: list[Value]) -> None:
+        self.expander = expander
+        self.function = function
+        self.values: dict[str, Value] = {}
+        for variable, value in itertools.zip_longest(function.inputs, args):
+            if variable is None:
+                expander.refuse(f"function '{function.name}' is given too many arguments")
+            self.values[variable.name] = value if value is not None else self._default(variable)
+
+    def run(self) -> list[Value]:
+        """Values of the outputs."""
+        for variable in (*self.function.outputs, *self.function.locals):
+            self.values[variable.name] = self._initial(variable)
+        self._statements(self.function.body)
+        results = [self.values[v.name] for v in self.function.outputs]
+        if any(is_unset(e) for r in results for e in flattened(r)):
+            self.expander.refuse(f"function '{self.function.name}' leaves an output without a value on some path")
+        return results
+
+    def section(self, start: Mapping[str, Value]) -> dict[str, Value]:
+        """Values after the statements of an algorithm section; start: those before it, of what it assigns."""
+        self.values = dict(start)
+        self._statements(self.function.body)
+        return {name: self.values[name] for name in start}
+
+    def _default(self, variable: FunctionVariable) -> Value:
+        if variable.default is None:
+            self.expander.refuse(f"function '{self.function.name}' is called without '{variable.name}'")
+        return self.expander.value(variable.default, self.values)
+
+    def _initial(self, variable: FunctionVariable) -> Value:
+        if variable.name.startswith(NOTHING):
+            return UNSET
+        if variable.default is not None:
+            return self.expander.value(variable.default, self.values)
+        if not variable.dims:
+            return UNSET
+        shape = tuple(int(self.expander.number(d, self.values, "a size")) for d in variable.dims)
+        return array([UNSET] * int(np.prod(shape))).reshape(shape)
+
+    def _statements(self, statements: tuple[Statement, ...]) -> None:
+        for statement in statements:
+            _RUN[statement.kind](self, statement)
+
+    def _assign(self, s: Statement) -> None:
+        assert s.value is not None
+        self.expander.spend(_STATEMENT_COST)
+        if len(s.targets) == 1:
+            self._set(s.targets[0], self.expander.value(s.value, self.values))
+            return
+        assert isinstance(s.value, Op)
+        for target, part in zip(s.targets, self.expander.outputs(s.value, self.values), strict=False):
+            self._set(target, part)
+
+    def _set(self, target: Expr | None, value: Value) -> None:
+        if isinstance(target, Ref):
+            self.values[target.name] = value
+        elif isinstance(target, Op) and target.name == "[]" and isinstance(target.args[0], Ref):
+            name = target.args[0].name
+            base = self.values[name]
+            assert isinstance(base, np.ndarray)
+            changed = base.copy()
+            pairs = zip(target.args[1:], base.shape, strict=True)
+            index = [self.expander.index(s, n, self.values) for s, n in pairs]
+            changed[tuple(slice(None) if i is None else i for i in index)] = value
+            self.values[name] = changed
+
+    def _branch(self, s: Statement) -> None:
+        self._choose(s.branches)
+
+    def _choose(self, branches: tuple[tuple[Expr, tuple[Statement, ...]], ...]) -> None:
+        if not branches:
+            return
+        condition = self.expander.scalar(branches[0][0], self.values)
+        if isinstance(condition, Num):
+            if condition.value:
+                self._statements(branches[0][1])
+            else:
+                self._choose(branches[1:])
+            return
+        before = dict(self.values)
+        self._statements(branches[0][1])
+        taken, self.values = self.values, before
+        self._choose(branches[1:])
+        last = isinstance(branches[0][0], Ref) and branches[0][0].name.startswith(ELSE)
+        join = filled_in if last else merge
+        self.values = {k: join(condition, taken.get(k, v), v) for k, v in self.values.items()}
+
+    def _loop(self, s: Statement) -> None:
+        assert s.value is not None
+        if s.name.startswith(WHILE):
+            outside, self.expander.place = self.expander.place, s.place
+            self._while(s.branches[0][1])
+            self.expander.place = outside
+            return
+        outer = self.values.get(s.name)
+        for v in flattened(self.expander.value(s.value, self.values)):
+            self.values[s.name] = v
+            self._statements(s.branches[0][1])
+        if outer is None:
+            self.values.pop(s.name, None)
+        else:
+            self.values[s.name] = outer
+
+    def _while(self, body: tuple[Statement, ...]) -> None:
+        """The first statement tests the condition."""
+        test = body[0].targets[0]
+        assert isinstance(test, Ref)
+        for _ in range(_WHILE_LIMIT):
+            self._assign(body[0])
+            condition = self.expander.scalar(test, self.values)
+            if not isinstance(condition, Num):
+                self.expander.refuse(
+                    "the condition of a while-loop depends on a variable, which cannot be written out: let it count by "
+                    "numbers, or use for and if"
+                )
+            if not condition.value:
+                return
+            self._statements(body[1:])
+        self.expander.refuse(f"a while-loop takes more than {_WHILE_LIMIT} steps, which cannot be written out")
+
+
+_RUN: dict[str, Callable[[Call, Statement], None]] = {"assign": Call._assign, "if": Call._branch, "for": Call._loop}
+
+
+def assigned(statements: Iterable[Statement]) -> Iterator[str]:
+    """Names of the variables that statements assign."""
+    for s in statements:
+        for target in s.targets:
+            base = target.args[0] if isinstance(target, Op) else target
+            if isinstance(base, Ref):
+                yield base.name
+        yield from (name for _, body in s.branches for name in assigned(body))
