@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import fmpy
 import numpy as np
 import onnx
 import onnxruntime
 import pytest
+from fmpy.validation import validate_fmu
 from onnx import TensorProto, helper, numpy_helper
+from surrogate_harness import make_model
 
 from hystid.cli.run import run
+from hystid.errors import FmuError
+from hystid.fmu import Driver, build_network
+from hystid.fmu.door import open_fmu
+from hystid.fmu.native import Instance
 
 
 @pytest.fixture
@@ -53,3 +61,58 @@ def test_a_network_has_no_parameters(network: Path, tmp_path: Path, capsys: pyte
     assert run(["build", str(network), "--set", "m=1", "-o", str(tmp_path / "net.fmu")]) == 2
     assert "a network has no parameters" in capsys.readouterr().err
     assert not (tmp_path / "net.fmu").exists()
+
+
+def low_pass(rate: float | None) -> onnx.ModelProto:
+    """s_next = s + 0.2 (x - s), R = s_next, at this sample rate [Hz]."""
+    nodes = [
+        helper.make_node("Sub", ["x", "s"], ["gap"]),
+        helper.make_node("Mul", ["gap", "part"], ["change"]),
+        helper.make_node("Add", ["s", "change"], ["s_next"]),
+        helper.make_node("Identity", ["s_next"], ["R"]),
+    ]
+    proto = make_model(nodes, {"x": (1,), "s": (1,)}, ["R", "s_next"], {"part": np.array([0.2])})
+    if rate is not None:
+        proto.metadata_props.add(key="sample_rate", value=repr(rate))
+    return proto
+
+
+def answer(path: Path, kind: str, step: float, stop: float) -> np.ndarray:
+    """R at each ms under x = 1, by FMPy."""
+    rows = fmpy.simulate_fmu(str(path), fmi_type=kind, stop_time=stop, step_size=step, output_interval=step,
+                             start_values={"x": 1.0}, output=["R"], solver="Euler", record_events=False)  # fmt: skip
+    times = np.arange(1, round(stop / 1e-3) + 1) * 1e-3
+    return rows["R"][np.searchsorted(rows["time"], times + 1e-7) - 1]
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_a_recurrent_network_keeps_its_sample_rate(tmp_path: Path, fmi: Any) -> None:
+    """One sample per ms whatever the steps of the importer are: 1 - 0.8^k after k samples."""
+    (tmp_path / "filter.onnx").write_bytes(low_pass(1e3).SerializeToString())
+    path = build_network(tmp_path / "filter.onnx", tmp_path / "filter.fmu", fmi=fmi).path
+    assert validate_fmu(str(path)) == []
+    k = np.arange(1, 21)
+    for step in (1e-3, 5e-4, 1e-4, 2e-3, 5e-3):
+        found = answer(path, "CoSimulation", step, 0.02)
+        at_ends = np.flatnonzero(np.abs(k * 1e-3 / step - np.round(k * 1e-3 / step)) < 1e-6)
+        # steps of a sample or more: k samples at k ms; finer ones take sample 0 in the first step, so that it is k + 1
+        n = k + 1 if step < 1e-3 else k
+        np.testing.assert_allclose(found[at_ends], 1 - 0.8 ** n[at_ends], rtol=1e-12, err_msg=str(step))
+    exchange = answer(path, "ModelExchange", 1e-3, 0.02)
+    np.testing.assert_allclose(
+        exchange[:-1], 1 - 0.8 ** (k[:-1] + 1), rtol=1e-12
+    )  # the sample at the start is the first
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_without_a_sample_rate_a_step_is_a_sample_and_nothing_else_is_offered(tmp_path: Path, fmi: Any) -> None:
+    (tmp_path / "filter.onnx").write_bytes(low_pass(None).SerializeToString())
+    path = build_network(tmp_path / "filter.onnx", tmp_path / "filter.fmu", fmi=fmi).path
+    assert validate_fmu(str(path)) == []
+    described = fmpy.read_model_description(str(path))
+    assert described.modelExchange is None and not described.coSimulation.canHandleVariableCommunicationStepSize
+    fmu = open_fmu(path)
+    with pytest.raises(FmuError, match="model exchange is not offered: the memory moves on with each step"):
+        Instance(replace(fmu, model_exchange=fmu.co_simulation), "ModelExchange")
+    x = np.ones(21)
+    np.testing.assert_allclose(Driver(path).simulate(np.arange(21) * 0.07, {"x": x})["R"], 1 - 0.8 ** np.arange(1, 22))

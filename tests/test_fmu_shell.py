@@ -588,3 +588,27 @@ def test_instances_in_threads_do_not_see_each_other(version):
         thread.join()
     for k in stiffnesses:
         np.testing.assert_array_equal(alone[k], together[k])
+
+
+@BOTH
+def test_a_million_summed_steps_reach_the_stop_time(version):
+    """An importer that adds the step to the time is off by a rounding per step: 2e-10 s after 100,000 steps of 1e-4 s
+    at 1,000 s, where 1e-6 of a step are 1e-10 s. The stop time is reached, and one whole step more is refused."""
+    step, begin, n = 1e-4, 1000.0, 100_000
+    with Instance(unpacked(linear, version), "CoSimulation") as instance:
+        stop = begin + n * step
+        if version == 2:
+            instance.call("SetupExperiment", 0, c_double(0), c_double(begin), 1, c_double(stop))
+            instance.call("EnterInitializationMode")
+        else:
+            instance.call(
+                "EnterInitializationMode", c_bool(False), c_double(0), c_double(begin), c_bool(True), c_double(stop)
+            )
+        instance.call("ExitInitializationMode")
+        stepper, t = Stepper(instance), begin
+        for _ in range(n):
+            stepper.step(t, step)
+            t += step
+        assert abs(t - stop) > 1e-6 * step  # there is something to let pass
+        with pytest.raises(FmuError, match="goes beyond the stop time"):
+            stepper.step(t, step)

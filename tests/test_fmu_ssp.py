@@ -18,10 +18,10 @@ from surrogate_harness import smooth_slider
 from hystid.errors import HystidError, UsageError
 from hystid.fmu import Connection, Driver, build, build_model, write_rig, write_ssp
 from hystid.fmu.door import open_fmu
+from hystid.fmu.mass import mass_code
 from hystid.fmu.native import Access, Instance, Stepper
-from hystid.fmu.rig import mass_code
 from hystid.networks import onnx as exchange
-from hystid.surrogate import surrogate_code
+from hystid.surrogate import oscillator_code, surrogate_code
 
 MASS = """model Mass "m a + R = F"
   parameter Real m(unit="kg") = 2 "Mass";
@@ -143,7 +143,7 @@ def surrogate(tmp_path_factory):
 def test_a_surrogate_on_its_mass_beside_the_reference(tmp_path, surrogate):
     """FMPy's runner, and a loop written here over the same FMUs: the same numbers."""
     force, reference = surrogate
-    path = write_rig(tmp_path / "rig.ssp", force, 1.5, reference=reference)
+    path = write_rig(tmp_path / "rig.ssp", force, 1.5, reference=reference, apart=True)
     etree.XMLSchema(file=str(SCHEMA)).assertValid(etree.fromstring(zipfile.ZipFile(path).read("SystemStructure.ssd")))
     step, n = 1e-4, 1500
 
@@ -173,8 +173,8 @@ def test_a_surrogate_on_its_mass_beside_the_reference(tmp_path, surrogate):
         for name in opened:
             steppers[name].step(t, step)
         R = get("force", "R")  # of the sample stepped, before new inputs change it
-        put("force", "x", get("mass", "x"))
-        put("force", "v", get("mass", "v"))
+        put("force", "x", get("mass", "x_ahead"))
+        put("force", "v", get("mass", "v_ahead"))
         put("mass", "R", R)
         put("mass", "F", excitation(t))
         put("reference", "F", excitation(t))
@@ -195,5 +195,65 @@ def test_the_mass_is_a_valid_fmu_with_exact_derivatives(tmp_path):
     t = np.linspace(0, 1, 1001)
     rows = Driver(path).simulate(t, {"F": np.full(1001, 6.0), "R": np.full(1001, 2.0)}, start={"v_start": 1.0})
     np.testing.assert_allclose(rows["x"], t + t**2, rtol=1e-12)  # a = (6 - 2)/2
+    ahead = Driver(path).simulate(
+        t, {"F": np.full(1001, 4.0)}, parameters={"lead": 0.1}, outputs=["x_ahead", "v_ahead"]
+    )
+    np.testing.assert_allclose(ahead["x_ahead"], (t + 0.1) ** 2, rtol=1e-12)  # a = 2 is known from the start on
+    np.testing.assert_allclose(ahead["v_ahead"], 2 * (t + 0.1), rtol=1e-12)
     with pytest.raises(UsageError, match="must be positive"):
         mass_code(0.0)
+
+
+def free_motion(path, step, n, push):
+    """v of the system after a force F = push during the first step, by FMPy's runner."""
+    rows = simulate_ssp(str(path), stop_time=n * step, step_size=step, input={"F": lambda t: push * (t < step / 2)})
+    return rows["v"]
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("mass", [0.5, 1.0, 5.0])
+def test_a_surrogate_on_its_mass_comes_to_rest(tmp_path, mass, apart):
+    """Hysteresis alone, no viscous damping, at the step that its own samples have: nothing but loss is left to act."""
+    step = 4e-4
+    model = smooth_slider(dt=step, damping=0.0)
+    exchange.write(model, tmp_path / "surrogate.onnx")
+    force = build(surrogate_code(tmp_path / "surrogate.onnx"), tmp_path / "surrogate.fmu").path
+    path = write_rig(tmp_path / "rig.ssp", force, mass, apart=apart)
+    v = np.abs(free_motion(path, step, 4000, 0.3 * mass / step))
+    energy = np.maximum.accumulate(v[::-1])[::-1]  # the largest speed that is still to come never grows
+    assert v[:10].max() == pytest.approx(0.3, rel=0.05)  # the push
+    assert energy[2000] < 0.6 * v.max() and v[-500:].max() <= energy[2000]
+    if not apart:
+        code = oscillator_code(tmp_path / "surrogate.onnx", mass=mass)
+        t = step * np.arange(4000)
+        F = np.where(t < step / 2, 0.3 * mass / step, 0.0)
+        alone = Driver(build(code, tmp_path / "oscillator.fmu").path).simulate(t, {"F": F}, interpolation="hold")
+        # FMPy's rows are ends of steps, but it hands the first step no input: together the rows agree
+        np.testing.assert_allclose(free_motion(path, step, 3999, F[0])[:3999], alone["v"][:3999], atol=1e-9)
+
+
+SPRING = """model Spring "A spring without loss"
+  parameter Real k(unit="N/m") = 4e4 "Stiffness";
+  input Real x(unit="m"); input Real v(unit="m/s", nominal=0.2);
+  output Real R(unit="N");
+equation
+  R = k*x;
+end Spring;
+"""
+
+
+def test_a_force_of_its_own_fmu_meets_its_delay_or_is_refused(tmp_path):
+    """Without loss in the force, whatever the exchange adds is seen: with 60 steps a period a damping ratio of 7e-4
+    (what the Taylor series leaves out, 0.6 (w h)^3), and at 8 steps a period growth, which is refused."""
+    (tmp_path / "Spring.mo").write_text(SPRING)
+    force = build_model(f"{tmp_path / 'Spring.mo'}:Spring", tmp_path / "spring.fmu").path
+    w = 200.0  # sqrt(4e4 N/m / 1 kg)
+    for n in (60, 20):
+        step = 2 * np.pi / w / n
+        path = write_rig(tmp_path / "rig.ssp", force, 1.0, step=step)
+        v = np.abs(free_motion(path, step, 12 * n, 100.0))
+        damping = np.log(v[:n].max() / v[10 * n : 11 * n].max()) / (2 * np.pi * 10)
+        assert 0.4 < damping / (w * step) ** 3 < 0.8
+    with pytest.raises(UsageError, match=r"spring\.fmu: on a mass of 1 kg it feeds energy in .*; with step=0\.00"):
+        write_rig(tmp_path / "coarse.ssp", force, 1.0, step=2 * np.pi / w / 8)
+    assert not (tmp_path / "coarse.ssp").exists()

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from hystid.fmu.build import BuildResult, build
+from hystid.fmu.closed_loop import write_rig
 from hystid.fmu.driver import Driver
-from hystid.fmu.modelica import build_model
-from hystid.fmu.network import build_network
+from hystid.fmu.from_modelica import build_model
+from hystid.fmu.from_network import build_network
 from hystid.fmu.regress import RegressionResult, regress
-from hystid.fmu.rig import write_rig
 from hystid.fmu.ssp import Connection, write_ssp
 
 __all__ = [

@@ -25,7 +25,16 @@ from hystid.modelcode import ModelCode
 
 Version = Literal[2, 3]
 
-_SHELL_C = ("hy_engine.c", "hy_step.c", "hy_ways.c", "hy_stops.c", "hy_table.c", "hy_fmi.c", "hy_state.c")
+_SHELL_C = (
+    "hy_engine.c",
+    "hy_step.c",
+    "hy_ways.c",
+    "hy_stops.c",
+    "hy_table.c",
+    "hy_fmi.c",
+    "hy_derivative.c",
+    "hy_state.c",
+)
 _SHELL_H = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_strip.h", "hy_table.h", "hy_fmi.h")
 _METHODS = {"hy_duhem_methods": "hy_duhem.c", "hy_strip_methods": "hy_strip.c"}  # come with models that name them
 _FMI_H = {
@@ -43,6 +52,14 @@ class BuildResult:
     identifier: str
     platforms: tuple[str, ...]
     size: int
+
+    def __fspath__(self) -> str:
+        """The path, so that the result serves wherever a file name does."""
+        return str(self.path)
+
+    def summary(self) -> str:
+        """Path, size, FMI version and platforms in one line."""
+        return f"{self.path} ({self.size / 1000:.0f} kB, FMI {self.fmi}.0, {', '.join(self.platforms)})"
 
 
 def build(
@@ -120,7 +137,7 @@ def write_zip(path: Path, content: Mapping[str, bytes]) -> None:
             entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
-            archive.writestr(entry, data)
+            archive.writestr(entry, data, compresslevel=9)
 
 
 def _now() -> datetime:

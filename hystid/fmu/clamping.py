@@ -12,6 +12,7 @@ from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_void_p
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hystid.child import beat
 from hystid.compiled import check_finite, slopes_of
 from hystid.errors import FmuError
 from hystid.fmu.door import OpenedFmu
@@ -178,6 +179,7 @@ def _run(
         accesses = instance.access([variables[name] for name in outputs])
         rows_of = [np.zeros((rows, len(a.names)), a.dtype) for a in accesses]
         for row in range(rows):
+            beat()
             for access, block in zip(accesses, rows_of, strict=True):
                 access.get(block.ctypes.data + row * block.strides[0])
             if row + 1 < rows:

@@ -5,16 +5,20 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hystid.child import beat
 from hystid.compiled import CompiledModel, TableRunner, check_finite
 from hystid.errors import FmuError, NumericalError
 from hystid.fmu.clamping import clamp_model_exchange
-from hystid.fmu.door import open_fmu
-from hystid.fmu.native import Access, Instance, Stepper, load
+from hystid.fmu.door import open_fmu, opened_from
+from hystid.fmu.foreign import Foreign, runs_here
+from hystid.fmu.native import Instance, Stepper, load
+from hystid.fmu.rows import Rows
+from hystid.fmu.signals import Signal
 from hystid.modelcode import Variable
 
 Array = NDArray[np.float64]
@@ -26,13 +30,16 @@ class Driver:
     Raises FmuError with one sentence where the file is not a usable FMU.
     """
 
-    def __init__(self, path: Path | str) -> None:
-        self._fmu = open_fmu(Path(path))
+    def __init__(self, path: Path | str, *, unpacked: Path | None = None) -> None:
+        """path: the file. unpacked: a folder that it was unpacked into before, which is left alone."""
+        self._fmu = open_fmu(Path(path)) if unpacked is None else opened_from(Path(path), unpacked)
         self.model = self._fmu.model
         self.path = self._fmu.path
         self.fmi = self._fmu.version
-        self._variables = {v.name: v for v in self.model.variables}
-        self._own = self._batch_entry()
+        self._ranges = {v.name: _range(v) for v in self.model.variables if v.min is not None or v.max is not None}
+        self._foreign = None if runs_here(self._fmu) else Foreign.of(self._fmu)
+        self._own = self._batch_entry() if self._foreign is None else None
+        self._has_batch_entry = self._own is not None if self._foreign is None else self._foreign.has_batch_entry()
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -43,10 +50,15 @@ class Driver:
     @property
     def is_own(self) -> bool:
         """Whether the FMU offers our batch entry."""
-        return self._own is not None
+        return self._has_batch_entry
+
+    @property
+    def signals(self) -> Mapping[str, Signal]:
+        """name -> every variable of the description but clocks, of whatever type; ``model`` has the single numbers."""
+        return self._fmu.signals
 
     def lists(self, name: str) -> bool:
-        """Whether the description lists this name, of whatever type; ``model`` has those that are plain numbers."""
+        """Whether the description lists this name, of whatever type."""
         return any(v.name == name for v in self._fmu.raw.modelVariables)
 
     def simulate(
@@ -54,40 +66,76 @@ class Driver:
         t: ArrayLike,
         inputs: Mapping[str, ArrayLike] | None = None,
         *,
-        parameters: Mapping[str, float] | None = None,
-        start: Mapping[str, float] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        start: Mapping[str, Any] | None = None,
         outputs: Iterable[str] | None = None,
         interpolation: Literal["linear", "hold"] = "linear",
     ) -> dict[str, Array]:
-        """Outputs at the times t (n,) [s], increasing; inputs name -> (n,). Returns name -> (n,).
+        """Outputs at the times t (n,) [s], increasing; inputs name -> (n,). Returns name -> (n,), arrays (n, size).
 
         outputs: names, all of causality output where none are given. interpolation: how inputs run between samples;
         an FMU that takes no input derivatives holds them whatever is asked. Our own FMUs run in one call when t is
-        uniform. Raises FmuError (unknown name, the FMU refuses), NumericalError (not finite).
+        uniform. Numbers of all types come as double precision; ``record`` has them as they are, and texts.
+        Raises FmuError (unknown name, the FMU refuses), NumericalError (not finite).
         """
         times, uniform = _times(self._fmu.name, t)
-        names = (
-            tuple(v.name for v in self.model.variables if v.causality == "output")
-            if outputs is None
-            else tuple(outputs)
-        )
-        table = {name: self._samples(name, values, len(times)) for name, values in (inputs or {}).items()}
-        wanted = [self._find(name) for name in names]
-        settings = {**(parameters or {}), **(start or {})}
-        for name in settings:
-            self._find(name)
+        names = self._outputs() if outputs is None else tuple(outputs)
+        for name in names:
+            if self._find(name).is_text:
+                raise FmuError(f"{self._fmu.name}: '{name}' holds texts, not numbers")
+        if self._foreign is not None:
+            return self._foreign.table(
+                "simulate", len(times), names, t=times, inputs=_arrays(inputs), parameters=dict(parameters or {}),
+                start=dict(start or {}), outputs=names, interpolation=interpolation,
+            )  # fmt: skip
         dt = (times[-1] - times[0]) / max(len(times) - 1, 1) or 1.0
+        settings = {**(parameters or {}), **(start or {})}
+        self._check_settings(settings)
         if self._own and uniform:
+            table = {name: self._samples(name, values, len(times)) for name, values in (inputs or {}).items()}
             return self._own.simulate(
                 table, dt, parameters=settings, outputs=names, interpolation=interpolation, substeps=0, rows=len(times),
                 start_time=float(times[0]),
             )  # fmt: skip
-        if self._fmu.co_simulation is None:
-            result = self._model_exchange(times, table, settings, names)
-        else:
-            result = self._co_simulation(times, table, settings, wanted, interpolation)
+        found = self.record(times, inputs, settings=settings, outputs=names, interpolation=interpolation)
+        result = {name: np.ascontiguousarray(values, np.float64) for name, values in found.items()}
         check_finite(self._fmu.name, result, dt)
         return result
+
+    def record(
+        self,
+        t: ArrayLike,
+        inputs: Mapping[str, ArrayLike] | None = None,
+        *,
+        settings: Mapping[str, Any] | None = None,
+        outputs: Iterable[str] | None = None,
+        interpolation: Literal["linear", "hold"] = "linear",
+    ) -> dict[str, NDArray[Any]]:
+        """``simulate`` step by step, with values of all types as they are: integers of their size, truth values, texts.
+
+        inputs: name -> (n,), of an array (n, size). settings: parameters and start values. An array comes as (n, size),
+        texts as objects, binary data as hexadecimal digits. What is not finite is returned as it is.
+        Raises FmuError; texts cannot be read from an FMU with Model Exchange only.
+        """
+        times, _ = _times(self._fmu.name, t)
+        names = self._outputs() if outputs is None else tuple(outputs)
+        self._check_settings(settings or {})
+        if self._foreign is not None:
+            return self._foreign.table(
+                "record", len(times), names, t=times, inputs=_arrays(inputs), settings=dict(settings or {}),
+                outputs=names, interpolation=interpolation,
+            )  # fmt: skip
+        table = {name: self._samples(name, values, len(times)) for name, values in (inputs or {}).items()}
+        wanted = [self._find(name) for name in names]
+        given = [(self._find(name), value) for name, value in (settings or {}).items()]
+        if self._fmu.co_simulation is None:
+            return self._model_exchange(times, table, dict(settings or {}), wanted)
+        return self._co_simulation(times, table, given, wanted, interpolation)
+
+    @property
+    def reads_texts(self) -> bool:
+        """Whether texts and binary data can be recorded."""
+        return self._fmu.co_simulation is not None
 
     def clamp(
         self,
@@ -106,8 +154,15 @@ class Driver:
         Raises FmuError for an FMU with co-simulation only.
         """
         names = tuple(outputs)
-        for name in (*states, *inputs, *names, *(parameters or {}), *sensitivities):
+        for name in (*states, *inputs, *names, *sensitivities):
             self._find(name)
+        self._check_settings(parameters or {})
+        if self._foreign is not None:
+            rows = max((len(np.atleast_1d(np.asarray(u))) for u in (*states.values(), *inputs.values())), default=0)
+            return self._foreign.table(
+                "clamp", rows, None, states=_arrays(states), inputs=_arrays(inputs), dt=dt,
+                parameters=dict(parameters or {}), outputs=names, substeps=substeps, sensitivities=list(sensitivities),
+            )  # fmt: skip
         if self._own:
             return self._own.clamp(
                 states, inputs, dt, parameters=parameters, outputs=names, substeps=substeps, sensitivities=sensitivities
@@ -132,39 +187,57 @@ class Driver:
             else None
         )
 
-    def _find(self, name: str) -> Variable:
-        if name not in self._variables:
-            known = ", ".join(v.name for v in self.model.variables if v.causality in ("input", "output", "parameter"))
-            raise FmuError(f"{self._fmu.name} has no variable '{name}'; it has {known or 'none that can be used'}")
-        return self._variables[name]
+    def _outputs(self) -> tuple[str, ...]:
+        return tuple(v.name for v in self.model.variables if v.causality == "output")
 
-    def _samples(self, name: str, values: ArrayLike, n: int) -> Array:
-        if self._find(name).causality != "input":
+    def _find(self, name: str) -> Signal:
+        if name not in self.signals:
+            known = ", ".join(s.name for s in self.signals.values() if s.causality in ("input", "output", "parameter"))
+            raise FmuError(f"{self._fmu.name} has no variable '{name}'; it has {known or 'none that can be used'}")
+        return self.signals[name]
+
+    def _check_settings(self, settings: Mapping[str, Any]) -> None:
+        """Values of parameters and starts lie in the ranges that the description states, and are finite."""
+        for name, value in settings.items():
+            if not self._find(name).is_real or np.ndim(value):
+                continue
+            known = self._ranges.get(name)
+            low, high = known if known else (-np.inf, np.inf)
+            if not (np.isfinite(value) and low <= value <= high):
+                raise FmuError(
+                    f"{self._fmu.name}: {name} = {value:g} is not in its range, which is [{low:g}, {high:g}]"
+                )
+
+    def _samples(self, name: str, values: ArrayLike, n: int) -> NDArray[Any]:
+        signal = self._find(name)
+        if signal.causality != "input":
             raise FmuError(f"{self._fmu.name}: '{name}' is not an input")
-        samples = np.ascontiguousarray(values, np.float64)
-        if samples.shape != (n,):
-            raise FmuError(f"{self._fmu.name}: input '{name}' has shape {samples.shape} where the times have ({n},)")
-        if not np.isfinite(np.sum(samples)) and not np.all(np.isfinite(samples)):
-            raise FmuError(
-                f"{self._fmu.name}: input '{name}' is not finite at sample {int(np.argmin(np.isfinite(samples)))}"
-            )
+        try:
+            samples = signal.samples(values)
+        except (ValueError, TypeError) as error:
+            raise FmuError(f"{self._fmu.name}: input '{name}' {error}") from None
+        expected = (n, signal.size) if signal.shape else (n,)
+        if samples.shape != expected:
+            raise FmuError(f"{self._fmu.name}: input '{name}' has shape {samples.shape} where {expected} is needed")
+        if signal.is_real and not np.all(np.isfinite(samples)):
+            first = int(np.argmin(np.isfinite(samples.reshape(n, -1)).all(axis=1)))
+            raise FmuError(f"{self._fmu.name}: input '{name}' is not finite at sample {first}")
         return samples
 
     def _co_simulation(
         self,
         times: Array,
-        table: Mapping[str, Array],
-        settings: Mapping[str, float],
-        wanted: Sequence[Variable],
+        table: Mapping[str, NDArray[Any]],
+        settings: Sequence[tuple[Signal, Any]],
+        wanted: Sequence[Signal],
         interpolation: str,
-    ) -> dict[str, Array]:
+    ) -> dict[str, NDArray[Any]]:
         with Instance(self._fmu, "CoSimulation") as instance:
-            given = [(self._find(name), value) for name, value in settings.items()]
-            first = [(self._find(name), float(samples[0])) for name, samples in table.items()]
-            instance.initialise(float(times[0]), [*given, *first])
-            inputs = _Rows(instance, [self._find(name) for name in table], len(times))
+            first = [(self._find(name), samples[0]) for name, samples in table.items()]
+            instance.initialise(float(times[0]), [*settings, *first])
+            inputs = Rows(instance, list(table), len(times))
             inputs.fill(table)
-            readings = _Rows(instance, wanted, len(times))
+            readings = Rows(instance, [s.name for s in wanted], len(times))
             slopes = None
             if interpolation == "linear" and self._fmu.interpolates_inputs:
                 slopes = _InputSlopes(instance, [self._find(name) for name in table], table, times)
@@ -174,6 +247,7 @@ class Driver:
                 inputs.set(k)
                 if slopes:
                     slopes.set(k)
+                beat()
                 ended = stepper.step(times[k], times[k + 1] - times[k])
                 readings.get(k + 1)
                 if ended and k + 2 < len(times):
@@ -184,72 +258,66 @@ class Driver:
             return readings.columns()
 
     def _model_exchange(
-        self, times: Array, table: Mapping[str, Array], settings: Mapping[str, float], names: Sequence[str]
-    ) -> dict[str, Array]:
+        self, times: Array, table: Mapping[str, NDArray[Any]], settings: Mapping[str, Any], wanted: Sequence[Signal]
+    ) -> dict[str, NDArray[Any]]:
         """FMPy's adaptive solver, for FMUs that bring none."""
         from fmpy import simulate_fmu
 
-        signals = np.zeros(len(times), dtype=[("time", "f8"), *((name, "f8") for name in table)])
+        for signal in wanted:
+            if signal.is_text:
+                raise FmuError(f"{self._fmu.name}: the texts of '{signal.name}' cannot be read in model exchange")
+        columns = [(name, samples.dtype, samples.shape[1:]) for name, samples in table.items()]
+        signals = np.zeros(len(times), dtype=[("time", np.dtype(np.float64), ()), *columns])
         signals["time"] = times
         for name, samples in table.items():
             signals[name] = samples
+        names = [s.name for s in wanted]
         try:
             rows = simulate_fmu(
                 str(self._fmu.folder), fmi_type="ModelExchange", model_description=self._fmu.raw, start_time=times[0],
                 stop_time=times[-1], output_interval=(times[-1] - times[0]) / max(len(times) - 1, 1),
-                start_values=dict(settings), input=signals if table else None, output=list(names), record_events=False,
-                relative_tolerance=1e-8,
+                start_values=dict(settings), input=signals if table else None, output=names, record_events=False,
+                relative_tolerance=1e-8, step_finished=_went_on,
             )  # fmt: skip
         except Exception as error:  # FMPy raises bare exceptions
             raise NumericalError(f"{self._fmu.name}: model exchange failed: {str(error).splitlines()[0]}") from None
-        return {name: np.interp(times, rows["time"], np.asarray(rows[name], np.float64)) for name in names}
-
-
-class _Rows:
-    """A table of values of an instance, one block per type, filled or read row by row in place."""
-
-    def __init__(self, instance: Instance, variables: Sequence[Variable], n: int) -> None:
-        self._order = [v.name for v in variables]
-        self._parts: list[tuple[Access, NDArray[np.generic]]] = [
-            (access, np.zeros((n, len(access.names)), access.dtype)) for access in instance.access(variables)
-        ]
-        self._places = [(a, block.ctypes.data, block.strides[0]) for a, block in self._parts]
-
-    def fill(self, table: Mapping[str, Array]) -> None:
-        """Take the values from name -> (n,)."""
-        for access, block in self._parts:
-            for i, name in enumerate(access.names):
-                block[:, i] = table[name]
-
-    def set(self, row: int) -> None:
-        """Set the instance to this row."""
-        for access, address, stride in self._places:
-            access.set(address + row * stride)
-
-    def get(self, row: int) -> None:
-        """Read this row from the instance."""
-        for access, address, stride in self._places:
-            access.get(address + row * stride)
-
-    def columns(self) -> dict[str, Array]:
-        """name -> (n,) in the order asked for."""
-        found = {
-            name: np.ascontiguousarray(block[:, i], np.float64)
-            for access, block in self._parts
-            for i, name in enumerate(access.names)
+        return {
+            s.name: _resampled(times, rows["time"], np.asarray(rows[s.name]), linear=s.is_continuous) for s in wanted
         }
-        return {name: found[name] for name in self._order}
+
+
+def _range(variable: Variable) -> tuple[float, float]:
+    low, high = variable.min, variable.max
+    return -np.inf if low is None else low, np.inf if high is None else high
+
+
+def _went_on(_: float, __: Any) -> bool:
+    beat()
+    return True
+
+
+def _arrays(table: Mapping[str, ArrayLike] | None) -> dict[str, NDArray[Any]]:
+    return {name: np.asarray(values) for name, values in (table or {}).items()}
+
+
+def _resampled(times: Array, t: Array, values: NDArray[Any], *, linear: bool) -> NDArray[Any]:
+    """Values (m,) or (m, size) given at t, at the times (n,): straight lines, or the latest one."""
+    if not linear:
+        latest = np.searchsorted(t, times + 1e-9 * (t[-1] - t[0]), side="right") - 1
+        return np.asarray(values[np.maximum(latest, 0)])
+    columns = [np.interp(times, t, column) for column in values.reshape(len(values), -1).T]
+    return np.stack(columns, axis=1).reshape(len(times), *values.shape[1:])
 
 
 class _InputSlopes:
     """First derivatives of the real continuous inputs, so that they run linearly within a step (FMI 2.0 only)."""
 
     def __init__(
-        self, instance: Instance, inputs: Sequence[Variable], table: Mapping[str, Array], times: Array
+        self, instance: Instance, inputs: Sequence[Signal], table: Mapping[str, NDArray[Any]], times: Array
     ) -> None:
-        chosen = [v for v in inputs if v.type == "Real" and v.variability == "continuous"]
-        self._values = np.column_stack([np.diff(table[v.name]) / np.diff(times) for v in chosen]) if chosen else None
-        self._references = np.array([v.slot for v in chosen], np.uint32)
+        chosen = [s for s in inputs if s.is_continuous]
+        self._values = np.column_stack([np.diff(table[s.name]) / np.diff(times) for s in chosen]) if chosen else None
+        self._references = np.array([s.reference for s in chosen], np.uint32)
         self._orders = np.ones(len(chosen), np.intc)
         self._instance = instance
         self._set = instance.function("SetRealInputDerivatives") if chosen else None

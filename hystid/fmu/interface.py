@@ -15,6 +15,9 @@ from hystid.errors import FmuError
 from hystid.modelcode import Causality, ModelCode, Variability, Variable
 
 _RANK = {"input": 0, "output": 1, "parameter": 2, "calculatedParameter": 3, "local": 4}
+# Sizes of states in structures that vibrate, where a model declares none: too small a value costs a solver steps, too
+# large a value accuracy.
+_USUAL = {"m": 1e-3, "m/s": 0.1, "m/s2": 10.0, "N": 10.0, "rad": 1e-2, "rad/s": 1.0, "N.m": 1.0}
 _IDENTIFIER = re.compile(r"[^A-Za-z0-9_]")
 
 
@@ -30,6 +33,17 @@ class Interface:
         """File name of the binaries: the model's name as a C identifier."""
         name = _IDENTIFIER.sub("_", self.code.name)
         return name if not name[:1].isdigit() else f"_{name}"
+
+    @property
+    def offers_model_exchange(self) -> bool:
+        """A memory that takes each step for a sample has no place among the steps of a solver, nor has a jump that is
+        no event."""
+        return not (self.code.steps_are_samples or self.code.jumps)
+
+    @property
+    def needs_completed_steps(self) -> bool:
+        """Whether an importer has to tell the end of each step of its solver."""
+        return self.code.has_memory and self.code.sample is None
 
     @cached_property
     def groups(self) -> dict[int, tuple[Variable, ...]]:
@@ -109,7 +123,15 @@ def interface(code: ModelCode) -> Interface:
     time = Variable(named_time.name if named_time else "time", 0, "independent", "continuous", unit="s")
     if any(v.name == time.name for v in variables):
         time = replace(time, name="time_of_the_simulation")
-    return Interface(code, (time, *_one_unit_per_slot(_one_start_per_slot(variables))))
+    listed = _one_unit_per_slot(_one_start_per_slot(variables))
+    return Interface(code, (time, *(_with_nominal(v) if v.name in code.states else v for v in listed)))
+
+
+def _with_nominal(v: Variable) -> Variable:
+    """A state with a nominal value: solvers take their absolute tolerance from it, and 1 m hides a motion of 1 mm."""
+    if v.nominal or v.type != "Real" or v.unit not in _USUAL:
+        return v
+    return replace(v, nominal=max(_USUAL[v.unit], abs(v.start or 0.0)))
 
 
 def _is_discrete_state(v: Variable) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from ctypes import c_bool, c_char_p, c_double, c_int, c_size_t, c_void_p
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from hystid.errors import FmuError
 from hystid.fmu.door import Kind, OpenedFmu
+from hystid.fmu.signals import Signal
 from hystid.modelcode import Variable
 
 Array = NDArray[np.float64]
@@ -22,10 +24,6 @@ KindName = Literal["CoSimulation", "ModelExchange"]
 
 _LOG2 = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)
 _LOG3 = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p, c_char_p)
-_TYPE_SUFFIX = {2: {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"},
-                3: {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}}  # fmt: skip
-_DTYPE: dict[int, dict[str, type[np.generic]]] = {2: {"Real": np.float64, "Integer": np.int32, "Boolean": np.int32},
-          3: {"Real": np.float64, "Integer": np.int32, "Boolean": np.bool_}}  # fmt: skip
 _DISCARD = 2
 
 
@@ -47,18 +45,21 @@ class _EventInfo(ctypes.Structure):
 
 
 class Access:
-    """Getting or setting a fixed list of variables of one type, one row at a time."""
+    """Getting or setting a fixed list of numeric variables of one type, one row of elements at a time."""
 
-    def __init__(self, instance: Instance, variables: Sequence[Variable]) -> None:
-        self.kind = variables[0].type
-        self.dtype: np.dtype[Any] = np.dtype(_DTYPE[instance.version][self.kind])
-        self.references = np.array([v.slot for v in variables], np.uint32)
-        self.names = [v.name for v in variables]
-        self._arguments = (instance.component, c_void_p(self.references.ctypes.data), c_size_t(len(variables)))
-        self._last = (c_size_t(len(variables)),) if instance.version == 3 else ()
-        suffix = _TYPE_SUFFIX[instance.version][self.kind]
-        self._get = instance.function(f"Get{suffix}")
-        self._set = instance.function(f"Set{suffix}")
+    def __init__(self, instance: Instance, variables: Sequence[Variable | Signal]) -> None:
+        signals = [instance.signals[v.name] for v in variables]
+        self.dtype: np.dtype[Any] = signals[0].dtype
+        self.references = np.array([s.reference for s in signals], np.uint32)
+        self.names = [s.name for s in signals]
+        self.shaped = {s.name: bool(s.shape) for s in signals}
+        ends = np.cumsum([0, *(s.size for s in signals)]).tolist()
+        self.parts = {s.name: slice(ends[i], ends[i + 1]) for i, s in enumerate(signals)}
+        self.count = int(ends[-1])
+        self._arguments = (instance.component, c_void_p(self.references.ctypes.data), c_size_t(len(signals)))
+        self._last = (c_size_t(self.count),) if instance.version == 3 else ()
+        self._get = instance.function(f"Get{signals[0].suffix}")
+        self._set = instance.function(f"Set{signals[0].suffix}")
         self._instance = instance
 
     def get(self, address: int) -> None:
@@ -72,6 +73,47 @@ class Access:
             self._instance.fail(f"setting {', '.join(self.names)}")
 
 
+class TextAccess:
+    """Getting or setting a fixed list of texts, or of binary data, which read as hexadecimal digits."""
+
+    def __init__(self, instance: Instance, signals: Sequence[Signal]) -> None:
+        self.names = [s.name for s in signals]
+        self._sizes_of = [s.size for s in signals]
+        self._count = sum(self._sizes_of)
+        self._references = np.array([s.reference for s in signals], np.uint32)
+        self._suffix = signals[0].suffix
+        self._binary = self._suffix == "Binary"
+        self._instance = instance
+        self._given = (instance.component, c_void_p(self._references.ctypes.data), c_size_t(len(signals)))
+
+    def get(self) -> list[str]:
+        """The present texts; elements of an array are joined by spaces."""
+        found = (c_void_p * self._count)() if self._binary else (c_char_p * self._count)()
+        lengths = (c_size_t * self._count)()
+        self._call("Get", found, lengths)
+        if self._binary:
+            cells = [ctypes.string_at(p, n).hex() if p else "" for p, n in zip(found, lengths, strict=True)]
+        else:
+            cells = [bytes(text or b"").decode(errors="replace") for text in found]
+        ends = np.cumsum([0, *self._sizes_of])
+        return [" ".join(cells[a:b]) for a, b in pairwise(ends)]
+
+    def set(self, texts: Sequence[str]) -> None:
+        """Set texts, one per variable; arrays of texts cannot be set."""
+        if self._count != len(self.names):
+            raise FmuError(f"{self._instance.name}: arrays of texts cannot be set: {', '.join(self.names)}")
+        data = [bytes.fromhex(text) if self._binary else text.encode() for text in texts]
+        lengths = (c_size_t * len(data))(*map(len, data))
+        held = (c_char_p * len(data))(*data)
+        self._call("Set", held, lengths)
+
+    def _call(self, verb: str, values: Any, lengths: Any) -> None:
+        sizes = (lengths,) if self._binary else ()
+        last = (c_size_t(self._count),) if self._instance.version == 3 else ()
+        if self._instance.function(verb + self._suffix)(*self._given, *sizes, values, *last) > 1:
+            self._instance.fail(f"{'reading' if verb == 'Get' else 'setting'} {', '.join(self.names)}")
+
+
 class Instance:
     """One instance, FMI 2.0 or 3.0, of one kind. Close it, or use it as a context manager."""
 
@@ -83,6 +125,7 @@ class Instance:
             )
         self.version = fmu.version
         self.name = fmu.name
+        self.signals = fmu.signals
         self.last_message = ""
         self._prefix = f"fmi{fmu.version}"
         self._functions: dict[str, Any] = {}
@@ -126,19 +169,36 @@ class Instance:
         """Raise FmuError."""
         raise FmuError(f"{self.name}: {doing} failed{self._reason()}")
 
-    def access(self, variables: Sequence[Variable]) -> list[Access]:
-        """One Access per type that occurs among the variables."""
-        kinds = dict.fromkeys(v.type for v in variables)
-        return [Access(self, [v for v in variables if v.type == kind]) for kind in kinds]
+    def access(self, variables: Sequence[Variable | Signal]) -> list[Access]:
+        """One Access per type that occurs among the numeric variables."""
+        return [Access(self, group) for group in self._by_type(variables)]
 
-    def set(self, values: Sequence[tuple[Variable, float]]) -> None:
-        """Set values one by one, before the run."""
+    def text_access(self, signals: Sequence[Signal]) -> list[TextAccess]:
+        """One TextAccess per type that occurs among these texts and binary data."""
+        return [TextAccess(self, [self.signals[s.name] for s in group]) for group in self._by_type(signals)]
+
+    def _by_type(self, variables: Sequence[Variable | Signal]) -> list[list[Variable | Signal]]:
+        groups: dict[str, list[Variable | Signal]] = {}
+        for v in variables:
+            groups.setdefault(self.signals[v.name].suffix, []).append(v)
+        return list(groups.values())
+
+    def set(self, values: Sequence[tuple[Variable | Signal, Any]]) -> None:
+        """Set values one by one, before the run: numbers, texts, or arrays of numbers."""
         for variable, value in values:
-            access = Access(self, [variable])
-            held = np.array([value], access.dtype)  # named, so that it lives until the call is over
-            access.set(held.ctypes.data)
+            name, signal = variable.name, self.signals[variable.name]
+            if signal.is_text:
+                TextAccess(self, [signal]).set([str(value)])
+                continue
+            try:
+                held = np.ascontiguousarray(signal.samples(np.atleast_1d(value)), signal.dtype)
+            except ValueError as error:
+                raise FmuError(f"{self.name}: '{name}' {error}") from None
+            if held.size != signal.size:
+                raise FmuError(f"{self.name}: '{name}' has {signal.size} elements, {held.size} were given")
+            Access(self, [signal]).set(held.ctypes.data)
 
-    def initialise(self, start_time: float, values: Sequence[tuple[Variable, float]]) -> None:
+    def initialise(self, start_time: float, values: Sequence[tuple[Variable | Signal, Any]]) -> None:
         """From instantiation to the end of initialization mode with these start values."""
         if self.version == 2:
             self.call("SetupExperiment", 0, c_double(0), c_double(start_time), 0, c_double(0))

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from hystid.fmu.regress import RegressionResult, SignalResult
+from hystid.fmu.compared import SignalResult
 
 Array = NDArray[np.float64]
 
@@ -18,15 +16,15 @@ _WIDTH, _HEIGHT, _LEFT, _TOP, _GAP = 760, 180, 90, 30, 60
 _MOST_PANELS = 6
 
 
-def difference_picture(result: RegressionResult) -> str:
-    """SVG text; the signals that left their tube furthest come first."""
-    chosen = sorted(result.signals, key=lambda s: -s.tube.worst)[:_MOST_PANELS]
+def difference_picture(title: str, t: Array, signals: Sequence[SignalResult]) -> str:
+    """SVG text; the signals that left their tube come first, furthest ahead. t: times (n,) [s]."""
+    chosen = sorted(signals, key=lambda s: (s.tube.holds, -s.tube.worst))[:_MOST_PANELS]
     height = _TOP + len(chosen) * (_HEIGHT + _GAP)
-    body = [_panel(result.t, signal, _TOP + i * (_HEIGHT + _GAP)) for i, signal in enumerate(chosen)]
+    body = [_panel(t, signal, _TOP + i * (_HEIGHT + _GAP)) for i, signal in enumerate(chosen)]
     style = "text{font:13px sans-serif;fill:#222}"
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{_WIDTH + _LEFT + 20}" height="{height}">'
-        f"<title>{escape(result.path.name)}</title><style>{style}</style>"
+        f"<title>{escape(title)}</title><style>{style}</style>"
         f'<rect width="100%" height="100%" fill="white"/>{"".join(body)}</svg>\n'
     )
 
@@ -49,9 +47,9 @@ def _panel(t: Array, signal: SignalResult, top: int) -> str:
         f'<polyline points="{" ".join(points(values))}" fill="none" stroke="{colour}" stroke-width="1.2"/>'
         for values, colour in ((signal.reference, "#555"), (signal.values, "#06c"))
     )
-    state = "within the tube" if signal.tube.holds else f"outside by up to {signal.tube.worst:.3g}"
+    words = escape(f"{signal.name}: {signal.text(t)} (grey: reference, blue: now)")
     return (
-        f'<text x="{_LEFT}" y="{top - 8}">{escape(signal.name)}: {state} (grey: reference, blue: now)</text>'
+        f'<text x="{_LEFT}" y="{top - 8}">{words}</text>'
         f'<rect x="{_LEFT}" y="{top}" width="{_WIDTH}" height="{_HEIGHT}" fill="none" stroke="#999"/>'
         f'<polygon points="{band}" fill="#ddd"/>{lines}{marks}'
         f'<text x="{_LEFT - 8}" y="{top + 12}" text-anchor="end">{high:.3g}</text>'

@@ -6,7 +6,7 @@ import platform
 import struct
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
@@ -17,12 +17,16 @@ from hystid.toolchain import object_files, shared_library
 
 @dataclass(frozen=True)
 class Platform:
-    """One target. tuple: FMI 3's name; folder: FMI 2's; zig: target of ``zig cc``; glibc 2.17 is that of 2012."""
+    """One target. tuple: FMI 3's name; folder: FMI 2's; zig: target of ``zig cc``; glibc 2.17 is that of 2012.
+
+    own: compiled by this machine's compiler, for its C library or newer ones, instead of zig's.
+    """
 
     tuple: str
     folder: str
     zig: str
     suffix: str
+    own: bool = False
 
 
 PLATFORMS = {
@@ -46,15 +50,21 @@ def host() -> str:
 
 
 def chosen(platforms: str | Iterable[str]) -> tuple[Platform, ...]:
-    """ "host", "all" or names of platforms. Raises UsageError for a name that is none."""
+    """ "host", "all" or names of platforms. Raises UsageError for a name that is none.
+
+    "host" is this machine, by its own compiler; a platform that is named is built by zig, for old C libraries, too.
+    """
     names = [platforms] if isinstance(platforms, str) else list(platforms)
-    names = [*PLATFORMS] if names == ["all"] else [host() if name == "host" else name for name in names]
+    names = [*PLATFORMS] if names == ["all"] else names
+    found: dict[str, Platform] = {}
     for name in names:
-        if name not in PLATFORMS:
+        platform = PLATFORMS.get(host() if name == "host" else name)
+        if platform is None:
             raise UsageError(
                 f"'{name}' is not a platform that can be built for; choose host, all, {', '.join(PLATFORMS)}"
             )
-    return tuple(PLATFORMS[name] for name in dict.fromkeys(names))
+        found.setdefault(platform.tuple, replace(platform, own=name == "host"))
+    return tuple(found.values())
 
 
 def compile_for(target: Platform, shell: Mapping[str, str], model: Mapping[str, str], flags: Sequence[str]) -> Path:
@@ -65,9 +75,11 @@ def compile_for(target: Platform, shell: Mapping[str, str], model: Mapping[str, 
     command: tuple[str, ...] | None = None
     strip = () if target.suffix == ".dylib" else ("-s",)
     libraries: tuple[str, ...] = ("-lm",)
-    if target.tuple != host():
+    if not target.own:
         if not find_spec("ziglang"):
-            raise ToolchainError(f"building for {target.tuple} needs a cross compiler: pip install hystid[cross]")
+            raise ToolchainError(
+                f"building for {target.tuple} by name needs a compiler for all platforms: pip install hystid[cross]"
+            )
         command = (sys.executable, "-m", "ziglang", "cc", "-target", target.zig)
         libraries = ("-lm",) if target.suffix == ".so" else ()
     if target.suffix == ".dll":  # half of a Windows library is the compiler's run-time: for size, it shrinks by a third

@@ -29,7 +29,6 @@ _PURPOSE = "Layered Standard providing information on related files included in 
 RESULT_ROLE, INPUT_ROLE = "result", "testcase"
 _MOST_ROWS = 251
 _DIGITS = 7  # of each number: far finer than any tube, and a third of the size
-_TRUTH = {"false": 0.0, "true": 1.0}
 _CYCLES = 5.0  # of the reference input within the experiment
 
 
@@ -113,32 +112,29 @@ def _spacing(t: Array) -> float:
 
 def table_text(t: Array, columns: Mapping[str, Array]) -> str:
     """CSV with a column ``time`` first, whose numbers read back as the same doubles; the others have seven digits."""
+    return cells_text(t, {name: [_text(value) for value in values] for name, values in columns.items()})
+
+
+def cells_text(t: Array, columns: Mapping[str, Sequence[str]]) -> str:
+    """``table_text`` of columns that are texts already."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["time", *columns])
-    writer.writerows([repr(float(row[0])), *map(_text, row[1:])] for row in zip(t, *columns.values(), strict=True))
+    writer.writerows([repr(float(row[0])), *row[1:]] for row in zip(t, *columns.values(), strict=True))
     return out.getvalue()
 
 
-def read_table(text: str) -> tuple[Array, dict[str, Array | None]]:
-    """Times and columns of such a table; None for a column of texts or arrays. Raises ValueError where it is none.
-
-    true and false count as 1 and 0.
-    """
+def read_cells(text: str) -> tuple[Array, dict[str, Sequence[str]]]:
+    """Times and columns of such a table, the latter as texts. Raises ValueError where it is none."""
     rows = list(csv.reader(io.StringIO(text)))
     if len(rows) < 2 or rows[0][:1] != ["time"]:
         raise ValueError("the first column is not named time, or there are no rows")
     if len({len(row) for row in rows}) > 1:
         raise ValueError("its rows differ in length")
+    if len(set(rows[0])) < len(rows[0]):
+        raise ValueError("a column is there twice")
     times, *columns = zip(*rows[1:], strict=True)
-    return np.array([float(x) for x in times]), dict(zip(rows[0][1:], map(_numbers, columns), strict=True))
-
-
-def _numbers(cells: Sequence[str]) -> Array | None:
-    try:
-        return np.array([_TRUTH[cell] if cell in _TRUTH else float(cell) for cell in cells])
-    except ValueError:
-        return None
+    return np.array([float(x) for x in times]), dict(zip(rows[0][1:], columns, strict=True))
 
 
 def _manifest(stem: str, has_input: bool) -> str:

@@ -2,176 +2,180 @@
 
 from __future__ import annotations
 
-import zipfile
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
-from xml.etree import ElementTree as ET
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.comparison import Tube, tube
-from hystid.errors import FmuError
-from hystid.fmu.build import write_zip
+from hystid.errors import FmuError, UsageError
+from hystid.fmu.compared import SignalResult, Tolerance, compared
 from hystid.fmu.driver import Driver
+from hystid.fmu.kept import Kept
 from hystid.fmu.picture import difference_picture
-from hystid.fmu.reference import FOLDER, INPUT_ROLE, RESULT_ROLE, read_table, table_text
+from hystid.fmu.reference import cells_text, read_cells
+from hystid.fmu.signals import Signal
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class SignalResult:
-    """One signal: new values (n,) beside the reference (n,), and the tube around the latter."""
-
-    name: str
-    values: Array
-    reference: Array
-    tube: Tube
-
-    @property
-    def first_outside(self) -> int | None:
-        """First sample outside the tube, None where all are inside."""
-        return int(np.argmax(self.tube.outside)) if np.any(self.tube.outside) else None
-
-
-@dataclass(frozen=True)
 class RegressionResult:
-    """What a replay showed. Signals in the order of the reference; skipped: names in the reference that were not
-    compared; updated: whether the reference was written anew."""
+    """What a replay showed. Signals in the order of the reference, arrays element by element.
+
+    skipped: names in the reference that could not be compared; new: outputs that the reference does not have;
+    updated: whether the reference was written anew.
+    """
 
     path: Path
     t: Array
     signals: tuple[SignalResult, ...]
     skipped: tuple[str, ...] = ()
+    new: tuple[str, ...] = ()
     updated: bool = False
 
     @property
     def passed(self) -> bool:
-        """Whether every continuous signal stayed in its tube."""
-        return self.updated or all(signal.tube.holds for signal in self.signals)
+        """Whether something was compared and every signal agreed."""
+        return self.updated or (bool(self.signals) and all(signal.tube.holds for signal in self.signals))
 
     def text(self) -> str:
         """One line per signal, worst first where something failed."""
         lines = [
             f"{self.path.name}: {'reference updated' if self.updated else 'as before' if self.passed else 'differs'}"
         ]
-        for signal in sorted(self.signals, key=lambda s: -s.tube.worst):
-            first = signal.first_outside
-            state = "within the tube"
-            if first is not None:
-                state = f"leaves the tube at t = {self.t[first]:.6g} s, by up to {signal.tube.worst:.3g}"
-            lines.append(f"  {signal.name}: {state}")
+        if not self.signals:
+            lines = [f"{self.path.name}: nothing could be compared"]
+        for signal in sorted(self.signals, key=lambda s: (s.tube.holds, -s.tube.worst)):
+            lines.append(f"  {signal.name}: {signal.text(self.t)}")
         if self.skipped and not self.updated:
-            lines.append(f"  not compared, being discrete or no plain numbers: {', '.join(self.skipped)}")
+            lines.append(f"  not compared: {', '.join(self.skipped)} (clocks, or texts in model exchange)")
+        if self.new and not self.updated:
+            lines.append(f"  not compared, for the reference does not have them: {', '.join(self.new)}")
         return "\n".join(lines)
 
     def picture(self) -> str:
         """SVG of reference, tube and new values; the signals that left the tube first."""
-        return difference_picture(self)
+        return difference_picture(self.path.name, self.t, self.signals)
 
 
-def regress(path: Path, *, update: bool = False, relative: float = 1e-3, samples: int = 1) -> RegressionResult:
-    """Simulate an FMU with the input that it carries and compare with the result that it carries.
+def regress(
+    path: str | os.PathLike[str],
+    *,
+    update: bool = False,
+    relative: float = 1e-3,
+    samples: int = 1,
+    reference: Path | None = None,
+) -> RegressionResult:
+    """Simulate an FMU with the input of its reference and compare with the result of its reference.
 
     The reference lies in the FMU (``extra/org.fmi-standard.fmi-ls-ref``) or beside it as ``<file>_out.csv`` (and
-    ``<file>_in.csv``). Tube: half height relative * range of the signal, half width ``samples`` rows; discrete signals
-    are compared only where there are no others: tools may order simultaneous events differently without being wrong.
-    update: write the new result in place of the old. Raises FmuError where there is nothing to compare with.
+    ``<file>_in.csv``); reference: another FMU that carries one, a folder that holds such tables or the FMU of the same
+    name, or a table.
+    Everything that the reference has is compared. Real numbers stay in a tube: half height relative * range of the
+    signal, half width ``samples`` rows. Integers, enumerations, truth values, texts and binary data must be those of
+    one of these rows. update: write the new result in place of the old.
+    Raises FmuError where there is nothing to compare with, UsageError where it cannot be updated.
+
+    >>> import hystid
+    >>> fmu = hystid.build("HystId.Oscillators.Jenkins", "jenkins.fmu")
+    >>> hystid.regress(fmu).passed
+    True
     """
     path = Path(path)
     driver = Driver(path)
-    kept = _Kept.of(path)
-    t, columns = _table(path, kept.result_text)
-    reference = {name: values for name, values in columns.items() if values is not None}
-    inputs = _inputs(path, kept.input_text)
-    known = {v.name: v for v in driver.model.variables}
-    unknown = [name for name in columns if not driver.lists(name)]
-    if unknown:
-        raise FmuError(f"{path.name}: its reference names '{unknown[0]}', which is no variable of the FMU")
-    for name in known.keys() & (columns.keys() - reference.keys()):
-        raise FmuError(f"{path.name}: its reference results cannot be read: the column '{name}' holds no numbers")
-    usable = [name for name in reference if name in known]
-    names = [name for name in usable if known[name].variability == "continuous"] or usable
-    if not names:
-        raise FmuError(f"{path.name}: its reference holds no numbers that could be compared ({', '.join(columns)})")
-    skipped = tuple(name for name in columns if name not in names)
-    if update:
-        names = list(columns)
-        if len(usable) < len(columns):
-            raise FmuError(f"{path.name}: its reference holds texts or arrays, which cannot be written anew")
-    results = driver.simulate(t, inputs, outputs=names)
+    kept = Kept.of(path, Path(reference) if reference is not None else None)
+    if update and kept.entry and kept.place != path:
+        raise UsageError(f"--update would change {kept.place}, which is another FMU; update a table or the FMU itself")
+    rows = _Table.of(path, driver, kept.result)
+    t, back = np.unique(rows.t, return_inverse=True)  # a row before and one after an event have one time
+    results = {name: values[back] for name, values in _replay(driver, t, _inputs(path, driver, kept, t), rows.names)}
+    tolerance = Tolerance(relative, samples)
     signals = tuple(
-        SignalResult(name, results[name], reference[name], _tube(results[name], reference[name], relative, samples))
-        for name in names
+        result
+        for name in rows.names
+        for result in compared(driver.signals[name], results[name], rows.columns[name], tolerance)
     )
     if update:
-        kept.replace(path, table_text(t, results))
-    return RegressionResult(path, t, signals, skipped, updated=update)
-
-
-def _inputs(path: Path, text: str) -> dict[str, Array]:
-    found = _table(path, text)[1] if text else {}
-    for name, values in found.items():
-        if values is None:
-            raise FmuError(f"{path.name}: the input '{name}' that it carries holds texts or arrays")
-    return {name: values for name, values in found.items() if values is not None}
-
-
-def _tube(values: Array, reference: Array, relative: float, samples: int) -> Tube:
-    rounding = 1e-12 * float(np.max(np.abs(reference), initial=0.0))  # a constant signal has no range
-    return tube(values, reference, relative=relative, absolute=rounding, samples=samples)
+        if rows.skipped:
+            raise FmuError(f"{path.name}: '{rows.skipped[0]}' of its reference cannot be written anew")
+        cells = {name: driver.signals[name].written(results[name]) for name in rows.names}
+        kept.replaced(cells_text(rows.t, cells))
+    named = {*rows.names, *rows.skipped}
+    new = tuple(s.name for s in driver.signals.values() if s.causality == "output" and s.name not in named)
+    return RegressionResult(path, rows.t, signals, rows.skipped, new, updated=update)
 
 
 @dataclass(frozen=True)
-class _Kept:
-    """Where the reference is kept: the entry inside the zip file, or the file beside it."""
+class _Table:
+    """A reference: times (n,), not falling, and name -> values."""
 
-    result_name: str
-    result_text: str
-    input_text: str
-    inside: bool
+    t: Array
+    columns: Mapping[str, NDArray[Any]]
+    skipped: tuple[str, ...]
+
+    @property
+    def names(self) -> list[str]:
+        return list(self.columns)
 
     @staticmethod
-    def of(path: Path) -> _Kept:
-        beside = path.with_name(f"{path.stem}_out.csv")
-        if beside.is_file():
-            stimulus = path.with_name(f"{path.stem}_in.csv")
-            return _Kept(str(beside), beside.read_text(), stimulus.read_text() if stimulus.is_file() else "", False)
-        with zipfile.ZipFile(path) as archive:
-            names = set(archive.namelist())
-            if f"{FOLDER}/fmi-ls-manifest.xml" not in names:
-                raise FmuError(f"{path.name}: it carries no reference results, and {beside.name} is not beside it")
-            related = _related(path, archive.read(f"{FOLDER}/fmi-ls-manifest.xml"))
-            result = next((n for role, n in related if role == RESULT_ROLE and n in names), None)
-            if result is None:
-                raise FmuError(f"{path.name}: the manifest of its reference results names no result that is there")
-            stimulus_name = next((n for role, n in related if role == INPUT_ROLE and n in names), None)
-            stimulus_text = archive.read(stimulus_name).decode() if stimulus_name else ""
-            return _Kept(result, archive.read(result).decode(), stimulus_text, True)
-
-    def replace(self, path: Path, text: str) -> None:
-        """Write a new result table."""
-        if not self.inside:
-            Path(self.result_name).write_text(text)
-            return
-        with zipfile.ZipFile(path) as archive:
-            content = {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
-        write_zip(path, {**content, self.result_name: text.encode()})
+    def of(path: Path, driver: Driver, text: str) -> _Table:
+        try:
+            t, cells = read_cells(text)
+            if np.any(np.diff(t) < 0) or not np.all(np.isfinite(t)):
+                raise ValueError("its times are not in order")
+            unknown = [name for name in cells if not driver.lists(name)]
+            if unknown:
+                raise FmuError(f"{path.name}: its reference names '{unknown[0]}', which is no variable of the FMU")
+            usable = {name: driver.signals[name] for name in cells if _can_be_read(driver, name)}
+            columns = {name: signal.parsed(cells[name]) for name, signal in usable.items()}
+        except ValueError as error:
+            raise FmuError(f"{path.name}: its reference results cannot be read: {error}") from None
+        return _Table(t, columns, tuple(name for name in cells if name not in usable))
 
 
-def _related(path: Path, manifest: bytes) -> list[tuple[str, str]]:
+def _can_be_read(driver: Driver, name: str) -> bool:
+    return name in driver.signals and (driver.reads_texts or not driver.signals[name].is_text)
+
+
+def _replay(
+    driver: Driver, t: Array, inputs: Mapping[str, NDArray[Any]], names: Sequence[str]
+) -> list[tuple[str, NDArray[Any]]]:
+    if not names:
+        return []
+    found: Mapping[str, NDArray[Any]]
+    if driver.is_own:
+        found = driver.simulate(t, inputs, outputs=names)
+        return [(name, _as_type(driver.signals[name], values)) for name, values in found.items()]
+    return list(driver.record(t, inputs, outputs=names).items())
+
+
+def _as_type(signal: Signal, values: Array) -> NDArray[Any]:
+    return values if signal.is_real else np.rint(values).astype(signal.dtype)
+
+
+def _inputs(path: Path, driver: Driver, kept: Kept, t: Array) -> dict[str, NDArray[Any]]:
+    """Inputs at the times t: where their table has other times, continuous ones run straight, others are held."""
+    if not kept.input:
+        return {}
     try:
-        root = ET.fromstring(manifest)
-    except ET.ParseError as error:
-        raise FmuError(f"{path.name}: the manifest of its reference results is not well-formed: {error}") from None
-    found = [(e.get("role", ""), e.get("source", "")) for e in root.iter("Related") if e.get("type") == "text/csv"]
-    return [(role, str(PurePosixPath(FOLDER, source))) for role, source in found]
-
-
-def _table(path: Path, text: str) -> tuple[Array, Mapping[str, Array | None]]:
-    try:
-        return read_table(text)
+        given, cells = read_cells(kept.input)
+        for name in cells:
+            if name not in driver.signals:
+                raise FmuError(f"{path.name}: its reference gives an input '{name}', which the FMU does not have")
+        table = {name: (driver.signals[name], driver.signals[name].parsed(rows)) for name, rows in cells.items()}
     except ValueError as error:
-        raise FmuError(f"{path.name}: its reference results cannot be read: {error}") from None
+        raise FmuError(f"{path.name}: the input of its reference cannot be read: {error}") from None
+    if np.array_equal(given, t):
+        return {name: values for name, (_, values) in table.items()}
+    return {name: _at(t, given, values, signal) for name, (signal, values) in table.items()}
+
+
+def _at(t: Array, given: Array, values: NDArray[Any], signal: Signal) -> NDArray[Any]:
+    if not signal.is_continuous:
+        return values[np.maximum(np.searchsorted(given, t, side="right") - 1, 0)]
+    columns = [np.interp(t, given, column) for column in values.reshape(len(values), -1).T]
+    return np.stack(columns, axis=1).reshape(len(t), *values.shape[1:])

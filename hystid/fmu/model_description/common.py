@@ -12,6 +12,7 @@ from hystid.fmu.interface import Interface
 from hystid.modelcode import Variable
 from hystid.units import exponents
 
+_TOLERANCE = 1e-6  # where a model states none: with it CVode is within 0.1 % (benchmarks/fmu/solver_settings.py)
 LOG_CATEGORIES = {
     "logEvents": "Events found and handled",
     "logStatusWarning": "Warnings: chattering relations held over a step",
@@ -84,7 +85,7 @@ def add_log_categories(root: ET.Element) -> None:
 
 
 def add_experiment(root: ET.Element, model: Interface) -> None:
-    """Default experiment [s]."""
+    """Default experiment [s]; its tolerance is what solvers of importers start from."""
     experiment = model.code.experiment
     add(
         root,
@@ -92,7 +93,7 @@ def add_experiment(root: ET.Element, model: Interface) -> None:
         {
             "startTime": number(experiment.start),
             "stopTime": number(experiment.stop),
-            "tolerance": None if experiment.tolerance is None else number(experiment.tolerance),
+            "tolerance": number(_TOLERANCE if experiment.tolerance is None else experiment.tolerance),
             "stepSize": number(experiment.step),
         },
     )

@@ -60,8 +60,11 @@ def _add_kinds(root: ET.Element, model: Interface, sources: Sequence[str]) -> No
         "providesDirectionalDerivative": flag(model.code.has_forward),
     }
     interpolates = any(v.type == "Real" and v.variability == "continuous" for v in model.inputs)
-    own = {"canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": flag(interpolates)}
-    for tag, attributes in (("ModelExchange", shared), ("CoSimulation", {**shared, **own})):
+    steps = flag(not model.code.steps_are_samples)
+    own = {"canHandleVariableCommunicationStepSize": steps, "canInterpolateInputs": flag(interpolates)}
+    exchange = {**shared, "completedIntegratorStepNotNeeded": flag(not model.needs_completed_steps)}
+    kinds = {"ModelExchange": exchange} if model.offers_model_exchange else {}
+    for tag, attributes in {**kinds, "CoSimulation": {**shared, **own}}.items():
         files = add(add(root, tag, attributes), "SourceFiles")
         for name in sources:
             add(files, "File", {"name": name})

@@ -63,10 +63,10 @@ def _add_kinds(root: ET.Element, model: Interface) -> None:
         "providesDirectionalDerivatives": flag(model.code.has_forward),
         "providesAdjointDerivatives": flag(model.code.has_adjoint),
     }
-    needs_steps = {"needsCompletedIntegratorStep": "true"} if model.code.has_memory else {}
-    add(root, "ModelExchange", {**shared, **needs_steps})
+    if model.offers_model_exchange:
+        add(root, "ModelExchange", {**shared, "needsCompletedIntegratorStep": flag(model.needs_completed_steps)})
     own: dict[str, str | None] = {
-        "canHandleVariableCommunicationStepSize": "true",
+        "canHandleVariableCommunicationStepSize": flag(not model.code.steps_are_samples),
         "providesIntermediateUpdate": "true",
         "mightReturnEarlyFromDoStep": "true",
         "canReturnEarlyAfterIntermediateUpdate": "true",

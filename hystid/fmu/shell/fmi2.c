@@ -309,7 +309,7 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_set_state
     if (!enter_event_mode || !terminate)
         return status(hy_fail(instance, "fmi2CompletedIntegratorStep: a NULL pointer was given"));
     *enter_event_mode = *terminate = fmi2False;
-    return status(hy_fmi_status(instance, hy_completed(&instance->engine)));
+    return status(hy_completed_step(instance));
 }
 
 fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time)

@@ -487,7 +487,7 @@ fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean no_set
     (void)no_set_state;
     if (!enter_event_mode || !terminate) REFUSE("fmi3CompletedIntegratorStep: a NULL pointer was given");
     *enter_event_mode = *terminate = false;
-    return status(hy_fmi_status(c, hy_completed(&c->engine)));
+    return status(hy_completed_step(c));
 }
 
 fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time)
@@ -581,7 +581,7 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h, fmi3B
     if (code == FMI_DISCARD) c->engine.status->mode = STEP; /* nothing has happened: a shorter step may be tried */
     *event_handling_needed = event;
     *terminate = false;
-    *early_return = reached < t + h * (1 - 1e-12);
+    *early_return = reached < t + h - 1e-9 * h;
     *last_successful_time = reached;
     return status(code);
 }

@@ -208,6 +208,8 @@ int hy_start(hy_engine *e)
     if (outcome) return outcome;
     memcpy(e->data.v, e->settings, block);
     outcome = solve_initial(e);
+    e->status->time_event = -INFINITY;
+    e->status->tick = e->settings[0];
     e->status->stale = 1;
     e->status->started = !outcome;
     return outcome;
@@ -241,12 +243,34 @@ static int iterate(hy_engine *e)
     return outcome;
 }
 
+/* Steps reach an instant to rounding only. What lies ahead by no more than that is now. */
+static int is_now(const hy_engine *e, double instant)
+{
+    const double now = e->data.v[0];
+    return instant > now && instant - now <= 1e-9 * e->model->step + 1e-14 * fabs(now);
+}
+
+/* The present time; the instant of a time event that was handled here, as the model named it, counts as passed. */
+static double event_clock(const hy_engine *e)
+{
+    return is_now(e, e->status->time_event) ? e->status->time_event : e->data.v[0];
+}
+
+double hy_next_time_event(const hy_engine *e)
+{
+    double *const time = e->data.v, now = *time, next = INFINITY;
+    if (!e->model->next_time_event) return next;
+    *time = event_clock(e);
+    next = e->model->next_time_event(&e->data);
+    *time = now;
+    return next;
+}
+
 /* The instant of a time event that is due, as the model named it rather than as the step's arithmetic rounded it. */
 static double due(const hy_engine *e)
 {
-    const double now = e->data.v[0];
-    const double next = e->model->next_time_event ? e->model->next_time_event(&e->data) : INFINITY;
-    return next > now && next - now <= 1e-9 * e->model->step + 1e-14 * fabs(now) ? next : now;
+    const double next = hy_next_time_event(e);
+    return is_now(e, next) ? next : event_clock(e);
 }
 
 int hy_event(hy_engine *e, int *states_changed)
@@ -258,7 +282,7 @@ int hy_event(hy_engine *e, int *states_changed)
     int outcome;
     e->status->event_pending = 0;
     *states_changed = 0;
-    e->data.v[0] = due(e);
+    e->data.v[0] = e->status->time_event = due(e);
     if (e->data.v[0] != now) e->status->stale = 1;
     outcome = hy_settle(e);
     if (outcome || !m->update) return outcome;
@@ -305,10 +329,23 @@ int hy_inputs_changed(hy_engine *e)
     return hy_event(e, &changed);
 }
 
+int hy_has_ticks(const hy_engine *e) { return e->model->completed_step && e->model->sample > 0; }
+
+/* Whether the memory moves on now; then the next instant is counted from the start, never summed up. Rounding of times
+ * that an importer has summed up stays far below a thousandth of a sample. */
+static int is_sample(hy_engine *e)
+{
+    const double now = e->data.v[0], start = e->settings[0], sample = e->model->sample, blur = 1e-3;
+    if (!hy_has_ticks(e)) return e->model->completed_step != NULL;
+    if (now < e->status->tick - blur * sample) return 0;
+    e->status->tick = start + sample * (floor((now - start) / sample + blur) + 1);
+    return 1;
+}
+
 int hy_completed(hy_engine *e)
 {
     int outcome;
-    if (!e->model->completed_step) return HY_OK;
+    if (!is_sample(e)) return HY_OK;
     outcome = hy_settle(e);
     if (!outcome) outcome = e->model->completed_step(&e->data);
     e->status->stale = 2;

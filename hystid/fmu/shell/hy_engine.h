@@ -27,6 +27,8 @@ typedef struct {
     double origin;     /* time origin of the driven polynomials [s] */
     double start_time, stop_time; /* stop_time is INFINITY where none was given */
     double last_time;  /* last successful communication point [s] */
+    double tick;       /* of a model with a sample interval: when its memory moves on next [s] */
+    double time_event; /* instant of the last time event that was handled [s] */
 } hy_status;
 
 typedef struct hy_duhem hy_duhem; /* curves of rate-independent states */
@@ -87,6 +89,7 @@ int hy_settle(hy_engine *e);                       /* evaluate, if stale */
 void hy_drive(hy_engine *e);                       /* driven values at the present time */
 hy_driven *hy_driven_at(const hy_engine *e, int slot); /* NULL where that is not driven */
 int hy_event(hy_engine *e, int *states_changed);   /* event iteration at the present time */
+double hy_next_time_event(const hy_engine *e);     /* first time event that was not handled yet, INFINITY without one */
 int hy_note_signs(hy_engine *e);                   /* takes the indicators' present signs as reference */
 int hy_crossed(hy_engine *e, int *any);            /* whether an indicator left its reference sign */
 int hy_has_events(const hy_engine *e);
@@ -97,7 +100,8 @@ int hy_inputs_changed(hy_engine *e);               /* event iteration where new 
  * completed; the last one is the caller's to complete, who may want to set the inputs of its end first. */
 int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reached);
 int hy_steps_in(const hy_engine *e, double h);     /* how many of the model's own steps an interval h needs */
-int hy_completed(hy_engine *e);                    /* one step is accepted: sampled memory moves on */
+int hy_completed(hy_engine *e);                    /* one step is accepted: sampled memory moves on, if it is time */
+int hy_has_ticks(const hy_engine *e);              /* whether the memory moves on at instants of its own */
 
 void hy_report(hy_engine *e, int level, const char *format, ...);
 

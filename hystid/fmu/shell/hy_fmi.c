@@ -1,5 +1,6 @@
 #include "hy_fmi.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -100,6 +101,8 @@ hy_instance *hy_new_instance(const char *name, const char *token, int kind, hy_l
     c->name = copy_of(name && name[0] ? name : hy_the_model.name);
     if (!name || !name[0]) refused = "an instance needs a name";
     if (!token || strcmp(token, hy_the_model.token)) refused = "the instantiation token is not that of this model's description";
+    if (kind == MODEL_EXCHANGE && hy_the_model.sample < 0)
+        refused = "model exchange is not offered: the memory moves on with each step, and no sample time is known";
     if (!refused && (!c->name || hy_open(&c->engine, &hy_the_model, engine_log, c))) refused = "out of memory";
     if (!refused) c->backup = malloc(c->engine.saved_size);
     if (!refused && !c->backup) refused = "out of memory";
@@ -135,7 +138,7 @@ int hy_setup(hy_instance *c, double start, int stop_defined, double stop)
 }
 
 /* Initial values are solved when somebody asks for one. After an error the values are shown as they stand. */
-static int present(hy_instance *c)
+int hy_present(hy_instance *c)
 {
     hy_engine *e = &c->engine;
     int outcome = HY_OK;
@@ -161,7 +164,7 @@ int hy_exit_initialization(hy_instance *c)
 {
     hy_engine *e = &c->engine;
     hy_status *s = e->status;
-    int changed, outcome = present(c);
+    int changed, outcome = hy_present(c);
     if (!outcome) outcome = check_outputs(c);
     if (outcome) return hy_fmi_status(c, HY_ERROR);
     if (s->kind == MODEL_EXCHANGE || c->event_mode_used) {
@@ -209,7 +212,7 @@ int hy_get(hy_instance *c, const char *call, const unsigned *vr, size_t n, int t
     const double *const v = instantiated ? c->engine.settings : c->engine.data.v;
     int outcome;
     if (n && (!vr || !value)) return hy_fail(c, "%s: a NULL array was given for %zu values", call, n);
-    outcome = instantiated ? HY_OK : present(c);
+    outcome = instantiated ? HY_OK : hy_present(c);
     if (outcome) return hy_fmi_status(c, outcome);
     for (size_t i = 0; i < n; i++) {
         if (vr[i] < (unsigned)c->engine.model->n_values && hy_variables[vr[i]].type == type)
@@ -302,7 +305,7 @@ int hy_set_states(hy_instance *c, const double *x, size_t n)
     if (!right_length(c, x, n, c->engine.model->n_x, "states")) return FMI_ERROR;
     for (size_t i = 0; i < n; i++)
         if (!isfinite(x[i])) return hy_fail(c, "continuous state %zu must be finite", i + 1);
-    memcpy(c->engine.data.v + c->engine.model->x, x, n * sizeof *x);
+    if (n) memcpy(c->engine.data.v + c->engine.model->x, x, n * sizeof *x);
     c->engine.status->stale = 1;
     return FMI_OK;
 }
@@ -311,7 +314,7 @@ int hy_get_states(hy_instance *c, double *x, size_t n)
 {
     int outcome;
     if (!right_length(c, x, n, c->engine.model->n_x, "states")) return FMI_ERROR;
-    outcome = present(c);
+    outcome = hy_present(c);
     if (n) memcpy(x, c->engine.data.v + c->engine.model->x, n * sizeof *x);
     return hy_fmi_status(c, outcome);
 }
@@ -329,7 +332,7 @@ int hy_get_derivatives(hy_instance *c, double *dx, size_t n)
     int outcome;
     if (!right_length(c, dx, n, e->model->n_x, "derivatives")) return FMI_ERROR;
     if (e->status->stale == 2) e->status->stale = 1;
-    outcome = present(c);
+    outcome = hy_present(c);
     if (n) memcpy(dx, e->data.v + e->model->dx, n * sizeof *dx);
     return hy_fmi_status(c, outcome);
 }
@@ -338,16 +341,38 @@ int hy_get_indicators(hy_instance *c, double *z, size_t n)
 {
     int outcome;
     if (!right_length(c, z, n, c->engine.model->n_z, "event indicators")) return FMI_ERROR;
-    outcome = present(c);
+    outcome = hy_present(c);
     if (!outcome && n) outcome = indicators(c, z);
     return hy_fmi_status(c, outcome);
 }
 
-/* Whether the derivatives may jump at this event: a relation or a discrete state is another than before it. */
-static int switched(const hy_model *m, const double *before, const double *after)
+/* Whether the derivatives may jump at this event: a relation or a discrete state is another than before it. A sampled
+ * memory is another after each sample, and most often without a jump: there the derivatives themselves are compared. */
+static int switched(const hy_engine *e, const double *before)
 {
+    const hy_model *m = e->model;
+    const double *const after = e->data.v;
+    const int slot = hy_has_ticks(e) ? m->dx : m->d, n = hy_has_ticks(e) ? m->n_x : m->n_d;
     return memcmp(before + m->rel, after + m->rel, sizeof(double) * (size_t)m->n_rel) != 0
-        || memcmp(before + m->d, after + m->d, sizeof(double) * (size_t)m->n_d) != 0;
+        || memcmp(before + slot, after + slot, sizeof(double) * (size_t)n) != 0;
+}
+
+/* Model exchange: the memory moves on at time events of its own, the first time when the start is over. */
+static int tick(hy_instance *c)
+{
+    const hy_status *s = c->engine.status;
+    int outcome;
+    if (s->kind != MODEL_EXCHANGE || !s->sampled || !hy_has_ticks(&c->engine)) return HY_OK;
+    outcome = hy_completed(&c->engine);
+    c->engine.status->stale = 1; /* derivatives may be others now */
+    return outcome ? outcome : hy_settle(&c->engine);
+}
+
+static double next_tick(const hy_instance *c)
+{
+    const hy_status *s = c->engine.status;
+    if (s->kind != MODEL_EXCHANGE || !hy_has_ticks(&c->engine)) return INFINITY;
+    return s->sampled ? s->tick : s->tick + c->engine.model->sample;
 }
 
 /* In model exchange states count as changed where their derivatives may jump: importers in wide use restart their solver
@@ -357,15 +382,22 @@ int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_define
 {
     hy_engine *e = &c->engine;
     double *const before = c->backup;
-    int outcome;
+    int outcome = hy_has_ticks(e) ? hy_settle(e) : HY_OK;
     memcpy(before, e->data.v, sizeof(double) * (size_t)e->model->n_values);
-    outcome = hy_event(e, states_changed);
+    if (!outcome) outcome = hy_event(e, states_changed);
+    if (!outcome) outcome = tick(c);
     if (e->status->kind == MODEL_EXCHANGE && e->status->sampled && e->model->n_x)
-        *states_changed |= switched(e->model, before, e->data.v);
-    *next = e->model->next_time_event ? e->model->next_time_event(&e->data) : INFINITY;
+        *states_changed |= switched(e, before);
+    *next = fmin(hy_next_time_event(e), next_tick(c));
     *next_defined = isfinite(*next);
     if (!*next_defined) *next = 0;
     return hy_fmi_status(c, outcome ? HY_ERROR : HY_OK);
+}
+
+/* At the end of a solver's step; memory with instants of its own moves on in Event Mode alone. */
+int hy_completed_step(hy_instance *c)
+{
+    return hy_fmi_status(c, hy_has_ticks(&c->engine) ? HY_OK : hy_completed(&c->engine));
 }
 
 int hy_enter_continuous(hy_instance *c)
@@ -426,13 +458,20 @@ static int advance(hy_instance *c, double t, double h, int stop_at_events, doubl
     return outcome;
 }
 
+/* How far times may be off: an importer that sums up n steps is off by n roundings of the time, at most. */
+static double blur(const hy_status *s, double t, double h)
+{
+    const double steps = 1 + fabs(t - s->start_time) / h;
+    return fmin(1e-6 * h + DBL_EPSILON * fabs(t) * steps, 0.01 * h);
+}
+
 static int check_step(hy_instance *c, double t, double h)
 {
     const hy_status *s = c->engine.status;
     if (!isfinite(t) || !isfinite(h) || h <= 0) return hy_fail(c, "a step must have a finite start and a positive length");
-    if (fabs(t - s->last_time) > 1e-6 * h + 1e-12 * fabs(t))
+    if (fabs(t - s->last_time) > blur(s, t, h))
         return hy_fail(c, "a step starts at %.12g s, but the instance stands at %.12g s", t, s->last_time);
-    if (t + h > s->stop_time + 1e-6 * h)
+    if (t + h > s->stop_time + blur(s, t + h, h))
         return hy_fail(c, "a step to %.12g s goes beyond the stop time %.12g s", t + h, s->stop_time);
     return FMI_OK;
 }
@@ -464,83 +503,5 @@ int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, double (*
         s->last_time = *reached;
         s->n_driven = 0;
     }
-    return hy_fmi_status(c, outcome);
-}
-
-/* ---- derivatives ---- */
-
-static int in_range(int slot, int first, int n) { return slot >= first && slot < first + n; }
-
-/* Time, settable parameters, inputs and states stand as they are while derivatives are taken: they are knowns, and where
- * an output is another name of one, its sensitivity is the seed. */
-static int stands(const hy_model *m, int slot)
-{
-    return slot == 0 || in_range(slot, m->u, m->n_u) || in_range(slot, m->x, m->n_x) || in_range(slot, m->d, m->n_d)
-        || (in_range(slot, m->p, m->n_p) && hy_variables[slot].flags & HAS_START);
-}
-
-static int is_unknown(const hy_model *m, int slot)
-{
-    return in_range(slot, m->dx, m->n_x) || in_range(slot, m->y, m->n_y) || in_range(slot, m->x, m->n_x)
-        || (hy_variables[slot].flags & IS_OUTPUT && stands(m, slot));
-}
-
-static int check_derivative(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known)
-{
-    const hy_model *m = c->engine.model;
-    if ((n_unknown && !unknown) || (n_known && !known)) return hy_fail(c, "derivative: a NULL array was given");
-    for (size_t i = 0; i < n_known; i++)
-        if (known[i] >= (unsigned)m->n_values || hy_variables[known[i]].type != REAL || !stands(m, (int)known[i]))
-            return hy_fail(c, "derivative: value reference %u is not time, a real parameter that can be set, an input or a state", known[i]);
-    for (size_t i = 0; i < n_unknown; i++)
-        if (unknown[i] >= (unsigned)m->n_values || hy_variables[unknown[i]].type != REAL || !is_unknown(m, (int)unknown[i]))
-            return hy_fail(c, "derivative: value reference %u is not an output or the derivative of a state", unknown[i]);
-    return FMI_OK;
-}
-
-/* Room for a seed and its sensitivities comes with the first use. */
-static int derivative_room(hy_instance *c)
-{
-    if (!c->engine.seed) hy_carry(&c->engine, NULL, 0);
-    if (!c->engine.seed) return hy_fail(c, "out of memory");
-    memset(c->engine.seed, 0, 2 * sizeof(double) * (size_t)c->engine.model->n_values);
-    return FMI_OK;
-}
-
-int hy_directional(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known,
-                   const double *seed, double *sensitivity)
-{
-    hy_engine *e = &c->engine;
-    const hy_model *m = e->model;
-    int outcome;
-    if (!m->forward) return hy_fail(c, "this model has no directional derivatives");
-    if (check_derivative(c, unknown, n_unknown, known, n_known) || derivative_room(c)) return FMI_ERROR;
-    if ((n_known && !seed) || (n_unknown && !sensitivity)) return hy_fail(c, "derivative: a NULL array was given");
-    outcome = present(c);
-    for (size_t i = 0; i < n_known; i++) e->seed[known[i]] += seed[i];
-    if (!outcome) outcome = m->forward(&e->data, e->seed, e->sens);
-    for (size_t i = 0; i < n_unknown; i++)
-        sensitivity[i] = stands(m, (int)unknown[i]) ? e->seed[unknown[i]] : e->sens[unknown[i]];
-    return hy_fmi_status(c, outcome);
-}
-
-int hy_adjoint(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known,
-               const double *seed, double *sensitivity)
-{
-    hy_engine *e = &c->engine;
-    const hy_model *m = e->model;
-    int outcome;
-    if (!m->adjoint) return hy_fail(c, "this model has no adjoint derivatives");
-    if (check_derivative(c, unknown, n_unknown, known, n_known) || derivative_room(c)) return FMI_ERROR;
-    if ((n_unknown && !seed) || (n_known && !sensitivity)) return hy_fail(c, "derivative: a NULL array was given");
-    outcome = present(c);
-    for (size_t i = 0; i < n_unknown; i++) {
-        if (stands(m, (int)unknown[i]))
-            e->sens[unknown[i]] += seed[i];
-        else
-            e->seed[unknown[i]] += seed[i];
-    }
-    if (!outcome) outcome = m->adjoint(&e->data, e->seed, e->sens);
-    for (size_t i = 0; i < n_known; i++) sensitivity[i] = e->sens[known[i]];
     return hy_fmi_status(c, outcome);
 }

@@ -55,6 +55,7 @@ int hy_allowed(hy_instance *c, const hy_call *call);
 int hy_fail(hy_instance *c, const char *format, ...); /* logs and returns FMI_ERROR */
 int hy_fmi_status(hy_instance *c, int outcome);       /* an outcome of the engine as a status; errors end the instance's run */
 
+int hy_present(hy_instance *c); /* values belong together and can be shown */
 int hy_setup(hy_instance *c, double start, int stop_defined, double stop);
 int hy_exit_initialization(hy_instance *c);
 int hy_set_logging(hy_instance *c, int on, size_t n, const char *const *categories);
@@ -69,6 +70,7 @@ int hy_get_derivatives(hy_instance *c, double *dx, size_t n);
 int hy_get_indicators(hy_instance *c, double *z, size_t n);
 int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_defined, double *next);
 int hy_enter_continuous(hy_instance *c);
+int hy_completed_step(hy_instance *c);
 int hy_input_derivatives(hy_instance *c, const unsigned *vr, size_t n, const int *order, const double *value);
 int hy_directional(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known,
                    const double *seed, double *sensitivity);

@@ -70,6 +70,8 @@ typedef struct {
     int n_shown;
     const int *shown;         /* slots of the algebraic variables that show gives, outputs among them */
     double step;              /* default internal step [s] */
+    double sample;            /* interval at which completed_step is called [s]; 0: at each accepted step; below 0: each step
+                                 of co-simulation is a sample, and model exchange, whose steps are a solver's, not offered */
     const double *start;      /* n_values start values */
 
     int (*parameters)(hy_data *m);                  /* dependent parameters from the settable ones */
@@ -83,7 +85,7 @@ typedef struct {
                                                        with pre, reinit of x; *again = 1 when anything changed. The shell sets
                                                        pre := d before each pass and calls evaluate after the last. */
     double (*next_time_event)(const hy_data *m);    /* next sample instant, or INFINITY */
-    int (*completed_step)(hy_data *m);              /* sampled memory of surrogates: called once per accepted step */
+    int (*completed_step)(hy_data *m);              /* sampled memory moves on; or what is watched over accepted steps */
     int (*forward)(hy_data *m, const double *seed, double *sens);  /* sens = d(dx, y)/d(p, u, x) . seed; both n_values long,
                                                                       time and d may carry seeds too (zero where not smooth) */
     int (*adjoint)(hy_data *m, const double *seed, double *sens);  /* sens += seed . d(dx, y)/d(p, u, x) */

@@ -306,7 +306,7 @@ static int give_up_locating(hy_engine *e, int states_changed)
 
 static int next_target(const hy_engine *e, const stretch *w, double *target)
 {
-    const double next = e->model->next_time_event ? e->model->next_time_event(&e->data) : INFINITY;
+    const double next = hy_next_time_event(e);
     *target = w->h;
     if (!(next <= w->t_end + 1e-9 * w->h)) return 0;
     *target = fmin(fmax(next - w->t, w->s), w->h);
@@ -394,7 +394,7 @@ int hy_steps_in(const hy_engine *e, double h)
     return n < 1 ? 1 : n > 1e9 ? 1000000000 : (int)n;
 }
 
-int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reached)
+static int advance(hy_engine *e, double h, int n, int stop_at_events, double *reached)
 {
     const double t0 = e->data.v[0];
     const int events = hy_has_events(e);
@@ -411,4 +411,38 @@ int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reache
         if (!outcome && i + 1 < n) outcome = hy_completed(e);
     }
     return outcome;
+}
+
+/* The end of the present stretch: where a memory with instants of its own moves on next, or the end of the step. The
+ * first sample after a start is that of the first step's end. */
+static double next_stop(const hy_engine *e, double end)
+{
+    const double sample = e->model->sample, near = 1e-3 * sample;
+    double tick = e->status->tick;
+    if (!hy_has_ticks(e)) return end;
+    if (tick < e->data.v[0] + near) tick += sample;
+    return tick < end - near ? tick : end;
+}
+
+static int steps_of_part(int n, double part)
+{
+    const double steps = ceil(n * part - 1e-9);
+    return steps < 1 ? 1 : (int)steps;
+}
+
+int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reached)
+{
+    const double end = e->data.v[0] + h;
+    double part = h, stop = next_stop(e, end);
+    int outcome = HY_OK;
+    while (stop < end && !outcome) {
+        part = stop - e->data.v[0];
+        outcome = advance(e, part, steps_of_part(n, part / h), stop_at_events, reached);
+        if (outcome) return outcome;
+        *reached = e->data.v[0] = stop;
+        outcome = hy_completed(e);
+        part = end - stop;
+        stop = next_stop(e, end);
+    }
+    return outcome ? outcome : advance(e, part, steps_of_part(n, part / h), stop_at_events, reached);
 }

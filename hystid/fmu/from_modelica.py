@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from hystid import cache
 from hystid.errors import UsageError
 from hystid.files import atomic
 from hystid.fmu.build import BuildResult, Version, build
 from hystid.fmu.platforms import chosen
-from hystid.toolchain import cache_folder
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _MODELICA = (_PACKAGE / "_modelica", _PACKAGE.parent / "modelica")  # in a wheel, in a checkout
@@ -31,26 +32,27 @@ def build_model(
     """Compile a Modelica model and write its FMU, reference results included.
 
     model: "HystId.Oscillators.Jenkins", or "file.mo:Class". parameters: name -> start value. libraries: further
-    .mo files or package folders. The FMU of the same text, parameters and tool is copied from the cache instead of
-    built again.
+    .mo files, package folders, or folders that hold packages. The FMU of the same text, parameters and tool is copied
+    from the cache instead of built again.
     Raises ModelicaError, UsageError, ToolchainError; then nothing is written.
     """
     if fmi not in (2, 3):
         raise UsageError(f"fmi must be 2 or 3, not {fmi}")
-    names = tuple(target.tuple for target in chosen(platforms))
-    key = _key(model, fmi, dict(parameters or {}), names, libraries)
-    stored, notes = cache_folder() / f"{key}.fmu", cache_folder() / f"{key}.json"
-    if not (stored.exists() and notes.exists()):
+    targets = chosen(platforms)
+    names = tuple(target.tuple for target in targets)
+    wanted = ["host" if target.own else target.tuple for target in targets]
+    key = _key(model, fmi, dict(parameters or {}), wanted, libraries)
+    if cache.find(f"{key}.fmu") is None or cache.find(f"{key}.json") is None:
         from hystid.modelica import compile_model  # not needed, and slow to import, where the FMU is in the cache
 
         code = compile_model(model, parameters=dict(parameters or {}), libraries=libraries)
-        made = build(code, stored, fmi=fmi, platforms=names)
-        with atomic(notes) as beside:
-            beside.write_text(json.dumps({"identifier": made.identifier}))
-    out = Path(out)
+        with cache.keep(f"{key}.fmu") as beside:
+            made = build(code, beside, fmi=fmi, platforms=wanted)
+        cache.keep_bytes(f"{key}.json", json.dumps({"identifier": made.identifier}).encode())
+    out, identifier = Path(out), json.loads(cache.kept(f"{key}.json").read_bytes())["identifier"]
     with atomic(out) as beside:
-        shutil.copyfile(stored, beside)
-    return BuildResult(out, fmi, json.loads(notes.read_text())["identifier"], names, out.stat().st_size)
+        shutil.copyfile(cache.kept(f"{key}.fmu"), beside)
+    return BuildResult(out, fmi, identifier, names, out.stat().st_size)
 
 
 def _key(
@@ -59,10 +61,21 @@ def _key(
     """Hash of everything that decides the FMU but its date: request, Modelica text, compiler and shell."""
     request = [model, fmi, sorted(parameters.items()), list(platforms), version("hystid")]
     digest = hashlib.sha256(json.dumps(request).encode())
-    for path in (*_modelica_files(model, libraries), *_own_files()):
+    packages = [entry for entry in map(Path, libraries) if _holds_packages(entry)]
+    texts = _modelica_files(model, [entry for entry in map(Path, libraries) if entry not in packages])
+    for path in (*texts, *_own_files()):
         digest.update(str(path).encode())
         digest.update(path.read_bytes())
+    searched = [] if model.startswith("HystId.") else os.environ.get("MODELICAPATH", "").split(os.pathsep)
+    for folder in (*packages, *(Path(entry) for entry in searched if entry)):
+        for path in sorted(folder.rglob("*.mo")):  # thousands of files: their dates stand for their texts
+            digest.update(f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}".encode())
     return digest.hexdigest()[:32]
+
+
+def _holds_packages(entry: Path) -> bool:
+    """Whether it is a folder of packages, as those that MODELICAPATH names, and not a package or a file."""
+    return entry.is_dir() and not (entry / "package.mo").is_file()
 
 
 def _modelica_files(model: str, libraries: Sequence[Path]) -> list[Path]:
