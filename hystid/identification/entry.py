@@ -11,21 +11,27 @@ import numpy as np
 
 from hystid import processing
 from hystid.comparison import mse, nrmse
+from hystid.consistency import admit
 from hystid.errors import UsageError
 from hystid.identification import data, export
+from hystid.identification.inputs import check_lags, check_range, resolve, unused_columns
+from hystid.identification.lags import choose_lags
+from hystid.identification.leftout import LeftOut
 from hystid.identification.methods import Plan, Recipe, Trained
-from hystid.identification.prediction import drift, predict
+from hystid.identification.prediction import drift, predict, respond
 from hystid.identification.result import Comparison, Identification, Prediction, Role
-from hystid.networks import TwoNetworkModel
+from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, draw, rule_of, split_indices
-from hystid.recording import Recording
+from hystid.networks.trust import Spread
+from hystid.recording import Array, Recording, Sources, loaded
+from hystid.turning_points import TurningPoints
 
 Method = Literal["published", "refined"]
 
 
 def identify(
-    recordings: Sequence[Recording],
+    recordings: Sources,
     *,
     mass: float,
     layers: Sequence[int] = (5, 5),
@@ -37,15 +43,18 @@ def identify(
     method: Method = "refined",
     precision: Precision = "float64",
     samples: int = 50_000,
-    holdout: Sequence[Recording] = (),
+    holdout: Sources = (),
+    inputs: Sequence[str] = (),
+    lags: Sequence[Lag] | None = None,
     workers: int | None = None,
     device: str | None = None,
     out: Path | None = None,
 ) -> Identification:
     """Identify the restoring force with memory from recordings, by the two-network method.
 
-    recordings: the training set; holdout: recordings that are only predicted. Both go through ``processing.prepare``
-    with ``band`` (low, high) [Hz] and ``decimate``, so that x, v and R = F - mass a are there at one sample rate.
+    recordings: the training set; holdout: recordings that are only predicted; in memory or as files. Both go through
+    ``processing.prepare`` with ``band`` (low, high) [Hz] and ``decimate``, so that x, v and R = F - mass a are there at
+    one sample rate.
     mass [kg]: 0 means that F is the restoring force itself; then there is no free run.
     layers: neurons of each hidden layer of both networks. ensemble: number of starts; the best tenth is averaged.
     seed: of the split and of all starts; the result does not depend on ``workers`` (trainings at a time).
@@ -54,24 +63,54 @@ def identify(
     a jointly, and goes on from the best third of the starts with both networks trained together in simulation; the
     published model is then trained as well and stands beside it in every comparison. It is returned in its place where
     the refined one runs worse in closed loop on the training recordings; ``notes`` then says so.
+    inputs: columns of the recordings that both networks see besides the motion, as a current or a pressure; each needs
+    a known unit. A value that was not recorded: ``hystid.recording.with_column``.
+    lags: signals that both networks see late (``Lag``), as the current of a coil that follows its voltage. None: those
+    that left-out stretches ask for (method "refined"), mostly none.
     samples: at most so many, drawn at random from all recordings after the turning points were found at full rate.
     device: a torch device such as "cuda" for the first trainings, all starts at once; None uses the compiled kernel.
     out: folder to write the models and identification.json to.
     Raises UsageError, RecordingError, NumericalError. After Ctrl-C it goes on with the trainings that had finished.
+
+    >>> import hystid
+    >>> fmu = hystid.build("HystId.Oscillators.Jenkins", "jenkins.fmu")
+    >>> sweep = hystid.simulate(fmu, "chirp:0-60Hz@60N,2s", dt=4e-4, noise_snr=40)
+    >>> model = hystid.identify(sweep, mass=1.0, ensemble=2, method="published", workers=1)
+    >>> model.comparisons[0].network.force_nrmse < model.comparisons[0].linear.force_nrmse
+    True
+    >>> sorted(file.name for file in model.save("model").iterdir() if file.suffix == ".fmu")
+    ['oscillator.fmu', 'surrogate.fmu']
     """
     _check(mass, layers, ensemble, samples, method)
-    plan = Plan(mass, tuple(layers), ensemble, seed, rule_of(mode), precision, samples, workers, device)
+    recordings, holdout = (admit(loaded(group), mass) for group in (recordings, holdout))
+    ports = resolve([*recordings, *holdout], inputs)
+    check_range(recordings, ports)
+    check_lags(lags or (), ports)
     recipe = Recipe(band, decimate, mass, smoothing=method == "refined")
     used, unseen = ([recipe.apply(recording) for recording in group] for group in (recordings, holdout))
     data.check(used, unseen)
+    leftout = LeftOut(used, ports, seed)
+    if lags is None:
+        lags = choose_lags(leftout) if method == "refined" else ()
+    plan = Plan(
+        mass, tuple(layers), ensemble, seed, rule_of(mode), precision, samples, workers, device, ports, tuple(lags)
+    )
+    if ports and method == "refined":
+        plan = replace(plan, level=data.level_of(used, ports, lags))
     trained = plan.refined(used) if method == "refined" else plan.published(used)
-    model = _model(trained, used, mass)
-    fit = data.linear_fit(trained.samples, mass)
-    models = {"network": model, "linear": data.linear_model(fit, model.sample_rate)}
+    model = _model(trained, used, plan)
+    plain_samples = data.samples(used, TurningPoints(), ports)
+    fit = data.linear_fit(plain_samples, mass)
+    models = {"network": model, "linear": data.linear_model(fit, model.sample_rate, ports)}
     if method == "refined":
         raw = [replace(recipe, smoothing=False).apply(recording) for recording in recordings]
-        plain = plan.published(raw)
-        models["published"] = _model(plain, raw, mass)
+        unaided = replace(plan, lags=(), level=None)
+        plain = unaided.published(raw)
+        models["published"] = _model(plain, raw, unaided)
+    model = replace(
+        model, spread=_spread(model, used, trained, leftout.inflation(lags)), tail=data.tail_of(plain_samples)
+    )
+    models["network"] = model
     comparisons = [_compare(models, recording, "training") for recording in used]
     comparisons += [_compare(models, recording, "holdout") for recording in unseen]
     if method == "refined" and (why := _unsteady(comparisons)):
@@ -80,27 +119,43 @@ def identify(
     settings: dict[str, Any] = {"layers": list(layers), "ensemble": ensemble, "mode": mode, "method": method}
     settings |= {"seed": seed, "samples": len(trained.samples.x), "precision": precision, "decimate": decimate}
     settings["band"] = list(band) if band else None
+    late = tuple(
+        f"the force follows {lag.source} late: a lag of {1e3 * lag.time:.3g} ms is a further input of the networks"
+        for lag in model.lags
+    )
+    notes = (*trained.notes, *late, *unused_columns(*_residual_of(comparisons), ports))
     numbers = tuple(start.number for start in trained.chosen)
     test = _test(comparisons, samples, seed)
-    result = Identification(model, trained.starts, numbers, comparisons, fit, test, settings, trained.notes)
+    result = Identification(model, trained.starts, numbers, comparisons, fit, test, settings, notes)
     return export.write(result, Path(out)) if out is not None else result
 
 
-def _model(trained: Trained, recordings: Sequence[Recording], mass: float) -> TwoNetworkModel:
+def _spread(model: TwoNetworkModel, recordings: Sequence[Recording], trained: Trained, inflation: float) -> Spread:
+    """Spread of the model's error, from branches that were not trained on where there are such."""
+    error, between = [], []
+    for recording in recordings:
+        R, each = respond(model, recording)
+        error.append(R - recording.channel("R"))
+        between.append(np.std(each, axis=1))
+    unseen = slice(None) if trained.unseen is None else trained.unseen
+    return Spread.fit(np.concatenate(error)[unseen], np.concatenate(between)[unseen], inflation)
+
+
+def _residual_of(comparisons: Sequence[Comparison]) -> tuple[list[Recording], list[Array]]:
+    return [item.recording for item in comparisons], [item.network.R for item in comparisons]
+
+
+def _model(trained: Trained, recordings: Sequence[Recording], plan: Plan) -> TwoNetworkModel:
+    columns = {name: name for name in ("x", "v", "R")} | {port.name: port.column for port in plan.inputs}
     limits = {
         name: (
-            min(float(r.channel(name).min()) for r in recordings),
-            max(float(r.channel(name).max()) for r in recordings),
+            min(float(r.channel(column).min()) for r in recordings),
+            max(float(r.channel(column).max()) for r in recordings),
         )
-        for name in ("x", "v", "R")
+        for name, column in columns.items()
     }
-    return TwoNetworkModel(
-        tuple(start.member for start in trained.chosen),
-        mass,
-        recordings[0].sample_rate,
-        limits,
-        metadata=trained.metadata,
-    )
+    model = plan.model([start.member for start in trained.chosen], recordings[0].sample_rate, limits)
+    return replace(model, metadata=trained.metadata)
 
 
 def _compare(models: Mapping[str, TwoNetworkModel], recording: Recording, role: Role) -> Comparison:

@@ -26,5 +26,5 @@ def write(result: Identification, folder: Path) -> Identification:
         files["oscillator"] = folder / "oscillator.fmu"
         build(oscillator_code(files["onnx"]), files["oscillator"])
     written = replace(result, files=files)
-    write_json(folder / "identification.json", written.summary())
+    write_json(folder / "identification.json", written.as_dict())
     return written

@@ -7,16 +7,19 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hystid import processing
 from hystid.identification import data
 from hystid.identification.denoise import noise_level, smooth
 from hystid.identification.prediction import drift, predict
-from hystid.networks import TwoNetworkModel
+from hystid.leastsquares import Rule
+from hystid.networks import FurtherInput, Lag, Member, TwoNetworkModel
 from hystid.networks.ensemble import Samples, Start, best, refine_ensemble, train_ensemble
-from hystid.networks.joint import Sequences
+from hystid.networks.joint import Motion, Sequences, unseen_samples
+from hystid.networks.level import Level
 from hystid.networks.normal_equations import Precision
-from hystid.networks.training import Rule, draw
+from hystid.networks.training import draw
 from hystid.recording import Array, Recording
 from hystid.turning_points import TurningPoints
 
@@ -49,13 +52,17 @@ class Recipe:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """Outcome of one way of training: every start, the chosen ones (best first), the samples they were trained on."""
+    """Outcome of one way of training: every start, the chosen ones (best first), the samples they were trained on.
+
+    unseen: samples of all recordings, one after the other, that were not trained on; None where that is not known.
+    """
 
     starts: Sequence[Start]
     chosen: Sequence[Start]
     samples: Samples
     notes: tuple[str, ...] = ()
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    unseen: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
@@ -71,10 +78,15 @@ class Plan:
     samples: int
     workers: int | None
     device: str | None = None
+    inputs: tuple[FurtherInput, ...] = ()
+    lags: tuple[Lag, ...] = ()
+    level: Level | None = None
 
     def published(self, recordings: Sequence[Recording]) -> Trained:
         """Each network by itself, measured force at the turning points; the best tenth of the starts is averaged."""
-        drawn = data.samples(recordings, TurningPoints()).subset(self.samples, self.seed)
+        drawn = data.samples(recordings, TurningPoints(), self.inputs, self.lags, self.level).subset(
+            self.samples, self.seed
+        )
         starts = self._starts(drawn, self.rule)
         return Trained(starts, best(starts, self._tenth), drawn, self._shortfall(starts), {"method": "published"})
 
@@ -86,11 +98,12 @@ class Plan:
         can be fitted to: its noise and a share of its own force. Unweighted, the loudest one alone would decide.
         """
         memory = TurningPoints()
-        drawn = data.samples(recordings, memory).subset(self.samples, self.seed)
+        drawn = data.samples(recordings, memory, self.inputs, self.lags, self.level).subset(self.samples, self.seed)
         first = replace(self.rule, max_iterations=min(_FIRST_ITERATIONS, self.rule.max_iterations))
         starts = self._starts(drawn, first)
-        motions = [(r.channel("x"), r.channel("v"), r.channel("R")) for r in recordings]
-        sequences = Sequences.of(motions, memory, _weights([R for _, _, R in motions]))
+        motions = data.motions(recordings, self.inputs, self.lags, self.level)
+        sequences = Sequences.of(motions, memory, self._weights(recordings, motions), len(self.inputs))
+        branches, of_sample = len(sequences.x0), sequences.segment
         sequences = sequences.pick(draw(len(sequences.x), self.samples, self.seed))
         patient = replace(self.rule, max_fails=max(_PATIENCE, self.rule.max_fails), progress=_PROGRESS)
         finished: Sequence[Start] = starts
@@ -104,23 +117,24 @@ class Plan:
             simulated |= {start.number: start for start in finished}
         everything = [simulated.get(start.number, start) for start in starts]
         chosen = self._steadiest(list(simulated.values()), recordings, len(sequences.x0))
-        return Trained(everything, chosen, drawn, self._shortfall(starts), {"method": "refined"})
+        unseen = unseen_samples(branches, of_sample, self.seed)
+        return Trained(everything, chosen, drawn, self._shortfall(starts), {"method": "refined"}, unseen)
 
     def _steadiest(self, starts: Sequence[Start], recordings: Sequence[Recording], branches: int) -> list[Start]:
         """The starts to be averaged, best first: at most a tenth, none much worse than the best.
 
         Judged by validation error and, where there is a mass, drift in closed loop: a close force and a close run.
-        Where there is none, and few branches, the validation error alone says little: then the best third.
+        Where there is none, and few branches or further inputs, the validation error alone says little, least of all
+        about levels between those trained: then the best third.
         """
         ranked = best(starts, len(starts))
-        if not self.mass and branches < _FEW_BRANCHES:
+        if not self.mass and (branches < _FEW_BRANCHES or self.inputs):
             return ranked[: max(self._tenth, round(len(starts) / 3))]
         if not self.mass:
             return [start for start in ranked[: self._tenth] if start.error <= _COMPARABLE * ranked[0].error]
 
         def median_drift(*members: Start) -> float:
-            networks = tuple(start.member for start in members)
-            model = TwoNetworkModel(networks, self.mass, recordings[0].sample_rate, {})
+            model = self.model([start.member for start in members], recordings[0].sample_rate)
             return float(np.median([drift(predict(model, recording)) for recording in recordings]))
 
         hopeful = [start for start in ranked if start.error <= _HOPELESS * ranked[0].error]
@@ -131,6 +145,21 @@ class Plan:
         if median_drift(*chosen) > 2 * max(drifts[start.number] for start in chosen):
             return chosen[:1]  # without a spring the mean of two forces that balance need not balance
         return chosen
+
+    def model(
+        self, members: Sequence[Member], sample_rate: float, limits: Mapping[str, tuple[float, float]] | None = None
+    ) -> TwoNetworkModel:
+        """Trained members as one model; limits: its training range."""
+        return TwoNetworkModel(
+            tuple(members), self.mass, sample_rate, limits or {}, inputs=self.inputs, lags=self.lags, level=self.level
+        )
+
+    def _weights(self, recordings: Sequence[Recording], motions: Sequence[Motion]) -> list[Array]:
+        """Weights of the errors of each recording's samples, in the units of the motions' force."""
+        weights = _weights([recording.channel("R") for recording in recordings])
+        spread = [np.ones(len(m.x)) if self.level is None else self.level.spread(m.further) for m in motions]
+        mean = np.mean(np.concatenate(spread))
+        return [weight * part / mean for weight, part in zip(weights, spread, strict=True)]
 
     @property
     def _tenth(self) -> int:

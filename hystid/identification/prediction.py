@@ -8,21 +8,38 @@ import numpy as np
 
 from hystid.comparison import mse, nrmse
 from hystid.errors import NumericalError
+from hystid.identification.inputs import columns_of
 from hystid.identification.result import Prediction
 from hystid.networks import TwoNetworkModel
-from hystid.recording import Recording
+from hystid.recording import Array, Recording
+
+
+def respond(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array]:
+    """R on the measured motion [N], shape (n,), and each member's, shape (n, members)."""
+    x, v, further, start = _begin(model, recording)
+    force, each, _ = model.members_response(x, v, start, further)
+    return force, each
+
+
+def _begin(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array, dict[str, Array], Array]:
+    """x, v, further inputs, and the state before the first sample."""
+    x, v = recording.channel("x"), recording.channel("v")
+    further = columns_of(recording, model.inputs)
+    first = {"x": float(x[0]), "v": float(v[0])} | {name: float(values[0]) for name, values in further.items()}
+    return x, v, further, model.initial_state(float(recording.channel("R")[0]), first)
 
 
 def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
     """The model on one recording: R on the measured motion, and the free run where there is a mass."""
-    x, v, R = (recording.channel(name) for name in ("x", "v", "R"))
-    start = model.initial_state(float(R[0]))
-    force, _ = model.response(x, v, start)
-    open_loop = Prediction(force, nrmse(force, R))
+    x, v, further, start = _begin(model, recording)
+    R = recording.channel("R")
+    force, each, _ = model.members_response(x, v, start, further)
+    spread = None if model.spread is None else model.spread.of(each)
+    open_loop = Prediction(force, nrmse(force, R), spread=spread)
     if not model.mass:
         return open_loop
     try:
-        run = model.free_run(recording.channel("F"), recording.dt, float(x[0]), float(v[0]), start)
+        run = model.free_run(recording.channel("F"), recording.dt, float(x[0]), float(v[0]), start, further)
     except NumericalError as error:
         return replace(open_loop, diverged=str(error))
     errors = {"x_nrmse": nrmse(run["x"], x), "R_nrmse": nrmse(run["R"], R), "R_mse": mse(run["R"], R)}

@@ -1,5 +1,7 @@
 """Tanh networks, the two-network hysteresis model, and its training by Levenberg-Marquardt."""
 
-from hystid.networks.network import Member, Network, TwoNetworkModel
+from hystid.networks.model import TwoNetworkModel
+from hystid.networks.perceptron import Member, Network
+from hystid.networks.ports import FurtherInput, Lag
 
-__all__ = ["Member", "Network", "TwoNetworkModel"]
+__all__ = ["FurtherInput", "Lag", "Member", "Network", "TwoNetworkModel"]

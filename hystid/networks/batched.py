@@ -1,21 +1,23 @@
 """Levenberg-Marquardt for many networks of one structure at a time, in torch: on a GPU, or where there is no compiler.
 
-The rule is that of ``training``; each network has its own mu, accepts its own steps and stops for its own reason. On a
-processor the compiled kernel is several times faster; here the batch fills a GPU instead.
+The loop is that of ``leastsquares``; the sums lie on the device. On a processor the compiled kernel is several times
+faster; here the batch fills a GPU instead.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hystid.errors import UsageError
+from hystid.leastsquares import Rule, minimise
 from hystid.networks.normal_equations import parameter_count
-from hystid.networks.training import Data, Reason, Rule, Training, stages
+from hystid.networks.training import Data, Training, stages
 from hystid.recording import Array
 
 _CHUNK = 2_000_000  # elements of one chunk of the Jacobian, all networks together
@@ -35,6 +37,7 @@ class _Batch:
     def __init__(self, sizes: Sequence[int], inputs: Any, target: Any) -> None:
         self.sizes, self.inputs, self.target = tuple(sizes), inputs, target
         self.samples, self.count = target.shape[1], parameter_count(sizes)
+        self._sums: Any = None
         self.length = max(64, _CHUNK // (self.count * len(target)))
 
     def _layers(self, w: Any) -> list[tuple[Any, Any]]:
@@ -52,18 +55,36 @@ class _Batch:
         weights, bias = layers[-1]
         return acts, (weights @ acts[-1] + bias)[:, 0] - self.target[:, part]
 
-    def squares(self, w: Any) -> Any:
+    def squares(self, w: Array) -> Array:
         """Sums of squared residuals, shape (E,)."""
-        layers = self._layers(w)
-        return sum((self._forward(layers, part)[1] ** 2).sum(1) for part in self._parts())
+        layers = self._layers(self._here(w))
+        return np.asarray(sum((self._forward(layers, part)[1] ** 2).sum(1) for part in self._parts()).cpu().numpy())
 
-    def build(self, w: Any) -> tuple[Any, Any, Any]:
-        """Sums of squares (E,), J'J (E, P, P) and J'e (E, P)."""
+    def build(self, w: Array) -> Array:
+        """As ``squares``; J'J (E, P, P) and J'e (E, P) stay on the device."""
         sums = 0
         for part in self._parts():
-            rows = self._rows(w, part)
+            rows = self._rows(self._here(w), part)
             sums = sums + rows @ rows.transpose(1, 2)
-        return sums[:, -1, -1], sums[:, :-1, :-1], sums[:, -1, :-1]  # type: ignore[index]
+        self._sums = sums
+        return np.asarray(sums[:, -1, -1].cpu().numpy())  # type: ignore[index]
+
+    def diagonal(self) -> Array:
+        return np.asarray(self._sums[:, :-1, :-1].diagonal(dim1=1, dim2=2).cpu().numpy())
+
+    def gradient(self) -> Array:
+        return np.asarray(self._sums[:, -1, :-1].cpu().numpy())
+
+    def solve(self, damping: Array) -> tuple[Array, NDArray[np.bool_]]:
+        torch = _torch()
+        matrix = self._sums[:, :-1, :-1] + torch.diag_embed(self._here(damping))
+        factor, failed = torch.linalg.cholesky_ex(matrix)
+        step = torch.cholesky_solve(self._sums[:, -1, :-1, None], factor)[:, :, 0]
+        definite = (failed == 0).cpu().numpy()
+        return np.where(definite[:, None], step.cpu().numpy(), 0.0), definite
+
+    def _here(self, values: Array) -> Any:
+        return _torch().as_tensor(values, dtype=self.target.dtype, device=self.target.device)
 
     def _rows(self, w: Any, part: slice) -> Any:
         torch, layers = _torch(), self._layers(w)
@@ -77,23 +98,6 @@ class _Batch:
 
     def _parts(self) -> list[slice]:
         return [slice(k, k + self.length) for k in range(0, self.samples, self.length)]
-
-
-@dataclass
-class _Progress:
-    """State of all networks: w (E, P), mu (E,), and per network its history, best iterate and reason."""
-
-    w: Any
-    mu: Any
-    train: list[list[float]]
-    validation: list[list[float]]
-    best: Any
-    best_at: list[int]
-    reason: list[Reason | None]
-
-    @property
-    def running(self) -> list[int]:
-        return [k for k, reason in enumerate(self.reason) if reason is None]
 
 
 def train_batch(
@@ -114,89 +118,14 @@ def train_batch(
     results: list[Training] = []
     for count, limited in stages(fit.samples, w.shape[1], rule):
         part = _Batch(sizes, fit.inputs[..., :count], fit.target[..., :count])
-        state = _start(part, check, w, limited)
-        for iteration in range(1, limited.max_iterations + 1):
-            if not state.running:
-                break
-            _iterate(part, check, state, iteration, limited)
-        w, ended = state.best, _trainings(state, (test.squares(state.best) / max(test.samples, 1)).tolist())
+        ended = [Training.of(found) for found in minimise(part, check, starts, limited)]
         results = [stage.after(earlier) for stage, earlier in zip(ended, results, strict=True)] if results else ended
-    return results
-
-
-def _trainings(state: _Progress, test: list[float]) -> list[Training]:
-    return [
-        Training(best, reason or "iterations", at, np.array(train), np.array(validation), error)
-        for best, reason, at, train, validation, error in zip(
-            state.best.cpu().numpy(), state.reason, state.best_at, state.train, state.validation, test, strict=True
-        )
-    ]
+        starts = np.stack([training.w for training in results])
+    errors = test.squares(starts) / max(test.samples, 1)
+    return [replace(training, test=float(error)) for training, error in zip(results, errors, strict=True)]
 
 
 def _tensors(data: Sequence[Data], name: str, like: Any) -> tuple[Any, Any]:
     columns = zip(*(part.parts[name] for part in data), strict=True)
     inputs, target = (_torch().tensor(np.stack(column), dtype=like.dtype, device=like.device) for column in columns)
     return inputs, target
-
-
-def _start(fit: _Batch, check: _Batch, w: Any, rule: Rule) -> _Progress:
-    train = [[value] for value in (fit.squares(w) / fit.samples).tolist()]
-    validation = [[value] for value in (check.squares(w) / check.samples).tolist()]
-    mu = w.new_full((len(w),), rule.mu)
-    return _Progress(w, mu, train, validation, w.clone(), [0] * len(w), [None] * len(w))
-
-
-def _iterate(fit: _Batch, check: _Batch, state: _Progress, iteration: int, rule: Rule) -> None:
-    """One iteration of every network that still runs; the others are carried along unchanged."""
-    before, normal, gradient = fit.build(state.w)
-    flat = 2 * gradient.norm(dim=1) / fit.samples < rule.min_gradient
-    for k in state.running:
-        if flat[k]:
-            state.reason[k] = "gradient"
-    moved, errors = _accept(fit, state, before, normal, gradient, rule)
-    validation = (check.squares(state.w) / check.samples).tolist()
-    for k in state.running:
-        if not moved[k]:
-            state.reason[k] = "damping"
-            continue
-        state.train[k].append(errors[k] / fit.samples)
-        state.validation[k].append(validation[k])
-        if validation[k] < state.validation[k][state.best_at[k]]:
-            state.best_at[k] = iteration
-            state.best[k] = state.w[k]
-        state.reason[k] = _finished(state.train[k], iteration - state.best_at[k], rule)
-
-
-def _finished(train: list[float], fails: int, rule: Rule) -> Reason | None:
-    if fails >= rule.max_fails:
-        return "validation"
-    if len(train) > rule.window and train[-1] > (1 - rule.progress) * train[-1 - rule.window]:
-        return "stalled"
-    return None
-
-
-def _accept(
-    fit: _Batch, state: _Progress, before: Any, normal: Any, gradient: Any, rule: Rule
-) -> tuple[list[bool], list[float]]:
-    """Raise each network's mu until its step lowers its error, or mu passes its limit. Changes state.w and state.mu."""
-    torch = _torch()
-    scale = torch.full_like(gradient, float(fit.samples))
-    if rule.scaling == "columns":
-        scale = normal.diagonal(dim1=1, dim2=2)
-        scale = scale + 1e-12 * scale.amax(1, keepdim=True)
-    waiting = torch.tensor([reason is None for reason in state.reason], device=state.w.device)
-    moved, errors = torch.zeros_like(waiting), before.clone()
-    while bool((waiting & (state.mu <= rule.mu_max)).any()):
-        factor, failed = torch.linalg.cholesky_ex(normal + torch.diag_embed(state.mu[:, None] * scale))
-        step = torch.cholesky_solve(gradient[:, :, None], factor)[:, :, 0]
-        usable = waiting & (failed == 0) & (state.mu <= rule.mu_max)
-        trial = torch.where(usable[:, None], state.w - step, state.w)
-        error = fit.squares(trial)
-        better = usable & (error < before)
-        state.w = torch.where(better[:, None], trial, state.w)
-        errors = torch.where(better, error, errors)
-        lowered = (state.mu * rule.down).clamp_min(1e-20)
-        raised = torch.where(waiting, state.mu * rule.up, state.mu)
-        state.mu = torch.where(better, lowered, raised)
-        moved, waiting = moved | better, waiting & ~better
-    return moved.tolist(), errors.tolist()

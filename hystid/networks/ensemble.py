@@ -15,12 +15,13 @@ from typing import TypeVar
 import numpy as np
 
 from hystid.errors import NumericalError
+from hystid.leastsquares import Rule
 from hystid.networks.batched import train_batch
 from hystid.networks.joint import Sequences, train_jointly
-from hystid.networks.network import Member, Network
 from hystid.networks.normal_equations import Precision
-from hystid.networks.training import RULES, Data, Rule, Training, draw, initial_weights, train
-from hystid.progress import track
+from hystid.networks.perceptron import Member, Network
+from hystid.networks.training import RULES, Data, Training, draw, initial_weights, train
+from hystid.progress import tell, track
 from hystid.recording import Array
 
 Result = TypeVar("Result")
@@ -30,7 +31,8 @@ Result = TypeVar("Result")
 class Samples:
     """Regression samples of the two-network method, each of shape (n,), SI units.
 
-    x0, R0: displacement and measured force at the latest turning point (``TurningPoints.hold``).
+    x0, R0: displacement and measured force at the latest turning point (``TurningPoints.hold``). further: the further
+    inputs and lags, shape (inputs + lags, n); inputs: how many of them are inputs.
     """
 
     x: Array
@@ -38,11 +40,19 @@ class Samples:
     x0: Array
     R0: Array
     R: Array
+    further: Array
+    inputs: int = 0
+
+    @property
+    def quiet(self) -> slice:
+        """Inputs of both networks that are further inputs: they start without effect, and are held to little."""
+        return slice(3, 3 + self.inputs)
 
     def subset(self, count: int, seed: int) -> Samples:
         """The samples of ``draw``."""
         pick = draw(len(self.x), count, seed)
-        return Samples(*(getattr(self, name)[pick] for name in ("x", "v", "x0", "R0", "R")))
+        rows = {name: getattr(self, name)[..., pick] for name in ("x", "v", "x0", "R0", "R", "further")}
+        return replace(self, **rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,28 +82,29 @@ def train_pair(
     stop: threading.Event | None = None,
 ) -> Start:
     """Hysteresis network on (x, x0, R0) -> R, then restoring network on (x, v, its output) -> R, on one split."""
-    first, second = _weights(hidden, seed, number)
+    first, second = _weights(samples, hidden, seed, number)
+    quiet = samples.quiet
     outer = _outer_data(samples, seed)
-    hysteresis = train(outer, hidden, first, rule=rule, precision=precision, stop=stop)
+    hysteresis = train(outer, hidden, first, rule=rule, precision=precision, further=quiet, stop=stop)
     network = outer.network(hysteresis.w, hidden)
     inner = _inner_data(samples, network, seed)
-    restoring = train(inner, hidden, second, rule=rule, precision=precision, stop=stop)
+    restoring = train(inner, hidden, second, rule=rule, precision=precision, further=quiet, stop=stop)
     return Start(number, Member(network, inner.network(restoring.w, hidden)), hysteresis, restoring)
 
 
-def _weights(hidden: Sequence[int], seed: int, number: int) -> tuple[Array, Array]:
+def _weights(samples: Samples, hidden: Sequence[int], seed: int, number: int) -> tuple[Array, Array]:
     """Starting weights of both networks of one start."""
-    rng, sizes = np.random.default_rng([seed, number]), (3, *hidden, 1)
-    return initial_weights(sizes, rng), initial_weights(sizes, rng)
+    rng, sizes = np.random.default_rng([seed, number]), (3 + len(samples.further), *hidden, 1)
+    return initial_weights(sizes, rng, samples.quiet), initial_weights(sizes, rng, samples.quiet)
 
 
 def _outer_data(samples: Samples, seed: int) -> Data:
-    return Data.split(np.stack([samples.x, samples.x0, samples.R0]), samples.R, seed)
+    return Data.split(np.stack([samples.x, samples.x0, samples.R0, *samples.further]), samples.R, seed)
 
 
 def _inner_data(samples: Samples, hysteresis: Network, seed: int) -> Data:
-    Rh = hysteresis(samples.x, samples.x0, samples.R0)
-    return Data.split(np.stack([samples.x, samples.v, Rh]), samples.R, seed)
+    Rh = hysteresis(samples.x, samples.x0, samples.R0, *samples.further)
+    return Data.split(np.stack([samples.x, samples.v, Rh, *samples.further]), samples.R, seed)
 
 
 def workers_of(workers: int | None) -> int:
@@ -121,6 +132,8 @@ def side_by_side(
                     done[futures[future]] = future.result()
                     step()
         except BaseException as error:
+            if isinstance(error, KeyboardInterrupt) and done:
+                tell(f"{title}: stopping with the {len(done)} of {len(jobs)} that finished; Ctrl-C again ends at once")
             ready = [future for future in futures if future.done() and not future.cancelled()]
             stop.set()  # what ends from here on is not a finished training
             done |= {futures[future]: future.result() for future in ready if not future.exception()}
@@ -155,7 +168,7 @@ def train_ensemble(
 
 
 def _train_on(device: str, samples: Samples, hidden: Sequence[int], count: int, seed: int, rule: Rule) -> list[Start]:
-    weights = [_weights(hidden, seed, number) for number in range(count)]
+    weights = [_weights(samples, hidden, seed, number) for number in range(count)]
     outer = _outer_data(samples, seed)
     firsts = train_batch([outer] * count, hidden, np.stack([w for w, _ in weights]), rule=rule, device=device)
     networks = [outer.network(first.w, hidden) for first in firsts]

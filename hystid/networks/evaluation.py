@@ -4,82 +4,127 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from hystid import toolchain
 from hystid.errors import NumericalError, ToolchainError, UsageError
+from hystid.networks.level import Level
+from hystid.networks.perceptron import Member, Network
+from hystid.networks.trust import Tail
 from hystid.recording import Array
-
-if TYPE_CHECKING:
-    from hystid.networks.network import Network, TwoNetworkModel
 
 _LANES = 8  # members per vector: 64 bytes of float64
 _HUGE_MOTION = 1e100  # far beyond any motion in SI units, and its square still finite
 _FLAGS = ("-O3", "-march=native", "-ffp-contract=fast", "-DVECTOR_BYTES=64", "-Wno-psabi")
 
 
-def response(model: TwoNetworkModel, x: Array, v: Array, state: Array) -> tuple[Array, Array]:
-    """See ``TwoNetworkModel.response``."""
-    force, _, after = response_with_members(model, x, v, state)
-    return force, after
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """Least and greatest value of x, v and the further inputs, shape (2 + inputs, 2), and what acts beyond."""
+
+    limits: Array
+    tail: Tail
+
+    def inside(self, x: float, v: float, further: Array) -> tuple[float, float, Array, float]:
+        """The nearest x, v and further inputs inside, and the force of the tail."""
+        signals = np.array([x, v, *further])
+        near = np.clip(signals, self.limits[:, 0], self.limits[:, 1])
+        force = self.tail.stiffness * (x - near[0]) + self.tail.damping * (v - near[1])
+        return near[0], near[1], near[2:], float(force)
+
+    def numbers(self) -> Array:
+        """stiffness, damping, then the limits row by row."""
+        return np.array([self.tail.stiffness, self.tail.damping, *self.limits.ravel()])
 
 
-def response_with_members(model: TwoNetworkModel, x: Array, v: Array, state: Array) -> tuple[Array, Array, Array]:
-    """As ``response``, with each member's hysteretic force Rh between, shape (n, members)."""
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """The pairs of networks of a model, all of one structure, and the velocity band of its turning points [m/s].
+
+    sources, shares: of the lags, which the networks see after the further inputs: number of the further input that a
+    lag follows, -1 for the velocity, and what it makes up of the difference in one sample (``Lag.share``).
+    level: what the networks' force is scaled by. ends: of the training range.
+    """
+
+    members: tuple[Member, ...]
+    band: float
+    sources: tuple[int, ...] = ()
+    shares: tuple[float, ...] = ()
+    level: Level | None = None
+    ends: Ends | None = None
+
+    @property
+    def state_size(self) -> int:
+        """Length of the state: v_last, x0, Rh and Rh0 of each member, the lags."""
+        return 2 + 2 * len(self.members) + len(self.sources)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A free run's mass [kg], step [s], displacement [m] and velocity [m/s] at the first row, and state before it."""
+
+    mass: float
+    dt: float
+    x: float
+    v: float
+    state: Array
+
+
+def response(ensemble: Ensemble, x: Array, v: Array, further: Array, state: Array) -> tuple[Array, Array, Array]:
+    """R [N], shape (n,), each member's own R, shape (n, members), and the state after; further: shape (n, inputs)."""
     x, v, state = (np.ascontiguousarray(values, dtype=np.float64) for values in (x, v, state))
-    _check(model, state, x=x, v=v)
-    members = len(model.members)
-    state, force, hysteretic = state.copy(), np.empty(len(x)), np.empty((len(x), members))
+    _check(ensemble, state, x=x, v=v)
+    members = len(ensemble.members)
+    state, force, each = state.copy(), np.empty(len(x)), np.empty((len(x), members))
     library = _library()
     if library is None:
-        _response_numpy(model, x, v, state, force, hysteretic)
+        stepper = _Stepper(ensemble, state)
+        for k in range(len(x)):
+            force[k], each[k] = stepper.accept(x[k], v[k], further[k])
     else:
-        arrays = (_pointer(values) for values in (x, v, state, force, hysteretic))
-        _done(library.hystid_response(*_description(model), ctypes.c_long(len(x)), *arrays))
-    return force, hysteretic, state
+        arrays = (_pointer(values) for values in (x, v, further, state, force, each))
+        _done(library.hystid_response(*_description(ensemble), ctypes.c_long(len(x)), *arrays))
+    return force, each, state
 
 
-def free_run(
-    model: TwoNetworkModel, force: Array, dt: float, start: tuple[float, float], state: Array
-) -> dict[str, Array]:
-    """See ``TwoNetworkModel.free_run``."""
-    force, state = (np.ascontiguousarray(values, dtype=np.float64) for values in (force, state))
-    _check(model, state, force=force)
-    if not model.mass > 0:
-        raise UsageError("a free run needs a mass above 0 kg; this model was identified with F as the restoring force")
-    if not dt > 0:
-        raise UsageError(f"the time step must be above 0 s, found {dt}")
+def free_run(ensemble: Ensemble, force: Array, further: Array, start: Start) -> dict[str, Array]:
+    """x, v, a, R of the closed loop, each of shape (n,); see ``TwoNetworkModel.free_run``."""
+    force, state = (np.ascontiguousarray(values, dtype=np.float64) for values in (force, start.state))
+    _check(ensemble, state, force=force)
+    if not start.dt > 0:
+        raise UsageError(f"the time step must be above 0 s, found {start.dt}")
     rows = {name: np.zeros(len(force)) for name in ("x", "v", "a", "R")}
     if not len(force):
         return rows
-    rows["x"][0], rows["v"][0] = start
+    rows["x"][0], rows["v"][0] = start.x, start.v
     state = state.copy()
     library = _library()
     if library is None:
         with np.errstate(over="ignore", invalid="ignore"):  # divergence is found and named below
-            done = _free_run_numpy(model, force, dt, state, **rows)
+            done = _free_run_numpy(_Stepper(ensemble, state), force, further, start, rows)
     else:
-        arrays = (_pointer(values) for values in (force, state, *rows.values()))
-        numbers = (ctypes.c_double(model.mass), ctypes.c_double(dt), ctypes.c_long(len(force)))
-        done = _done(library.hystid_free_run(*_description(model), *numbers, *arrays))
+        arrays = (_pointer(values) for values in (force, further, state, *rows.values()))
+        numbers = (ctypes.c_double(start.mass), ctypes.c_double(start.dt), ctypes.c_long(len(force)))
+        done = _done(library.hystid_free_run(*_description(ensemble), *numbers, *arrays))
     if done < len(force):
         raise NumericalError(
-            f"the free run of the surrogate diverged at t = {done * dt:.6g} s: the force drives it outside "
-            f"the motion it was trained on, or the step of {dt:.3g} s is too long"
+            f"the free run of the surrogate diverged at t = {done * start.dt:.6g} s: the force drives it outside "
+            f"the motion it was trained on, or the step of {start.dt:.3g} s is too long"
         )
     return rows
 
 
-def _check(model: TwoNetworkModel, state: Array, **signals: Array) -> None:
+def _check(ensemble: Ensemble, state: Array, **signals: Array) -> None:
     shapes = {name: values.shape for name, values in signals.items()}
     if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) != 1:
         raise UsageError(f"{' and '.join(shapes)} must be one-dimensional and of one length, found {shapes}")
-    if state.shape != (2 + 2 * len(model.members),):
-        raise UsageError(f"the state must have shape ({2 + 2 * len(model.members)},), found {state.shape}")
+    if state.shape != (ensemble.state_size,):
+        raise UsageError(f"the state must have shape ({ensemble.state_size},), found {state.shape}")
     for name, values in signals.items():
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
@@ -105,21 +150,26 @@ def _done(rows: int) -> int:
     return rows
 
 
-def _pointer(values: Array) -> ctypes.c_void_p:
+def _pointer(values: np.ndarray[Any, Any]) -> ctypes.c_void_p:
     return values.ctypes.data_as(ctypes.c_void_p)
 
 
-def _description(model: TwoNetworkModel) -> tuple[object, ...]:
-    first = model.members[0]
+def _description(ensemble: Ensemble) -> tuple[object, ...]:
+    first = ensemble.members[0]
     sizes = np.array([*first.hysteresis.sizes, *first.restoring.sizes], dtype=np.int32)
     return (
-        len(model.members),
-        sizes.ctypes.data_as(ctypes.c_void_p),
+        len(ensemble.members),
+        _pointer(sizes),
         len(first.hysteresis.layers),
         len(first.restoring.layers),
-        _pointer(interleaved([member.hysteresis for member in model.members])),
-        _pointer(interleaved([member.restoring for member in model.members])),
-        ctypes.c_double(model.velocity_band),
+        _pointer(interleaved([member.hysteresis for member in ensemble.members])),
+        _pointer(interleaved([member.restoring for member in ensemble.members])),
+        ctypes.c_double(ensemble.band),
+        len(ensemble.sources),
+        _pointer(np.array(ensemble.sources, dtype=np.int32)),
+        _pointer(np.array(ensemble.shares, dtype=np.float64)),
+        _pointer(np.array(ensemble.level.numbers())) if ensemble.level else None,
+        _pointer(ensemble.ends.numbers()) if ensemble.ends else None,
     )
 
 
@@ -138,58 +188,66 @@ def interleaved(networks: Sequence[Network]) -> Array:
 
 
 class _Stepper:
-    """One model in NumPy, step by step; ``state`` is changed in place. The C kernel does the same."""
+    """One ensemble in NumPy, step by step; ``state`` is changed in place. The C kernel does the same."""
 
-    def __init__(self, model: TwoNetworkModel, state: Array) -> None:
-        members = len(model.members)
-        self.model, self.memory = model, state[:2]
-        self.latest, self.held = state[2 : 2 + members], state[2 + members :]
+    def __init__(self, ensemble: Ensemble, state: Array) -> None:
+        members = len(ensemble.members)
+        self.ensemble, self.memory = ensemble, state[:2]
+        self.latest, self.held = state[2 : 2 + members], state[2 + members : 2 + 2 * members]
+        self.late = state[2 + 2 * members :]
 
-    def evaluate(self, x: float, v: float) -> tuple[float, Array]:
-        """R and each member's Rh with the memory as it stands."""
-        x0, members = self.memory[1], self.model.members
-        hysteretic = np.array([m.hysteresis(x, x0, h)[0] for m, h in zip(members, self.held, strict=True)])
-        forces = [m.restoring(x, v, h)[0] for m, h in zip(members, hysteretic, strict=True)]
-        return float(np.mean(forces)), hysteretic
+    def evaluate(self, x: float, v: float, further: Array) -> tuple[Array, Array]:
+        """Each member's R and Rh with the memory as it stands."""
+        beyond = 0.0
+        if self.ensemble.ends is not None:
+            x, v, further, beyond = self.ensemble.ends.inside(x, v, further)
+        x0, members = self.memory[1], self.ensemble.members
+        further = np.concatenate([further, self.late])
+        hysteretic = np.array([m.hysteresis(x, x0, h, *further)[0] for m, h in zip(members, self.held, strict=True)])
+        forces = np.array([m.restoring(x, v, h, *further)[0] for m, h in zip(members, hysteretic, strict=True)])
+        if self.ensemble.level is not None:
+            level = self.ensemble.level
+            forces = level.centre(np.array(x), further) + level.spread(further) * forces
+        return forces + beyond, hysteretic
 
-    def accept(self, x: float, v: float) -> float:
-        """Renew the memory at a sample and return R there."""
-        last, fast = self.memory[0], abs(v) >= self.model.velocity_band
+    def accept(self, x: float, v: float, further: Array) -> tuple[float, Array]:
+        """Renew the memory at a sample; R there, and each member's."""
+        last, fast = self.memory[0], abs(v) >= self.ensemble.band
         if last == 0 or (fast and last * v <= 0):
-            self.memory[1] = x
+            self.memory[1] = x if self.ensemble.ends is None else self.ensemble.ends.inside(x, v, further)[0]
             self.held[:] = self.latest
         if fast:
             self.memory[0] = v
-        force, self.latest[:] = self.evaluate(x, v)
-        return force
+        forces, self.latest[:] = self.evaluate(x, v, further)
+        if self.ensemble.ends is not None:
+            _, v, further, _ = self.ensemble.ends.inside(x, v, further)
+        sources = np.array([v if source < 0 else further[source] for source in self.ensemble.sources])
+        self.late += np.array(self.ensemble.shares) * (sources - self.late)
+        return float(np.mean(forces)), forces
+
+    def between(self, x: float, v: float, further: Array) -> float:
+        """R with the memory as it stands."""
+        return float(np.mean(self.evaluate(x, v, further)[0]))
 
 
-def _response_numpy(model: TwoNetworkModel, x: Array, v: Array, state: Array, force: Array, hysteretic: Array) -> None:
-    stepper = _Stepper(model, state)
-    for k in range(len(x)):
-        force[k] = stepper.accept(x[k], v[k])
-        hysteretic[k] = stepper.latest
-
-
-def _free_run_numpy(
-    model: TwoNetworkModel, force: Array, dt: float, state: Array, x: Array, v: Array, a: Array, R: Array
-) -> int:
-    stepper, mass = _Stepper(model, state), model.mass
+def _free_run_numpy(stepper: _Stepper, force: Array, further: Array, start: Start, rows: dict[str, Array]) -> int:
+    x, v, a, R = (rows[name] for name in ("x", "v", "a", "R"))
+    mass, dt = start.mass, start.dt
     for k in range(len(force)):
-        R[k] = stepper.accept(x[k], v[k])
+        R[k], _ = stepper.accept(x[k], v[k], further[k])
         a[k] = (force[k] - R[k]) / mass
         if not np.abs([x[k], v[k], a[k]]).max() < _HUGE_MOTION:
             return k
         if k + 1 == len(force):
             break
-        middle = 0.5 * (force[k] + force[k + 1])
+        middle, between = 0.5 * (force[k] + force[k + 1]), 0.5 * (further[k] + further[k + 1])
         v1, a1 = v[k], a[k]
         v2 = v1 + 0.5 * dt * a1
-        a2 = (middle - stepper.evaluate(x[k] + 0.5 * dt * v1, v2)[0]) / mass
+        a2 = (middle - stepper.between(x[k] + 0.5 * dt * v1, v2, between)) / mass
         v3 = v1 + 0.5 * dt * a2
-        a3 = (middle - stepper.evaluate(x[k] + 0.5 * dt * v2, v3)[0]) / mass
+        a3 = (middle - stepper.between(x[k] + 0.5 * dt * v2, v3, between)) / mass
         v4 = v1 + dt * a3
-        a4 = (force[k + 1] - stepper.evaluate(x[k] + dt * v3, v4)[0]) / mass
+        a4 = (force[k + 1] - stepper.between(x[k] + dt * v3, v4, further[k + 1])) / mass
         x[k + 1] = x[k] + dt / 6 * (v1 + 2 * (v2 + v3) + v4)
         v[k + 1] = v1 + dt / 6 * (a1 + 2 * (a2 + a3) + a4)
     return len(force)

@@ -16,9 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.networks.network import Member, Network
+from hystid.leastsquares import Rule
 from hystid.networks.normal_equations import KernelSums, aligned, chunked, parameter_count, pointer, unflatten
-from hystid.networks.training import Rule, Training, draw, minimise, split_indices
+from hystid.networks.perceptron import Member, Network
+from hystid.networks.training import Training, descend, draw, simplicity, split_indices
 from hystid.recording import Array
 from hystid.turning_points import TurningPoints
 
@@ -27,12 +28,24 @@ _FEWEST_BRANCHES = 20  # fewer cannot be divided into three parts that resemble 
 
 
 @dataclass(frozen=True, eq=False)
+class Motion:
+    """One recording for training: x [m], v [m/s], R [N], shape (n,), and further inputs, shape (inputs, n)."""
+
+    x: Array
+    v: Array
+    R: Array
+    further: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Sequences:
     """Recordings cut into segments between turning points, and the samples that are fitted.
 
-    Segments, shape (s,): x0 displacement at its turning point [m], before: displacement one sample earlier [m], fresh:
-    where a recording begins, start: force [N] that the memory begins with there.
-    Samples, shape (n,), sorted by segment: x, v, R; segment, the number of each one's segment; weight of its error.
+    Segments, shape (s,): x0 displacement at its turning point [m], before: displacement one sample earlier [m] and,
+    after it, the further inputs there, shape (s, 1 + inputs), fresh: where a recording begins, start: force [N] that
+    the memory begins with there.
+    Samples, shape (n,), sorted by segment: x, v, R; further, shape (inputs, n); segment, the number of each one's
+    segment; weight of its error.
     """
 
     x0: Array
@@ -42,36 +55,43 @@ class Sequences:
     x: Array
     v: Array
     R: Array
+    further: Array
     segment: NDArray[np.int32]
     weight: Array
+    inputs: int = 0
 
     @staticmethod
     def of(
-        motions: Sequence[tuple[Array, Array, Array]], rule: TurningPoints, weights: Array | None = None
+        motions: Sequence[Motion], rule: TurningPoints, weights: Sequence[Array] | None = None, inputs: int = 0
     ) -> Sequences:
-        """All samples of recordings (x, v, R). weights: of each recording's errors [1/N], 1 where it is not given."""
+        """All samples of recordings. weights: of the errors of each recording's samples [1/N], 1 where not given.
+
+        inputs: how many rows of ``further`` are further inputs, whose effect is held small; the rest are lags.
+        """
         parts: list[tuple[Array, ...]] = []
         numbers, count = [], 0
-        for x, v, R in motions:
-            turn, _ = rule.find(v)
+        for motion in motions:
+            turn, _ = rule.find(motion.v)
             turn[0] = True
             at = np.flatnonzero(turn)
-            fresh = at == 0
-            parts.append((x[at], x[np.maximum(at - 1, 0)], fresh, np.where(fresh, R[0], 0.0)))
+            fresh, last = at == 0, np.maximum(at - 1, 0)
+            before = np.column_stack([motion.x[last], motion.further[:, last].T])
+            parts.append((motion.x[at], before, fresh, np.where(fresh, motion.R[0], 0.0)))
             numbers.append(count + np.cumsum(turn) - 1)
             count += len(at)
         x0, before, fresh, start = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-        x, v, R = (np.concatenate(columns) for columns in zip(*motions, strict=True))
+        x, v, R = (np.concatenate([getattr(motion, name) for motion in motions]) for name in ("x", "v", "R"))
+        further = np.concatenate([motion.further for motion in motions], axis=1)
         segment = np.concatenate(numbers).astype(np.int32)
-        weight = np.repeat(np.ones(len(motions)) if weights is None else weights, [len(x) for x, _, _ in motions])
-        return Sequences(x0, before, fresh.astype(bool), start, x, v, R, segment, weight)
+        weight = np.concatenate(weights or [np.ones(len(motion.x)) for motion in motions])
+        return Sequences(x0, before, fresh.astype(bool), start, x, v, R, further, segment, weight, inputs)
 
     def pick(self, samples: NDArray[np.intp]) -> Sequences:
         """The same segments with some of the samples (sample numbers in any order)."""
         rows = np.sort(samples)
-        motion = (self.x[rows], self.v[rows], self.R[rows])
+        motion = (self.x[rows], self.v[rows], self.R[rows], self.further[:, rows])
         memory = (self.x0, self.before, self.fresh, self.start)
-        return Sequences(*memory, *motion, self.segment[rows], self.weight[rows])
+        return Sequences(*memory, *motion, self.segment[rows], self.weight[rows], self.inputs)
 
     def split(self, seed: int) -> dict[str, NDArray[np.intp]]:
         """Sample numbers of the parts "train", "validation", "test": 70, 15, 15 % of the branches, drawn at random.
@@ -84,6 +104,13 @@ class Sequences:
             return split_indices(len(self.x), seed)
         parts = split_indices(branches, seed)
         return {name: np.flatnonzero(np.isin(self.segment, chosen)) for name, chosen in parts.items()}
+
+
+def unseen_samples(branches: int, segment: NDArray[np.int32], seed: int) -> NDArray[np.bool_] | None:
+    """Which samples ``Sequences.split`` gives to no training; None where single samples, not branches, are left out."""
+    if branches < _FEWEST_BRANCHES:
+        return None
+    return np.asarray(~np.isin(segment, split_indices(branches, seed)["train"]))
 
 
 def _scaled(network: Network, column: int, values: Array) -> Array:
@@ -99,23 +126,30 @@ def _link(g: Network, net: Network) -> tuple[float, float]:
 class JointNormal(KernelSums):
     """Normal equations of a pair of networks in simulation; parameters [those of g, those of f] on scaled signals.
 
-    g and f must have the same scaling of x. Needs the compiled kernel: raises ToolchainError where there is none.
+    g and f must have the same scaling of x and of the further inputs. Needs the compiled kernel: raises ToolchainError
+    where there is none.
     """
 
     def __init__(self, pair: Member, data: Sequences) -> None:
         g, f = pair.hysteresis, pair.restoring
         self._counts = [parameter_count(net.sizes) for net in (g, f)]
-        super().__init__(sum(self._counts), "float64")
+        quiet = slice(3, 3 + data.inputs)
+        priors = [simplicity(net.sizes, quiet, len(data.x)) for net in (g, f)]
+        held = [prior for prior in priors if prior is not None]
+        super().__init__(sum(self._counts), "float64", np.concatenate(held) if held else None)
         self.samples = len(data.x)
         self._sizes = tuple(np.array(net.sizes, dtype=np.int32) for net in (g, f))
         self._scale = np.array([part for net in (g, f) for part in _link(g, net)])
-        self._x0, self._before = (_scaled(g, column, v) for column, v in ((1, data.x0), (0, data.before)))
+        columns = [3 + i for i in range(len(data.further))]
+        self._x0, self._xb = (_scaled(g, column, v) for column, v in ((1, data.x0), (0, data.before[:, 0])))
+        before = [_scaled(g, column, data.before[:, 1 + i]) for i, column in enumerate(columns)]
+        self._before = np.ascontiguousarray(np.stack(before, axis=1)) if before else np.zeros((0, 0))
         self._fresh = data.fresh.astype(np.int32)
         self._h0 = _scaled(g, 2, data.start)
         self._slope: Array | None = None  # d h0 / d weights of g, shape (segments, weights): only where it is built
-        rows = np.stack(
-            [_scaled(f, 0, data.x), _scaled(f, 1, data.v), (data.R - f.output_offset) / f.output_gain, data.weight]
-        )
+        further = [_scaled(f, column, values) for column, values in zip(columns, data.further, strict=True)]
+        target = (data.R - f.output_offset) / f.output_gain
+        rows = np.stack([_scaled(f, 0, data.x), _scaled(f, 1, data.v), *further, target, data.weight])
         self._data = chunked(rows, _LENGTH, "float64")
         self._segment = np.zeros(len(self._data) * _LENGTH, dtype=np.int32)
         self._segment[: self.samples] = data.segment
@@ -128,7 +162,7 @@ class JointNormal(KernelSums):
             self._slope = np.zeros((len(self._x0), self._counts[0]))
         slope = None if self._slope is None else pointer(self._slope)
         networks = [part for sizes in self._sizes for part in (len(sizes) - 1, pointer(sizes))]
-        memory = [pointer(values) for values in (self._x0, self._before, self._fresh, self._h0)]
+        memory = [pointer(values) for values in (self._x0, self._xb, self._fresh, self._before, self._h0)]
         data = (ctypes.c_long(self.samples), _LENGTH, pointer(self._data), pointer(self._segment))
         return float(
             self.library.hystid_joint(
@@ -170,5 +204,5 @@ def train_jointly(
     parts = data.split(seed)
     parts["train"] = parts["train"][draw(len(parts["train"]), round(share * len(parts["train"])), seed)]
     fit, check, test = (JointNormal(pair, data.pick(parts[name])) for name in ("train", "validation", "test"))
-    result = minimise(fit, check, parameters_of(pair), rule, stop)
+    result = descend(fit, check, parameters_of(pair), rule, stop)
     return with_parameters(pair, result.w), replace(result, test=test.squares(result.w) / test.samples)

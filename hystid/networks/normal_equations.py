@@ -15,6 +15,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from hystid import toolchain
 from hystid.errors import ToolchainError
@@ -62,14 +63,44 @@ class NormalEquations(Protocol):
         """Solution d of (J'J + diag(damping)) d = J'e; None where the matrix is not positive definite."""
 
 
+class One:
+    """One problem as a batch of one (``hystid.leastsquares.Problem``)."""
+
+    def __init__(self, normal: NormalEquations) -> None:
+        self.normal, self.samples = normal, normal.samples
+
+    def squares(self, w: Array) -> Array:
+        return np.array([self.normal.squares(w[0])])
+
+    def build(self, w: Array) -> Array:
+        return np.array([self.normal.build(w[0])])
+
+    def diagonal(self) -> Array:
+        return self.normal.diagonal()[None]
+
+    def gradient(self) -> Array:
+        return self.normal.gradient()[None]
+
+    def solve(self, damping: Array) -> tuple[Array, NDArray[np.bool_]]:
+        step = self.normal.solve(damping[0])
+        return (np.zeros_like(damping) if step is None else step[None]), np.array([step is not None])
+
+
 def normal_equations(
-    sizes: Sequence[int], inputs: Array, target: Array, precision: Precision = "float64"
+    sizes: Sequence[int],
+    inputs: Array,
+    target: Array,
+    precision: Precision = "float64",
+    prior: Array | None = None,
 ) -> NormalEquations:
-    """The fastest implementation on this machine. inputs: shape (features, samples); target: shape (samples,)."""
+    """The fastest implementation on this machine. inputs: shape (features, samples); target: shape (samples,).
+
+    prior: factor of each parameter's square that is added to the sum of squares, shape (P,).
+    """
     try:
-        return CompiledNormal(sizes, inputs, target, precision)
+        return CompiledNormal(sizes, inputs, target, precision, prior)
     except ToolchainError:
-        return NumpyNormal(sizes, inputs, target, precision)
+        return NumpyNormal(sizes, inputs, target, precision, prior)
 
 
 @cache
@@ -101,11 +132,14 @@ def pointer(values: np.ndarray[Any, Any]) -> ctypes.c_void_p:
 
 
 class KernelSums(ABC):
-    """J'J and J'e of ``count`` parameters as the C kernel leaves them, and the solution of its normal equations."""
+    """J'J and J'e of ``count`` parameters as the C kernel leaves them, and the solution of its normal equations.
 
-    def __init__(self, count: int, precision: Precision) -> None:
+    prior: factor of each parameter's square in the sum of squares (ridge), shape (P,); None for none.
+    """
+
+    def __init__(self, count: int, precision: Precision, prior: Array | None = None) -> None:
         self.library = library_of(precision)
-        self.count = count
+        self.count, self.prior = count, prior
         block = self.library.hystid_block()
         self.stride = -(-(count + 1) // block) * block
         self.sums = aligned((self.stride, self.stride), "float64")
@@ -116,10 +150,18 @@ class KernelSums(ABC):
         """Sum of squares at w; J'J and J'e into ``sums`` where that is given."""
 
     def squares(self, w: Array) -> float:
-        return self._run(np.ascontiguousarray(w, dtype=np.float64), None)
+        return self._run(np.ascontiguousarray(w, dtype=np.float64), None) + self.held(w)
 
     def build(self, w: Array) -> float:
-        return self._run(np.ascontiguousarray(w, dtype=np.float64), pointer(self.sums))
+        found = self._run(np.ascontiguousarray(w, dtype=np.float64), pointer(self.sums))
+        if self.prior is not None:
+            self.sums[np.arange(self.count), np.arange(self.count)] += self.prior
+            self.sums[self.count, : self.count] += self.prior * w
+        return found + self.held(w)
+
+    def held(self, w: Array) -> float:
+        """What the prior adds to the sum of squares."""
+        return float(self.prior @ (w * w)) if self.prior is not None else 0.0
 
     def diagonal(self) -> Array:
         return np.array(np.diagonal(self.sums)[: self.count])
@@ -148,8 +190,15 @@ def chunked(rows: Array, length: int, precision: Precision) -> np.ndarray[Any, A
 class CompiledNormal(KernelSums):
     """C kernel; the Jacobian exists one cache-sized chunk at a time. Beyond the data: about 1 MB and 2 P^2 doubles."""
 
-    def __init__(self, sizes: Sequence[int], inputs: Array, target: Array, precision: Precision = "float64") -> None:
-        super().__init__(parameter_count(sizes), precision)
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        inputs: Array,
+        target: Array,
+        precision: Precision = "float64",
+        prior: Array | None = None,
+    ) -> None:
+        super().__init__(parameter_count(sizes), precision, prior)
         self.samples = len(target)
         fitting = _CACHE // (self.stride * np.dtype(precision).itemsize)
         self._length = int(np.clip(fitting // 64 * 64, 64, 512))
@@ -167,7 +216,15 @@ class CompiledNormal(KernelSums):
 class NumpyNormal:
     """NumPy with BLAS, chunk by chunk: the fallback without a compiler, and an independent check of the kernel."""
 
-    def __init__(self, sizes: Sequence[int], inputs: Array, target: Array, precision: Precision = "float64") -> None:
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        inputs: Array,
+        target: Array,
+        precision: Precision = "float64",
+        prior: Array | None = None,
+    ) -> None:
+        self._prior = np.zeros(parameter_count(sizes)) if prior is None else prior
         self.samples, self._sizes, self._kind = len(target), tuple(sizes), np.dtype(precision)
         self._inputs, self._target = inputs.astype(self._kind), target.astype(self._kind)
         self._length = 1024
@@ -185,7 +242,8 @@ class NumpyNormal:
         return acts, (weights @ acts[-1] + bias[:, None])[0] - self._target[part]
 
     def squares(self, w: Array) -> float:
-        return sum(float(np.sum(np.square(self._forward(w, part)[1]), dtype=np.float64)) for part in self._parts())
+        errors = (self._forward(w, part)[1] for part in self._parts())
+        return sum(float(np.sum(np.square(error), dtype=np.float64)) for error in errors) + float(self._prior @ (w * w))
 
     def build(self, w: Array) -> float:
         count = parameter_count(self._sizes)
@@ -193,7 +251,9 @@ class NumpyNormal:
         for part in self._parts():
             rows = self._rows(w, part)
             self._sums += rows @ rows.T
-        return float(self._sums[-1, -1])
+        self._sums[:-1, :-1] += np.diag(self._prior)
+        self._sums[-1, :-1] += self._prior * w
+        return float(self._sums[-1, -1] + self._prior @ (w * w))
 
     def _rows(self, w: Array, part: slice) -> Array:
         """Rows d y/d w and, last, the residual, for one chunk."""

@@ -1,9 +1,9 @@
 """ONNX files: writing an identified model as one stateful step, and reading files at the door.
 
-The step has float64 inputs ``x`` (batch,), ``v`` (batch,), ``state`` (batch, n) and outputs ``R`` (batch,),
-``state_next`` (batch, n). To evaluate a recording, call it sample by sample with a batch of 1 and feed ``state_next``
-back as ``state``; a larger batch steps independent recordings side by side. The turning-point rule and the mean over
-the ensemble are inside.
+The step has float64 inputs ``x`` (batch,), ``v`` (batch,), one (batch,) for each further input of the model, ``state``
+(batch, n) and outputs ``R`` (batch,), ``state_next`` (batch, n). To evaluate a recording, call it sample by sample with
+a batch of 1 and feed ``state_next`` back as ``state``; a larger batch steps independent recordings side by side. The
+turning-point rule and the mean over the ensemble are inside.
 
 Metadata are strings; those with structure are JSON. ``metadata_of`` lists them.
 """
@@ -16,17 +16,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import onnx
 from onnx import GraphProto, ModelProto, NodeProto, TensorProto, ValueInfoProto, helper, numpy_helper
 
 from hystid.errors import NetworkError
-from hystid.files import atomic
-
-if TYPE_CHECKING:
-    from hystid.networks.network import Network, TwoNetworkModel
+from hystid.files import atomic, check_regular
+from hystid.networks.level import Level
+from hystid.networks.model import TwoNetworkModel
+from hystid.networks.perceptron import Network
+from hystid.networks.ports import FurtherInput, Lag
+from hystid.networks.trust import Spread
 
 OPERATOR_SET = 17
 IR_VERSION = 8  # read by every runtime since 2022
@@ -39,9 +41,11 @@ class StepDescription:
     """What a surrogate's ONNX file says about itself.
 
     mass [kg], 0 where the force itself was recorded. sample_rate [Hz] of the training data. training_range: least and
-    greatest x [m], v [m/s] and, where given, R [N]. state_layout: name of each element of the state. initial_state: its
-    relaxed start, one number each. memory: "turning_points" where element 0 is v_last and the memory is renewed where
-    ``v_last v <= 0``; "" where the file does not say. metadata: all entries of the file, as the strings they are.
+    greatest x [m], v [m/s] and, where given, R [N] and the further inputs. inputs, lags: in the order of the networks.
+    level: what the remembered force is scaled by. spread: whether there is an output R_spread. state_layout: name of
+    each element of the state. initial_state: its relaxed start, one number each. memory: "turning_points" where element
+    0 is v_last and the memory is renewed where ``v_last v <= 0``; "" where the file does not say. metadata: all entries
+    of the file, as the strings they are.
     """
 
     mass: float
@@ -51,6 +55,16 @@ class StepDescription:
     initial_state: tuple[float, ...]
     memory: str
     metadata: Mapping[str, str]
+    inputs: tuple[FurtherInput, ...] = ()
+    lags: tuple[Lag, ...] = ()
+    level: Level | None = None
+    spread: bool = False
+
+    @property
+    def late(self) -> dict[int, str]:
+        """Elements of the state that follow a signal late, and that signal: the last ones."""
+        first = len(self.initial_state) - len(self.lags)
+        return {first + number: lag.source for number, lag in enumerate(self.lags)}
 
 
 def write(model: TwoNetworkModel, path: Path) -> None:
@@ -77,9 +91,17 @@ def metadata_of(model: TwoNetworkModel) -> dict[str, str]:
     """Metadata of the ONNX file: numbers as Python writes them, the rest as JSON."""
     members = len(model.members)
     layout = ["v_last", "x0", *(f"Rh[{j + 1}]" for j in range(members)), *(f"Rh0[{j + 1}]" for j in range(members))]
+    layout += [f"{lag.source}_late[{j + 1}]" for j, lag in enumerate(model.lags)]
     return {
         "hystid_version": _version(),
-        "units": json.dumps(UNITS),
+        "units": json.dumps(
+            UNITS | ({"R_spread": "N"} if model.spread else {}) | {port.name: port.unit for port in model.inputs}
+        ),
+        "inputs": json.dumps([{"name": p.name, "unit": p.unit, "column": p.column} for p in model.inputs]),
+        "lags": json.dumps([{"source": lag.source, "time": lag.time} for lag in model.lags]),
+        "tail": json.dumps([model.tail.stiffness, model.tail.damping] if model.tail else []),
+        "spread": json.dumps([model.spread.floor, model.spread.factor] if model.spread else []),
+        "level": json.dumps(model.level.numbers() if model.level else []),
         "mass": repr(float(model.mass)),
         "sample_rate": repr(float(model.sample_rate)),
         "velocity_band": repr(float(model.velocity_band)),
@@ -141,25 +163,105 @@ class _Graph:
 def _graph(model: TwoNetworkModel) -> GraphProto:
     g, members = _Graph(), len(model.members)
     first = g.constant("axis1", [1], np.int64)
+    further = [g.node("Unsqueeze", [port.name, first], f"{port.name}_column") for port in model.inputs]
     x = g.node("Unsqueeze", ["x", first], "x_column")
     v = g.node("Unsqueeze", ["v", first], "v_column")
-    parts = g.constant("state_parts", [1, 1, members, members], np.int64)
-    g.node("Split", ["state", parts], ["v_last", "x0_last", "Rh_last", "Rh0_last"], axis=1)
+    parts = g.constant("state_parts", [1, 1, members, members, *([1] * len(model.lags))], np.int64)
+    late = [f"late_{j + 1}" for j in range(len(model.lags))]
+    g.node("Split", ["state", parts], ["v_last", "x0_last", "Rh_last", "Rh0_last", *late], axis=1)
     turn = _turning_points(g, v, model.velocity_band)
+    beyond = ""
+    if model.tail is not None:
+        x, v, further, beyond = _ends(g, model, x, v, further)
+    sources = {"v": v} | {port.name: column for port, column in zip(model.inputs, further, strict=True)}
+    coming = [
+        _follow(g, lag, name, sources[lag.source], 1 / model.sample_rate)
+        for lag, name in zip(model.lags, late, strict=True)
+    ]
+    further = [*further, *late]
     x0 = g.node("Where", [turn, x, "x0_last"], "x0")
     held = g.node("Where", [turn, "Rh_last", "Rh0_last"], "Rh0")
     each = [f"Rh0_{j + 1}" for j in range(members)]
     g.node("Split", [held, g.constant("one_each", [1] * members, np.int64)], each, axis=1)
     latest, forces = [], []
     for number, (member, memory) in enumerate(zip(model.members, each, strict=True), start=1):
-        latest.append(_network(g, member.hysteresis, [x, x0, memory], f"member{number}/hysteresis"))
-        forces.append(_network(g, member.restoring, [x, v, latest[-1]], f"member{number}/restoring"))
-    g.node("Concat", ["v_last_next", x0, *latest, held], "state_next", axis=1)
+        latest.append(_network(g, member.hysteresis, [x, x0, memory, *further], f"member{number}/hysteresis"))
+        forces.append(_network(g, member.restoring, [x, v, latest[-1], *further], f"member{number}/restoring"))
+    g.node("Concat", ["v_last_next", x0, *latest, held, *coming], "state_next", axis=1)
     g.node("Concat", forces, "R_members", axis=1)
-    g.node("ReduceMean", ["R_members"], "R", axes=[1], keepdims=0)
-    inputs = [_port("x"), _port("v"), _port("state", 2 + 2 * members)]
-    outputs = [_port("R"), _port("state_next", 2 + 2 * members)]
+    column = g.node("ReduceMean", ["R_members"], "R_mean", axes=[1], keepdims=1)
+    deviation = _deviation(g, column) if model.spread is not None else ""
+    if model.level is not None:
+        column, width = _levelled(g, model.level, [x, *further], column)
+        deviation = deviation and g.node("Mul", [width, deviation], "between_scaled")
+    if beyond:
+        column = g.node("Add", [column, beyond], "R_column")
+    g.node("Squeeze", [column, first], "R")
+    if model.spread is not None:
+        g.node("Squeeze", [_spread(g, model.spread, deviation), first], "R_spread")
+    size = 2 + 2 * members + len(late)
+    inputs = [_port("x"), _port("v"), *(_port(port.name) for port in model.inputs), _port("state", size)]
+    outputs = [_port("R"), *([_port("R_spread")] if model.spread else []), _port("state_next", size)]
     return helper.make_graph(g.nodes, "restoring_force_step", inputs, outputs, g.constants)
+
+
+def _follow(g: _Graph, lag: Lag, late: str, source: str, dt: float) -> str:
+    """late + share (source - late)."""
+    gap = g.node("Sub", [source, late], f"{late}/gap")
+    step = g.node("Mul", [gap, g.constant(f"{late}/share", lag.share(dt))], f"{late}/step")
+    return g.node("Add", [late, step], f"{late}_next")
+
+
+def _ends(g: _Graph, model: TwoNetworkModel, x: str, v: str, further: Sequence[str]) -> tuple[str, str, list[str], str]:
+    """Columns of x, v and further inputs moved to the nearest of the training range; the force beyond (``Tail``)."""
+    assert model.tail is not None
+
+    def near(name: str, column: str) -> str:
+        low, high = (
+            g.constant(f"{name}/{end}", value)
+            for end, value in zip(("least", "most"), model.training_range[name], strict=True)
+        )
+        return g.node("Clip", [column, low, high], f"{name}_near")
+
+    def force(name: str, column: str, inside: str, factor: float) -> str:
+        rest = g.node("Sub", [column, inside], f"{name}/beyond")
+        return g.node("Mul", [rest, g.constant(f"{name}/tail", factor)], f"{name}/tail_force")
+
+    x_near, v_near = near("x", x), near("v", v)
+    forces = [force("x", x, x_near, model.tail.stiffness), force("v", v, v_near, model.tail.damping)]
+    columns = [near(port.name, column) for port, column in zip(model.inputs, further, strict=True)]
+    return x_near, v_near, columns, g.node("Add", forces, "R_beyond")
+
+
+def _deviation(g: _Graph, mean: str) -> str:
+    """Standard deviation of the members' forces about their mean."""
+    gap = g.node("Sub", ["R_members", mean], "between")
+    power = g.node("ReduceMean", [g.node("Mul", [gap, gap], "between_squared")], "between_power", axes=[1], keepdims=1)
+    return g.node("Sqrt", [power], "between_deviation")
+
+
+def _spread(g: _Graph, spread: Spread, deviation: str) -> str:
+    """sqrt(floor^2 + (factor deviation)^2)."""
+    scaled = g.node("Mul", [deviation, g.constant("spread/factor", spread.factor)], "spread/members")
+    power = g.node("Mul", [scaled, scaled], "spread/power")
+    total = g.node("Add", [power, g.constant("spread/floor_squared", spread.floor**2)], "spread/total")
+    return g.node("Sqrt", [total], "R_spread_column")
+
+
+def _levelled(g: _Graph, level: Level, signals: Sequence[str], force: str) -> tuple[str, str]:
+    """centre + spread * force, and spread, see ``Level``; signals: x, further inputs and lags as columns."""
+    row = g.node("Concat", signals, "level/signals", axis=1)
+
+    def plane(name: str, constant: float, slopes: Sequence[float]) -> str:
+        weights = g.constant(f"level/{name}_slopes", [list(slopes)])
+        return g.node(
+            "Gemm", [row, weights, g.constant(f"level/{name}_constant", [constant])], f"level/{name}", transB=1
+        )
+
+    centre = plane("centre", level.offset, level.slopes)
+    spread = plane("spread", level.base, (0.0, *level.growth))
+    bounded = g.node("Max", [spread, g.constant("level/least", [[level.least]])], "level/bounded")
+    return g.node("Add", [centre, g.node("Mul", [bounded, force], "level/scaled")], "R_levelled"), bounded
 
 
 def _port(name: str, *more: int) -> ValueInfoProto:
@@ -203,8 +305,7 @@ def load(path: Path) -> ModelProto:
     rule of the standard, or holds weights that are not finite.
     """
     path = Path(path)
-    if not path.is_file():
-        raise NetworkError(f"{path}: there is no such file")
+    check_regular(path, NetworkError)
     if path.stat().st_size == 0:
         raise NetworkError(f"{path}: the file is empty")
     try:
@@ -231,7 +332,8 @@ def read(path: Path) -> tuple[ModelProto, StepDescription]:
     """
     proto = load(path)
     given = {entry.key: entry.value for entry in proto.metadata_props}
-    ports = _ports(path, proto.graph)
+    further = _further(path, given)
+    ports = _ports(path, proto.graph, [port.name for port in further])
     initial = _numbers(path, given, "initial_state")
     for name, (kind, info) in ports.items():
         _check_port(path, kind, name, info, len(initial) if name.startswith("state") else 1)
@@ -249,6 +351,10 @@ def read(path: Path) -> tuple[ModelProto, StepDescription]:
         initial_state=initial,
         memory=given.get("memory", ""),
         metadata=given,
+        inputs=further,
+        lags=(lags := _lags(path, given, further, len(initial))),
+        spread="R_spread" in ports,
+        level=_level(path, given, len(further) + len(lags)),
     )
     return proto, description
 
@@ -282,16 +388,55 @@ def _check_finite(proto: ModelProto, path: Path) -> None:
             raise NetworkError(f"{path}: initialiser '{tensor.name}' holds NaN: the training that wrote it failed")
 
 
-def _ports(path: Path, graph: GraphProto) -> dict[str, tuple[str, ValueInfoProto]]:
+def _further(path: Path, given: Mapping[str, str]) -> tuple[FurtherInput, ...]:
+    if "inputs" not in given:  # written before there were any
+        return ()
+    entries = _entry(path, given, "inputs")
+    try:
+        found = tuple(FurtherInput(entry["name"], entry["unit"], entry["column"]) for entry in entries)
+        whole = all(isinstance(part, str) and part for p in found for part in (p.name, p.unit, p.column))
+    except (KeyError, TypeError):
+        whole = False
+    if not whole:
+        raise NetworkError(f"{path}: the metadata entry 'inputs' must be a list of objects with name, unit and column")
+    return found
+
+
+def _lags(path: Path, given: Mapping[str, str], further: Sequence[FurtherInput], elements: int) -> tuple[Lag, ...]:
+    entries = _entry(path, given, "lags") if "lags" in given else []
+    try:
+        found = tuple(Lag(str(entry["source"]), float(entry["time"])) for entry in entries)
+    except (KeyError, TypeError, ValueError):
+        raise NetworkError(
+            f"{path}: the metadata entry 'lags' must be a list of objects with source and time"
+        ) from None
+    known = {"v", *(port.name for port in further)}
+    if any(lag.source not in known or not 0 < lag.time < math.inf for lag in found) or len(found) > elements:
+        raise NetworkError(f"{path}: the metadata entry 'lags' must name v or a further input, and times above 0 s")
+    return found
+
+
+def _level(path: Path, given: Mapping[str, str], signals: int) -> Level | None:
+    if "level" not in given or given["level"] == "[]":
+        return None
+    values = list(_numbers(path, given, "level"))
+    if len(values) != 4 + 2 * signals:
+        raise NetworkError(
+            f"{path}: the metadata entry 'level' must hold {4 + 2 * signals} numbers, found {len(values)}"
+        )
+    return Level.from_numbers(values)
+
+
+def _ports(path: Path, graph: GraphProto, further: Sequence[str]) -> dict[str, tuple[str, ValueInfoProto]]:
     """Name -> ("input" or "output", declaration); the names must be those of a surrogate."""
     stored = {tensor.name for tensor in graph.initializer}
     ports: dict[str, tuple[str, ValueInfoProto]] = {}
     for kind, declared, wanted in (
-        ("input", [info for info in graph.input if info.name not in stored], ("x", "v", "state")),
+        ("input", [info for info in graph.input if info.name not in stored], ("x", "v", *further, "state")),
         ("output", list(graph.output), ("R", "state_next")),
     ):
         found = {info.name: (kind, info) for info in declared}
-        if set(found) != set(wanted):
+        if set(found) - {"R_spread"} != set(wanted):
             raise NetworkError(
                 f"{path}: a surrogate has the {kind}s {', '.join(wanted)}, found {', '.join(found) or 'none'}"
             )

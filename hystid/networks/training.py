@@ -1,7 +1,4 @@
-"""Levenberg-Marquardt training of one tanh network, with early stopping.
-
-A rule is data: how the damping is formed and how its factor mu moves. One loop serves all rules.
-"""
+"""Training of one tanh network by Levenberg-Marquardt, with early stopping; its data and starting weights."""
 
 from __future__ import annotations
 
@@ -13,49 +10,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.errors import NumericalError, UsageError
-from hystid.networks.network import Network
-from hystid.networks.normal_equations import NormalEquations, Precision, normal_equations, parameter_count, unflatten
+from hystid.errors import UsageError
+from hystid.leastsquares import Descent, Reason, Rule, minimise
+from hystid.networks.normal_equations import (
+    NormalEquations,
+    One,
+    Precision,
+    normal_equations,
+    parameter_count,
+    unflatten,
+)
+from hystid.networks.perceptron import Network
 from hystid.recording import Array
 
 Mode = Literal["trainlm", "fast"]
-Reason = Literal["validation", "iterations", "damping", "gradient", "stalled", "interrupted"]
-
-REASONS: dict[Reason, str] = {
-    "validation": "the validation error had not fallen for the allowed number of iterations",
-    "iterations": "the iteration limit was reached",
-    "damping": "no step lowers the training error any more (mu above its limit)",
-    "gradient": "the gradient vanished",
-    "stalled": "the training error fell by less than the stated fraction",
-    "interrupted": "the training was interrupted",
-}
-
-
-@dataclass(frozen=True)
-class Rule:
-    """Damping of J'J. scaling "mean": mu N I (mu damps J'J / N, as MATLAB's trainlm has it); "columns": mu diag(J'J).
-
-    After a step that lowers the error mu is multiplied by ``down``, after one that does not by ``up``.
-    The training ends as stalled when ``window`` iterations together lower the training error by less than ``progress``
-    (a fraction; 0 never).
-    draft: share of the training samples that the first three quarters of the iterations see, 0 for all of them from the
-    start. Far from the minimum a few samples per weight give the direction as well; the answer is always one of all
-    samples. At least ten samples per weight are taken; where that is above half of the samples, or there are fewer than
-    10,000, which are soon trained on anyhow, there is no draft.
-    """
-
-    scaling: Literal["mean", "columns"]
-    mu: float
-    up: float = 10.0
-    down: float = 0.1
-    mu_max: float = 1e10
-    max_iterations: int = 1000
-    max_fails: int = 6
-    min_gradient: float = 1e-7
-    progress: float = 0.0
-    window: int = 20
-    draft: float = 0.0
-
 
 # "fast" is Marquardt's own scaling (1963): about a quarter of trainlm's iterations on hysteresis data.
 RULES: dict[Mode, Rule] = {
@@ -88,6 +56,11 @@ class Training:
     train: Array
     validation: Array
     test: float = float("nan")
+
+    @staticmethod
+    def of(found: Descent, test: float = float("nan")) -> Training:
+        """What a descent has found, and its error on the test part."""
+        return Training(found.w, found.reason, found.iteration, found.train, found.validation, test)
 
     @property
     def best(self) -> float:
@@ -162,8 +135,12 @@ class Data:
         )
 
 
-def initial_weights(sizes: Sequence[int], rng: np.random.Generator) -> Array:
-    """Nguyen-Widrow (1990): active regions of the hidden neurons spread over [-1, 1]; small random output layer."""
+def initial_weights(sizes: Sequence[int], rng: np.random.Generator, quiet: slice = slice(0, 0)) -> Array:
+    """Nguyen-Widrow (1990): active regions of the hidden neurons spread over [-1, 1]; small random output layer.
+
+    quiet: inputs that start without effect. An input of a few levels only, as a tension set per test, could be met by
+    any curve through them; from weights of zero training finds one that hardly bends in between.
+    """
     w = np.empty(parameter_count(sizes))
     *hidden, (weights, bias) = unflatten(w, sizes)
     for inner, shift in hidden:
@@ -173,9 +150,26 @@ def initial_weights(sizes: Sequence[int], rng: np.random.Generator) -> Array:
         inner *= reach / np.linalg.norm(inner, axis=1, keepdims=True)
         spread = np.linspace(-1, 1, neurons) if neurons > 1 else np.zeros(1)
         shift[:] = reach * spread * np.where(rng.uniform(-1, 1, neurons) < 0, -1, 1)
+    hidden[0][0][:, quiet] = 0.0
     weights[:] = rng.uniform(-0.5, 0.5, weights.shape)
     bias[:] = rng.uniform(-0.5, 0.5, bias.shape)
     return w
+
+
+_SIMPLE = 1e-4  # of the scaled target's power: what a weight of 1 on a further input has to earn
+
+
+def simplicity(sizes: Sequence[int], further: slice, samples: int) -> Array | None:
+    """Prior on the weights of further inputs in the first layer, for ``normal_equations``; None where there are none.
+
+    An input of a few levels only, as a tension set per test, can be met by any curve through them. Of all that fit, the
+    prior prefers the least effect. It weighs little beside data: a weight of 1 costs as much as an error of 1 %.
+    """
+    if further.stop <= further.start:
+        return None
+    prior = np.zeros(parameter_count(sizes))
+    unflatten(prior, sizes)[0][0][:, further] = _SIMPLE * samples
+    return prior
 
 
 def train(
@@ -185,20 +179,28 @@ def train(
     *,
     rule: Rule = RULES["trainlm"],
     precision: Precision = "float64",
+    further: slice = slice(0, 0),
     stop: threading.Event | None = None,
 ) -> Training:
-    """Train from the parameters w. stop: ends the training after the iteration in which it is set."""
+    """Train from the parameters w. stop: ends the training after the iteration in which it is set.
+
+    further: inputs whose effect is held small (``simplicity``).
+    """
     sizes = (len(data.inputs.gain), *hidden, 1)
-    parts = {name: normal_equations(sizes, *part, precision) for name, part in data.parts.items() if len(part[1])}
+    parts = {
+        name: normal_equations(sizes, *part, precision, simplicity(sizes, further, len(part[1])))
+        for name, part in data.parts.items()
+        if len(part[1])
+    }
     result = None
     for count, limited in stages(parts["train"].samples, len(w), rule):
         inputs, target = (rows[..., :count] for rows in data.parts["train"])
         fit = (
             parts["train"]
             if count == len(data.parts["train"][1])
-            else normal_equations(sizes, inputs, target, precision)
+            else normal_equations(sizes, inputs, target, precision, simplicity(sizes, further, count))
         )
-        stage = minimise(fit, parts["validation"], result.w if result else w, limited, stop)
+        stage = descend(fit, parts["validation"], result.w if result else w, limited, stop)
         result = stage.after(result) if result else stage
     assert result is not None
     test = parts["test"].squares(result.w) / parts["test"].samples if "test" in parts else float("nan")
@@ -215,54 +217,9 @@ def stages(samples: int, weights: int, rule: Rule) -> list[tuple[int, Rule]]:
     return [(count, first), (samples, replace(rule, max_iterations=last))]
 
 
-def minimise(
+def descend(
     fit: NormalEquations, check: NormalEquations, w: Array, rule: Rule, stop: threading.Event | None = None
 ) -> Training:
     """Lower the error of ``fit`` from w; the answer is the iterate with the least error of ``check``."""
-    best, best_at, reason = w, 0, "iterations"
-    train = [fit.squares(w) / fit.samples]
-    validation = [check.squares(w) / check.samples]
-    if not np.isfinite(train[0]):
-        raise NumericalError("the network's error is not finite at its starting weights: is there a NaN in the data?")
-    mu = rule.mu
-    for iteration in range(1, rule.max_iterations + 1):
-        moved, mu, error = _step(fit, w, mu, rule)
-        if moved is None:
-            reason = "damping" if mu > rule.mu_max else "gradient"
-            break
-        w = moved
-        train.append(error / fit.samples)
-        validation.append(check.squares(w) / check.samples)
-        if validation[-1] < validation[best_at]:
-            best, best_at = w, iteration
-        if iteration - best_at >= rule.max_fails:
-            reason = "validation"
-            break
-        if len(train) > rule.window and train[-1] > (1 - rule.progress) * train[-1 - rule.window]:
-            reason = "stalled"
-            break
-        if stop is not None and stop.is_set():
-            reason = "interrupted"
-            break
-    return Training(best, reason, best_at, np.array(train), np.array(validation))  # type: ignore[arg-type]
-
-
-def _step(fit: NormalEquations, w: Array, mu: float, rule: Rule) -> tuple[Array | None, float, float]:
-    """One accepted step: new parameters, next mu, their error. None: the gradient vanished or mu passed its limit."""
-    before = fit.build(w)
-    gradient, count = fit.gradient(), fit.samples
-    if 2 * np.linalg.norm(gradient) / count < rule.min_gradient:
-        return None, mu, before
-    if rule.scaling == "mean":
-        scale = np.full(len(w), float(count))
-    else:  # a column of zeros (a saturated neuron) still needs a little damping
-        scale = fit.diagonal()
-        scale += 1e-12 * scale.max()
-    while mu <= rule.mu_max:
-        step = fit.solve(mu * scale)
-        if step is not None:
-            error = fit.squares(w - step)
-            if error < before:
-                return w - step, max(mu * rule.down, 1e-20), error
-        mu *= rule.up
-    return None, mu, before
+    (found,) = minimise(One(fit), One(check), w[None], rule, stop.is_set if stop else lambda: False)
+    return Training.of(found)

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from hystid import processing
+from hystid.consistency import admit
 from hystid.errors import UsageError
 from hystid.files import plain, write_json
 from hystid.identification.data import check
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, rule_of
-from hystid.recording import CHANNELS, Recording
+from hystid.recording import CHANNELS, Sources, loaded
 from hystid.study.result import Cell, GridResult, MassResult, Spread, choose
 from hystid.study.scheduling import complete
 from hystid.study.work import Outcome, Payload, Task, errors_of, model_of, prepared
@@ -28,10 +29,10 @@ DEFAULT_OFFSETS = tuple(round(0.05 * k, 2) for k in range(-4, 5))
 
 
 def grid(
-    recordings: Sequence[Recording],
+    recordings: Sources,
     *,
     mass: float,
-    holdout: Sequence[Recording],
+    holdout: Sources,
     structures: Sequence[Sequence[int]] = DEFAULT_STRUCTURES,
     starts: int = 30,
     iterations: int = 80,
@@ -52,6 +53,15 @@ def grid(
     out: folder; every finished training is stored there at once, and the same call on the same folder goes on where an
     earlier one was stopped, with the same result. study.json comes last. Further arguments: as for ``identify``.
     Raises UsageError where the folder holds another study, or without held-out recordings; RecordingError.
+
+    >>> import hystid
+    >>> fmu = hystid.build("HystId.Oscillators.Jenkins", "jenkins.fmu")
+    >>> sweep = hystid.simulate(fmu, "chirp:0-60Hz@60N,2s", dt=1e-3, noise_snr=40)
+    >>> tone = hystid.simulate(fmu, "harmonic:20Hz@60N,1s", dt=1e-3, noise_snr=40)
+    >>> few = dict(starts=2, iterations=10, workers=1)
+    >>> found = hystid.study.grid(sweep, mass=1.0, holdout=tone, structures=[(2,), (5,)], out="grid", **few)
+    >>> [cell.name for cell in found.cells]
+    ['2', '5']
     """
     layers = [tuple(int(neurons) for neurons in structure) for structure in structures]
     payload = _payload(recordings, holdout, mass, band, decimate, mode, iterations, precision, samples, seed, True)
@@ -61,15 +71,15 @@ def grid(
     cells = [_cell(group, payload) for group in _groups(outcomes, starts)]
     chosen, reason = choose(cells)
     result = GridResult(cells, chosen, reason, settings, {"study": Path(out) / "study.json"})
-    write_json(result.files["study"], result.summary())
+    write_json(result.files["study"], result.as_dict())
     return result
 
 
 def mass(
-    recordings: Sequence[Recording],
+    recordings: Sources,
     *,
     mass: float,
-    holdout: Sequence[Recording],
+    holdout: Sources,
     offsets: Sequence[float] = DEFAULT_OFFSETS,
     sizes: Sequence[int] = DEFAULT_SIZES,
     starts: int = 30,
@@ -89,6 +99,15 @@ def mass(
     offsets: fractions of the mass, by default -20 % to +20 % in steps of 5 %. sizes: neurons of both hidden layers.
     Training and free run use the assumed mass; the displacement is compared with the recorded one, the force with
     F - m a of the assumed mass; a recorded R is not used. Further arguments and errors: as for ``grid``.
+
+    >>> import hystid
+    >>> fmu = hystid.build("HystId.Oscillators.Jenkins", "jenkins.fmu")
+    >>> sweep = hystid.simulate(fmu, "chirp:0-60Hz@60N,2s", dt=1e-3, noise_snr=40)
+    >>> tone = hystid.simulate(fmu, "harmonic:20Hz@60N,1s", dt=1e-3, noise_snr=40)
+    >>> few = dict(starts=2, iterations=10, workers=1)
+    >>> found = hystid.study.mass(sweep, mass=1.0, holdout=tone, offsets=(-0.1, 0, 0.1), sizes=(2,), out="mass", **few)
+    >>> [round(cell.mass, 2) for cell in found.cells]
+    [0.9, 1.0, 1.1]
     """
     if not mass > 0:
         raise UsageError(f"a study of the mass needs a mass above 0 kg, found {mass}")
@@ -99,13 +118,13 @@ def mass(
     outcomes = _run(payload, tasks, settings, Path(out), starts, workers, scheduler)
     cells = [_cell(group, payload) for group in _groups(outcomes, starts)]
     result = MassResult(cells, float(mass), tuple(offsets), settings, {"study": Path(out) / "study.json"})
-    write_json(result.files["study"], result.summary())
+    write_json(result.files["study"], result.as_dict())
     return result
 
 
 def _payload(
-    recordings: Sequence[Recording],
-    holdout: Sequence[Recording],
+    recordings: Sources,
+    holdout: Sources,
     mass: float,
     band: processing.Band | None,
     decimate: int,
@@ -122,7 +141,7 @@ def _payload(
         raise UsageError(f"iterations must be at least 1, found {iterations}")
     groups = [
         prepared(group, band=band, decimate=decimate, mass=mass, fixed_force=fixed_force)
-        for group in (recordings, holdout)
+        for group in (admit(loaded(recordings), mass), admit(loaded(holdout), mass))
     ]
     check(*([processing.with_restoring_force(recording, mass) for recording in group] for group in groups))
     rule = replace(rule_of(mode), max_iterations=iterations)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from hystid.networks.normal_equations import parameter_count
+from hystid.results import Result
 from hystid.study.work import Outcome
 
 _NEAR = 1.1  # medians within this factor of the least count as equally good
@@ -37,7 +38,7 @@ class Spread:
         best, lower, median, upper, worst = levels
         return Spread(best, lower, median, upper, worst, tuple(values))
 
-    def summary(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """JSON-like; infinity becomes null."""
         names = ("best", "lower", "median", "upper", "worst", "values")
         return {name: getattr(self, name) for name in names}
@@ -76,14 +77,14 @@ class Cell:
         """Such as 5-5."""
         return "-".join(map(str, self.layers))
 
-    def summary(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Entry of ``cells`` in the JSON file."""
         return {
             "layers": list(self.layers),
             "mass": self.mass,
             "parameters": self.parameters,
-            "force_nrmse": self.force.summary(),
-            "free_run_x_nrmse": self.free_run.summary(),
+            "force_nrmse": self.force.as_dict(),
+            "free_run_x_nrmse": self.free_run.as_dict(),
             "ensemble": dict(self.ensemble),
             "single": dict(self.single),
             "stopped": self.stopped,
@@ -91,7 +92,7 @@ class Cell:
 
 
 @dataclass(frozen=True, eq=False)
-class GridResult:
+class GridResult(Result, report="study", json="study.json"):
     """Result of ``grid``. cells: one per structure, in the order asked for; chosen: place of the best; reason: why."""
 
     cells: Sequence[Cell]
@@ -105,18 +106,18 @@ class GridResult:
         """The chosen structure."""
         return self.cells[self.chosen]
 
-    def summary(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Content of study.json."""
         return {
             "study": "grid",
             "settings": dict(self.settings),
-            "cells": [cell.summary() for cell in self.cells],
+            "cells": [cell.as_dict() for cell in self.cells],
             "best": {"layers": list(self.best.layers), "reason": self.reason},
         }
 
 
 @dataclass(frozen=True, eq=False)
-class MassResult:
+class MassResult(Result, report="study", json="study.json"):
     """Result of ``mass``: cells for each size and assumed mass. offsets: fractions of the nominal mass."""
 
     cells: Sequence[Cell]
@@ -129,14 +130,14 @@ class MassResult:
         """Cells of one structure, in the order of the offsets."""
         return [cell for cell in self.cells if cell.layers == layers]
 
-    def summary(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Content of study.json."""
         return {
             "study": "mass",
             "settings": dict(self.settings),
             "nominal": self.nominal,
             "offsets": list(self.offsets),
-            "cells": [cell.summary() for cell in self.cells],
+            "cells": [cell.as_dict() for cell in self.cells],
         }
 
 

@@ -18,10 +18,10 @@ from hystid.errors import HystidError
 from hystid.files import atomic, plain
 from hystid.identification import predict
 from hystid.identification.data import samples
+from hystid.leastsquares import REASONS, Rule
 from hystid.networks import Member, Network, TwoNetworkModel
 from hystid.networks.ensemble import Samples, Start, train_pair
 from hystid.networks.normal_equations import Precision, unflatten
-from hystid.networks.training import REASONS, Rule
 from hystid.recording import Array, Recording
 from hystid.turning_points import TurningPoints
 
@@ -178,7 +178,7 @@ def _outcome(task: Task, values: Mapping[str, Any]) -> Outcome:
 
 
 def _network(task: Task, values: Mapping[str, Any], name: str) -> Network:
-    sizes = (3, *task.layers, 1)
+    sizes = (values[f"{name}_inputs"].shape[1], *task.layers, 1)
     layers = tuple((w.copy(), b.copy()) for w, b in unflatten(values[f"{name}_w"], sizes))
     offset, gain = values[f"{name}_inputs"]
     output_offset, output_gain = (float(value) for value in values[f"{name}_output"])

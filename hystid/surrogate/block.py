@@ -90,8 +90,13 @@ class Block:
         items = ", ".join(f"{name} = {value}" for name, value in (pairs | counts).items())
         return f"enum {{ {items} }};\n"
 
-    def model(self, name: str, step: float, start: Mapping[int, float], functions: Sequence[str]) -> str:
-        """The definition of ``hy_the_model``. functions: the members of ``hy_model`` that the text defines."""
+    def model(
+        self, name: str, step: float, start: Mapping[int, float], functions: Sequence[str], sample: float = 0.0
+    ) -> str:
+        """The definition of ``hy_the_model``. functions: the members of ``hy_model`` that the text defines.
+
+        sample: interval at which the memory moves on [s]; -1 where each step is a sample, 0 without memory.
+        """
         values = ", ".join(f"[{slot}] = {number(value)}" for slot, value in sorted(start.items()))
         members = "".join(f"    .{function} = {function},\n" for function in functions)
         return f"""\
@@ -104,7 +109,7 @@ const hy_model hy_the_model = {{
     .p = {self.p}, .n_p = {self.n_p}, .u = {self.u}, .n_u = {self.n_u}, .x = {self.x}, .n_x = {self.n_x},
     .dx = {self.dx}, .d = {self.d}, .n_d = {self.n_d}, .y = {self.y}, .n_y = {self.n_y}, .pre = {self.pre},
     .rel = {self.w}, .n_rel = 0, .w = {self.w}, .n_w = {self.n_w}, .n_z = 0,
-    .step = {number(step)},
+    .step = {number(step)}, .sample = {number(sample)},
     .start = start,
 {members}}};
 """

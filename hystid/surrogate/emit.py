@@ -77,6 +77,13 @@ def functions(program: Program, name: str) -> Functions:
     return Functions(helpers + _tables(program, used), *texts, max(w.work for w in (value, forward, adjoint)))
 
 
+def value_function(program: Program, name: str) -> Functions:
+    """As ``functions``, without the derivatives and what only they need."""
+    writer = _Writer(program, name, active_buffers(program), "value")
+    text = writer.text()
+    return Functions(_helpers(text) + _tables(program, text), text, "", "", writer.work)
+
+
 def _plain(text: str) -> str:
     return text.replace("static void", "NN_PLAIN static void", 1)
 

@@ -1,8 +1,9 @@
 """Any ONNX network as a block with inputs and outputs; pairs of ports that carry memory become its state.
 
-The memory moves on once per accepted sample: in co-simulation at the end of each doStep, with the inputs of that step;
-in model exchange at completedIntegratorStep. The outputs of an accepted sample stay until an input changes; then the
-network answers for the new input and the memory as it stands, as often as it is asked, without the memory moving.
+The memory moves on once per sample: where the sample rate is known, at instants of its own (within steps of
+co-simulation, at time events of model exchange); else at the end of each doStep, with the inputs of that step. The
+outputs of an accepted sample stay until an input changes; then the network answers for the new input and the memory as
+it stands, as often as it is asked, without the memory moving.
 """
 
 from __future__ import annotations
@@ -44,6 +45,11 @@ class Interface:
     training_range: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     sample_rate: float | None = None
 
+    @property
+    def sample(self) -> float | None:
+        """Time between two samples [s], where it is known."""
+        return 1.0 / self.sample_rate if self.sample_rate else None
+
 
 def network_code(
     path: Path,
@@ -70,7 +76,7 @@ def network_code(
     try:
         program = reader.program(proto, identifier(title), sizes)
         given = {entry.key: entry.value for entry in proto.metadata_props}
-        return block_code(program, _interface(program, given, memory), title)
+        return block_code(program, interface_of(program, given, memory), title)
     except NetworkError as error:
         raise NetworkError(f"{path}: {error}") from error
 
@@ -94,6 +100,8 @@ def block_code(program: Program, interface: Interface, title: str, description: 
             has_forward=True,
             has_adjoint=True,
             has_memory=bool(layout.states),
+            sample=interface.sample if layout.states else None,
+            steps_are_samples=bool(layout.states) and interface.sample is None,
             experiment=Experiment(step=step, stop=round(1000 * step, 12)),
         )
     )
@@ -108,7 +116,8 @@ def _inputs(variables: Sequence[Variable]) -> tuple[str, ...]:
     return tuple(v.name for v in variables if v.causality == "input")
 
 
-def _interface(program: Program, given: Mapping[str, str], memory: Mapping[str, str] | None) -> Interface:
+def interface_of(program: Program, given: Mapping[str, str], memory: Mapping[str, str] | None = None) -> Interface:
+    """What the ports of any network mean, from its metadata ``given`` and their names; memory: see ``network_code``."""
     pairs = dict(memory) if memory is not None else memory_pairs(program)
     _check_pairs(program, pairs)
     initial = _json(given, "initial_state")
@@ -206,8 +215,9 @@ class _Layout:
 
     def starts(self, interface: Interface) -> dict[int, float]:
         """Start values that are not 0."""
-        places, values = block.offsets(self.states, self.block.d), {}
-        for port in self.states:
+        places = block.offsets(self.states, self.block.d) | block.offsets(self.inputs, self.block.u)
+        values: dict[int, float] = {}
+        for port in (*self.states, *self.inputs):
             given = list(interface.initial.get(port.name, []))
             if given and len(given) != port.view.size:
                 raise NetworkError(f"initial_state of '{port.name}' has {len(given)} numbers, not {port.view.size}")
@@ -259,6 +269,11 @@ def usual(trained: tuple[float, float] | None) -> float | None:
     return (0.5 * max(abs(trained[0]), abs(trained[1])) or None) if trained else None
 
 
+def described(text: str, trained: tuple[float, float] | None) -> str:
+    """Description of an input with the range that it was trained on."""
+    return f"{text}; trained from {trained[0]:.6g} to {trained[1]:.6g}" if trained else text
+
+
 def _variable(
     port: Port,
     i: int,
@@ -272,8 +287,8 @@ def _variable(
     size = port.view.size
     role = {"input": "input", "output": "output", "local": "memory"}[common["causality"]]
     text = f"{role} '{readable(port.name)}' of the network" + (f", element {i + 1} of {size}" if size > 1 else "")
-    if common["causality"] == "input" and trained:
-        text += f"; trained from {trained[0]:.6g} to {trained[1]:.6g}"
+    if common["causality"] == "input":
+        text = described(text, trained)
     settings = {**common, "nominal": usual(trained)} if port.view.kind == "float" else dict(common)
     if "start" in settings:
         settings["start"] = starts.get(slot, 0.0)
@@ -305,7 +320,13 @@ class _Frame:
             self._values(),
             self._derivative("forward"),
             self._derivative("adjoint"),
-            self.block.model(title, step, self.layout.starts(self.interface), members),
+            self.block.model(
+                title,
+                step,
+                self.layout.starts(self.interface),
+                members,
+                self.interface.sample or -1.0 if self.layout.states else 0.0,
+            ),
         ]
         return "\n".join(parts)
 

@@ -1,22 +1,25 @@
 """C text of a mass on a network: m a = F - R(x, v, memory).
 
-Parameters m, x_start, v_start and, with turning points, R_start; input F; states x, v; outputs R and the range flag.
+Parameters m, x_start, v_start and, with turning points, R_start; inputs F and the further ones of the network; states
+x, v; outputs R and the range flag.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
+from hystid.networks.level import Level
 from hystid.surrogate import block
+from hystid.surrogate.emit import number
 from hystid.surrogate.program import Program
 
-_FIXED = 9  # what stands in the private memory before the next memory
+_FIXED = 11  # what stands in the private memory before the next memory
 
 
-def recorded(n_d: int) -> int:
-    """Length of the private memory before the network's own, for a memory of n_d numbers."""
-    return _FIXED + n_d
+def recorded(n_d: int, further: int) -> int:
+    """Length of the private memory before the network's own, for a memory of n_d numbers and further inputs."""
+    return _FIXED + n_d + 2 * further
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,9 @@ class OscillatorText:
     """program: inputs x, v, state; outputs R, state_next. n_d: length of the state.
 
     turning: whether state[0] is v_last and the memory is renewed where v_last v <= 0; then it can be held still between
-    samples. force_slots: elements of the state that start at R_start.
+    samples. force_slots: elements of the state that start at R_start. further: names of the further inputs.
+    late: elements of the state that follow v or a further input late; they start settled. level: of the
+    force; the remembered force is scaled by it. spread: whether there is R_spread.
     """
 
     program: Program
@@ -32,6 +37,10 @@ class OscillatorText:
     turning: bool
     force_slots: tuple[int, ...]
     training_range: Mapping[str, tuple[float, float]]
+    further: tuple[str, ...] = ()
+    late: Mapping[int, str] = field(default_factory=dict)
+    level: Level | None = None
+    spread: bool = False
 
     def text(self) -> str:
         """Everything that the shell calls."""
@@ -40,44 +49,75 @@ class OscillatorText:
         )
 
     def _run(self, mode: str, state: str, ends: Mapping[str, str] | None = None) -> str:
-        inputs = {"x": "&x", "v": "&speed", "state": state}
-        results, work = {"R": "&R", "state_next": "next"}, f"v + W + {recorded(self.n_d)}"
+        inputs = {"x": "&x", "v": "&speed", "state": state} | self._places("v + U")
+        results, work = {"R": "&now.R", "state_next": "next"}, f"v + W + {recorded(self.n_d, len(self.further))}"
         slopes = {"R": "&d_R", "state_next": "d_next"} if ends else None
+        if self.spread:
+            results |= {"R_spread": "&now.spread"}
+            slopes = slopes and slopes | {"R_spread": "&d_spread"}
         return block.call(self.program, mode, inputs, results, ends, slopes, work)
 
+    def _places(self, base: str) -> dict[str, str]:
+        """Further inputs in a row that is laid out as the inputs are."""
+        return {name: f"{base} + {1 + i}" for i, name in enumerate(self.further)}
+
     def _records(self) -> str:
-        ranges = [block.range_test(f"v[X + {i}]", *self.training_range[name]) for i, name in enumerate(("x", "v"))]
+        places = {"x": "v[X]", "v": "v[X + 1]"} | {name: f"v[U + {1 + i}]" for i, name in enumerate(self.further)}
+        known = {name: place for name, place in places.items() if name in self.training_range}
+        ranges = [block.range_test(place, *self.training_range[name]) for name, place in known.items()]
         return f"""\
 enum {{
     WARNED = W,                                       /* 1 after the warning */
-    AT_SAMPLE, AT_X, AT_V, AT_R,                      /* 1 where there is an accepted sample; what it was */
-    LATEST, LATEST_X, LATEST_V, LATEST_R, LATEST_NEXT /* 1 where there is an answer since that sample; the latest */
+    AT_SAMPLE, AT_X, AT_V, AT_R, AT_SPREAD,           /* 1 where there is an accepted sample; what it was */
+    LATEST, LATEST_X, LATEST_V, LATEST_R, LATEST_SPREAD, /* 1 where there is an answer since that sample; the latest */
+    LATEST_NEXT,
+    AT_U = LATEST_NEXT + N_D, LATEST_U = AT_U + N_U - 1 /* the further inputs of both */
 }};
 
-static void outputs(double *v, double R)
+/* Whether the further inputs are those of a record; then keep them there. */
+static int same_inputs(const double *v, int record)
 {{
-    v[Y] = R;
+    int same = 1;
+    for (int i = 0; i < N_U - 1; ++i) same &= v[U + 1 + i] == v[record + i];
+    return same;
+}}
+
+static void keep_inputs(double *v, int record)
+{{
+    for (int i = 0; i < N_U - 1; ++i) v[record + i] = v[U + 1 + i];
+}}
+
+typedef struct {{
+    double R, spread;
+}} answer;
+
+static void outputs(double *v, answer now)
+{{
+    v[Y] = now.R;
     v[Y + 1] = {" || ".join(test for test in ranges if test) or "0"};
     v[DX] = v[X + 1];
-    v[DX + 1] = (v[U] - R) / v[P];
+    v[DX + 1] = (v[U] - now.R) / v[P];
+{"    v[Y + 2] = now.spread;" if self.spread else ""}
 }}
 """
 
     def _at_sample(self) -> str:
         reuse = """\
-    if (v[LATEST] != 0.0 && v[LATEST_X] == x && v[LATEST_V] == speed && v[D] * speed > 0.0) {
+    const int same = v[LATEST] != 0.0 && v[LATEST_X] == x && v[LATEST_V] == speed && same_inputs(v, LATEST_U);
+    if (same && v[D] * speed > 0.0) {
         memcpy(next, v + LATEST_NEXT, N_D * sizeof *next); /* no turning point: the memory stays */
         if (next[0] != speed) next[0] = v[D];
-        return v[LATEST_R];
+        return (answer){v[LATEST_R], v[LATEST_SPREAD]};
     }
 """
         return f"""\
 /* R at a new sample, and the memory that follows it. */
-static double at_sample(hy_data *m, double *next)
+static answer at_sample(hy_data *m, double *next)
 {{
-    double *v = m->v, x = v[X], speed = v[X + 1], R = 0.0;
+    answer now = {{0.0, 0.0}};
+    double *v = m->v, x = v[X], speed = v[X + 1];
 {reuse if self.turning else ""}    {self._run("", "v + D")}
-    return R;
+    return now;
 }}
 """
 
@@ -88,22 +128,25 @@ static double at_sample(hy_data *m, double *next)
     if (speed == 0.0) speed = copysign(1e-300, speed);
 """
         return f"""\
-    double *v = m->v, x = v[X], speed = v[X + 1], R = 0.0, next[N_D], frozen[N_D];
+    answer now = {{0.0, 0.0}};
+    double *v = m->v, x = v[X], speed = v[X + 1], next[N_D], frozen[N_D];
     memcpy(frozen, v + D, sizeof frozen);
 {still if self.turning else ""}"""
 
     def _between(self) -> str:
         return f"""\
 /* R between samples: with the memory as it stands, so that there are no turning points. */
-static double between(hy_data *m)
+static answer between(hy_data *m)
 {{
 {self._held()}    {self._run("", "frozen")}
     v[LATEST] = 1.0;
     v[LATEST_X] = v[X];
     v[LATEST_V] = v[X + 1];
-    v[LATEST_R] = R;
+    v[LATEST_R] = now.R;
+    v[LATEST_SPREAD] = now.spread;
+    keep_inputs(v, LATEST_U);
     memcpy(v + LATEST_NEXT, next, sizeof next);
-    return R;
+    return now;
 }}
 """
 
@@ -114,8 +157,10 @@ static int evaluate(hy_data *m)
     double *v = m->v, next[N_D];
     if (v[AT_SAMPLE] == 0.0)
         outputs(v, at_sample(m, next)); /* the start, which is about to become the first sample */
+    else if (v[AT_X] == v[X] && v[AT_V] == v[X + 1] && same_inputs(v, AT_U))
+        outputs(v, (answer){v[AT_R], v[AT_SPREAD]});
     else
-        outputs(v, v[AT_X] == v[X] && v[AT_V] == v[X + 1] ? v[AT_R] : between(m));
+        outputs(v, between(m));
     if (isfinite(v[DX + 1])) return HY_OK;
     m->log(m->owner, HY_FAILURE, "the restoring force of the network is not finite");
     return HY_RETRY;
@@ -125,24 +170,31 @@ static int evaluate(hy_data *m)
 static int completed_step(hy_data *m)
 {
     double *v = m->v, next[N_D];
-    const double R = at_sample(m, next);
+    const answer now = at_sample(m, next);
     memcpy(v + D, next, sizeof next);
     v[AT_SAMPLE] = 1.0;
     v[AT_X] = v[X];
     v[AT_V] = v[X + 1];
-    v[AT_R] = R;
+    v[AT_R] = now.R;
+    v[AT_SPREAD] = now.spread;
+    keep_inputs(v, AT_U);
     v[LATEST] = 0.0;
-    outputs(v, R);
+    outputs(v, now);
     if (v[Y + 1] != 0.0 && v[WARNED] == 0.0) {
-        m->log(m->owner, HY_WARNING, "the motion has left the range of the training data: R is an extrapolation");
+        m->log(m->owner, HY_WARNING,
+               "the motion, or a further input, has left the range of the training data: R is an extrapolation");
         v[WARNED] = 1.0;
     }
-    return isfinite(R) ? HY_OK : HY_ERROR;
+    return isfinite(now.R) ? HY_OK : HY_ERROR;
 }
 """
 
     def _start(self) -> str:
-        forces = "".join(f"    m->v[D + {slot}] = m->v[P + 3];\n" for slot in self.force_slots if self.turning)
+        places = {"v": "m->v[X + 1]"} | {name: f"m->v[U + {1 + i}]" for i, name in enumerate(self.further)}
+        forces = "".join(f"    m->v[D + {slot}] = {places[source]};\n" for slot, source in self.late.items())
+        if self.turning:
+            forces += f"    const double begin = {self._scaled_start()};\n"
+            forces += "".join(f"    m->v[D + {slot}] = begin;\n" for slot in self.force_slots)
         return f"""\
 static int parameters(hy_data *m)
 {{
@@ -160,16 +212,35 @@ static int initialise(hy_data *m)
 }}
 """
 
+    def _scaled_start(self) -> str:
+        """R_start as the memory has it."""
+        if self.level is None:
+            return "m->v[P + 3]"
+        signals = [
+            *(f"m->v[U + {1 + i}]" for i in range(len(self.further))),
+            *(f"m->v[D + {slot}]" for slot in self.late),
+        ]
+
+        def plane(constant: float, slopes: Sequence[float], names: Sequence[str]) -> str:
+            terms = (f"{number(slope)} * {name}" for slope, name in zip(slopes, names, strict=True))
+            return " + ".join([number(constant), *terms])
+
+        centre = plane(self.level.offset, self.level.slopes, ["m->v[X]", *signals])
+        spread = plane(self.level.base, self.level.growth, signals)
+        return f"(m->v[P + 3] - ({centre})) / fmax({spread}, {number(self.level.least)})"
+
     def _derivatives(self) -> str:
-        forward = {"x": "seed + X", "v": "seed + X + 1", "state": "seed + D"}
-        adjoint = {"x": "sens + X", "v": "sens + X + 1", "state": "sens + D"}
+        forward = {"x": "seed + X", "v": "seed + X + 1", "state": "seed + D"} | self._places("seed + U")
+        adjoint = {"x": "sens + X", "v": "sens + X + 1", "state": "sens + D"} | self._places("sens + U")
         return f"""\
 static int forward(hy_data *m, const double *seed, double *sens)
 {{
-    double d_R = 0.0, d_next[N_D] = {{0}};
+    double d_R = 0.0, d_spread = 0.0, d_next[N_D] = {{0}};
+    (void)d_spread;
 {self._held()}    {self._run("_forward", "frozen", forward)}
     memset(sens, 0, N_VALUES * sizeof *sens);
     sens[Y] = d_R;
+{"    sens[Y + 2] = d_spread;" if self.spread else ""}
     sens[DX] = seed[X + 1];
     sens[DX + 1] = (seed[U] - d_R - seed[P] * v[DX + 1]) / v[P];
     return HY_OK;
@@ -178,6 +249,8 @@ static int forward(hy_data *m, const double *seed, double *sens)
 static int adjoint(hy_data *m, const double *seed, double *sens)
 {{
     double d_R = seed[Y] - seed[DX + 1] / m->v[P], d_next[N_D] = {{0}};
+    double d_spread = {"seed[Y + 2]" if self.spread else "0.0"};
+    (void)d_spread;
 {self._held()}    {self._run("_adjoint", "frozen", adjoint)}
     sens[X + 1] += seed[DX];
     sens[U] += seed[DX + 1] / v[P];

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,16 +13,14 @@ from hystid.networks import onnx
 from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
 from hystid.surrogate.emit import functions
-from hystid.surrogate.network import OUTSIDE, Interface, block_code, network_code, outside_variable, usual
+from hystid.surrogate.names import readable
+from hystid.surrogate.network import OUTSIDE, Interface, block_code, described, network_code, outside_variable, usual
 from hystid.surrogate.oscillator import OscillatorText, recorded
 from hystid.surrogate.program import Program
 
 NETWORK = "surrogate.onnx"  # the file itself travels in the resources of the FMU
-_UNITS = {"x": "m", "v": "m/s", "R": "N"}
+_UNITS = {"x": "m", "v": "m/s", "R": "N", "R_spread": "N"}
 _STATES = ("x", "v")
-_DEPENDENCIES = {
-    "x": ("x",), "v": ("v",), "der(x)": ("v",), "R": _STATES, "a": ("F", *_STATES), OUTSIDE: _STATES,
-}  # fmt: skip
 
 
 def model_code(path: Path) -> ModelCode:
@@ -30,25 +29,43 @@ def model_code(path: Path) -> ModelCode:
     Raises NetworkError as they do.
     """
     given = {entry.key for entry in onnx.load(Path(path)).metadata_props}
-    return surrogate_code(path) if {"hystid_version", "initial_state"} <= given else network_code(path)
+    return surrogate_code(path) if is_surrogate(given) else network_code(path)
+
+
+def is_surrogate(keys: Collection[str]) -> bool:
+    """Whether a file with these metadata holds an identified restoring force."""
+    return {"hystid_version", "initial_state"} <= set(keys)
+
+
+def interface_of_surrogate(about: onnx.StepDescription) -> Interface:
+    """What the ports of an identified restoring force mean."""
+    return Interface(
+        memory={"state": "state_next"},
+        initial={"state": about.initial_state, **{name: [value] for name, value in middle(about).items()}},
+        units=_UNITS | {port.name: port.unit for port in about.inputs},
+        training_range=about.training_range,
+        sample_rate=about.sample_rate,
+    )
 
 
 def surrogate_code(path: Path) -> ModelCode:
-    """The restoring force of a surrogate's ONNX file as a block: inputs x [m], v [m/s]; outputs R [N] and
-    ``outside_training_range``; the memory is local and moves on once per accepted sample (see ``network``).
+    """The restoring force of a surrogate's ONNX file as a block: inputs x [m], v [m/s] and the further ones of the
+    network; outputs R [N] and ``outside_training_range``; the memory is local and moves on once per accepted sample
+    (see ``network``).
 
     Raises NetworkError when the file is no surrogate (``hystid.networks.onnx.read``) or cannot be compiled.
     """
     program, about = _read(path)
-    interface = Interface(
-        memory={"state": "state_next"},
-        initial={"state": about.initial_state},
-        units=_UNITS,
-        training_range=about.training_range,
-        sample_rate=about.sample_rate,
+    code = block_code(
+        program, interface_of_surrogate(about), "surrogate", "Restoring force R of an identified structure with memory"
     )
-    code = block_code(program, interface, "surrogate", "Restoring force R of an identified structure with memory")
     return replace(code, resources={NETWORK: Path(path).read_bytes()})
+
+
+def middle(about: onnx.StepDescription) -> dict[str, float]:
+    """A value for each further input: the middle of its training range, 0 where there is none."""
+    ranges = {port.name: about.training_range.get(port.name, (0.0, 0.0)) for port in about.inputs}
+    return {name: 0.5 * (low + high) for name, (low, high) in ranges.items()}
 
 
 def force_slots(about: onnx.StepDescription) -> tuple[int, ...]:
@@ -59,9 +76,10 @@ def force_slots(about: onnx.StepDescription) -> tuple[int, ...]:
 def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
     """The structure that a surrogate's ONNX file describes: m a = F - R, free to move.
 
-    Input F [N]; outputs x [m], v [m/s], a [m/s2], R [N], ``outside_training_range``; parameters m [kg], x_start [m],
-    v_start [m/s] and, where the memory is that of turning points, R_start [N], the restoring force before the start (0:
-    relaxed). mass [kg] replaces that of the file. In co-simulation the internal step is that of the training data.
+    Inputs F [N] and the further ones of the network; outputs x [m], v [m/s], a [m/s2], R [N],
+    ``outside_training_range``; parameters m [kg], x_start [m], v_start [m/s] and, where the memory is that of turning
+    points, R_start [N], the restoring force before the start (0: relaxed). mass [kg] replaces that of the file. In
+    co-simulation the internal step is that of the training data.
 
     The memory stays as it is between accepted samples: the turning-point rule is applied at the start and at the end of
     each step, never at the stages of an integrator in between. R and a of an accepted sample are those after the rule.
@@ -82,10 +100,11 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
             sources={"model.c": c_text},
             states=_STATES,
             n_values=sizes.size,
-            dependencies=_DEPENDENCIES,
+            dependencies=_dependencies(about),
             has_forward=True,
             has_adjoint=True,
             has_memory=True,
+            sample=1.0 / about.sample_rate,
             experiment=Experiment(step=1.0 / about.sample_rate, stop=1.0),
             resources={NETWORK: Path(path).read_bytes()},
         )
@@ -94,16 +113,34 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
 
 def _oscillator_text(program: Program, about: onnx.StepDescription, mass: float) -> tuple[Block, str]:
     text, n_d, turning = functions(program, "network"), len(about.initial_state), about.memory == onnx.TURNING_POINTS
-    sizes = Block(n_p=3 + turning, n_u=1, n_x=2, n_d=n_d, n_y=2, n_w=recorded(n_d) + text.work)
+    sizes = Block(
+        n_p=3 + turning,
+        n_u=1 + len(about.inputs),
+        n_x=2,
+        n_d=n_d,
+        n_y=2 + about.spread,
+        n_w=recorded(n_d, len(about.inputs)) + text.work,
+    )
     start = {sizes.p: mass} | {sizes.d + i: value for i, value in enumerate(about.initial_state) if value}
+    start |= {sizes.u + 1 + i: value for i, value in enumerate(middle(about).values()) if value}
     members = ("parameters", "initialise", "evaluate", "completed_step", "forward", "adjoint")
     parts = (
         "/* Mass on an identified restoring force: m a = F - R(x, v, memory). */",
         block.INCLUDES,
         sizes.defines(),
         block.text_of(text),
-        OscillatorText(program, n_d, turning, force_slots(about), about.training_range).text(),
-        sizes.model("oscillator", 1.0 / about.sample_rate, start, members),
+        OscillatorText(
+            program,
+            n_d,
+            turning,
+            force_slots(about),
+            about.training_range,
+            tuple(port.name for port in about.inputs),
+            about.late,
+            about.level,
+            about.spread,
+        ).text(),
+        sizes.model("oscillator", 1.0 / about.sample_rate, start, members, 1.0 / about.sample_rate),
     )
     return sizes, "\n".join(parts)
 
@@ -132,14 +169,43 @@ def _variables(sizes: Block, mass: float, about: onnx.StepDescription) -> tuple[
         _parameter("v_start", p + 2, 0.0, "m/s", "velocity at the start"),
         *start,
         replace(force, nominal=size.get("R")),
+        *_further(about, sizes.u + 1),
         replace(_output("x", x, "m", "displacement"), nominal=size["x"]),
         replace(_output("v", x + 1, "m/s", "velocity"), nominal=size["v"]),
         replace(_output("der(x)", dx, "m/s", "rate of x"), causality="local", derivative_of="x"),
         replace(_output("a", dx + 1, "m/s2", "acceleration"), derivative_of="v"),
         replace(_output("R", y, "N", "restoring force, opposing the motion as a spring does"), nominal=size.get("R")),
         outside_variable(y + 1),
+        *([_output("R_spread", y + 2, "N", "standard deviation of the error of R")] if about.spread else []),
         *memory,
     )
+
+
+def _dependencies(about: onnx.StepDescription) -> dict[str, tuple[str, ...]]:
+    force = (*(port.name for port in about.inputs), *_STATES)
+    return {
+        "x": ("x",),
+        "v": ("v",),
+        "der(x)": ("v",),
+        "R": force,
+        "a": ("F", *force),
+        OUTSIDE: force,
+        **({"R_spread": force} if about.spread else {}),
+    }
+
+
+def _further(about: onnx.StepDescription, first: int) -> list[Variable]:
+    """The further inputs, each starting in the middle of its training range."""
+    found, starts = [], middle(about)
+    for slot, port in enumerate(about.inputs, start=first):
+        trained = about.training_range.get(port.name)
+        found.append(
+            Variable(
+                port.name, slot, "input", "continuous", start=starts[port.name], unit=port.unit,
+                nominal=usual(trained), description=described(f"input '{readable(port.column)}'", trained),
+            )
+        )  # fmt: skip
+    return found
 
 
 def _parameter(name: str, slot: int, start: float, unit: str, text: str) -> Variable:

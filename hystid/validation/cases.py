@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from hystid.comparison import harmonics, mse, nrmse
+from hystid.consistency import admit
 from hystid.errors import HystidError, NumericalError, RecordingError, UsageError
 from hystid.excitation import is_specification, parse
 from hystid.files import write_json
 from hystid.fmu import Driver
 from hystid.processing import Band, prepare
-from hystid.recording import Array, Recording
+from hystid.recording import Array, Recording, Sources, loaded
 from hystid.simulation import force_of, simulate
 from hystid.validation.result import Case, FreeRun, Levels, Validation
 from hystid.validation.stability import stability
@@ -28,10 +29,10 @@ RUNAWAY = 100.0
 
 
 def validate(
-    surrogate: Path,
-    recordings: Sequence[Recording] = (),
+    surrogate: str | Path,
+    recordings: Sources = (),
     *,
-    reference: Path | None = None,
+    reference: str | Path | None = None,
     forces: Sequence[str] = (),
     mass: float | None = None,
     dt: float = 1e-4,
@@ -48,7 +49,16 @@ def validate(
 
     A free run that diverges is a result (``Case.diverged``). Raises UsageError (nothing to compare with, sample rates
     that do not fit), RecordingError (no x, too short), NetworkError and FmuError (a file that cannot be used).
+
+    >>> import hystid
+    >>> fmu = hystid.build("HystId.Oscillators.Jenkins", "jenkins.fmu")
+    >>> sweep = hystid.simulate(fmu, "chirp:0-60Hz@60N,2s", dt=4e-4, noise_snr=40)
+    >>> folder = hystid.identify(sweep, mass=1.0, ensemble=2, method="published", workers=1).save("model")
+    >>> check = hystid.validate(folder / "surrogate.fmu", reference=fmu, forces=["harmonic:20Hz@50N,1s"], dt=4e-4)
+    >>> float(check.figures("force_nrmse")[0]) < 0.2
+    True
     """
+    recordings, reference = loaded(recordings), Path(reference) if reference else None
     if bool(recordings) == bool(reference):
         raise UsageError("a surrogate is validated against either recordings or a reference FMU")
     if reference and not forces:
@@ -58,7 +68,8 @@ def validate(
         driver = Driver(reference)
         prepared = [prepare(simulate(driver, force_of(force, dt)), mass=model.mass) for force in forces]
     else:
-        prepared = [prepare(recording, band=band, decimate=decimate, mass=model.mass) for recording in recordings]
+        admitted = admit(recordings, model.mass)
+        prepared = [prepare(recording, band=band, decimate=decimate, mass=model.mass) for recording in admitted]
     cases = tuple(compare(model, record) for record in prepared)
     result = Validation(
         Path(surrogate),
@@ -70,11 +81,12 @@ def validate(
         cases,
         model.notes,
         stability(model),
+        model.inputs,
     )
     if out is None:
         return result
     result = replace(result, files={"json": Path(out) / "validation.json"})
-    write_json(result.files["json"], result.summary())
+    write_json(result.files["json"], result.as_dict())
     return result
 
 
@@ -146,10 +158,11 @@ def _balance(model: Surrogate, record: Recording) -> list[str]:
 
 def _outside(model: Surrogate, record: Recording) -> float:
     beyond = np.zeros(len(record), dtype=bool)
-    for name in ("x", "v"):
+    signals = {"x": record.channel("x"), "v": record.channel("v")} | model.further(record)
+    for name in signals:
         if name in model.training_range:
             low, high = model.training_range[name]
-            values = record.channel(name)
+            values = signals[name]
             beyond |= (values < low) | (values > high)
     return float(np.mean(beyond))
 

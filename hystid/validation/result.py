@@ -11,20 +11,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from hystid.comparison import Harmonics, Spectrum, loop_energy, spectrum
+from hystid.networks import FurtherInput
 from hystid.recording import Array, Recording
-
-if TYPE_CHECKING:
-    from hystid.validation.stability import Stability
+from hystid.results import Result
+from hystid.validation.stability import Stability
+from hystid.validation.surrogate import Kind
 
 AUDIBLE_DB = -60.0
 """Harmonics of the reference below this level are noise, not something that a surrogate is to match."""
-
-Kind = Literal["onnx", "surrogate", "oscillator"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +99,7 @@ class Case:
         signals |= {"free_run": self.free_run.R} if self.free_run else {}
         return {name: spectrum(values, self.reference.dt) for name, values in signals.items()}
 
-    def summary(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Entry of ``cases`` in validation.json."""
         run = self.free_run
         errors = ("x_nrmse", "R_nrmse", "x_mse", "R_mse")
@@ -130,12 +129,12 @@ def _levels_summary(levels: Levels) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class Validation:
+class Validation(Result, report="validation", json="validation.json"):
     """A surrogate compared with its reference, case by case.
 
     surrogate: the file; kind of it. against: the reference FMU, None for recordings. mass [kg], 0 where there is none.
     sample_rate [Hz] and training_range (least, greatest; by signal) are None and empty where the file does not tell.
-    stability: see ``Stability``; None where the file tells no range.
+    stability: see ``Stability``; None where the file tells no range. inputs: the further inputs of the surrogate.
     """
 
     surrogate: Path
@@ -147,6 +146,7 @@ class Validation:
     cases: tuple[Case, ...]
     notes: tuple[str, ...] = ()
     stability: Stability | None = None
+    inputs: tuple[FurtherInput, ...] = ()
     files: Mapping[str, Path] = field(default_factory=dict)
 
     def figures(self, which: Literal["force_nrmse", "x_nrmse", "R_nrmse"]) -> Array:
@@ -157,7 +157,7 @@ class Validation:
         pairs = zip(self.cases, without, strict=True)
         return np.array([getattr(case.free_run, which) if case.free_run else value for case, value in pairs])
 
-    def summary(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """The content of validation.json; errors are fractions."""
         keys: tuple[Literal["force_nrmse", "x_nrmse", "R_nrmse"], ...] = ("force_nrmse", "x_nrmse", "R_nrmse")
         return {
@@ -167,9 +167,10 @@ class Validation:
             "mass": self.mass,
             "sample_rate": self.sample_rate,
             "training_range": self.training_range,
+            "inputs": [{"name": p.name, "unit": p.unit, "column": p.column} for p in self.inputs],
             "metrics": {key: _median_and_worst(self.figures(key)) for key in keys},
-            "cases": [case.summary() for case in self.cases],
-            "stability": self.stability.summary() if self.stability else None,
+            "cases": [case.as_dict() for case in self.cases],
+            "stability": self.stability.as_dict() if self.stability else None,
             "notes": list(self.notes),
         }
 

@@ -18,6 +18,7 @@ from hystid.validation.surrogate import Surrogate
 
 _SHARES = (0.1, 0.3, 0.6, 0.95)  # of the displacement range, whose very ends would make the file warn
 _SPEEDS = (0.1, 0.3, 0.95)  # of the velocity range
+_LEVELS = (0.5, 0.0, 1.0)  # of the ranges of the further inputs, where there are any
 _CYCLES = 4
 _LONGEST, _SHORTEST = 20_000, 40  # samples per cycle
 _LOSSLESS = -1e-3  # of pi x amplitude x force: below, energy is fed in; above, it is rounding or a lossless law
@@ -25,7 +26,8 @@ _LOSSLESS = -1e-3  # of pi x amplitude x force: below, energy is fed in; above, 
 
 @dataclass(frozen=True)
 class Cycle:
-    """One steady harmonic motion. amplitude [m], frequency [Hz], energy [J] taken out in the last cycle.
+    """One steady harmonic motion. amplitude [m], frequency [Hz], energy [J] taken out in the last cycle; further: where
+    the further inputs stood, as a fraction of their training range.
 
     loss: energy over pi * amplitude * greatest force of the cycle: 1 for a force in phase with the velocity, 0 for a
     spring, negative where energy is fed in.
@@ -35,6 +37,7 @@ class Cycle:
     frequency: float
     energy: float
     loss: float
+    further: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -55,9 +58,10 @@ class Stability:
         """Cycles in which energy is fed in."""
         return tuple(cycle for cycle in self.cycles if cycle.loss < _LOSSLESS)
 
-    def summary(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Entry ``stability`` in validation.json."""
-        columns = {key: [getattr(cycle, key) for cycle in self.cycles] for key in ("amplitude", "frequency", "loss")}
+        keys = ("amplitude", "frequency", "loss", "further")
+        columns = {key: [getattr(cycle, key) for cycle in self.cycles] for key in keys}
         return {**columns, "feeding": len(self.feeding), "remembered": self.remembered}
 
 
@@ -73,28 +77,33 @@ def stability(model: Surrogate) -> Stability | None:
     for amplitude in (share * x_most for share in _SHARES):
         wanted = [model.sample_rate * 2 * np.pi * amplitude / (speed * v_most) for speed in _SPEEDS]
         for samples in sorted({round(float(np.clip(count, _SHORTEST, _LONGEST))) for count in wanted}):
-            cycles.append(_cycle(model, amplitude, samples))
+            cycles += [
+                _cycle(model, amplitude, samples, level) for level in _LEVELS[: len(_LEVELS) if model.inputs else 1]
+            ]
     return Stability(tuple(cycles), _remembered(model, _SHARES[-1] * x_most))
 
 
-def _motion(model: Surrogate, amplitude: float, samples: int, start: float = 0.0) -> Recording:
+def _motion(model: Surrogate, amplitude: float, samples: int, start: float = 0.0, level: float = 0.5) -> Recording:
     assert model.sample_rate is not None
     dt = 1 / model.sample_rate
     phase = 2 * np.pi * np.arange(_CYCLES * samples + 1) / samples
     v = amplitude * 2 * np.pi / (samples * dt) * np.cos(phase)
     rest = np.full(phase.size, start)
     t = np.asarray(dt * np.arange(phase.size), dtype=np.float64)
-    return Recording("cycle", t, x=amplitude * np.sin(phase), v=v, R=rest, F=0 * rest)
+    limits = {port: model.training_range.get(port.name, (0.0, 0.0)) for port in model.inputs}
+    extra = {port.column: np.full(phase.size, low + level * (high - low)) for port, (low, high) in limits.items()}
+    units = {port.column: port.unit for port in model.inputs}
+    return Recording("cycle", t, x=amplitude * np.sin(phase), v=v, R=rest, F=0 * rest, extra=extra, units=units)
 
 
-def _cycle(model: Surrogate, amplitude: float, samples: int) -> Cycle:
-    motion = _motion(model, amplitude, samples)
+def _cycle(model: Surrogate, amplitude: float, samples: int, level: float) -> Cycle:
+    motion = _motion(model, amplitude, samples, level=level)
     last = slice(-samples - 1, None)
     force = model.force(motion)[last]
     energy = loop_energy(motion.channel("x")[last], force)
     swing = float(np.ptp(force)) / 2
     loss = energy / (np.pi * amplitude * swing) if swing else 0.0
-    return Cycle(amplitude, motion.sample_rate / samples, energy, float(loss))
+    return Cycle(amplitude, motion.sample_rate / samples, energy, float(loss), level)
 
 
 def _remembered(model: Surrogate, amplitude: float) -> float:

@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from hystid.compiled import CompiledModel
-from hystid.errors import UsageError
+from hystid.errors import RecordingError, UsageError
 from hystid.fmu import Driver
-from hystid.networks import onnx
+from hystid.fmu.door import read_entry
+from hystid.networks import FurtherInput, onnx
+from hystid.networks.level import Level
 from hystid.recording import Array, Recording
+from hystid.simulation import driven
 from hystid.surrogate import oscillator_code, surrogate_code
 from hystid.surrogate.restoring_force import NETWORK, force_slots
-from hystid.validation.result import Kind
+
+Kind = Literal["onnx", "surrogate", "oscillator"]
 
 
 @dataclass(frozen=True, eq=False)
 class Surrogate:
-    """force_block: inputs x, v; oscillator: input F. Either may be missing, not both."""
+    """force_block: inputs x, v; oscillator: input F. Either may be missing, not both. inputs: the further ones of both;
+    for a block that does not tell, the column of a recording has the name of the input. late: states of the force block
+    that follow v or a further input late; they begin settled. level: of the force, by which the states that remember
+    it are scaled."""
 
     kind: Kind
     mass: float
@@ -33,22 +39,52 @@ class Surrogate:
     oscillator: CompiledModel | Driver | None
     force_states: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    inputs: tuple[FurtherInput, ...] = ()
+    late: Mapping[str, str] = field(default_factory=dict)
+    level: Level | None = None
+
+    def further(self, record: Recording) -> dict[str, Array]:
+        """Values of the further inputs, by their names. Raises RecordingError where the recording has no such column,
+        or has it in another unit."""
+        for port in self.inputs:
+            if port.column not in record.extra:
+                raise RecordingError(
+                    f"{record.name}: the surrogate needs the input {port.column} [{port.unit}], which is no column of "
+                    f"the recording; give its value as --input {port.column}=VALUE"
+                )
+            unit = record.units.get(port.column)
+            if unit != port.unit and port.unit:
+                raise RecordingError(
+                    f"{record.name}: column {port.column} is in {unit or 'no known unit'}, but the surrogate was "
+                    f"trained on it in {port.unit}"
+                )
+        return {port.name: record.channel(port.column) for port in self.inputs}
 
     def force(self, record: Recording) -> Array:
         """R on the recorded motion, from its own first force."""
         x, v, start = record.channel("x"), record.channel("v"), float(record.channel("R")[0])
         if self.force_block is not None:
+            signals = {"x": x, "v": v} | self.further(record)
+            if self.level is not None:
+                first = {name: np.array([values[0]]) for name, values in signals.items()}
+                further = np.stack([*(first[p.name] for p in self.inputs), *(first[s] for s in self.late.values())])
+                start = float((start - self.level.centre(first["x"], further)[0]) / self.level.spread(further)[0])
             begin = dict.fromkeys(self.force_states, start)
-            return _simulate(self.force_block, record, {"x": x, "v": v}, begin, ("R",))["R"]
+            begin |= {state: float(signals[source][0]) for state, source in self.late.items()}
+            return _simulate(self.force_block, record, signals, begin, ("R",))["R"]
         assert self.oscillator is not None
         F = record.F if record.F is not None else np.zeros(len(record))
         begin = self._begin(record)
-        return self.oscillator.clamp({"x": x, "v": v}, {"F": F}, record.dt, parameters=begin, outputs=("R",))["R"]
+        inputs = {"F": F} | self.further(record)
+        return self.oscillator.clamp({"x": x, "v": v}, inputs, record.dt, parameters=begin, outputs=("R",))["R"]
 
     def free_run(self, record: Recording) -> dict[str, Array]:
         """x, v, a, R of the closed loop under the recorded force. Raises NumericalError when it diverges."""
         assert self.oscillator is not None
-        inputs = {"F": record.channel("F")}
+        inputs = {"F": record.channel("F")} | self.further(record)
+        if self.sample_rate is None:  # a model of differential equations; a network renews its memory at its own rate
+            begin = self._begin(record)
+            return driven(self.oscillator, inputs, record.t, parameters=begin, outputs=("x", "v", "a", "R"))
         return _simulate(self.oscillator, record, inputs, self._begin(record), ("x", "v", "a", "R"))
 
     def _begin(self, record: Recording) -> dict[str, float]:
@@ -89,13 +125,13 @@ def open_surrogate(path: Path, mass: float | None) -> Surrogate:
     driver = Driver(path)
     causality = {variable.name: variable.causality for variable in driver.model.variables}
     inputs = {name for name, kind in causality.items() if kind == "input"}
-    if inputs == {"x", "v"} and causality.get("R") == "output":
+    if {"x", "v"} <= inputs and "F" not in inputs and causality.get("R") == "output":
         return _from_surrogate_fmu(path, driver, mass)
-    if inputs == {"F"} and {"x", "R"} <= set(causality):
+    if "F" in inputs and not {"x", "v"} & inputs and {"x", "R"} <= set(causality):
         return _from_oscillator_fmu(path, driver, mass)
     raise UsageError(
-        f"{path}: a surrogate has inputs x, v and output R, or input F and outputs x, v, a, R; "
-        f"this FMU has the inputs {', '.join(sorted(inputs)) or 'none'}"
+        f"{path}: a surrogate has inputs x, v and output R, or input F and outputs x, v, a, R, and perhaps further "
+        f"inputs; this FMU has the inputs {', '.join(sorted(inputs)) or 'none'}"
     )
 
 
@@ -112,6 +148,9 @@ def _from_network(path: Path, mass: float | None) -> Surrogate:
         CompiledModel(surrogate_code(path)),
         oscillator,
         states,
+        inputs=about.inputs,
+        late={f"state[{slot + 1}]": source for slot, source in about.late.items()},
+        level=about.level,
     )
 
 
@@ -125,7 +164,7 @@ def _from_surrogate_fmu(path: Path, driver: Driver, mass: float | None) -> Surro
             inner = _from_network(network, mass)
             return replace(inner, kind="surrogate", force_block=driver, notes=(note,) if inner.mass else ())
     note = "no free run: this FMU carries no network of ours; give the oscillator's FMU for one"
-    return Surrogate("surrogate", mass or 0.0, None, {}, driver, None, notes=(note,))
+    return Surrogate("surrogate", mass or 0.0, None, {}, driver, None, notes=(note,), inputs=_inputs_of(driver))
 
 
 def _from_oscillator_fmu(path: Path, driver: Driver, mass: float | None) -> Surrogate:
@@ -135,18 +174,27 @@ def _from_oscillator_fmu(path: Path, driver: Driver, mass: float | None) -> Surr
         raise UsageError(
             f"{path}: the mass is needed to compare forces, and the FMU has no parameter m: give it by --mass"
         )
-    rate, limits = None, {}
+    rate, limits, further = None, {}, _inputs_of(driver)
     with TemporaryDirectory() as folder:
         network = _network_inside(path, Path(folder))
         if network is not None:
             _, about = onnx.read(network)
-            rate, limits = about.sample_rate, dict(about.training_range)
-    return Surrogate("oscillator", kilograms, rate, limits, None, driver)
+            rate, limits, further = about.sample_rate, dict(about.training_range), about.inputs
+    return Surrogate("oscillator", kilograms, rate, limits, None, driver, inputs=further)
+
+
+def _inputs_of(driver: Driver) -> tuple[FurtherInput, ...]:
+    """Inputs of an FMU besides force and motion."""
+    return tuple(
+        FurtherInput(v.name, v.unit or "", v.name)
+        for v in driver.model.variables
+        if v.causality == "input" and v.name not in ("F", "x", "v")
+    )
 
 
 def _network_inside(fmu: Path, folder: Path) -> Path | None:
-    with zipfile.ZipFile(fmu) as archive:
-        if f"resources/{NETWORK}" not in archive.namelist():
-            return None
-        (folder / NETWORK).write_bytes(archive.read(f"resources/{NETWORK}"))
+    content = read_entry(fmu, f"resources/{NETWORK}")
+    if content is None:
+        return None
+    (folder / NETWORK).write_bytes(content)
     return folder / NETWORK

@@ -1,0 +1,76 @@
+"""Level of a force that depends on further inputs: what the networks' force is scaled and shifted by.
+
+A pressure shifts a force, a tension or a current multiplies its friction. Recordings are taken at a few of their
+levels only, and a network that has seen friction of 20 N and 60 N may say anything at 40 N: neither the input nor the
+remembered force has been there. Scaled by its level the force is nearly the same at all of them: there is no gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hystid.recording import Array
+
+_LEAST = 0.05  # of the mean spread: so low an extrapolated level may get, and no lower
+
+
+@dataclass(frozen=True)
+class Level:
+    """R = centre + spread * (networks' force), with x [m] and the further inputs and lags w:
+
+    centre = offset + slopes . (x, w) [N], spread = max(base + growth . w, least) [N]. What depends on the velocity is
+    scaled with the spread, as friction is: a spring beside it is not.
+    """
+
+    offset: float
+    slopes: tuple[float, ...]
+    base: float
+    growth: tuple[float, ...]
+    least: float
+
+    @staticmethod
+    def of(x: Array, further: Array, R: Array) -> Level:
+        """Fit to samples, shape (n,); further: shape (inputs + lags, n).
+
+        The centre is the least-squares plane of R, the spread that of the distance from it.
+        """
+        plane = _plane(np.stack([x, *further]), R)
+        distance = np.abs(R - plane[0] - np.stack([x, *further]).T @ plane[1:])
+        growth = _plane(further, distance)
+        return Level(
+            float(plane[0]),
+            tuple(float(value) for value in plane[1:]),
+            float(growth[0]),
+            tuple(float(value) for value in growth[1:]),
+            float(_LEAST * np.mean(distance)) or 1.0,
+        )
+
+    def centre(self, x: Array, further: Array) -> Array:
+        """Centre [N], shape (n,)."""
+        return np.asarray(self.offset + self.slopes[0] * x + np.array(self.slopes[1:]) @ further)
+
+    def spread(self, further: Array) -> Array:
+        """Spread [N], shape (n,)."""
+        return np.asarray(np.maximum(self.base + np.array(self.growth) @ further, self.least))
+
+    def numbers(self) -> list[float]:
+        """All of it in a row: offset, slopes, base, growth, least."""
+        return [self.offset, *self.slopes, self.base, *self.growth, self.least]
+
+    @staticmethod
+    def from_numbers(values: list[float]) -> Level:
+        """Inverse of ``numbers``."""
+        count = (len(values) - 4) // 2
+        slopes, growth = values[1 : 2 + count], values[3 + count : 3 + 2 * count]
+        return Level(values[0], tuple(slopes), values[2 + count], tuple(growth), values[-1])
+
+
+def _plane(rows: Array, target: Array) -> Array:
+    """Constant and slopes of the least-squares plane; 0 for a row that does not vary."""
+    middle, width = rows.mean(axis=1), np.std(rows, axis=1)
+    scaled = (rows - middle[:, None]) / np.where(width > 0, width, 1.0)[:, None]
+    solution = np.linalg.lstsq(np.stack([np.ones(rows.shape[1]), *scaled], axis=1), target, rcond=None)[0]
+    slopes = np.where(width > 0, solution[1:] / np.where(width > 0, width, 1.0), 0.0)
+    return np.concatenate([[solution[0] - slopes @ middle], slopes])
