@@ -1,7 +1,7 @@
 """C compiler: find one, compile to a shared library, remember the result by content.
 
-``cc`` (or ``$CC``) where there is one, else the ``ziglang`` package (extra ``cross``). A library is cached under the
-user's cache folder by a hash of sources, headers and flags, so that compiling the same text again costs a look-up.
+``cc`` (or ``$CC``) where there is one, else the ``ziglang`` package (extra ``cross``). A library lies in the user's
+cache under a hash of sources, headers and flags, so that compiling the same text again costs a look-up.
 """
 
 from __future__ import annotations
@@ -12,27 +12,19 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-import platformdirs
-
+from hystid import cache as store
 from hystid.errors import ToolchainError
 
 _COMMON = ("-std=c11", "-fPIC", "-fvisibility=hidden")
+_LONGEST = 120.0  # s of one call of the compiler; the largest models of the tests take a twentieth
+_LINE = 300  # characters of the compiler's words in a message
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-
-
-def cache_folder() -> Path:
-    """Folder of compiled libraries; ``HYSTID_CACHE`` overrides the platform's default."""
-    chosen = os.environ.get("HYSTID_CACHE")
-    folder = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("hystid"))
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 @cache
@@ -51,15 +43,6 @@ def compiler() -> tuple[str, ...]:
     raise ToolchainError(
         "no C compiler found: install gcc or clang, or 'pip install hystid[cross]' for one that comes by pip"
     )
-
-
-def has_compiler() -> bool:
-    """Whether generated code can be compiled on this machine."""
-    try:
-        compiler()
-    except ToolchainError:
-        return False
-    return True
 
 
 def shared_library(
@@ -84,15 +67,16 @@ def shared_library(
     digest = _digest((*command, *parts))
     if "-march=native" in flags:  # a cache folder on a network drive may serve machines of several kinds
         digest.update(_processor().encode())
-    library = cache_folder() / f"{digest.hexdigest()[:32]}{suffix}"
-    if library.exists():
+    name = f"{digest.hexdigest()[:32]}{suffix}"
+    library = store.find(name)
+    if library is not None:
         return library
-    with tempfile.TemporaryDirectory(dir=cache_folder()) as folder:
-        _write(Path(folder), sources)
-        made = Path(folder, "library" + suffix)
-        _compile([*command, *main, *map(str, objects), "-o", made.name, *libraries], Path(folder))
-        made.replace(library)  # atomic: another process sees the whole library or none
-    return library
+    with store.workplace() as folder, store.keep(name) as beside:
+        _write(folder, sources)
+        made = folder / f"library{suffix}"
+        _compile([*command, *main, *map(str, objects), "-o", made.name, *libraries], folder)
+        made.replace(beside)
+    return store.kept(name)
 
 
 def object_files(
@@ -109,20 +93,21 @@ def object_files(
     full = [*(command or compiler()), *_COMMON, "-c", *flags]
     headers = {name: text for name, text in sources.items() if name not in main}
     common = (*full, *_texts(headers))
-    objects = {name: cache_folder() / f"{_digest((*common, name, sources[name])).hexdigest()[:32]}.o" for name in main}
-    missing = [name for name, path in objects.items() if not path.exists()]
+    objects = {name: f"{_digest((*common, name, sources[name])).hexdigest()[:32]}.o" for name in main}
+    missing = [name for name, entry in objects.items() if store.find(entry) is None]
     if missing:
-        with tempfile.TemporaryDirectory(dir=cache_folder()) as folder:
-            _write(Path(folder), sources)
+        with store.workplace() as folder:
+            _write(folder, sources)
 
             def compile_one(name: str) -> None:
-                _compile([*full, name, "-o", f"{name}.o"], Path(folder))
-                Path(folder, f"{name}.o").replace(objects[name])
+                with store.keep(objects[name]) as beside:
+                    _compile([*full, name, "-o", f"{name}.o"], folder)
+                    (folder / f"{name}.o").replace(beside)
 
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 for _ in pool.map(compile_one, missing):
                     pass
-    return tuple(objects.values())
+    return tuple(map(store.kept, objects.values()))
 
 
 def _texts(sources: Mapping[str, str]) -> Iterator[str]:
@@ -146,10 +131,25 @@ def _write(folder: Path, sources: Mapping[str, str]) -> None:
 
 
 def _compile(command: Sequence[str], folder: Path) -> None:
-    run = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    try:
+        run = subprocess.run(command, cwd=folder, capture_output=True, timeout=_LONGEST, check=False)
+    except subprocess.TimeoutExpired:
+        raise ToolchainError(
+            f"the C compiler '{command[0]}' took more than {_LONGEST:g} s for one model: make the model smaller"
+        ) from None
+    except OSError as error:
+        raise ToolchainError(
+            f"the C compiler '{command[0]}' cannot be run ({(error.strerror or str(error)).lower()}): set CC to one "
+            "that can, or install gcc or clang"
+        ) from None
     if run.returncode:
-        first = next((line for line in run.stderr.splitlines() if "error" in line), run.stderr.strip()[:200])
-        raise ToolchainError(f"the C compiler '{command[0]}' refused generated code: {first}")
+        lines = run.stderr.decode(errors="replace").splitlines() or [f"it ended with code {run.returncode}"]
+        if any("No space left on device" in line for line in lines):
+            raise ToolchainError(f"the disk of the cache {store.folder()} or of the temporary folder is full")
+        first = next((line for line in lines if "error" in line), lines[0])[:_LINE]
+        raise ToolchainError(
+            f"the C compiler '{command[0]}' failed on generated code (cache {store.folder()}): {first}"
+        )
 
 
 @cache

@@ -10,6 +10,8 @@ import typer
 
 from hystid.cli import options as opt
 from hystid.errors import UsageError
+from hystid.outputs import check_file
+from hystid.results import Result
 
 Choice = TypeVar("Choice", bound=str)
 
@@ -68,6 +70,18 @@ def build(
     fmi: Annotated[int, typer.Option(metavar="2|3", help="FMI version.")] = 2,
     set_: opt.Set = None,
     platforms: Annotated[str, typer.Option(metavar="host|all", help="Machines that the FMU runs on.")] = "host",
+    target: Annotated[
+        str, typer.Option(metavar="fmu|c", help="An FMU, or one C99 header and source of a network's step.")
+    ] = "fmu",
+    real: Annotated[str, typer.Option(metavar="double|float", help="Number type of --target c.")] = "double",
+    library: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="PATH",
+            help="Folder with Modelica packages, such as the Modelica Standard Library; also a package or a file; "
+            "repeatable. MODELICAPATH is searched too.",
+        ),
+    ] = None,
 ) -> None:
     """Compile a Modelica model, or an ONNX network, to an FMU.
 
@@ -75,24 +89,36 @@ def build(
     Examples:
       hystid build HystId.Oscillators.Jenkins --set m=4.2 --set Ks=2e5 -o jenkins.fmu
       hystid build my.mo:Rig --fmi 3 --platforms all -o rig.fmu
+      hystid build Modelica.Mechanics.Translational.Examples.Oscillator --library msl/ -o oscillator.fmu
       hystid build surrogate.onnx -o force.fmu
+      hystid build surrogate.onnx --target c -o force.c
     """
-    from hystid.fmu import build_model, build_network
+    from hystid import building
 
+    if _choice("--target", target, ("fmu", "c")) == "c":
+        _build_c(Path(model), out, _choice("--real", real, ("double", "float")))
+        return
     if fmi != 2 and fmi != 3:
         raise UsageError(f"--fmi {fmi}: FMI versions 2 and 3 are written")
     if platforms not in ("host", "all"):
         raise UsageError(f"--platforms {platforms}: choose host or all")
-    _output(out, ".fmu")
+    check_file(out, ".fmu")
     version: Literal[2, 3] = 2 if fmi == 2 else 3
     values = opt.numbers("--set", set_)
-    if model.lower().endswith(".onnx"):
-        if values:
-            raise UsageError("--set: a network has no parameters to set; leave it out")
-        made = build_network(Path(model), out, fmi=version, platforms=platforms)
-    else:
-        made = build_model(model, out, fmi=version, parameters=values, platforms=platforms)
-    print(f"{made.path} ({made.size / 1000:.0f} kB, FMI {fmi}.0, {', '.join(made.platforms)}, from {model})")
+    made = building.build(model, out, fmi=version, parameters=values, platforms=platforms, libraries=library or ())
+    print(f"{made.summary()} from {model}")
+
+
+def _build_c(network: Path, out: Path, real: Literal["double", "float"]) -> None:
+    from hystid.files import write_text
+    from hystid.surrogate import c_source
+
+    check_file(out, ".c")
+    if network.suffix.lower() != ".onnx":
+        raise UsageError(f"--target c: {network}: a step in C is made of a network; name an .onnx file")
+    for name, text in c_source(network, name=out.stem, real=real).items():
+        write_text(out.with_name(name), text)
+    print(f"{out} and {out.with_suffix('.h').name} ({real} precision, from {network})")
 
 
 @app.command()
@@ -115,12 +141,50 @@ def simulate(
     from hystid.recording import write_csv
     from hystid.simulation import force_of, simulate
 
-    _output(out, ".csv")
+    check_file(out, ".csv")
     record = simulate(
         fmu, force_of(force, dt, seed), parameters=opt.numbers("--set", set_), noise_snr=noise_snr, seed=seed
     )
     write_csv(record, out)
     print(f"{out} ({len(record)} samples at {record.sample_rate:.6g} Hz)")
+
+
+@app.command()
+def check(
+    recordings: opt.Recordings,
+    mass: Annotated[float | None, typer.Option(metavar="KG", help="Moving mass in kg, where it is known.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the report.")] = None,
+    sensitivity: opt.Sensitivity = None,
+    channel: opt.Channel = None,
+    resample: opt.Resample = False,
+    accept: opt.Accept = None,
+    unit: opt.Unit = None,
+    reverse: opt.Reverse = None,
+    align: opt.Align = None,
+) -> int:
+    """Say what is in recordings, and whether their channels fit together: units, signs, clocks, columns, mass.
+
+    Exit code 0: nothing speaks against using them; 1: something has to be mended first, and the answer says how.
+
+    \b
+    Examples:
+      hystid check sweep*.csv --mass 4.2 -o check
+      hystid check logger.csv --unit a=g --reverse F
+    """
+    from hystid.consistency import check
+    from hystid.files import write_json
+
+    rules = {*(accept or ()), "missing_force"}
+    read = opt.load(recordings, sensitivity, channel, resample, rules, unit, reverse, align)
+    result = check(read, mass, rules)
+    if out is not None:
+        with opt.results(out) as folder:
+            write_json(folder / "check.json", result.as_dict())
+            result.report(folder / "report.html", _command("check"))
+        _done(result, out)
+    else:
+        print(result.summary())
+    return 1 if result.refusals else 0
 
 
 @app.command()
@@ -138,44 +202,54 @@ def identify(
         str, typer.Option(metavar="published|refined", help="The published method, or refined in closed loop.")
     ] = "refined",
     holdout: opt.Holdout = None,
+    further: opt.Input = None,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Trainings at a time; all cores by default.")] = None,
     sensitivity: opt.Sensitivity = None,
     channel: opt.Channel = None,
     resample: opt.Resample = False,
     accept: opt.Accept = None,
-) -> None:
+    unit: opt.Unit = None,
+    reverse: opt.Reverse = None,
+    align: opt.Align = None,
+) -> int:
     """Train a network model of the restoring force and write it as ONNX and FMU, with a report.
+
+    Exit code 0: the model can be used; 1: it is worse than a linear fit, or than no model at all in closed loop.
 
     \b
     Examples:
       hystid identify chirp*.csv --mass 4.2 --layers 5,5 --ensemble 30 --holdout sine20.csv -o model
       hystid identify damper.csv --mass 0 --band 0-50Hz --decimate 4 -o model
+      hystid identify mr1.csv mr2.csv --mass 0 --input current --holdout mr3.csv -o model
+      hystid identify b20.csv b80.csv --mass 0 --input tension=20lbf,80lbf -o model
     """
     from hystid import identification
     from hystid.processing import parse_band
-    from hystid.report.identification import write_identification
 
-    settings = (sensitivity, channel, resample, accept or ())
-    unseen = opt.apart(recordings, holdout)
-    result = identification.identify(
-        opt.load(recordings, *settings),
-        mass=mass,
-        layers=opt.layer_sizes(layers),
-        ensemble=ensemble,
-        band=parse_band(band) if band else None,
-        decimate=decimate,
-        seed=seed,
-        mode=_choice("--mode", mode, ("fast", "trainlm")),
-        method=_choice("--method", method, ("published", "refined")),
-        holdout=opt.load(unseen, *settings),
-        workers=workers,
-        out=out,
-    )
-    write_identification(result, out / "report.html", _command("identify"))
-    from hystid.report.text import identification_summary
-
-    print(identification_summary(result))
-    print(f"results and report.html in {out}")
+    settings = (sensitivity, channel, resample, accept or (), unit, reverse, align)
+    with opt.results(out) as folder:
+        unseen = opt.apart(recordings, holdout)
+        inputs, (used, held) = opt.with_inputs(further, opt.load(recordings, *settings), opt.load(unseen, *settings))
+        result = identification.identify(
+            used,
+            mass=mass,
+            layers=opt.layer_sizes(layers),
+            ensemble=ensemble,
+            band=parse_band(band) if band else None,
+            decimate=decimate,
+            seed=seed,
+            mode=_choice("--mode", mode, ("fast", "trainlm")),
+            method=_choice("--method", method, ("published", "refined")),
+            holdout=held,
+            inputs=inputs,
+            workers=workers,
+            out=folder,
+        )
+        result.report(folder / "report.html", _command("identify"))
+    _done(result, out)
+    if result.failure:
+        print(f"this model is of no use: {result.failure}")
+    return 1 if result.failure else 0
 
 
 @app.command()
@@ -195,10 +269,14 @@ def validate(
     dt: Step = 1e-4,
     band: opt.BandText = None,
     decimate: opt.Decimate = 1,
+    further: opt.Input = None,
     sensitivity: opt.Sensitivity = None,
     channel: opt.Channel = None,
     resample: opt.Resample = False,
     accept: opt.Accept = None,
+    unit: opt.Unit = None,
+    reverse: opt.Reverse = None,
+    align: opt.Align = None,
 ) -> None:
     """Compare a surrogate with recordings or with a reference FMU, in closed loop with its mass.
 
@@ -209,7 +287,6 @@ def validate(
     """
     from hystid import validation
     from hystid.processing import parse_band
-    from hystid.report.validation import write_validation
 
     if bool(recordings) == bool(against):
         raise UsageError(
@@ -217,23 +294,22 @@ def validate(
         )
     if against and not force:
         raise UsageError("--against needs at least one --force, as --force harmonic:20Hz@80N,2s")
-    loaded = opt.load(recordings, sensitivity, channel, resample, accept or ()) if recordings else ()
-    result = validation.validate(
-        surrogate,
-        loaded,
-        reference=against,
-        forces=tuple(force or ()),
-        mass=mass,
-        dt=dt,
-        band=parse_band(band) if band else None,
-        decimate=decimate,
-        out=out,
-    )
-    write_validation(result, out / "report.html", _command("validate"))
-    from hystid.report.text import validation_summary
-
-    print(validation_summary(result))
-    print(f"results and report.html in {out}")
+    read = opt.load(recordings or (), sensitivity, channel, resample, accept or (), unit, reverse, align)
+    _, (loaded,) = opt.with_inputs(further, read)
+    with opt.results(out) as folder:
+        result = validation.validate(
+            surrogate,
+            loaded,
+            reference=against,
+            forces=tuple(force or ()),
+            mass=mass,
+            dt=dt,
+            band=parse_band(band) if band else None,
+            decimate=decimate,
+            out=folder,
+        )
+        result.report(folder / "report.html", _command("validate"))
+    _done(result, out)
 
 
 @app.command()
@@ -254,6 +330,9 @@ def diagnose(
     channel: opt.Channel = None,
     resample: opt.Resample = False,
     accept: opt.Accept = None,
+    unit: opt.Unit = None,
+    reverse: opt.Reverse = None,
+    align: opt.Align = None,
 ) -> int:
     """Find where a model and recordings disagree, name the physics that was left out, and fit it.
 
@@ -265,23 +344,23 @@ def diagnose(
     """
     from hystid.diagnosis import TOLERATED, diagnose, inputs_missing, not_applicable
     from hystid.errors import RecordingError
-    from hystid.report.diagnosis import write_diagnosis
-    from hystid.report.text import diagnosis_summary
 
     unseen = opt.apart(recordings, holdout)
     known = {**opt.parameter_file(parameters), **opt.numbers("--set", set_)}
-    settings = (sensitivity, channel, resample, {*(accept or ()), *TOLERATED})
-    try:
-        used, held = opt.load(recordings, *settings), opt.load(unseen, *settings)
-    except RecordingError as refusal:
-        if not inputs_missing(refusal):
-            raise
-        result = not_applicable(str(refusal), model, out=out)
-    else:
-        result = diagnose(used, model=model, parameters=known, holdout=held, effects=tuple(effects or ()), out=out)
-    write_diagnosis(result, out / "report.html", _command("diagnose"))
-    print(diagnosis_summary(result))
-    print(f"results and report.html in {out}")
+    settings = (sensitivity, channel, resample, {*(accept or ()), *TOLERATED}, unit, reverse, align)
+    with opt.results(out) as folder:
+        try:
+            used, held = opt.load(recordings, *settings), opt.load(unseen, *settings)
+        except RecordingError as refusal:
+            if not inputs_missing(refusal):
+                raise
+            result = not_applicable(str(refusal), model, out=folder)
+        else:
+            result = diagnose(
+                used, model=model, parameters=known, holdout=held, effects=tuple(effects or ()), out=folder
+            )
+        result.report(folder / "report.html", _command("diagnose"))
+    _done(result, out)
     return 0 if result.verdict in ("consistent", "recalibrated") else 1
 
 
@@ -289,18 +368,25 @@ def diagnose(
 def regress(
     fmu: Annotated[Path, typer.Argument(metavar="FMU", help="An FMU with a reference result inside or beside it.")],
     update: Annotated[bool, typer.Option("--update", help="Store today's result as the reference.")] = False,
+    reference: Annotated[
+        Path | None,
+        typer.Option(metavar="OLD.fmu|DIR|CSV", help="Compare with the reference of another FMU, a folder or a table."),
+    ] = None,
 ) -> int:
-    """Replay the reference result of an FMU and compare within a tolerance tube; exit code 1 when it leaves the tube.
+    """Replay the reference result of an FMU and compare; exit code 1 when a signal differs.
+
+    Real numbers must stay in a tolerance tube; integers, enumerations, truth values and texts must be the same.
 
     \b
     Examples:
       hystid regress jenkins.fmu
+      hystid regress jenkins.fmu --reference released/jenkins.fmu
       hystid regress jenkins.fmu --update
     """
     from hystid.files import write_text
     from hystid.fmu import regress
 
-    outcome = regress(fmu, update=update)
+    outcome = regress(fmu, update=update, reference=reference)
     print(outcome.text())
     if outcome.passed:
         return 0
@@ -325,10 +411,13 @@ def demo(
     Examples:
       hystid demo -o hystid-demo
     """
-    from hystid.demo import run_demo
+    from dataclasses import replace
 
-    outcome = run_demo(out)
-    print(outcome.text())
+    from hystid import virtual_experiment
+
+    with opt.results(out) as folder:
+        outcome = replace(virtual_experiment.demo(folder), folder=out)
+    print(outcome.summary())
     return 1 if strict and not outcome.passed else 0
 
 
@@ -357,6 +446,9 @@ def study_grid(
     channel: opt.Channel = None,
     resample: opt.Resample = False,
     accept: opt.Accept = None,
+    unit: opt.Unit = None,
+    reverse: opt.Reverse = None,
+    align: opt.Align = None,
 ) -> None:
     """Which network structure: 1-3 hidden layers of 2-13 neurons, many starts each, tested on held-out recordings.
 
@@ -366,24 +458,24 @@ def study_grid(
     """
     from hystid import study
     from hystid.processing import parse_band
-    from hystid.report.study import write_grid
 
-    settings = (sensitivity, channel, resample, accept or ())
+    settings = (sensitivity, channel, resample, accept or (), unit, reverse, align)
     unseen = opt.apart(recordings, holdout)
-    result = study.grid(
-        opt.load(recordings, *settings),
-        mass=mass,
-        holdout=opt.load(unseen, *settings),
-        starts=starts,
-        band=parse_band(band) if band else None,
-        decimate=decimate,
-        seed=seed,
-        workers=workers,
-        scheduler=scheduler,
-        out=out,
-    )
-    write_grid(result, out / "report.html", _command("study grid"))
-    print(f"results and report.html in {out}")
+    with opt.resumable(out):
+        result = study.grid(
+            opt.load(recordings, *settings),
+            mass=mass,
+            holdout=opt.load(unseen, *settings),
+            starts=starts,
+            band=parse_band(band) if band else None,
+            decimate=decimate,
+            seed=seed,
+            workers=workers,
+            scheduler=scheduler,
+            out=out,
+        )
+        result.report(out / "report.html", _command("study grid"))
+    _done(result, out)
 
 
 @study.command("mass")
@@ -402,6 +494,9 @@ def study_mass(
     channel: opt.Channel = None,
     resample: opt.Resample = False,
     accept: opt.Accept = None,
+    unit: opt.Unit = None,
+    reverse: opt.Reverse = None,
+    align: opt.Align = None,
 ) -> None:
     """How much a mass that is weighed wrongly (-20 to +20 %) costs, for two hidden layers of each size.
 
@@ -411,24 +506,24 @@ def study_mass(
     """
     from hystid import study
     from hystid.processing import parse_band
-    from hystid.report.study import write_mass
 
-    settings = (sensitivity, channel, resample, accept or ())
+    settings = (sensitivity, channel, resample, accept or (), unit, reverse, align)
     unseen = opt.apart(recordings, holdout)
-    result = study.mass(
-        opt.load(recordings, *settings),
-        mass=mass,
-        holdout=opt.load(unseen, *settings),
-        starts=starts,
-        band=parse_band(band) if band else None,
-        decimate=decimate,
-        seed=seed,
-        workers=workers,
-        scheduler=scheduler,
-        out=out,
-    )
-    write_mass(result, out / "report.html", _command("study mass"))
-    print(f"results and report.html in {out}")
+    with opt.resumable(out):
+        result = study.mass(
+            opt.load(recordings, *settings),
+            mass=mass,
+            holdout=opt.load(unseen, *settings),
+            starts=starts,
+            band=parse_band(band) if band else None,
+            decimate=decimate,
+            seed=seed,
+            workers=workers,
+            scheduler=scheduler,
+            out=out,
+        )
+        result.report(out / "report.html", _command("study mass"))
+    _done(result, out)
 
 
 def _choice(option: str, value: str, allowed: Sequence[Choice]) -> Choice:
@@ -438,11 +533,9 @@ def _choice(option: str, value: str, allowed: Sequence[Choice]) -> Choice:
     raise UsageError(f"{option} {value}: choose {' or '.join(allowed)}")
 
 
-def _output(path: Path, suffix: str) -> None:
-    if path.suffix.lower() != suffix:
-        raise UsageError(f"-o {path}: the name must end in {suffix}")
-    if path.is_dir():
-        raise UsageError(f"-o {path}: this is a folder; name a file in it")
+def _done(result: Result, out: Path) -> None:
+    print(result.summary())
+    print(f"results and report.html in {out}")
 
 
 def _command(name: str) -> str:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hystid.errors import UsageError
+from hystid.outputs import check_folder, replaced
+from hystid.progress import tell
 
 if TYPE_CHECKING:
     from hystid.recording import Recording
@@ -41,14 +44,59 @@ Sensitivity = Annotated[
     list[str] | None,
     typer.Option(metavar="CH=S", help="Sensor of a channel stored in volts, as F=22.4mV/N; may be repeated."),
 ]
+Input = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--input",
+        metavar="COL",
+        help="Further input of the model: a column, or a value as tension=35lbf, tension=20,35,80 (one per recording) "
+        "or tension=*20lb*:20lbf (by name); may be repeated.",
+    ),
+]
 Channel = Annotated[
     list[str] | None, typer.Option(metavar="CH=COL", help="Column that holds a channel, as F=Load; may be repeated.")
+]
+Unit = Annotated[
+    list[str] | None,
+    typer.Option(metavar="CH=UNIT", help="Unit of a channel instead of the header's, as a=g; may be repeated."),
+]
+Reverse = Annotated[
+    list[str] | None, typer.Option(metavar="CH", help="Channel whose sign is turned round; may be repeated.")
+]
+Align = Annotated[
+    list[str] | None,
+    typer.Option(metavar="CH", help="Channel of another clock, moved by the lag that it shows; may be repeated."),
 ]
 Resample = Annotated[bool, typer.Option("--resample", help="Interpolate unequal time steps and gaps linearly.")]
 Accept = Annotated[
     list[str] | None,
     typer.Option(metavar="RULE", help="Door check whose errors count as warnings, as swapped_sign; may be repeated."),
 ]
+
+
+@contextmanager
+def results(out: Path) -> Iterator[Path]:
+    """A folder for the files of a command, which replace an earlier result in ``out`` when all has gone well.
+
+    Raises UsageError before any work where ``out`` cannot be written; says after Ctrl-C that nothing was.
+    """
+    with replaced(out) as new:
+        try:
+            yield new
+        except KeyboardInterrupt:
+            tell(f"nothing was written; what was in {out} before is still there")
+            raise
+
+
+@contextmanager
+def resumable(out: Path) -> Iterator[None]:
+    """For work that keeps each finished part in ``out``, and goes on from there when it is asked for again."""
+    check_folder(out)
+    try:
+        yield
+    except KeyboardInterrupt:
+        tell(f"finished trainings are kept in {out}; the same command goes on from there")
+        raise
 
 
 def pairs(option: str, texts: Iterable[str] | None) -> dict[str, str]:
@@ -96,6 +144,20 @@ def parameter_file(path: Path | None) -> dict[str, Any]:
     return content
 
 
+def with_inputs(
+    inputs: Sequence[str] | None, *groups: Sequence[Recording]
+) -> tuple[tuple[str, ...], list[list[Recording]]]:
+    """Names of the further inputs, and the groups of recordings with the values given for them. Raises UsageError."""
+    from hystid.recording import with_columns
+
+    names, found = with_columns([recording for group in groups for recording in group], inputs or ())
+    parts = []
+    for group in groups:
+        parts.append(found[: len(group)])
+        found = found[len(group) :]
+    return names, parts
+
+
 def layer_sizes(text: str) -> tuple[int, ...]:
     """``"5,5"`` -> (5, 5). Raises UsageError."""
     try:
@@ -122,10 +184,14 @@ def load(
     channel: Iterable[str] | None = None,
     resample: bool = False,
     accept: Iterable[str] = (),
+    unit: Iterable[str] | None = None,
+    reverse: Iterable[str] | None = None,
+    align: Iterable[str] | None = None,
 ) -> list[Recording]:
     """Read recordings as the command line asks, and print what is doubtful about them."""
     if not paths:
         return []
+    from hystid.consistency import aligned
     from hystid.recording import read_all
 
     found = read_all(
@@ -134,7 +200,10 @@ def load(
         names=pairs("--channel", channel),
         resample=resample,
         accept=tuple(accept),
+        units=pairs("--unit", unit),
+        reverse=tuple(reverse or ()),
     )
+    found = aligned(found, tuple(align or ())) if align else found
     for recording in found:
         for warning in recording.warnings:
             print(f"hystid: warning: {warning}", file=sys.stderr)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from hystid.errors import HystidError
+from hystid.errors import HystidError, printable
 
 _INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 
@@ -28,13 +28,16 @@ def run(arguments: Sequence[str]) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import typer
 
+    from hystid.cli import cache  # noqa: F401  (adds its command)
     from hystid.cli.commands import app
 
     try:
         outcome = app(spread(arguments) or ["--help"], prog_name="hystid", standalone_mode=False)
     except typer.Exit as stop:
         return _interrupted() if stop.exit_code == _INTERRUPTED else stop.exit_code
-    except (typer.Abort, KeyboardInterrupt):
+    except (typer.Abort, KeyboardInterrupt) as error:
+        if isinstance(error.__cause__, EOFError):  # a file that ended early, which click takes for the end of the input
+            return _defect(error.__cause__)
         return _interrupted()
     except HystidError as error:
         _say(str(error))
@@ -48,18 +51,22 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         if hasattr(error, "format_message"):  # typer's own: its class has another home from version to version
             return _misused(error)
-        if os.environ.get("HYSTID_DEBUG"):
-            raise
-        _say(f"internal error ({type(error).__name__}: {error}); set HYSTID_DEBUG=1 to see where, and please report it")
-        return 1
+        return _defect(error)
     if outcome == _INTERRUPTED:  # some versions of typer return what they make of Ctrl-C
         return _interrupted()
     return outcome if isinstance(outcome, int) else 0
 
 
 def _interrupted() -> int:
-    _say("interrupted: what had been finished is kept, and no file was left half written")
+    _say("interrupted: earlier files are kept as they were, and no file was left half written")
     return _INTERRUPTED
+
+
+def _defect(error: BaseException) -> int:
+    if os.environ.get("HYSTID_DEBUG"):
+        raise error
+    _say(f"internal error ({type(error).__name__}: {error}); set HYSTID_DEBUG=1 to see where, and please report it")
+    return 1
 
 
 def _misused(error: Any) -> int:
@@ -81,8 +88,8 @@ def _resource(error: OSError | MemoryError) -> str:
 
 
 def _say(text: str) -> None:
-    for line in text.splitlines():
-        print(f"hystid: {line}", file=sys.stderr)
+    for line in text.split("\n"):
+        print(f"hystid: {printable(line)}", file=sys.stderr)
 
 
 _FLAGS = {"--resample", "--update", "--strict", "--help", "-h", "--version"}
@@ -112,7 +119,7 @@ def spread(arguments: Sequence[str]) -> list[str]:
 def _belongs(option: str, value: str, positional: int) -> bool:
     from hystid.excitation import is_specification
 
-    if option in ("--set", "--sensitivity", "--channel"):
+    if option in ("--set", "--sensitivity", "--channel", "--unit"):
         return "=" in value
     if option == "--effects":
         return value.endswith(".mo")

@@ -9,7 +9,7 @@ import numpy as np
 
 from hystid.comparison import harmonics, spectrum
 from hystid.errors import UsageError
-from hystid.recording import Array
+from hystid.recording import Array, Recording
 from hystid.report.plots import Axis, Bars, Line, Plot, Role, Series, thin
 
 X_AXIS = Axis("Displacement x", "m")
@@ -91,6 +91,37 @@ def spectra(title: str, unit: str, curves: Sequence[Curve], highest: float, capt
         series.append(Line(found.frequency[part], level, curve.name, curve.role, "dash" if curve.dash else "solid"))
     density = Axis("Power density", f"dB re 1 {unit}²/Hz", bounds=(top - 100, top + 8), prefix=False)
     return Plot(title, Axis("Frequency", "Hz", prefix=False), density, series, caption)
+
+
+def response(cause: Array, effect: Array, dt: float) -> tuple[Array, Array]:
+    """Gain |effect/cause| over frequency [Hz], where the cause has power: H1 estimate by Welch's method.
+
+    Lines with less than a thousandth of the strongest power of the cause are left out: there the quotient is noise.
+    """
+    from scipy.signal import csd, welch
+
+    length = min(len(cause), max(256, 2 ** int(np.log2(max(len(cause) // 6, 1)))))
+    frequency, power = welch(cause, 1 / dt, nperseg=length)
+    cross = csd(cause, effect, 1 / dt, nperseg=length)[1]
+    known = (power > 1e-3 * power.max()) & (frequency > 0)
+    return frequency[known], np.abs(cross[known]) / power[known]
+
+
+def responses(records: Sequence[Recording], most: int = 6) -> Plot | None:
+    """Receptance |x/F| over frequency, one curve per level of force; None where no band is excited."""
+    known = [r for r in records if r.x is not None and r.F is not None and not r.quasi_static]
+    order = sorted(known, key=lambda r: float(np.std(r.channel("F"))))
+    curves: list[Series] = []
+    for record in order[:: max(1, len(order) // most)]:
+        frequency, gain = response(record.channel("F"), record.channel("x"), record.dt)
+        if frequency.size > 3:
+            name = f"{float(np.std(record.channel('F'))):.3g} N rms, {record.name}"
+            curves.append(Line(frequency, gain, name, width=1.3))
+    if not curves:
+        return None
+    axes = Axis("Frequency", "Hz", log=True, prefix=False), Axis("|x/F|, m/N", log=True)
+    caption = "By level of force. A linear structure gives one curve; where the curves differ, it is not linear."
+    return Plot("Frequency response by level", *axes, curves, caption)
 
 
 def harmonic_bars(

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis import Diagnosis, Traces
-from hystid.diagnosis.answer import in_words
+from hystid.diagnosis import Diagnosis, Finding, Traces
+from hystid.diagnosis.tell.findings import in_words
 from hystid.report import evidence
+from hystid.report.linked import Linked, Signal, views_of, windows
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent, with_error
 from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
+from hystid.report.text import columns
 
 Array = NDArray[np.float64]
 _TONES: dict[str, Tone] = {
@@ -24,26 +27,68 @@ _TONES: dict[str, Tone] = {
 }
 _CELLS = 36
 _HARMONICS = 10
-_LOOPS = 4  # recordings whose loops are shown
-_SHORT = 3000  # samples up to which loops are shown as a whole
+_CANDIDATES = 10
+_LINKED = 2  # recordings that are shown in linked views, and free runs: more make the page long and say little more
+_OVERVIEWS = 6
 _TONAL = 0.3  # share of the power in one line above which multiples of it mean something
 
 
-def write_diagnosis(diagnosis: Diagnosis, path: Path, command: str = "hystid diagnose") -> Path:
-    """Write ``report.html``; a pure function of the diagnosis."""
-    page = Page(
+def page(diagnosis: Diagnosis, command: str) -> Page:
+    """The report; a pure function of the result. command: what the reader can run to get it again."""
+    made = Page(
         f"Diagnosis of {diagnosis.model}",
         command=command,
         verdict=Verdict(_TONES[diagnosis.verdict], _spoken(diagnosis), _advice(diagnosis)),
         facts=_facts(diagnosis),
     )
+    said = diagnosis.as_dict()
+    if said.get("probability"):
+        _odds(made, said["probability"])
     if diagnosis.traces:
-        _what(page, diagnosis)
-        _where(page, diagnosis)
-        _how_good(page, diagnosis)
-        _evidence(page, diagnosis)
-    page.reproduce(command, {"Model": diagnosis.model, "Recordings": ", ".join(t.name for t in diagnosis.traces)})
-    return page.write(path)
+        made.toggles(("measured", "measured"), ("before", "baseline"), *_after(diagnosis))
+        _what(made, diagnosis, said)
+        _where(made, diagnosis)
+        _how_good(made, diagnosis)
+        _evidence(made, diagnosis, said)
+        _went_in(made, diagnosis, said)
+    made.reproduce(command, {"Model": diagnosis.model, "Recordings": ", ".join(t.name for t in diagnosis.traces)})
+    return made
+
+
+def _after(d: Diagnosis) -> tuple[tuple[Role, str], ...]:
+    return (("after", "with findings"),) if d.findings else ()
+
+
+def _odds(page: Page, probability: Mapping[str, float]) -> None:
+    """The probabilities of the headline: something is missing, nothing is, or the data cannot say."""
+    names: tuple[tuple[str, str, Tone], ...] = (
+        ("something_missing", "something is missing", "warn"),
+        ("nothing_missing", "nothing is missing", "good"),
+        ("unknown", "these recordings cannot say", "neutral"),
+    )
+    page.odds([(text, float(probability[key]), tone) for key, text, tone in names if probability.get(key) is not None])
+
+
+def summary(result: Diagnosis) -> str:
+    """The verdict, each finding with its parameters, and the fit before and after."""
+    lines = [f"{result.verdict.replace('_', ' ')}: {result.headline}"]
+    for finding in result.findings:
+        values = ", ".join(
+            f"{name} = {with_error(p.value, p.stderr, p.unit)}" for name, p in finding.parameters.items()
+        )
+        others = [name for name in finding.alike if name != finding.effect]
+        alike = f" (these data cannot tell it from {', '.join(others)})" if others else ""
+        lines.append(f"  {finding.effect}, confidence {percent(finding.confidence)}{alike}: {values}")
+        lines.append(f"    where: {finding.where.text}")
+    rows: list[tuple[str, ...]] = [("free run, x NRMSE", "before", "after")]
+    for error in (*result.errors, *result.holdout):
+        if error.free_run[0] is not None:
+            rows.append((error.name, percent(error.free_run[0]), percent(error.free_run[1])))
+    if len(rows) > 1:
+        lines.append(columns(rows))
+    if result.next_experiment:
+        lines.append(f"next: {result.next_experiment}")
+    return "\n".join(lines)
 
 
 def _spoken(d: Diagnosis) -> str:
@@ -59,9 +104,11 @@ def _facts(d: Diagnosis) -> list[Fact]:
     if not d.traces:
         return []
     before, after = (percent(error) for error in d.force_nrmse)
-    told = (f"{before} → {after}", "refitted model → with findings") if d.findings else (before, "refitted model")
+    shown = (
+        (f"{before} → {after}", "baseline refitted → with findings") if d.findings else (before, "baseline refitted")
+    )
     facts = [
-        Fact("Force error", *told),
+        Fact("Force error", *shown),
         Fact("Noise floor", percent(d.noise_floor), "what a perfect model would leave"),
     ]
     listed = d.holdout or d.errors
@@ -69,43 +116,89 @@ def _facts(d: Diagnosis) -> list[Fact]:
     if runs:
         first, last = (percent(float(np.mean([run[i] for run in runs]))) for i in (0, 1))
         label = "Free run, held out" if d.holdout else "Free run"
-        shown = f"{first} → {last}" if d.findings else first
-        facts.append(Fact(label, shown, "error of the displacement, NRMSE"))
+        text = f"{first} → {last}" if d.findings else first
+        facts.append(Fact(label, text, "error of the displacement, NRMSE"))
     if d.findings:
-        facts.append(Fact("How sure", f"{d.findings[0].confidence:.2f}", "1 is certain; look-alikes lower it"))
+        strongest = d.findings[0]
+        facts.append(Fact("Probability of the name", percent(strongest.confidence), title(strongest)))
+        share = getattr(strongest, "explained", None)
+        if share is not None:
+            facts.append(Fact("Explained", percent(share), "share of the misfit above the noise"))
     return facts
 
 
-def _what(page: Page, d: Diagnosis) -> None:
+def title(finding: Finding) -> str:
+    """The name under which a finding is shown: that of its class where it has one."""
+    return getattr(finding, "title", "") or in_words(finding)
+
+
+def _what(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     page.section("What was found")
     if not d.findings:
         page.text(d.headline + ".")
     for finding in d.findings:
         rows = [[name, with_error(v.value, v.stderr, v.unit)] for name, v in finding.parameters.items()]
-        page.table(Table(in_words(finding), ["parameter", "value ± standard error"], rows, finding.where.text))
+        share = getattr(finding, "explained", None)
+        note = f"{finding.where.text} " + (
+            f"It explains {percent(share)} of the misfit above the noise." if share else ""
+        )
+        heading = title(finding)
+        page.table(
+            Table(heading[:1].upper() + heading[1:], ["parameter", "value ± standard error"], rows, note.strip())
+        )
+    if d.findings:
+        page.plots(*(plot for plot in (evidence.force_curve(d), evidence.both_ways(d)) if plot is not None))
+    _candidates(page, said)
+    _parameters(page, d, said)
+
+
+def _candidates(page: Page, said: Mapping[str, Any]) -> None:
+    """What it could be, ranked: also where nothing is named."""
+    ranked = said.get("candidates") or ()
+    if ranked:
+        rows = [
+            [str(one["effect"]).replace("_", " "), percent(one.get("probability")), percent(one.get("explained"))]
+            for one in ranked[:_CANDIDATES]
+        ]
+        columns = ["effect", "probability", "explains of the misfit"]
+        page.table(
+            Table("What it could be", columns, rows, "Ranked. Each effect is fitted together with the baseline.")
+        )
+
+
+def _parameters(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
+    """Every parameter in the end, and what the refit of the baseline alone had to move."""
+    final = (said.get("final") or {}).get("parameters") or {}
+    if final:
+        rows = [[n, with_error(v["value"], v.get("stderr"), v.get("unit") or "")] for n, v in final.items()]
+        note = "Baseline and findings, fitted together. These are the values in extended.mo."
+        page.table(Table("Final parameters", ["parameter", "value ± standard error"], rows, note))
     moved = []
     for name, value in d.refit.items():
         nominal = d.nominal.get(name)
         change = percent(value.value / nominal - 1) if nominal else "not available"
         moved.append([name, number(nominal, value.unit, 4), with_error(value.value, value.stderr, value.unit), change])
     scaled = any(note.startswith("start values") for note in d.notes)
-    note = "What the refit had to move before anything was called missing."
-    note += " What was not given started at values scaled from the recordings." if scaled else ""
-    page.table(Table("Baseline", ["parameter", "start" if scaled else "given", "refitted", "change"], moved, note))
+    note = "Before anything is called missing, the baseline is fitted to the recordings as it is."
+    note += " Values that were not given start from the size of the recordings." if scaled else ""
+    columns = ["parameter", "start" if scaled else "given", "refitted", "change"]
+    page.table(Table("Baseline alone", columns, moved, note))
 
 
 def _where(page: Page, d: Diagnosis) -> None:
     page.section(
         "Where it acts",
-        "The loops show the measured restoring force, and the model without and with the findings. The"
-        " map shows the mean residual of the refitted baseline over displacement and velocity.",
+        "Measured restoring force, and the model before and after. Point at a sample to see it in every view;"
+        " the slider moves through the recording.",
     )
     ranked = sorted(d.traces, key=lambda t: -float(np.std(t.residual) / t.noise))
     named = bool(d.findings)
-    shown = sorted(ranked[:_LOOPS], key=lambda t: float(np.ptp(t.x)))
-    page.plots(*(_loops(trace, named) for trace in shown))
+    for trace in ranked[:_LINKED]:
+        used = "held out" if trace.held_out else "used for the fit"
+        page.linked(f"{trace.name}, {used}", _linked(trace, named))
     page.plots(*(_map(d, which) for which in (("residual", "left") if named else ("residual",))))
-    page.plots(*(plot for plot in (evidence.both_ways(d), evidence.since_turn(d)) if plot is not None))
+    bent = None if named else evidence.both_ways(d)
+    page.plots(*(plot for plot in (bent, evidence.since_turn(d), evidence.stiffness(d)) if plot is not None))
     tonal = max(d.traces, key=_tonality)
     bars = [_spectrum_bars(tonal, named)] if _tonality(tonal) > _TONAL else []
     energy = evidence.loop_energy(d)
@@ -115,27 +208,17 @@ def _where(page: Page, d: Diagnosis) -> None:
     page.plots(_in_time(ranked[0], named), columns=1)
 
 
-def _loops(trace: Traces, named: bool) -> Plot:
-    window = _worst_window(trace)
-    x, R = trace.x[window], trace.R[window]
-    lines: list[Points | Line] = [
-        Points(x, R, "measured", "measured", size=2.5, opacity=0.5),
-        Line(x, R - trace.residual[window], "baseline", "before"),
+def _linked(trace: Traces, named: bool) -> Linked:
+    forces = [
+        Signal("measured", trace.R, "measured", dots=True),
+        Signal("baseline", trace.R - trace.residual, "before"),
     ]
+    rest = [Signal("baseline", trace.residual, "before")]
     if named:
-        lines.append(Line(x, R - trace.left[window], "with findings", "after"))
-    caption = "The whole recording." if len(trace.t) < _SHORT else "Window with the largest residual."
-    return Plot(f"Loops, {trace.name}", Axis("displacement", "m"), Axis("restoring force", "N"), lines, caption)
-
-
-def _worst_window(trace: Traces) -> slice:
-    """A tenth of the recording around the largest local residual; a short one as a whole."""
-    if len(trace.t) < _SHORT:
-        return slice(None)
-    width = max(50, len(trace.t) // 10)
-    level = np.convolve(trace.residual**2, np.ones(width), mode="valid")
-    first = int(np.argmax(level))
-    return slice(first, first + width)
+        forces.append(Signal("with findings", trace.R - trace.left, "after"))
+        rest.append(Signal("with findings", trace.left, "after"))
+    parts, first = windows(trace.x, trace.residual**2)
+    return Linked(trace.t, views_of(trace.t, trace.x, trace.v, forces, rest), parts, first)
 
 
 def _map(d: Diagnosis, which: str) -> Plot:
@@ -148,11 +231,10 @@ def _map(d: Diagnosis, which: str) -> Plot:
     total, _, _ = np.histogram2d(x, v, bins=edges, weights=r)
     mean = np.where(count >= least, total / np.maximum(count, 1), np.nan)
     middle = [(edge[1:] + edge[:-1]) / 2 for edge in edges]
-    title = "Residual of the baseline" if which == "residual" else "What is left in the end"
+    heading = "Residual of the baseline" if which == "residual" else "Residual with findings"
     heat = Heat(middle[0], middle[1], mean.T, "mean residual", "N")
-    return Plot(
-        title, Axis("displacement", "m"), Axis("velocity", "m/s"), (heat,), f"Empty: fewer than {least} samples."
-    )
+    caption = f"Mean over all recordings. Empty: fewer than {least} samples."
+    return Plot(heading, Axis("displacement", "m"), Axis("velocity", "m/s"), (heat,), caption)
 
 
 def _tonality(trace: Traces) -> float:
@@ -217,8 +299,8 @@ def _levels(d: Diagnosis, named: bool) -> Plot:
 
 def _in_time(trace: Traces, named: bool) -> Plot:
     series = (
-        Line(trace.t, trace.residual, "residual of the baseline", "before", width=1.0),
-        *([Line(trace.t, trace.left, "what is left", "after", width=1.0, opacity=0.8)] if named else []),
+        Line(trace.t, trace.residual, "baseline", "before", width=1.0),
+        *([Line(trace.t, trace.left, "with findings", "after", width=1.0, opacity=0.8)] if named else []),
     )
     return Plot(f"Residual in time, {trace.name}", Axis("time", "s"), Axis("force", "N"), series)
 
@@ -232,40 +314,44 @@ def _how_good(page: Page, d: Diagnosis) -> None:
     ]
     columns = ["recording", "", "force before", "force after", "free run before", "free run after"]
     page.table(Table("Errors (NRMSE)", columns, rows, "Before: the baseline after its own refit."))
-    for trace in d.traces:
-        if trace.free_after is not None and trace.free_before is not None:
-            window = _worst_window(trace)
-            series = (
-                Line(trace.t[window], trace.x[window], "measured", "measured"),
-                Line(trace.t[window], trace.free_before[window], "baseline", "before", "dash"),
-                Line(trace.t[window], trace.free_after[window], "with findings", "after"),
-            )
-            page.plots(Plot(f"Free run, {trace.name}", Axis("time", "s"), Axis("displacement", "m"), series), columns=1)
-            page.plots(_free_errors(trace), columns=1)
-            break
+    runs = [t for t in d.traces if t.free_before is not None and t.free_after is not None]
+    held = [t for t in runs if t.held_out]
+    for trace in (held or runs)[:_LINKED]:
+        page.plots(_free_run(trace, bool(d.findings)), _free_errors(trace), columns=1)
     worst = max(d.traces, key=lambda t: float(np.std(t.left) / t.noise))
     page.plots(evidence.spectrum(worst, bool(d.findings)), evidence.autocorrelation(worst, bool(d.findings)))
 
 
+def _free_run(trace: Traces, named: bool) -> Plot:
+    parts, first = windows(trace.x)
+    window = slice(parts[first].start, parts[first].stop)
+    series = [Points(trace.t[window], trace.x[window], "measured", "measured", size=3.5)]
+    runs: list[tuple[Array | None, str, Role]] = [(trace.free_before, "baseline", "before")]
+    runs += [(trace.free_after, "with findings", "after")] if named else []
+    lines = [Line(trace.t[window], run[window], name, role, width=1.3) for run, name, role in runs if run is not None]
+    heading = f"Free run, {trace.name}{' (held out)' if trace.held_out else ''}"
+    return Plot(heading, Axis("time", "s", prefix=False), Axis("displacement", "m"), (*series, *lines))
+
+
 def _free_errors(trace: Traces) -> Plot:
     """Error of the free run over the whole recording, in the unit of the displacement."""
-    runs = ((trace.free_before, "baseline", "before"), (trace.free_after, "with findings", "after"))
-    series = tuple(
-        Line(trace.t, run - trace.x, name, role, width=1.0)  # type: ignore[arg-type]  # roles of the table above
-        for run, name, role in runs
-        if run is not None
+    runs: tuple[tuple[Array | None, str, Role], ...] = (
+        (trace.free_before, "baseline", "before"),
+        (trace.free_after, "with findings", "after"),
     )
-    title = f"Error of the free run, {trace.name}"
-    return Plot(title, Axis("time", "s"), Axis("displacement", "m"), series, "Simulated less measured.", height=260)
+    series = tuple(Line(trace.t, run - trace.x, name, role, width=1.0) for run, name, role in runs if run is not None)
+    heading = f"Error of the free run, {trace.name}"
+    axes = Axis("time", "s", prefix=False), Axis("displacement", "m")
+    return Plot(heading, *axes, series, "Simulated less measured.", height=260)
 
 
-def _evidence(page: Page, d: Diagnosis) -> None:
-    page.section("Evidence", "What was tried first, and what the fit left: 1 is the noise. Simpler laws win ties.")
+def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
+    page.section("Evidence", "What each effect leaves when it is added: 1 is the noise. The simpler law wins a tie.")
     choice = d.choice
     if choice is not None and choice.trials:
         rows: list[list[str | Cell]] = [
             [
-                t.name,
+                t.name.replace("_", " "),
                 t.form or "plain",
                 number(t.chi2, digits=4),
                 percent(t.absorbed),
@@ -273,24 +359,52 @@ def _evidence(page: Page, d: Diagnosis) -> None:
             ]
             for t in choice.trials[:15]
         ]
-        columns = ["effect", "form", "mean square left", "absorbed by the refit", ""]
+        columns = ["effect", "form", "mean square left", "collinear with the refit", ""]
         note = (
-            f"Baseline {choice.before.chi2:.4g}, floor {choice.floor_after:.4g}; explained {percent(choice.explained)}."
+            f"The baseline leaves {choice.before.chi2:.4g}, a perfect model would leave {choice.floor_after:.4g}. "
+            f"What is named explains {percent(choice.explained)} of the difference."
         )
-        page.table(Table("Candidates", columns, rows, note))
+        page.table(Table("Effects that were tried first", columns, rows, note))
     alike = evidence.look_alikes(d)
     if alike is not None:
         page.plots(alike, columns=1)
     for finding in d.findings:
-        others = [name for name in finding.alike if name != finding.effect]
+        others = [name.replace("_", " ") for name in finding.alike if name != finding.effect]
         if others:
-            page.text(
-                f"{finding.effect} cannot be told from {', '.join(others)} by these recordings. {d.next_experiment}"
-            )
+            name = finding.effect.replace("_", " ")
+            page.text(f"These recordings do not distinguish {name} from {', '.join(others)}. {d.next_experiment}")
     if d.untestable:
         listed = ", ".join(name.replace("_", " ") for name in d.untestable)
-        page.text(f"Not testable with these recordings, as the refit or their lack of rates hides them: {listed}.")
+        page.text(f"Not identifiable from these recordings: {listed}.")
     if d.unknown:
         page.text(d.unknown.text + ".")
     if d.notes:
         page.bullets(d.notes)
+
+
+def _went_in(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
+    page.section("What went in", "Every recording as it was used: displacement and restoring force over time.")
+    channels = said.get("channels")
+    if channels:
+        entries = channels.items() if isinstance(channels, Mapping) else enumerate(channels)
+        page.bullets(f"{name}: {text}" if isinstance(name, str) else str(text) for name, text in entries)
+    for trace in d.traces[:_OVERVIEWS]:
+        time = Axis("time", "s", prefix=False)
+        page.plots(
+            Plot(
+                f"x, {trace.name}",
+                time,
+                Axis("x", "m"),
+                [Line(trace.t, trace.x, "", "measured", width=1.0)],
+                height=190,
+            ),
+            Plot(
+                f"R, {trace.name}",
+                time,
+                Axis("R", "N"),
+                [Line(trace.t, trace.R, "", "measured", width=1.0)],
+                height=190,
+            ),
+        )
+    if len(d.traces) > _OVERVIEWS:
+        page.text(f"The first {_OVERVIEWS} of {len(d.traces)} recordings are shown.")

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from hystid.diagnosis import Diagnosis, Traces
-from hystid.diagnosis.chain import turns
-from hystid.diagnosis.trials import Trial
+from hystid.diagnosis import Diagnosis, Traces, Value
+from hystid.diagnosis.decide.trials import Trial
+from hystid.diagnosis.prepare.chain import turns
+from hystid.report.curves import response
+from hystid.report.page import number
 from hystid.report.plots import Axis, Bars, Line, Mark, Plot, Points, Role, Series
 
 Array = NDArray[np.float64]
 _BINS = 30
 _LEAST, _FEW = 8, 3  # samples in a bin below which it is left out, in long and in short recordings
 _CLOSED = 0.2  # gap of a loop over its range beyond which it has no energy of its own
+_POINTS = 2500  # of a cloud: more hide each other
+_CURVES = 6
+_LOOPS = 500  # of the loops whose energy is shown
 _LAGS = 200
 _CANDIDATES = 10
 
@@ -39,10 +44,67 @@ def both_ways(d: Diagnosis) -> Plot:
             middle, mean = _binned(x, r, edges, way * v > 0)
             series.append(Line(middle, mean, f"{name}, {side}", role, "solid" if way > 0 else "dash"))
     caption = (
-        "The mean of the two curves is conservative or constant, half their distance is dissipative. "
+        "The mean of the two curves is the elastic part, half their distance the dissipative one. "
         "Both bend at a threshold of displacement."
     )
     return Plot("Residual over displacement", Axis("displacement", "m"), Axis("force", "N"), tuple(series), caption)
+
+
+def force_curve(d: Diagnosis) -> Plot | None:
+    """The force that was missing and the law that was found for it, with its thresholds; None without a finding.
+
+    Over displacement or velocity, whichever of the two tells more of the law's force.
+    """
+    if not d.findings:
+        return None
+    x, v, law, missing = (
+        np.concatenate(columns)
+        for columns in zip(*((t.x, t.v, t.effect, t.effect + t.left) for t in d.traces), strict=True)
+    )
+    over_x = _scatter(x, law) <= _scatter(v, law)
+    at, axis = (x, Axis("displacement", "m")) if over_x else (v, Axis("velocity", "m/s"))
+    step = max(1, len(at) // _POINTS)
+    series = (
+        Points(at[::step], missing[::step], "measured force less baseline", "measured", size=2.5, opacity=0.35),
+        Points(at[::step], law[::step], "law that was found", "after", size=2.5),
+    )
+    marks = [mark for finding in d.findings for mark in _thresholds(finding.parameters, axis.unit)]
+    span = float(np.max(np.abs(at)))
+    shown = tuple(mark for mark in marks if abs(mark.at) <= span)
+    caption = "Every so manyth sample of all recordings." + (" Dotted: the threshold of the law." if shown else "")
+    return Plot("Force that was missing", axis, Axis("force", "N"), series, caption, marks=shown)
+
+
+def _scatter(at: Array, values: Array) -> float:
+    """Mean square of the values about their mean in classes of ``at`` with equally many samples."""
+    order = np.argsort(at, kind="stable")
+    return float(np.mean([np.var(part) for part in np.array_split(values[order], _BINS)]))
+
+
+def _thresholds(parameters: Mapping[str, Value], unit: str) -> list[Mark]:
+    """Marks at the displacement where a law sets in, on the side where it does, or on both."""
+    gap = parameters.get("gap")
+    if gap is None or gap.unit != unit:
+        return []
+    side = parameters.get("side")
+    signs = (1.0, -1.0) if side is None else (1.0 if side.value >= 0 else -1.0,)
+    return [Mark(sign * gap.value, text=f"gap {1e3 * gap.value:.4g} mm", role="bad") for sign in signs]
+
+
+def stiffness(d: Diagnosis) -> Plot | None:
+    """Dynamic stiffness |R/x| over frequency, one curve per level of motion; None where no band is excited."""
+    order = sorted(d.traces, key=lambda t: float(np.std(t.x)))
+    curves = [
+        Line(f, level, f"{number(float(np.std(t.x)), 'm')} rms, {t.name}", width=1.3)
+        for t in order[:: max(1, len(order) // _CURVES)]
+        for f, level in [response(t.x, t.R, float(t.t[1] - t.t[0]))]
+        if len(f) > _FEW
+    ]
+    if not curves:
+        return None
+    axes = Axis("frequency", "Hz", log=True, prefix=False), Axis("|R/x|, N/m", log=True)
+    caption = "By level of motion. A linear structure gives one curve; friction softens and stops stiffen with level."
+    return Plot("Frequency response by level", *axes, curves, caption)
 
 
 def since_turn(d: Diagnosis) -> Plot | None:
@@ -77,7 +139,8 @@ def loop_energy(d: Diagnosis) -> Plot | None:
     names: tuple[tuple[str, Role], ...] = (("measured", "measured"), ("baseline", "before"), ("with findings", "after"))
     series = []
     for energy, (name, role) in zip(energies, names if d.findings else names[:2], strict=False):
-        good = energy > 0
+        good = np.flatnonzero(energy > 0)
+        good = good[:: max(1, len(good) // _LOOPS)]
         series.append(Points(amplitude[good], energy[good], name, role, size=6.0))
     caption = "Slopes: 1 dry friction, 2 a viscous damper at one frequency, 3 micro-slip or quadratic damping."
     axes = Axis("amplitude", "m", log=True, prefix=False), Axis("energy per loop", "J", log=True, prefix=False)
@@ -98,7 +161,7 @@ def spectrum(trace: Traces, named: bool) -> Plot:
 
 
 def autocorrelation(trace: Traces, named: bool) -> Plot:
-    """How long the residual remembers itself: noise does not."""
+    """Autocorrelation of the residual: that of white noise is zero."""
     n = len(trace.t)
     lags = np.arange(min(_LAGS, n // 4))
     series = []
@@ -109,8 +172,8 @@ def autocorrelation(trace: Traces, named: bool) -> Plot:
     bound = 2.0 / np.sqrt(n)
     marks = tuple(Mark(at, axis="y") for at in (-bound, bound))
     caption = "Outside the grey lines something other than white noise is left."
-    return Plot(f"Memory of the residual, {trace.name}", Axis("lag", "s"), Axis("correlation"), tuple(series), caption,
-                marks=marks)  # fmt: skip
+    heading, axes = f"Autocorrelation of the residual, {trace.name}", (Axis("lag", "s"), Axis("correlation"))
+    return Plot(heading, *axes, tuple(series), caption, marks=marks)
 
 
 def look_alikes(d: Diagnosis) -> Plot | None:
@@ -129,11 +192,11 @@ def look_alikes(d: Diagnosis) -> Plot | None:
     alike = np.array([_cosine(first, before.residual - t.fit.residual) for t in shown])
     labels = [t.name.replace("_", " ") for t in shown]
     series = (
-        Bars(labels, share, "mismatch explained alone", "after", horizontal=True),
+        Bars(labels, share, "explains alone", "after", horizontal=True),
         Bars(labels, alike, "likeness to what was named", "muted", horizontal=True),
     )
     caption = (
-        "Both near 1: these recordings can hardly tell the two apart. Likeness is the cosine of what they explain."
+        "Where both are near 1, these recordings hardly distinguish the two. Likeness: cosine of what they explain."
     )
     return Plot("What else it could be", Axis("share", bounds=(0.0, 1.0)), Axis(" "), series, caption)
 

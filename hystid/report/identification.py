@@ -4,51 +4,65 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from hystid.identification import Comparison, Identification, Prediction
-from hystid.networks.training import REASONS, Training
+from hystid.leastsquares import REASONS
+from hystid.networks.training import Training
 from hystid.recording import Array, Recording
 from hystid.report.curves import (
-    R_AXIS,
     X_AXIS,
     Curve,
     fundamental_of,
     harmonic_bars,
     highest_frequency,
-    loops,
     over_time,
+    responses,
     spectra,
     steady,
     window_of,
 )
+from hystid.report.linked import Linked, Signal, views_of, windows
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent
 from hystid.report.plots import Axis, Bars, Line, Plot, Points, Role
+from hystid.report.text import columns
 
 _GOOD, _FAIR = 0.05, 0.15  # force NRMSE: a few percent is what the published method reaches on measured data
-_SHOWN = 4  # recordings with figures of their own: more make the page long without saying more
+_OVERVIEWS = 5
+_SHOWN = 2  # recordings with figures of their own: more make the page long without saying more
 
 
-def write_identification(result: Identification, path: Path, command: str) -> Path:
-    """Write the page of a result; command is what the reader can run to get it again."""
-    page = Page(
+def page(result: Identification, command: str) -> Page:
+    """The report; a pure function of the result. command: what the reader can run to get it again."""
+    made = Page(
         "Identification of the restoring force",
         subtitle=f"{_count(len(result.comparisons), 'recording')}, {_structure(result)}",
         command=command,
         verdict=verdict(result),
         facts=_facts(result),
     )
-    _errors(page, result)
+    made.toggles(("measured", "measured"), ("model", "surrogate"), ("muted", "linear fit"))
+    _errors(made, result)
     for comparison in _shown(result):
-        _recording(page, comparison)
-    _training(page, result)
-    _data(page, result)
+        _recording(made, comparison)
+    _training(made, result)
+    _data(made, result)
     settings = {name: str(value) for name, value in result.settings.items()}
     files = ", ".join(file.name for file in result.files.values())
-    page.reproduce(command, {**settings, **({"Files": files} if files else {})})
-    return page.write(path)
+    made.reproduce(command, {**settings, **({"Files": files} if files else {})})
+    return made
+
+
+def summary(result: Identification) -> str:
+    """One line per recording, then the files."""
+    rows = [("recording", "used for", "force NRMSE", "linear fit", "free run x")]
+    for comparison in result.comparisons:
+        network = comparison.network
+        free = "diverged" if network.diverged else percent(network.x_nrmse) if network.x_nrmse is not None else "-"
+        errors = (percent(network.force_nrmse), percent(comparison.linear.force_nrmse), free)
+        rows.append((comparison.recording.name, comparison.role, *errors))
+    return "\n".join([columns(rows), *result.notes])
 
 
 def verdict(result: Identification) -> Verdict:
@@ -67,6 +81,8 @@ def verdict(result: Identification) -> Verdict:
     if not unseen:
         tone = "warn" if tone == "good" else tone
         detail += "No recording was held out (--holdout), so this says how well it fits, not how well it predicts."
+    if result.failure:
+        return Verdict("bad", f"This model is of no use: {result.failure}", f"Judged on {where}. {detail}")
     worst_text = f", {percent(worst)} at worst" if len(judged) > 1 else ""
     return Verdict(
         tone, f"The surrogate leaves {percent(median)} of the force unexplained{worst_text}, on {where}", detail
@@ -120,6 +136,7 @@ def _errors(page: Page, result: Identification) -> None:
     )
     published = any(comparison.published for comparison in result.comparisons)
     columns = ["recording", "used for", "force NRMSE", *(["published method"] if published else []), "linear fit"]
+    columns.insert(3, "within the 90 % band")
     columns += ["free run, x NRMSE", "free run, R NRMSE", "linear, x NRMSE"] if result.model.mass else []
     rows = [_row(comparison, published, bool(result.model.mass)) for comparison in result.comparisons]
     page.table(
@@ -127,7 +144,7 @@ def _errors(page: Page, result: Identification) -> None:
             "NRMSE per recording",
             columns,
             rows,
-            "NRMSE: rms of the error over the standard deviation of the reference.",
+            "NRMSE: rms of the error over the standard deviation of the reference. Band: R +/- 1.64 R_spread.",
         )
     )
     names = [comparison.recording.name for comparison in result.comparisons]
@@ -151,6 +168,7 @@ def _row(comparison: Comparison, published: bool, mass: bool) -> list[str | Cell
     tone: Tone = "good" if network.force_nrmse <= _GOOD else "warn" if network.force_nrmse <= _FAIR else "bad"
     row: list[str | Cell] = [comparison.recording.name, "holdout" if comparison.role == "holdout" else "training"]
     row.append(Cell(percent(network.force_nrmse), tone))
+    row.append(percent(network.within(comparison.recording.channel("R"))))
     if published:
         row.append(percent(comparison.published.force_nrmse if comparison.published else None))
     row.append(percent(linear.force_nrmse))
@@ -163,35 +181,23 @@ def _row(comparison: Comparison, published: bool, mass: bool) -> list[str | Cell
 def _recording(page: Page, comparison: Comparison) -> None:
     record, network = comparison.recording, comparison.network
     t, x, R = record.t, record.channel("x"), record.channel("R")
-    near = window_of(record.channel("F"), x, record.dt)
     page.section(f"{record.name} ({'held out' if comparison.role == 'holdout' else 'training'})")
-    cycles = [
-        Curve("measured", x[near], R[near], "measured"),
-        Curve("surrogate", x[near], network.R[near], "model"),
-        Curve("linear fit", x[near], comparison.linear.R[near], "muted", True),
-    ]
     forces = [
-        Curve("measured", t, R, "measured"),
-        Curve("surrogate", t, network.R, "model"),
-        Curve("difference", t, network.R - R, "bad"),
+        Signal("measured", R, "measured", dots=True),
+        Signal("surrogate", network.R, "model"),
+        Signal("linear fit", comparison.linear.R, "muted"),
     ]
-    stretch = f"t = {t[near][0]:.4g} to {t[near][-1]:.4g} s"
-    page.plots(
-        loops("Hysteresis loops", cycles, f"On the measured motion, {stretch}. Its area is the energy of a cycle."),
-        over_time(
-            "Restoring force over time",
-            R_AXIS,
-            forces,
-            f"The difference has {percent(network.force_nrmse)} of the measured standard deviation.",
-            near,
-        ),
-    )
-    page.plots(*_closed_loop(record, network, near), _content(record, R, network))
+    difference = [Signal("surrogate less measured", network.R - R, "bad")]
+    parts, first = windows(x)
+    error = f"On the measured motion; the force is off by {percent(network.force_nrmse)}"
+    page.linked(error, Linked(t, views_of(t, x, record.channel("v"), forces, difference), parts, first))
+    page.plots(*_closed_loop(record, network), _content(record, R, network))
 
 
-def _closed_loop(record: Recording, network: Prediction, near: slice) -> list[Plot]:
+def _closed_loop(record: Recording, network: Prediction) -> list[Plot]:
     if network.free_run is None:
         return []
+    near = window_of(record.channel("F"), record.channel("x"), record.dt)
     motions = [
         Curve("measured", record.t, record.channel("x"), "measured"),
         Curve("surrogate with mass", record.t, network.free_run["x"], "model"),
@@ -262,17 +268,26 @@ def _data(page: Page, result: Identification) -> None:
         "Data and validity",
         "The surrogate knows what the training data showed it. Outside of these ranges its answers are extrapolation.",
     )
-    units = {"x": "m", "v": "m/s", "R": "N"}
+    units = {"x": "m", "v": "m/s", "R": "N"} | {port.name: port.unit for port in result.model.inputs}
     rows = [
         [name, number(low, units.get(name, ""), 4), number(high, units.get(name, ""), 4)]
         for name, (low, high) in result.model.training_range.items()
     ]
     page.table(Table("Training range", ["signal", "lowest", "highest"], rows))
+    records = [comparison.recording for comparison in result.comparisons]
+    shown = responses(records)
+    page.plots(*([shown] if shown else []), *(_raw(record) for record in records[:_OVERVIEWS]))
     done = dict.fromkeys(note for comparison in result.comparisons for note in comparison.recording.notes)
     if done:
         page.text("What was done to the recordings before:")
         page.bullets(done)
     page.bullets(result.notes)
+
+
+def _raw(record: Recording) -> Plot:
+    """What went in: the force over the whole recording."""
+    line = Line(record.t, record.channel("F"), "", "measured", width=1.0)
+    return Plot(f"Force, {record.name}", Axis("Time t", "s", prefix=False), Axis("F", "N"), [line], height=200)
 
 
 def _judged(result: Identification) -> Sequence[Comparison]:

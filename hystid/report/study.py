@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from hystid.recording import Array
 from hystid.report.page import Fact, Page, Table, Verdict, percent
 from hystid.report.plots import Axis, Boxes, Line, Mark, Plot, Points, Series
+from hystid.report.text import columns
 from hystid.study import GridResult, MassResult
 from hystid.study.result import Cell
 
 
-def write_grid(result: GridResult, path: Path, command: str) -> Path:
-    """Write the page of a structure study."""
+def page(result: GridResult | MassResult, command: str) -> Page:
+    """The report; a pure function of the result. command: what the reader can run to get it again."""
+    return _grid_page(result, command) if isinstance(result, GridResult) else _mass_page(result, command)
+
+
+def summary(result: GridResult | MassResult) -> str:
+    """Errors of every structure, and the choice or the cost with its reason."""
+    rows = [("structure", "mass", "force NRMSE, median", "free run x, median")]
+    for cell in result.cells:
+        free = "-" if np.isnan(cell.free_run.median) else _share(cell.free_run.median)
+        rows.append((cell.name, f"{cell.mass:.4g} kg", _share(cell.force.median), free))
+    last = f"choose {result.reason}" if isinstance(result, GridResult) else _cost(result)
+    return f"{columns(rows)}\n{last}"
+
+
+def _grid_page(result: GridResult, command: str) -> Page:
     best = result.best
     starts = len(best.outcomes)
     page = Page(
@@ -45,11 +59,10 @@ def write_grid(result: GridResult, path: Path, command: str) -> Path:
     page.section("Why the trainings ended", "Both networks of every start, counted.")
     page.table(_endings(result.cells))
     page.reproduce(command, {name: str(value) for name, value in result.settings.items()})
-    return page.write(path)
+    return page
 
 
-def write_mass(result: MassResult, path: Path, command: str) -> Path:
-    """Write the page of a mass study."""
+def _mass_page(result: MassResult, command: str) -> Page:
     structures = list(dict.fromkeys(cell.layers for cell in result.cells))
     rows = {layers: result.row(layers) for layers in structures}
     cost = _cost(result)
@@ -70,7 +83,7 @@ def write_mass(result: MassResult, path: Path, command: str) -> Path:
         names = [(f"{cell.name}, {100 * (cell.mass / result.nominal - 1):+.0f} %", cell) for cell in result.cells]
         page.table(_spreads(title, names, kind))
     page.reproduce(command, {name: str(value) for name, value in result.settings.items()})
-    return page.write(path)
+    return page
 
 
 def _boxes(cells: Sequence[Cell], kind: str) -> Plot:

@@ -2,39 +2,55 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from hystid.recording import Array
-from hystid.report.curves import R_AXIS, X_AXIS, Curve, highest_frequency, loops, over_time, spectra, window_of
+from hystid.report.curves import X_AXIS, Curve, highest_frequency, over_time, spectra, window_of
+from hystid.report.linked import Linked, Signal, views_of, windows
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent
 from hystid.report.plots import Axis, Bars, Plot
+from hystid.report.text import columns
 from hystid.validation import Case, Levels, Stability, Validation
 
 _GOOD, _FAIR = 0.06, 0.15  # force NRMSE at worst: the demo's target, and what is still of use
-_SHOWN = 8
+_SHOWN = 3  # worst cases with figures of their own
 _FLOOR_DB = -80.0
 
 
-def write_validation(result: Validation, path: Path, command: str) -> Path:
-    """Write the page of a result; command is what the reader can run to get it again."""
+def page(result: Validation, command: str) -> Page:
+    """The report; a pure function of the result. command: what the reader can run to get it again."""
     cases = _count(len(result.cases), "case")
-    page = Page(
+    made = Page(
         f"Validation of {result.surrogate.name}",
         subtitle=f"against {result.against.name if result.against else 'recordings'}, {cases}",
         command=command,
         verdict=verdict(result),
         facts=_facts(result),
     )
-    add_errors(page, result)
+    made.toggles(("reference", "reference"), ("model", "surrogate"), ("third", "free run"))
+    add_errors(made, result)
     for case in _worst_first(result)[:_SHOWN]:
-        _case(page, case)
+        _case(made, case)
     if result.stability:
-        _stability(page, result.stability)
-    _validity(page, result)
-    page.reproduce(command)
-    return page.write(path)
+        _stability(made, result.stability)
+    _validity(made, result)
+    made.reproduce(command)
+    return made
+
+
+def summary(result: Validation) -> str:
+    """One line per case, then the median and the worst."""
+    rows: list[tuple[str, ...]] = [("case", "force NRMSE", "free run x", "free run R", "odd harmonics")]
+    for case in result.cases:
+        run = case.free_run
+        free = (percent(run.x_nrmse), percent(run.R_nrmse)) if run else ("diverged" if case.diverged else "-", "-")
+        odd = case.levels.worst_odd_db("force") if case.levels else None
+        rows.append((case.name, percent(case.force_nrmse), *free, "-" if odd is None else f"{odd:.2g} dB"))
+    figures = [result.figures(which) for which in ("force_nrmse", "x_nrmse", "R_nrmse")]
+    for name, pick in (("median", np.median), ("worst", np.max)):
+        cells = [percent(float(pick(values))) if not np.isnan(values).all() else "-" for values in figures]
+        rows.append((name, *cells, ""))
+    return "\n".join([columns(rows), *result.notes])
 
 
 def verdict(result: Validation) -> Verdict:
@@ -131,23 +147,11 @@ def _case(page: Page, case: Case) -> None:
     near = window_of(record.F if record.F is not None else x, x, record.dt)
     page.section(case.name)
     page.text(" ".join(case.notes))
-    cycles = [Curve("reference", x[near], R[near], "reference")]
-    if case.free_run:
-        cycles.append(Curve("surrogate, free run", case.free_run.x[near], case.free_run.R[near], "third", True))
-    cycles.append(Curve("surrogate", x[near], case.force[near], "model"))
-    forces = [
-        Curve("reference", t, R, "reference"),
-        Curve("surrogate", t, case.force, "model"),
-        Curve("difference", t, case.force - R, "bad"),
-    ]
-    stretch = f"t = {t[near][0]:.4g} to {t[near][-1]:.4g} s."
-    plots = [
-        loops("Hysteresis loops", cycles, stretch),
-        over_time(
-            "Restoring force on the reference motion", R_AXIS, forces, f"NRMSE {percent(case.force_nrmse)}.", near
-        ),
-    ]
-    page.plots(*plots)
+    forces = [Signal("reference", R, "reference", dots=True), Signal("surrogate", case.force, "model")]
+    difference = [Signal("surrogate less reference", case.force - R, "bad")]
+    parts, first = windows(x)
+    error = f"On the reference motion; the force is off by {percent(case.force_nrmse)}"
+    page.linked(error, Linked(t, views_of(t, x, record.channel("v"), forces, difference), parts, first))
     page.plots(*_motion(case, near), content(case))
 
 
@@ -218,7 +222,7 @@ def _stability(page: Page, found: Stability) -> None:
 
 
 def _validity(page: Page, result: Validation) -> None:
-    units = {"x": "m", "v": "m/s", "R": "N"}
+    units = {"x": "m", "v": "m/s", "R": "N"} | {port.name: port.unit for port in result.inputs}
     rows = [
         [name, number(low, units.get(name, ""), 4), number(high, units.get(name, ""), 4)]
         for name, (low, high) in result.training_range.items()

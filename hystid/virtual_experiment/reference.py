@@ -8,14 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from hystid.demo.checks import Check
 from hystid.fmu import Driver, build_model
 from hystid.identification import Identification, identify
 from hystid.recording import Recording, write_csv
-from hystid.report.identification import write_identification
-from hystid.report.validation import write_validation
 from hystid.simulation import force_of, simulate
 from hystid.validation import Validation, validate
+from hystid.virtual_experiment.checks import Check
 
 MODEL = "HystId.Oscillators.Jenkins"
 MASS = 1.0  # kg, the model's own
@@ -89,11 +87,11 @@ def reference_study(out: Path, size: Size) -> ReferenceStudy:
     )
     command = f"hystid identify recordings/*.csv --mass {MASS:g} --band 0-{BAND[1]:g}Hz --decimate {EVERY}"
     command += f" --ensemble {size.starts} --seed {size.seed} --method {size.method} -o identification"
-    write_identification(found, out / "identification" / "report.html", command)
+    found.report(out / "identification" / "report.html", command)
     surrogate = out / "identification" / "surrogate.fmu"
     checked = validate(surrogate, reference=reference, forces=TESTS, dt=DT, out=out / "validation")
     command = f"hystid validate identification/surrogate.fmu --against jenkins.fmu --force {' '.join(TESTS)}"
-    write_validation(checked, out / "validation" / "report.html", f"{command} -o validation")
+    checked.report(out / "validation" / "report.html", f"{command} -o validation")
     return ReferenceStudy(reference, recordings, found, checked)
 
 

@@ -6,9 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hystid.demo.checks import Outcome
-from hystid.demo.lab import LabCase, UnseenTest
-from hystid.demo.reference import BAND, CHIRPS, DT, EVERY, LAYERS, MODEL, NOISE_DB, TESTS, ReferenceStudy
 from hystid.diagnosis import Traces
 from hystid.recording import Recording
 from hystid.report.curves import X_AXIS, Curve, loops, over_time
@@ -16,6 +13,9 @@ from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent
 from hystid.report.plots import Axis, Band, Bars, Line, Plot, Role, Series
 from hystid.report.validation import content
 from hystid.validation import Case
+from hystid.virtual_experiment.checks import Outcome
+from hystid.virtual_experiment.lab import LabCase, UnseenTest
+from hystid.virtual_experiment.reference import BAND, CHIRPS, DT, EVERY, LAYERS, MODEL, NOISE_DB, TESTS, ReferenceStudy
 
 _TRUE_GAP = 1.2e-3
 

@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from hystid.comparison import harmonics, nrmse
-from hystid.demo.checks import Check
-from hystid.demo.reference import Size
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.excitation import parse
 from hystid.fmu import Driver, build_model
 from hystid.identification import Identification, identify
 from hystid.processing import add_noise, with_restoring_force
 from hystid.recording import Array, Recording, write_csv
-from hystid.report.diagnosis import write_diagnosis
 from hystid.simulation import force_of, simulate
+from hystid.virtual_experiment.checks import Check
+from hystid.virtual_experiment.reference import Size
 
 RIG = "HystId.Examples.LabRig"
 BELIEVED = "HystId.Oscillators.Jenkins"
@@ -106,7 +105,7 @@ def lab_case(out: Path, size: Size) -> LabCase:
         chirps, mass=NOMINAL["m"], layers=(5, 5), ensemble=size.lab_starts, seed=size.seed, holdout=unseen
     )
     found = diagnose(chirps, model=BELIEVED, parameters=NOMINAL, holdout=unseen, out=out)
-    write_diagnosis(found, out / "report.html", f"hystid diagnose recordings/chirp_*.csv --model {BELIEVED}")
+    found.report(out / "report.html", f"hystid diagnose recordings/chirp_*.csv --model {BELIEVED}")
     return LabCase(out, chirps, _tried(out, unseen, network, found), network, found)
 
 

@@ -10,20 +10,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hystid.demo.checks import Check, Outcome
-from hystid.demo.lab import lab_case
-from hystid.demo.page import write_page
-from hystid.demo.reference import FULL, Size, reference_study
 from hystid.files import write_json
 from hystid.progress import track
+from hystid.virtual_experiment.checks import Check, Outcome
+from hystid.virtual_experiment.lab import lab_case
+from hystid.virtual_experiment.page import write_page
+from hystid.virtual_experiment.reference import FULL, Size, reference_study
 
-__all__ = ["FULL", "Check", "Outcome", "Size", "run_demo"]
+__all__ = ["FULL", "Check", "Outcome", "Size", "demo"]
 
 
-def run_demo(out: str | Path, size: Size = FULL) -> Outcome:
+def demo(out: str | Path, size: Size = FULL) -> Outcome:
     """Run both parts and write everything, ``report.html`` and ``demo.json`` on top, into the folder ``out``.
 
-    size: how much is trained (the figures are judged by the same targets whatever the size).
+    size: how much is trained (the figures are judged by the same targets whatever the size). The full size takes a
+    minute or two.
+
+    >>> import hystid
+    >>> print(hystid.demo("demo").summary())  # doctest: +SKIP
     """
     folder = Path(out)
     with track("demo", 2) as step:
@@ -33,5 +37,5 @@ def run_demo(out: str | Path, size: Size = FULL) -> Outcome:
         step(1, "lab case done")
     outcome = Outcome(folder, (*study.checks, *lab.checks))
     write_page(study, lab, outcome, folder / "report.html")
-    write_json(folder / "demo.json", outcome.summary())
+    write_json(folder / "demo.json", outcome.as_dict())
     return outcome

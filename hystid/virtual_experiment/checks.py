@@ -48,14 +48,14 @@ class Outcome:
         """Whether every target is met."""
         return all(check.passed for check in self.checks)
 
-    def text(self) -> str:
+    def summary(self) -> str:
         """Table for the terminal."""
         rows = [("target", "reached", "asked", "")]
         rows += [(c.what, c.value_text, c.limit_text, "met" if c.passed else "MISSED") for c in self.checks]
         met = sum(check.passed for check in self.checks)
         return f"{columns(rows)}\n{met} of {len(rows) - 1} targets met; open {self.folder / 'report.html'}"
 
-    def summary(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Content of demo.json."""
         return {
             "passed": self.passed,

@@ -1,0 +1,159 @@
+"""Report of ``hystid check``: what is in the recordings, and whether their channels fit together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from hystid.consistency import Channel, Examination, Examined
+from hystid.recording import Recording
+from hystid.report.curves import T_AXIS
+from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent
+from hystid.report.plots import Axis, Line, Plot
+from hystid.report.text import columns
+
+_SHOWN = 6  # recordings with pictures
+_LINES = 2048  # of a spectrum: resolution enough for a page
+
+
+def page(result: Examination, command: str) -> Page:
+    """The report; a pure function of the result. command: what the reader can run to get it again."""
+    count = len(result.examined)
+    made = Page(
+        f"Check of {result.examined[0].recording if count == 1 else f'{count} recordings'}",
+        command=command,
+        verdict=verdict(result),
+        facts=[
+            Fact("Recordings", f"{count}"),
+            Fact("To be mended", f"{len(result.refusals)}", "no result would mean anything"),
+            Fact("Notes", f"{len(result.notes)}", "worth knowing"),
+        ],
+    )
+    if result.findings:
+        made.section("Findings")
+        made.bullets(str(finding) for finding in (*result.refusals, *result.notes))
+    for item in result.examined:
+        made.section(item.recording, f"{item.samples} samples at {item.sample_rate:.6g} Hz")
+        made.table(Table("Channels", _CHANNEL_HEAD, _channels(item)))
+        if item.relations:
+            made.table(Table("Do they show one motion?", _RELATION_HEAD, _relations(item), _RELATION_NOTE))
+        if item.balance is not None:
+            made.table(Table("Force and motion", ["what", "value"], _balance(item)))
+        recording = next((r for r in result.recordings[:_SHOWN] if r.name == item.recording), None)
+        if recording is not None:
+            made.plots(*_pictures(recording))
+    made.reproduce(command)
+    return made
+
+
+def verdict(result: Examination) -> Verdict:
+    """The sentence on top."""
+    if result.refusals:
+        first = result.refusals[0]
+        return Verdict("bad", f"{first.recording}: {first.sentence}", f"To mend it: {first.mend}.")
+    if result.notes:
+        first = result.notes[0]
+        return Verdict("warn", f"The channels fit together, with {len(result.notes)} notes", f"{first.sentence}.")
+    return Verdict("good", "Nothing speaks against using these recordings", "Units, signs and clocks fit together.")
+
+
+def summary(result: Examination) -> str:
+    """Channels, relations and findings in plain text."""
+    parts = []
+    for item in result.examined:
+        parts.append(f"{item.recording}: {item.samples} samples at {item.sample_rate:.6g} Hz")
+        parts.append(columns([tuple(_CHANNEL_HEAD), *(_plain(row) for row in _channels(item))]))
+        if item.relations:
+            parts.append(columns([tuple(_RELATION_HEAD), *(_plain(row) for row in _relations(item))]))
+        if item.balance is not None:
+            parts.append("; ".join(f"{what}: {value}" for what, value in _balance(item)))
+    parts += [f"{'mend' if f.severity == 'refuse' else 'note'}: {f}" for f in (*result.refusals, *result.notes)]
+    if not result.findings:
+        parts.append("nothing speaks against using these recordings")
+    return "\n".join(parts)
+
+
+def _plain(row: Iterable[str | Cell]) -> tuple[str, ...]:
+    return tuple(cell.text if isinstance(cell, Cell) else cell for cell in row)
+
+
+_CHANNEL_HEAD = ["channel", "lowest", "highest", "rms", "noise below it", "counts in", "measured?"]
+_RELATION_HEAD = ["relation", "gain", "sign", "lag", "coherence", "in"]
+_RELATION_NOTE = (
+    "Gain 1, sign + and no lag are right. The errors come from the coherence and from sections of the test."
+)
+_SLOPES = {("x", "v"): "v over dx/dt", ("x", "a"): "a over d2x/dt2", ("v", "a"): "a over dv/dt"}
+
+
+def _channels(item: Examined) -> list[list[str | Cell]]:
+    return [
+        [
+            name, number(channel.low, channel.unit, 4), number(channel.high, channel.unit, 4),
+            number(channel.rms, channel.unit, 4), _decibels(channel), _band(channel.band), _origin(channel),
+        ]
+        for name, channel in item.channels.items()
+    ]  # fmt: skip
+
+
+def _decibels(channel: Channel) -> str:
+    return f"{channel.noise_db:.0f} dB" if math.isfinite(channel.noise_db) else "none seen"
+
+
+def _band(band: tuple[float, float]) -> str:
+    return f"{band[0]:.3g} to {band[1]:.3g} Hz" if band[1] > 0 else "-"
+
+
+def _origin(channel: Channel) -> str:
+    return "yes" if channel.measured else channel.origin
+
+
+def _relations(item: Examined) -> list[list[str | Cell]]:
+    rows: list[list[str | Cell]] = []
+    for relation in item.relations:
+        gain = f"{relation.gain:.4g} ± {relation.gain * relation.gain_error:.2g}" if relation.gain > 0 else "-"
+        lag = f"{1e3 * relation.lag:.3g} ms"
+        if math.isfinite(relation.lag_error):
+            lag += f" ± {1e3 * relation.lag_error:.2g}"
+        sign = Cell("+", "good") if relation.sign > 0 else Cell("-", "bad")
+        name = _SLOPES[relation.low, relation.high]
+        rows.append([name, gain, sign, lag, percent(relation.coherence), _band(relation.band)])
+    return rows
+
+
+def _balance(item: Examined) -> list[tuple[str, str]]:
+    balance, unit = item.balance, "kg.m2" if item.rotational else "kg"
+    assert balance is not None  # asked for where there is one
+    rows = [
+        ("F that a structure explains which takes up energy", percent(balance.passive)),
+        ("the same for the reversed F", percent(balance.reversed)),
+    ]
+    if math.isfinite(balance.mass_error):
+        low, high = balance.mass_bounds
+        word = "inertia" if item.rotational else "mass"
+        rows.append((f"moving {word} that F over a shows", f"between {number(low, unit)} and {number(high, unit)}"))
+    return rows
+
+
+def _pictures(recording: Recording) -> list[Plot]:
+    held = {name: getattr(recording, name) for name in ("F", "x", "v", "a")}
+    found = [
+        Plot(name, T_AXIS, Axis(name, recording.unit(name)), [Line(recording.t, values, "", "measured", width=1.0)],
+             height=180)
+        for name, values in held.items() if values is not None
+    ]  # fmt: skip
+    if recording.quasi_static:
+        return found
+    lines = [_spectrum(name, values, recording.dt) for name, values in held.items() if values is not None]
+    caption = "Each channel over its rms. A flat end is noise; the motion stands above it."
+    axis = Axis("Power density over the largest", "", log=True)
+    return [*found, Plot("Spectra", Axis("Frequency", "Hz", log=True), axis, lines, caption)]
+
+
+def _spectrum(name: str, values: np.ndarray, dt: float) -> Line:
+    from scipy.signal import welch
+
+    frequency, power = welch(values - np.mean(values), fs=1 / dt, nperseg=min(len(values), _LINES))
+    inside = frequency > 0
+    return Line(frequency[inside], power[inside] / max(float(power[inside].max()), 1e-300) + 1e-20, name)

@@ -1,0 +1,70 @@
+"""A recording as it is: every channel over time, its loop, and its figures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hystid.recording import CHANNELS, Recording
+from hystid.report.curves import T_AXIS, Curve, loops, window_of
+from hystid.report.page import Fact, Page, Table, number
+from hystid.report.plots import Axis, Line, Plot
+from hystid.report.text import columns
+
+NAMES = {"F": "Force F", "x": "Displacement x", "v": "Velocity v", "a": "Acceleration a", "R": "Restoring force R"}
+
+
+def page(result: Recording, command: str) -> Page:
+    """The report; a pure function of the recording."""
+    made = Page(f"Recording {result.name}", command=command, facts=_facts(result))
+    made.section("Channels")
+    made.table(Table("Ranges", ["channel", "lowest", "highest", "rms", "origin"], _rows(result)))
+    made.plots(*overview(result))
+    if result.x is not None and (result.R is not None or result.F is not None):
+        made.plots(_loop(result))
+    made.bullets((*result.warnings, *result.notes))
+    return made
+
+
+def summary(result: Recording) -> str:
+    """Length, rate and the range of every channel."""
+    head = f"{result.name}: {len(result)} samples at {result.sample_rate:.6g} Hz, {result.t[-1] - result.t[0]:.4g} s"
+    rows = [("channel", "lowest", "highest", "rms", "origin"), *_rows(result)]
+    return "\n".join([head, columns(rows), *result.warnings])
+
+
+def overview(result: Recording) -> list[Plot]:
+    """Every channel over the whole time, one flat figure each."""
+    return [
+        Plot(NAMES[name], T_AXIS, Axis(name, result.unit(name)),
+             [Line(result.t, result.channel(name), "", "measured", width=1.0)], height=200)
+        for name in CHANNELS
+        if getattr(result, name) is not None
+    ]  # fmt: skip
+
+
+def _loop(result: Recording) -> Plot:
+    """R over x where R is known, else F over x, where the motion is largest."""
+    name = "R" if result.R is not None else "F"
+    x, force = result.channel("x"), result.channel(name)
+    near = window_of(result.F if result.F is not None else x, x, result.dt)
+    span = f"t = {result.t[near][0]:.4g} to {result.t[near][-1]:.4g} s."
+    plot = loops(f"{NAMES[name]} over displacement", [Curve("measured", x[near], force[near], "measured")], span)
+    return Plot(plot.title, plot.x, Axis(NAMES[name], "N"), plot.series, plot.caption)
+
+
+def _facts(result: Recording) -> list[Fact]:
+    return [
+        Fact("Samples", f"{len(result)}"),
+        Fact("Sample rate", number(result.sample_rate, "Hz", 5)),
+        Fact("Duration", number(float(result.t[-1] - result.t[0]), "s", 4)),
+    ]
+
+
+def _rows(result: Recording) -> list[tuple[str, ...]]:
+    rows = []
+    for name in CHANNELS:
+        values, unit = getattr(result, name), result.unit(name)
+        if values is not None:
+            figures = (np.min(values), np.max(values), np.std(values))
+            rows.append((name, *(number(float(f), unit, 4) for f in figures), result.origin.get(name, "measured")))
+    return rows
