@@ -145,12 +145,12 @@ def random_model(seed: int = 0, members: int = 2, band: float = 0.0, sizes: Sequ
     return TwoNetworkModel(pairs, 1.0, 1e4, ranges, band, {"recordings": ["made up"]})
 
 
-def smooth_slider(mass: float = 1.0, dt: float = 1e-4) -> TwoNetworkModel:
+def smooth_slider(mass: float = 1.0, dt: float = 1e-4, damping: float = 20.0) -> TwoNetworkModel:
     """A well-behaved structure in closed form: Rh = fc tanh((k (x - x0) + Rh0) / fc), R = G tanh((K x + c v + Rh) / G).
 
-    One neuron each; fc = 20 N, k = 2e4 N/m, K = 1e4 N/m, c = 20 N.s/m; G = 1e4 N makes R almost linear.
+    One neuron each; fc = 20 N, k = 2e4 N/m, K = 1e4 N/m, c = damping [N.s/m]; G = 1e4 N makes R almost linear.
     """
-    slip, loop, spring, damping, wide = 20.0, 2e4, 1e4, 20.0, 1e4
+    slip, loop, spring, wide = 20.0, 2e4, 1e4, 1e4
 
     def neuron(weights: Sequence[float], height: float) -> Network:
         layers = ((np.array([weights]) / height, np.zeros(1)), (np.ones((1, 1)), np.zeros(1)))

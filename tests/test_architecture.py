@@ -14,17 +14,21 @@ PACKAGE = ROOT / "hystid"
 # Lower may not import higher. A name is a module or a package directly below hystid, or a module within a package.
 LAYERS = [
     {"errors"},
-    {"files", "progress", "toolchain", "units", "modelcode"},
+    {"files", "leastsquares", "limits", "outputs", "progress", "units", "modelcode"},
+    {"cache", "child"},
+    {"toolchain"},
+    {"results"},
     {"recording"},
     {"turning_points", "comparison", "excitation", "processing"},
+    {"consistency"},
     {"modelica", "networks", "compiled", "smoothing"},
     {"surrogate"},
     {"fmu"},
-    {"simulation"},
+    {"simulation", "building"},
     {"identification", "validation", "diagnosis"},
     {"study"},
     {"report"},
-    {"demo"},
+    {"virtual_experiment"},
     {"cli", "pytest_plugin"},
     {"__main__"},
 ]
@@ -77,6 +81,19 @@ def test_imports_go_downward(path: Path) -> None:
                 continue
             assert there in RANK, f"{path.name}:{line} imports unknown hystid.{there}"
             assert RANK[there] < RANK[here], f"{path.name}:{line}: {here} may not import {there}"
+
+
+# The stages of the diagnosis: a later one may import an earlier one, never the other way.
+STAGES = ["prepare", "model", "fit", "decide", "prove", "tell"]
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "diagnosis").rglob("*/*.py")), ids=lambda path: path.stem)
+def test_stages_of_the_diagnosis_go_one_way(path: Path) -> None:
+    here = STAGES.index(path.parent.name)
+    for line, name in imports(path):
+        if name.startswith("hystid.diagnosis."):
+            there = name.split(".")[2]
+            assert there in STAGES and STAGES.index(there) <= here, f"{path.name}:{line}: {path.parent.name} > {there}"
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))

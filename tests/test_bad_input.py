@@ -32,7 +32,7 @@ F = 200 * V + 5e4 * X
 GOOD = {"t [s]": T, "F [N]": F, "x [m]": X, "v [m/s]": V}
 
 
-def at(values: np.ndarray, sample: int, value: float) -> np.ndarray:
+def at(values: np.ndarray, sample: int | slice, value: float) -> np.ndarray:
     changed = values.copy()
     changed[sample] = value
     return changed
@@ -118,7 +118,7 @@ RECORDINGS = [
     recording("no time", {"F [N]": F, "x [m]": X}, "no channel t"),
     recording("no motion", {"t [s]": T, "F [N]": F}, "no motion x, v or a"),
     recording("3 samples", {key: values[:3] for key, values in GOOD.items()}, "3 samples"),
-    recording("NaN", spoilt(x=at(X, 40, np.nan)), "line 42, sample 40, channel x"),
+    recording("NaN", spoilt(x=at(X, slice(40, 60), np.nan)), "line 42, sample 40, channel x"),
     recording("a word in a cell", csv(GOOD).replace("\n0.002,", "\n0.002,abc", 1), "'abc"),
     recording("a missing cell", "t [s],F [N],x [m]\n0,1,2\n1,2\n", "2 cells where the header names 3 columns"),
     recording("reversed time", spoilt(t=T[::-1]), "time runs backwards throughout"),
@@ -127,15 +127,17 @@ RECORDINGS = [
     recording("gaps everywhere", spoilt(t=T + 0.5 * (np.arange(N) // 80)), "4 gaps"),
     recording("constant force", spoilt(F=np.full(N, 3.0)), "channel F: the channel is constant"),
     recording("clipped force", spoilt(F=np.clip(F, -0.6 * F.max(), 0.6 * F.max())), "cut off at"),
-    recording("x in mm, labelled m", spoilt(x=1e3 * X), "as if x were in mm"),
+    recording("x in mm, labelled m", spoilt(x=1e3 * X), "it looks like mm"),
     recording("v with the wrong sign", spoilt(v=-V), "wrong sign"),
-    recording("F with the wrong sign", spoilt(F=-F), "gives out energy"),
+    recording("F with the wrong sign", spoilt(F=-F), "F has the wrong sign"),
+    recording("x and v exchanged", spoilt(x=V, v=X), "the columns are exchanged"),
+    recording("a torque on a displacement", {"t [s]": T, "F [N.m]": F, "x [m]": X}, "say that the rig turns"),
     recording("unit of something else", {"t [s]": T, "F [mm]": F, "x [m]": X}, "cannot be converted to N"),
     recording("unknown unit", {"t [s]": T, "F [wurst]": F, "x [m]": X}, "'wurst' is not known"),
     recording("force as a voltage", {"t [s]": T, "F [V]": F, "x [m]": X}, "--sensitivity F="),
     recording("two columns of one name", {"t [s]": T, "F [N]": F, "x [m]": X, "disp [m]": X}, "both mean x"),
     recording("decimal commas between commas", "t [s],F [N],x [m]\n0,1,5,2,7,8\n", "semicolons"),
-    recording("several problems at once", spoilt(F=at(F, 3, np.nan), v=np.zeros(N)), "channel v"),
+    recording("several problems at once", spoilt(F=at(F, 3, np.inf), v=np.zeros(N)), "channel v"),
     recording("a spreadsheet", "PK", "recordings are read from", "bad.xlsx"),
     recording("text named .mat", "no matrix", "not a readable MATLAB file", "bad.mat"),
     recording("text named .h5", "no tree", "not a readable HDF5 file", "bad.h5"),

@@ -15,7 +15,18 @@ from hystid.cli.run import run, spread
 from hystid.errors import UsageError
 from hystid.recording import Recording, write_csv
 
-COMMANDS = ["build", "simulate", "identify", "validate", "diagnose", "study grid", "study mass", "demo", "regress"]
+COMMANDS = [
+    "build",
+    "simulate",
+    "identify",
+    "validate",
+    "diagnose",
+    "study grid",
+    "study mass",
+    "demo",
+    "regress",
+    "cache",
+]
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])

@@ -8,7 +8,7 @@ from fmu_models import bouncing, contact, effect, jenkins, linear, memory, sampl
 
 from benchmarks.closed_forms import integrated
 from hystid.compiled import CompiledModel, slopes_of
-from hystid.diagnosis.library import load_effects
+from hystid.diagnosis.model.library import load_effects
 from hystid.errors import NumericalError, UsageError
 from hystid.modelica import compile_model
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from hystid.demo import Check, Outcome, Size, run_demo
+from hystid.virtual_experiment import Check, Outcome, Size, demo
 
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
-    return run_demo(tmp_path_factory.mktemp("demo"), Size(starts=3, lab_starts=2, samples=15_000))
+    return demo(tmp_path_factory.mktemp("demo"), Size(starts=3, lab_starts=2, samples=15_000))
 
 
 def values(outcome: Outcome) -> dict[str, float]:
@@ -58,7 +58,7 @@ def test_the_page_tells_the_story_in_order(outcome: Outcome) -> None:
 def test_the_summary_says_what_was_missed(outcome: Outcome) -> None:
     written = json.loads((outcome.folder / "demo.json").read_text())
     assert written["passed"] == outcome.passed == all(check.passed for check in outcome.checks)
-    assert outcome.text().count("MISSED") == sum(not check.passed for check in outcome.checks)
+    assert outcome.summary().count("MISSED") == sum(not check.passed for check in outcome.checks)
 
 
 def test_a_target_is_missed_by_nan_and_met_on_the_limit() -> None:

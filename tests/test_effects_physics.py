@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis import load_effects
-from hystid.diagnosis.blocks import Effect, Signals, effect_id
+from hystid.diagnosis.model.effects import Effect, Signals, effect_id
 
 DT = 5e-4
 T = np.arange(0, 1, DT)  # whole periods of 5 Hz

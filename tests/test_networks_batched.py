@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hystid.errors import UsageError
+from hystid.leastsquares import REASONS
 from hystid.networks import batched, ensemble, training
 
 
@@ -39,7 +40,7 @@ def test_networks_of_a_batch_stop_for_their_own_reasons():
     results = batched.train_batch(sets, (6,), starts, rule=rule)
     assert len({len(result.train) for result in results}) > 1
     for result in results:
-        assert result.reason in training.REASONS
+        assert result.reason in REASONS
         assert result.validation[result.iteration] == result.validation.min()
         assert np.all(np.diff(result.train) < 0)
 
@@ -49,7 +50,7 @@ def test_ensemble_on_a_device_equals_the_ensemble_on_the_kernel():
     x, v = rng.uniform(-1, 1, (2, 500))
     x0 = np.repeat(rng.uniform(-1, 1, 25), 20)
     R = x + 0.2 * v + np.tanh(2 * (x - x0))
-    samples = ensemble.Samples(x, v, x0, np.tanh(x0), R)
+    samples = ensemble.Samples(x, v, x0, np.tanh(x0), R, np.zeros((0, len(x))))
     rule = replace(training.RULES["fast"], max_iterations=8)
     kernel = ensemble.train_ensemble(samples, (3,), 3, rule=rule)
     device = ensemble.train_ensemble(samples, (3,), 3, rule=rule, device="cpu")

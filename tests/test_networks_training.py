@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hystid.errors import NumericalError, UsageError
+from hystid.leastsquares import REASONS
 from hystid.networks import ensemble, joint, training
 from hystid.networks.normal_equations import CompiledNormal, NumpyNormal, parameter_count, unflatten
 from hystid.turning_points import TurningPoints
@@ -60,7 +61,7 @@ def test_trainlm_takes_the_path_of_the_plain_rule(kind):
     sizes = (3, 5, 5, 1)
     w = training.initial_weights(sizes, np.random.default_rng(1))
     rule = replace(training.RULES["trainlm"], max_iterations=30, max_fails=100)
-    result = training.minimise(kind(sizes, x, y), kind(sizes, x, y), w, rule)
+    result = training.descend(kind(sizes, x, y), kind(sizes, x, y), w, rule)
     # same arithmetic in another order: paths agree until rounding is amplified, far beyond 30 iterations
     np.testing.assert_allclose(result.train[:30], plain_trainlm(x, y, w, sizes, 30), rtol=1e-6)
 
@@ -116,11 +117,11 @@ def test_recorded_iteration_counts_of_trainlm(tmp_path, monkeypatch):
     task = np.load(tmp_path / "task.npz")
     fit, check = (CompiledNormal((3, 5, 5, 1), task["x" + part].T, task["y" + part]) for part in ("tr", "va"))
     rule = replace(training.RULES["trainlm"], max_iterations=55, max_fails=100)
-    result = training.minimise(fit, check, common.init_nw(1), rule)
+    result = training.descend(fit, check, common.init_nw(1), rule)
     reached = [int(np.argmax(result.validation <= level)) for level in (3e-4, 2e-4, 1.4e-4)]
     assert np.abs(np.array(reached) - (29, 35, 53)).max() <= 1
     assert result.validation[53] == pytest.approx(1.398e-4, rel=5e-4)  # three digits
-    fast = training.minimise(fit, check, common.init_nw(1), replace(training.RULES["fast"], max_fails=100))
+    fast = training.descend(fit, check, common.init_nw(1), replace(training.RULES["fast"], max_fails=100))
     assert int(np.argmax(fast.validation <= 1.4e-4)) <= 53 // 3
 
 
@@ -141,7 +142,7 @@ def test_a_training_says_why_it_stopped():
     event = threading.Event()
     event.set()
     assert reason(rule, event) == "interrupted"
-    assert set(training.REASONS) == {"iterations", "validation", "gradient", "damping", "stalled", "interrupted"}
+    assert set(REASONS) == {"iterations", "validation", "gradient", "damping", "stalled", "interrupted"}
 
 
 def test_answer_is_the_iterate_of_least_validation_error():
@@ -171,15 +172,18 @@ def test_bad_data_and_modes_are_named():
         training.train(training.Data.split(x, np.where(y == y[3], np.nan, y), 0), (2,), np.zeros(11))
 
 
-@pytest.fixture(scope="module")
-def sequences():
+@pytest.fixture(scope="module", params=[0, 2], ids=["motion alone", "two further inputs"])
+def sequences(request):
     t = np.arange(600) * 0.01
     rng = np.random.default_rng(0)
     motions = []
     for scale in (1.0, 0.5):
         x = scale * (np.sin(9 * t) + 0.4 * np.sin(23 * t))
         v = np.gradient(x, t)
-        motions.append((x, v, 3 * x + 0.1 * v + np.tanh(2 * v) + 0.01 * rng.normal(size=len(t))))
+        level = 1 + 0.5 * np.sin(2 * t)  # of the friction: the first further input; the second has no effect
+        further = np.stack([level, np.cos(5 * t)])[: request.param]
+        R = 3 * x + 0.1 * v + (level if request.param else 1) * np.tanh(2 * v) + 0.01 * rng.normal(size=len(t))
+        motions.append(joint.Motion(x, v, R, further))
     return joint.Sequences.of(motions, TurningPoints())
 
 
@@ -188,18 +192,20 @@ def pair(sequences):
     s = sequences
     held = s.x0[s.segment]
     force = s.R[np.searchsorted(s.segment, s.segment)]
-    return ensemble.train_pair(ensemble.Samples(s.x, s.v, held, force, s.R), (3,), 0).member
+    return ensemble.train_pair(ensemble.Samples(s.x, s.v, held, force, s.R, s.further), (3,), 0).member
 
 
 def test_simulated_error_is_that_of_the_model(sequences, pair):
     """The joint problem's sum of squares is that of the model's own response, recording by recording."""
-    from hystid.networks import TwoNetworkModel
+    from hystid.networks import FurtherInput, TwoNetworkModel
 
-    model = TwoNetworkModel((pair,), 0.0, 100.0, {})
+    ports = tuple(FurtherInput(name, "1", name) for name in ("level", "idle")[: pair.further])
+    model = TwoNetworkModel((pair,), 0.0, 100.0, {}, inputs=ports)
     total = 0.0
     for part in (slice(0, 600), slice(600, 1200)):
         x, v, R = sequences.x[part], sequences.v[part], sequences.R[part]
-        response, _ = model.response(x, v, model.initial_state(R[0]))
+        further = {port.name: values for port, values in zip(ports, sequences.further[:, part], strict=True)}
+        response, _ = model.response(x, v, model.initial_state(R[0]), further)
         total += np.sum(((response - R) / pair.restoring.output_gain) ** 2)
     normal = joint.JointNormal(pair, sequences)
     assert normal.squares(joint.parameters_of(pair)) == pytest.approx(total, rel=1e-10)

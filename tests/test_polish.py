@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hystid.compiled import CompiledModel
-from hystid.diagnosis.fitting import Hypothesis, Unknown
-from hystid.diagnosis.freerun import error, free_run
-from hystid.diagnosis.parts import Part, prepare_part
-from hystid.diagnosis.polish import polish
+from hystid.diagnosis.fit.problem import Hypothesis, Unknown
+from hystid.diagnosis.prepare.segments import Part, prepare_part
+from hystid.diagnosis.prove.freerun import error, free_run
+from hystid.diagnosis.prove.polish import polish
 from hystid.modelica import compile_model
 from hystid.recording import Recording, read
 

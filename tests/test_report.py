@@ -14,9 +14,36 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hystid.report.curves import Curve, fundamental_of, harmonic_bars, highest_frequency, over_time, spectra, window_of
+from hystid.recording import Recording
+from hystid.report.curves import (
+    Curve,
+    fundamental_of,
+    harmonic_bars,
+    highest_frequency,
+    over_time,
+    response,
+    responses,
+    spectra,
+    window_of,
+)
+from hystid.report.linked import Linked, Signal, views_of, windows
 from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent, with_error
-from hystid.report.plots import Axis, Band, Bars, Boxes, Heat, Line, Mark, Plot, Points, figure, prefix_for, thin
+from hystid.report.plots import (
+    Axis,
+    Band,
+    Bars,
+    Boxes,
+    Heat,
+    Line,
+    Mark,
+    Plot,
+    Points,
+    compact,
+    figure,
+    packed,
+    prefix_for,
+    thin,
+)
 
 T = np.linspace(0, 1, 500)
 NASTY = '<script>alert("1")</script> & more'
@@ -27,6 +54,15 @@ def every_kind() -> Plot:
     return Plot(NASTY, Axis("Time t", "s"), Axis(NASTY, "N"), series, NASTY, [Mark(0.2, 0.4, text="here"), Mark(0.5)])
 
 
+def views(name: str, n: int = 5000) -> Linked:
+    """Linked views of a sine, long enough for a slider."""
+    t = np.arange(n) * 1e-3
+    x, v = np.sin(2 * np.pi * 5 * t), np.cos(2 * np.pi * 5 * t)
+    forces = [Signal("measured", 2 * x + np.sign(v), "measured", dots=True), Signal(name, 2 * x, "before")]
+    parts, first = windows(x)
+    return Linked(t, views_of(t, x, v, forces, [Signal(name, np.sign(v), "before")]), parts, first)
+
+
 def page() -> Page:
     made = Page(
         NASTY, subtitle=NASTY, command=NASTY, verdict=Verdict("good", NASTY, NASTY), facts=[Fact(NASTY, "1", NASTY)]
@@ -35,12 +71,15 @@ def page() -> Page:
     made.bullets([NASTY])
     made.code(NASTY)
     made.plots(every_kind(), Plot("bars", Axis("case"), Axis("error", "%"), [Bars([NASTY, "b"], np.array([1.0, 2]))]))
+    made.linked(NASTY, views(NASTY))
+    made.toggles(("measured", NASTY))
+    made.odds([(NASTY, 0.9, "good"), ("rest", 0.1, "bad")], NASTY)
     made.table(Table(NASTY, ["a", NASTY], [["1", Cell(NASTY, "bad")]], NASTY))
     made.reproduce(NASTY, {NASTY: NASTY})
     return made
 
 
-VOID = {"meta", "link", "br", "img"}
+VOID = {"meta", "link", "br", "img", "input"}
 
 
 class Tags(HTMLParser):
@@ -67,7 +106,8 @@ def test_all_text_is_escaped_and_the_page_is_well_formed() -> None:
     tags = Tags()
     tags.feed(page().html())
     assert tags.open == []
-    assert tags.scripts == 4  # two figures, plotly, the drawing script: none of the texts became one
+    # Two figures, one group of linked views, palettes, plotly, the drawing script: none of the texts became one.
+    assert tags.scripts == 6
 
 
 def test_a_page_needs_nothing_from_outside_and_is_the_same_every_time() -> None:
@@ -78,7 +118,7 @@ def test_a_page_needs_nothing_from_outside_and_is_the_same_every_time() -> None:
     assert text == page().html()
     own = re.sub(r"<script>.*?</script>", "", text, flags=re.S)
     assert "@import" not in own and "url(" not in own
-    assert len(text) < 6e6  # plotly itself is 4.8 MB
+    assert len(text) < 2.5e6  # plotly itself is 4.8 MB, compressed 2 MB
 
 
 def test_a_page_without_figures_carries_no_plotting_library() -> None:
@@ -195,3 +235,49 @@ def test_writing_is_atomic(tmp_path: Path) -> None:
     target = page().write(tmp_path / "sub" / "report.html")
     assert target.read_text(encoding="utf-8").startswith("<!doctype html>")
     assert [path.name for path in target.parent.iterdir()] == ["report.html"]
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.floats(-1e9, 1e9) | st.just(math.nan), max_size=50))
+def test_packed_values_come_back_within_half_a_step_of_16_bits(values: list[float]) -> None:
+    given_ = np.array(values, dtype=float)
+    pack = packed(given_)
+    levels = np.frombuffer(base64.b64decode(pack["q"]), dtype="<u2")
+    step = (pack["hi"] - pack["lo"]) / 65534
+    back = np.where(levels == 65535, np.nan, pack["lo"] + step * levels)
+    assert np.array_equal(np.isnan(back), np.isnan(given_))
+    rounding = 1e-12 * np.nanmax(np.abs(given_), initial=0.0)
+    assert np.nanmax(np.abs(back - given_), initial=0.0) <= 0.5 * step + rounding
+
+
+def test_a_page_names_roles_and_leaves_colours_to_the_ground() -> None:
+    text = json.dumps(compact(every_kind()))
+    assert "@muted" in text and "#98a2ae" not in text
+
+
+def test_windows_of_a_long_recording_hold_whole_loops_and_stay_small() -> None:
+    t = np.arange(100_000) * 1e-4
+    x = np.sin(2 * np.pi * 3 * t * t) * np.exp(-((t - 6) ** 2))
+    parts, first = windows(x)
+    assert len(parts) > 3
+    for part in parts:
+        assert 10 < len(range(*part.indices(x.size))) <= 301
+        assert 0 <= part.start < part.stop <= x.size
+    middle = parts[first]
+    assert abs(t[middle.start] - 6) < 1.5  # where the motion is largest
+    assert windows(x[:100]) == ([slice(0, 100, 1)], 0)
+
+
+def test_the_frequency_response_of_a_linear_oscillator_is_its_receptance() -> None:
+    """m = 1 kg, B = 20 N.s/m, Kl = 1e4 N/m under white noise; Welch leaves a few per cent of bias at the peak."""
+    rng, dt = np.random.default_rng(3), 1e-3
+    F = rng.normal(size=40_000)
+    omega = 2 * np.pi * np.fft.rfftfreq(F.size, dt)
+    x = np.fft.irfft(np.fft.rfft(F) / (1e4 - omega**2 + 20j * omega), F.size)
+    frequency, gain = response(F, x, dt)
+    near = (frequency > 2) & (frequency < 100)
+    w = 2 * np.pi * frequency[near]
+    assert gain[near] == pytest.approx(1 / np.abs(1e4 - w**2 + 20j * w), rel=0.15)
+    records = [Recording(f"r{k}", dt * np.arange(F.size), F=k * F, x=k * x) for k in (1, 2)]
+    shown = responses(records)
+    assert shown is not None and len(shown.series) == 2

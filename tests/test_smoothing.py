@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hystid.diagnosis.smoothing import Roughness, smooth
 from hystid.errors import UsageError
+from hystid.smoothing.smoother import Roughness, smooth
 
 
 def _dense(channels: dict[str, np.ndarray], noise: dict[str, float], dt: float, level: float) -> np.ndarray:

@@ -133,7 +133,7 @@ def test_ctrl_c_keeps_what_was_finished(recordings, tmp_path):
         time.sleep(0.01)
     run.send_signal(signal.SIGINT)
     message = run.communicate(timeout=60)[1]
-    assert run.returncode == 130 and "what had been finished is kept" in message
+    assert run.returncode == 130 and "finished trainings are kept in out" in message
     files = sorted(trainings.iterdir())
     assert 2 <= len(files) < 450 and all(path.suffix == ".npz" and path.name[0] != "." for path in files)
     assert all(np.load(path)["restoring_w"].size == 11 for path in files)  # the first structure: one layer of two
@@ -168,7 +168,7 @@ def test_dask_cluster_survives_the_loss_of_a_worker(recordings, finished, tmp_pa
         result = study.grid(train, holdout=test, out=tmp_path / "out", scheduler=address, **SMALL)
         assert killer.wait(30) == 0
         assert processes[1].wait(30) == -signal.SIGKILL
-        assert json.dumps(result.summary()["cells"]) == json.dumps(finished.summary()["cells"])
+        assert json.dumps(result.as_dict()["cells"]) == json.dumps(finished.as_dict()["cells"])
     finally:
         for process in reversed(processes):
             process.kill()

@@ -146,7 +146,7 @@ def test_mass_zero_has_no_free_run(folder: Path) -> None:
     result = validate(folder / "surrogate.onnx", [rig], mass=0.0)
     assert result.cases[0].force_nrmse < 1e-10 and result.cases[0].free_run is None
     assert np.isnan(result.figures("x_nrmse")[0])
-    assert result.summary()["metrics"]["x_nrmse"] == {"median": None, "worst": None}
+    assert result.as_dict()["metrics"]["x_nrmse"] == {"median": None, "worst": None}
 
 
 def test_without_a_recorded_force_there_is_no_free_run(folder: Path) -> None:
@@ -181,7 +181,7 @@ def test_files_and_summary(folder: Path, tmp_path: Path) -> None:
 def test_bad_arguments_get_one_sentence(folder: Path, tmp_path: Path) -> None:
     record, surrogate = recorded(), folder / "surrogate.onnx"
     short = Recording("short", record.t[:20], **{name: getattr(record, name)[:20] for name in "Fxva"})
-    slow = Recording("slow", 10 * record.t, **{name: getattr(record, name) for name in "Fxva"})
+    slow = Recording("slow", record.t[::10], **{name: getattr(record, name)[::10] for name in "Fxva"})
     still = Recording("still", record.t, F=np.zeros(4000), x=record.x, v=record.v, a=record.a, R=np.zeros(4000))
     nothing = Recording("nothing", record.t, x=record.x, v=record.v, a=record.a)
     for error, sentence, arguments in (

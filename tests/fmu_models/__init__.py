@@ -196,7 +196,7 @@ def memory() -> ModelCode:
         _input("v", 4, "m/s"),
         _output("R", 7, "N"),
     ]
-    return _code("Memory", variables, 10, dependencies={"R": ("x", "v")})
+    return _code("Memory", variables, 10, dependencies={"R": ("x", "v")}, has_memory=True, sample=1e-4)
 
 
 def tuned() -> ModelCode:

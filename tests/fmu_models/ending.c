@@ -30,6 +30,12 @@ int fmi2GetInteger(void *c, const unsigned *vr, size_t k, int *value)
     for (size_t i = 0; i < k; i++) value[i] = n;
     return c == NULL;
 }
+int fmi2GetString(void *c, const unsigned *vr, size_t k, const char **value)
+{
+    (void)vr;
+    for (size_t i = 0; i < k; i++) value[i] = t < 0.25 ? "some text" : "another";
+    return c == NULL;
+}
 int fmi2SetReal(void *c, const unsigned *vr, size_t k, const double *value)
 {
     (void)c, (void)vr, (void)value;

@@ -16,5 +16,6 @@ static int completed_step(hy_data *m)
 }
 const hy_model hy_the_model = {
     .name = "Memory", .token = "memory", .n_values = N, .p = K, .n_p = 2, .u = X, .n_u = 2, .x = N, .dx = N, .d = LAST_V,
-    .n_d = 2, .y = R, .n_y = 1, .pre = PRE_V, .rel = N, .w = N, .step = 1e-4, .start = start, .evaluate = evaluate,
+    .n_d = 2, .y = R, .n_y = 1, .pre = PRE_V, .rel = N, .w = N, .step = 1e-4, .sample = 1e-4,
+    .start = start, .evaluate = evaluate,
     .completed_step = completed_step};
