@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis import diagnose
-from hystid.diagnosis.diagnose import _scales
+from hystid.diagnosis.fit.case import scales_of
 from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.problem import Hypothesis, Problem
 from hystid.diagnosis.fit.zeros import zero_of_x
@@ -89,7 +89,7 @@ def prepared(records: list[Recording]) -> Problem:
     parts = [prepare_part(record, i) for i, record in enumerate(records)]
     start = {"m": 0.0, "B": 300.0, "Kl": 2e4}
     baseline = baseline_of(LINEAR, compile_model(LINEAR), start, frozenset({"m"}), length=1e-3)
-    return Problem(parts, baseline, _scales(parts, baseline))
+    return Problem(parts, baseline, scales_of(parts, baseline))
 
 
 def fitted(problem: Problem) -> Hypothesis:
@@ -248,7 +248,7 @@ def test_resting_samples_do_not_lead_a_refit() -> None:
     stiffness = {}
     for name, one in (("all", record), ("moving", short)):
         parts = [prepare_part(one)]
-        problem = Problem(parts, baseline, _scales(parts, baseline))
+        problem = Problem(parts, baseline, scales_of(parts, baseline))
         stiffness[name] = fitted(problem).values["Kl"]
     assert stiffness["moving"] == pytest.approx(2e4, rel=0.15)  # friction is missing in this model
     assert abs(stiffness["all"] - 2e4) > 3 * abs(stiffness["moving"] - 2e4)

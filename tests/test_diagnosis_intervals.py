@@ -8,12 +8,13 @@ import pytest
 from numpy.typing import NDArray
 
 from hystid.diagnosis.decide import forms
-from hystid.diagnosis.diagnose import _prepare
+from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
 from hystid.diagnosis.fit.uncertainty import honest
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
+from hystid.diagnosis.prepare.recordings import Taken
 from hystid.recording import Recording
 from tests.test_diagnosis import LINEAR, case, run, spec
 
@@ -48,7 +49,7 @@ def rig(law: Law, seed: int) -> Problem:
         channels = {"x": x, "v": v, "a": a, "F": M * a + B * v + K * x + law(x, v)}
         noisy = {n: u + 0.01 * np.std(u) * rng.standard_normal(len(t)) for n, u in channels.items()}
         tests.append(Recording(name, t, **noisy))
-    return _prepare(tests, [], "HystId.Oscillators.Linear", given_parameters({"m": M, "B": B, "Kl": K})).problem
+    return pose(Taken(tests, [], given_parameters({"m": M, "B": B, "Kl": K}), ()), "HystId.Oscillators.Linear").problem
 
 
 def fitted_as(problem: Problem, name: str, values: dict[str, float]) -> Fit:

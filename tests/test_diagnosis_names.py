@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis.decide.limits import is_itself
-from hystid.diagnosis.diagnose import _prepare
+from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.problem import Fit, Problem, Term
 from hystid.diagnosis.fit.windows import Window, has_edges, windowed
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
+from hystid.diagnosis.prepare.recordings import Taken
 from hystid.recording import loaded
 from tests.test_diagnosis import LINEAR, case, run, spec
 
@@ -23,7 +24,7 @@ def prepared(folder: Path, ident: str, seed: int) -> tuple[Problem, Fit]:
     ids = (ident,) if ident else ()
     place, _ = case(folder, spec("single" if ident else "null", ids, LINEAR), seed)
     tests = loaded(sorted(place.glob("rec_*.csv")))
-    made = _prepare(tests, [], "HystId.Oscillators.Linear", given_parameters(place / "parameters.json"))
+    made = pose(Taken(tests, [], given_parameters(place / "parameters.json"), ()), "HystId.Oscillators.Linear")
     return made.problem, made.refit
 
 

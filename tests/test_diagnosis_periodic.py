@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from hystid.diagnosis import diagnose
-from hystid.diagnosis.diagnose import _scales
+from hystid.diagnosis.fit.case import scales_of
 from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.periodic import PeriodicForce, periodic_forces
 from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem
@@ -55,7 +55,7 @@ def record(seed: int, kind: str, line: float = 0.0, size: float = 0.0, k3: float
 def lines(kind: str, line: float = 0.0, size: float = 0.0, k3: float = 0.0) -> tuple[Fit, list[PeriodicForce]]:
     parts = [prepare_part(record(seed, kind, line, size, k3), seed) for seed in (1, 2)]
     baseline = baseline_of(LINEAR, compile_model(LINEAR), {"m": M, "B": B, "Kl": K}, frozenset({"m"}), length=1e-3)
-    problem = Problem(parts, baseline, _scales(parts, baseline))
+    problem = Problem(parts, baseline, scales_of(parts, baseline))
     return periodic_forces(problem, fit(problem, Hypothesis(dict(baseline.nominal))))
 
 

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis.decide.trials import are_reached
-from hystid.diagnosis.diagnose import _prepare
+from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.problem import Fit, Problem, Term
 from hystid.diagnosis.fit.search import downhill
 from hystid.diagnosis.fit.uncertainty import honest
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
+from hystid.diagnosis.prepare.recordings import Taken
 from hystid.recording import loaded
 from tests.test_diagnosis import JENKINS, case, spec
 
@@ -22,7 +23,7 @@ from tests.test_diagnosis import JENKINS, case, spec
 def healthy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Fit]:
     place, _ = case(tmp_path_factory.mktemp("healthy"), spec("null", (), JENKINS), 72)
     tests = loaded(sorted(place.glob("rec_*.csv")))
-    made = _prepare(tests, [], "HystId.Oscillators.Jenkins", given_parameters(place / "parameters.json"))
+    made = pose(Taken(tests, [], given_parameters(place / "parameters.json"), ()), "HystId.Oscillators.Jenkins")
     return made.problem, made.refit
 
 
@@ -75,7 +76,7 @@ def test_a_fit_in_a_side_valley_is_led_out(tmp_path: Path) -> None:
     """Few sliders make valleys along the stiffness and strength of a group; a simplex across them finds the deeper."""
     place, _ = case(tmp_path, spec("null", (), "iwan"), 87)
     tests = loaded(sorted(place.glob("rec_*.csv")))
-    made = _prepare(tests, [], "HystId.Oscillators.Iwan", given_parameters(place / "parameters.json"))
+    made = pose(Taken(tests, [], given_parameters(place / "parameters.json"), ()), "HystId.Oscillators.Iwan")
     problem, best = made.problem, made.refit
     values = dict(best.hypothesis.values)
     start = replace(best.hypothesis, values={**values, "fc": 0.65 * values["fc"], "Ks": 0.82 * values["Ks"]})

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 
@@ -30,7 +31,7 @@ _MODEL_ERROR = 5e-4  # share of the inertia that integration and interpolation l
 # force of zero is known no better than what the noise of the motion makes of it: sensors drift below the motion
 
 
-class NoDecay(ValueError):
+class NoDecay(NotDiagnosable):
     """A recording without a force whose motion does not die away; the message says so."""
 
 

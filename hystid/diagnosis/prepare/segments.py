@@ -16,7 +16,7 @@ from scipy.fft import dct, idct
 from scipy.ndimage import maximum_filter1d
 from scipy.special import factorial
 
-from hystid.errors import NumericalError
+from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level, steps
 from hystid.smoothing.smoother import BELOW, Smoothed, smooth
@@ -41,7 +41,7 @@ FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105,
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 
 
-class HiddenMotion(NumericalError):
+class HiddenMotion(NotDiagnosable):
     """The channels that were recorded do not show the motion; the message says from where on."""
 
 
@@ -206,7 +206,7 @@ def visible(parts: Sequence[Part], mass: float = 0.0) -> tuple[list[Part], list[
         for part in hidden
     ]
     if len(hidden) == len(parts):
-        raise HiddenMotion("; ".join(told))
+        raise HiddenMotion(f"{'; '.join(told)}; record x or v as well")
     return [part for part in parts if not any(part is one for one in hidden)], [f"left out: {text}" for text in told]
 
 

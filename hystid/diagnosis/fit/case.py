@@ -1,0 +1,170 @@
+"""A case: recordings and a baseline as one problem, with the baseline refitted.
+
+In: recordings as taken and the model. Out: everything that the decision works on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hystid.diagnosis.fit.periodic import periodic_forces
+from hystid.diagnosis.fit.problem import Fit, Problem
+from hystid.diagnosis.fit.refit import refit
+from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
+from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
+from hystid.diagnosis.model.beginnings import beginning
+from hystid.diagnosis.model.effects import Scales
+from hystid.diagnosis.model.redundancy import without_redundancy
+from hystid.diagnosis.model.starts import scaled, sizes_of
+from hystid.diagnosis.prepare import chain
+from hystid.diagnosis.prepare.recordings import Taken
+from hystid.diagnosis.prepare.rest import trimmed, without_rest
+from hystid.diagnosis.prepare.segments import Part, band, prepare_part, visible, without_x
+from hystid.errors import NumericalError
+from hystid.modelcode import ModelCode
+from hystid.modelica import compile_model
+
+_LIBRARY = "HystId."
+
+
+@dataclass(frozen=True)
+class Case:
+    """Everything that the decision works on.
+
+    nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. unforced: the force is
+    known to be zero.
+    """
+
+    problem: Problem
+    baseline: Baseline
+    refit: Fit
+    valleys: tuple[Fit, ...]
+    nominal_chi2: float
+    faults: tuple[chain.Fault, ...]
+    consistency: Mapping[str, Any]
+    unseen: tuple[Part, ...]
+    notes: tuple[str, ...]
+    timeless: bool = False
+    unforced: bool = False
+
+
+def pose(taken: Taken, model: str) -> Case:
+    """Recordings and a model as a problem with its refit. Raises NotDiagnosable, NumericalError, ModelicaError."""
+    tests, unseen, given = taken.tests, taken.unseen, taken.given
+    timeless = any(test.quasi_static for test in tests)
+    tests, unseen = ([trimmed(chain.seated(test)) for test in group] for group in (tests, unseen))
+    still = any(test.quasi_static for test in tests)
+    sensors = chain.examined(tests, unseen)
+    tests, unseen = sensors.tests, sensors.unseen
+    parts = [prepare_part(test, seed, sensors.stopped) for seed, test in enumerate(tests)]
+    code, runs = _compiled(model, given.values)
+    named, fixed, free = (_with_mass(names, code) for names in (given.values, given.fixed, given.free))
+    whole = {v.name for v in code.variables if v.type != "Real"}
+    values = {name: given.values[key] for name, key in named.items() if name not in whole}
+    weighed = "m" in values and "m" not in free and "m" not in fixed
+    rate_law = not baseline_of(model, code, values, frozenset(fixed), model=runs).reads_x()
+    parts, hidden = without_x(parts) if rate_law else visible(parts, values.get("m", 0.0))
+    parts, rests = without_rest(parts)
+    length = max(float(np.max(np.abs(part.x))) for part in parts)
+
+    def begun(values: Mapping[str, float]) -> tuple[Baseline, list[str]]:
+        starts, told = _starts(parts, code, values, model, quasi_static=still)
+        dampers = {v.name for v in real_parameters(code) if v.unit == "N.s/m"} - set(values) if still else set()
+        start, rest = {**starts, **dict.fromkeys(dampers, 0.0), **values}, frozenset(fixed) | dampers
+        return baseline_of(model, code, start, rest, weighed=weighed, length=length, model=runs), told
+
+    baseline, told = begun(values)
+    if (sentence := _no_force(baseline, parts)) and model.startswith(_LIBRARY):
+        baseline, told = begun({name: value for name, value in values.items() if name in {"m", *fixed}})
+        told = [f"the parameters that were given are no start: {sentence}", *told]
+    if sentence := _no_force(baseline, parts):
+        raise NumericalError(f"{sentence}; give parameters at which {model} has an answer on these recordings")
+    parts, kept, running = beginning(parts, baseline)
+    baseline, held_back = without_redundancy(baseline, parts)
+    problem = Problem(parts, baseline, scales_of(parts, baseline))
+    refitted, valleys, nominal = refit(problem, kept)
+    refitted, lines = periodic_forces(problem, refitted)
+    held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
+    told += [chain.NO_CLOCK] if still else []
+    notes = (
+        *sensors.notes,
+        *(line.sentence() for line in lines),
+        *told,
+        *hidden,
+        *rests,
+        *running,
+        *held_back,
+        *(note for test in tests for note in test.notes),
+    )
+    return Case(
+        problem, baseline, refitted, valleys, nominal, (*taken.faults, *sensors.faults), sensors.consistency, held,
+        notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
+    )  # fmt: skip
+
+
+def _no_force(baseline: Baseline, parts: Sequence[Part]) -> str:
+    """Why the law has no finite force along a recording at its nominal values; "" where it has."""
+    try:
+        baseline.forces([baseline.held(part.x, part.v, part.dt) for part in parts], baseline.nominal)
+    except NumericalError as error:
+        return str(error)
+    return ""
+
+
+def _compiled(model: str, values: Mapping[str, float]) -> tuple[ModelCode, FmuModel | None]:
+    """Code of a class with its array sizes set, or an FMU."""
+    if is_fmu(model):
+        fmu = FmuModel(model)
+        return fmu.code, fmu
+    code = compile_model(model)
+    whole = {v.name for v in code.variables if v.type != "Real"}
+    sizes = {name: value for name, value in values.items() if name in whole}
+    return compile_model(model, parameters=sizes) if sizes else code, None
+
+
+def _with_mass(names: Iterable[str], code: ModelCode) -> dict[str, str]:
+    """Name in the diagnosis -> name as given; the mass is m whatever the model calls it."""
+    mass = mass_of(code.variables)
+    return {"m" if name == mass else name: name for name in names}
+
+
+def _starts(
+    parts: Sequence[Part], code: ModelCode, values: Mapping[str, float], model: str, *, quasi_static: bool
+) -> tuple[dict[str, float], list[str]]:
+    """Start values of a class of the library for what was not given, and a sentence about them.
+
+    A user's own class keeps its defaults, which are what the user believes.
+    """
+    variables = real_parameters(code)
+    if not model.startswith(_LIBRARY):
+        return {}, []
+    hysteretic = "f_h" in {v.name for v in code.variables} and not set(code.states) <= {"x", "v"}
+    sizes = sizes_of(parts, values.get("m"), inertial=not quasi_static)
+    starts = scaled(variables, values, sizes, hysteretic)
+    notes = [f"start values from the recordings: {', '.join(f'{k} = {v:.4g}' for k, v in starts.items())}"]
+    if "m" not in values and sizes.mass == 0.0:
+        reason = "time only numbers the samples" if quasi_static else "inertia cannot be told from the other forces"
+        notes.append(f"mass 0, as {reason}: the force is taken as the restoring force; give m where this is not so")
+    return starts, notes if starts else []
+
+
+def scales_of(parts: Sequence[Part], baseline: Baseline) -> Scales:
+    """Sizes of motion, force, time and frequency, from which effects take their starts and bounds."""
+    x, v = (np.sort(np.concatenate([np.abs(getattr(p, name)) for p in parts])) for name in ("x", "v"))
+    if baseline.has_h:
+        h = [baseline.force(p.x, p.v, p.dt, baseline.nominal)[1] for p in parts]
+    else:  # what an effect may bring is of the size of the restoring force
+        h = [p.F - baseline.mass * p.a for p in parts]
+    force = np.sort(np.abs(np.concatenate(h)))
+    path = max(float(np.sum(np.abs(p.v)) * p.dt) for p in parts)
+    return Scales(x, v, force, max(float(p.t[-1]) for p in parts), parts[0].dt, _band(parts), path)
+
+
+def _band(parts: Sequence[Part]) -> tuple[float, float]:
+    """Frequencies between which all recordings move [Hz]."""
+    low, high = zip(*map(band, parts), strict=True)
+    return max(min(low), 1.0 / float(parts[0].t[-1])), max(high)

@@ -1,0 +1,68 @@
+"""The refit of the baseline alone, from several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.fit.search import downhill, from_nominal, other_valleys, try_fit
+from hystid.diagnosis.model.channel_effects import history
+from hystid.errors import NumericalError
+
+_STARTS = (0.5, 2.0)  # factors on the nominal shapes of the law, for further starts of the refit
+_VALLEYS = 2  # rounds of looking for a better valley of the refit
+_JUMPS = 2  # rounds in which rows near jumps are found, and the refit begins again without them
+_APART = 0.01  # relative difference of mean squares that makes two optima of the refit
+_LEFT = 0.03  # excess over the floor below which a refit needs no further start
+
+
+def refit(problem: Problem, kept: Sequence[int] = ()) -> tuple[Fit, tuple[Fit, ...], float]:
+    """The baseline from several starts, other optima that were met, and the mean square at the nominal values.
+
+    Further starts only while something is left: where a simplex comes to from the nominal shapes, these made smaller
+    and larger, then where it comes to from the best, and shapes scattered around: a law with corners has side valleys.
+    kept: numbers of recordings in which a contact keeps a force of the time before.
+    """
+    before = history(kept)
+    terms = (Term(before, dict.fromkeys(before.amplitudes, 0.0)),) if kept else ()
+    nominal = Hypothesis(dict(problem.baseline.nominal), terms)
+    rows = problem.rows(nominal)
+    fits = [made for made in (try_fit(problem, nominal, 25),) if made is not None]
+    if fits and not _sits(problem, fits[0]) and (relaxed := from_nominal(problem, fits[0])) is not None:
+        fits += [made for h in downhill(problem, relaxed) if (made := try_fit(problem, h, 25)) is not None]
+    for factor in _STARTS if problem.baseline.shapes else ():
+        fits.sort(key=lambda f: f.chi2)
+        if fits and _sits(problem, fits[0]):
+            break
+        values = dict(problem.baseline.nominal)
+        for name in problem.baseline.shapes:
+            values[name] *= factor if name in problem.baseline.positive else 1.0
+        fits += [made for made in (try_fit(problem, Hypothesis(values, terms), 25),) if made is not None]
+    fits.sort(key=lambda f: f.chi2)
+    if not fits:
+        raise NumericalError("the baseline has no finite force on these recordings; check its nominal parameters")
+    for _ in range(_VALLEYS):
+        if _sits(problem, best := fits[0]):
+            break
+        starts = other_valleys(problem, best)
+        fits += [made for h in starts if (made := try_fit(problem, h, 25, bar=best.chi2)) is not None]
+        fits.sort(key=lambda f: f.chi2)
+        if fits[0].chi2 > (1 - _APART) * best.chi2:
+            break
+    best, *others = fits
+    for _ in range(_JUMPS):
+        weighed = problem.reduce.weighs
+        if not problem.distrust(best.hypothesis, nominal) and not weighed:
+            break
+        again = [best.hypothesis, nominal]  # jumps may have led the fits astray: begin again without them
+        fits = [made for h in again if (made := try_fit(problem, h, 25)) is not None]
+        best, rows, others = min(fits, key=lambda f: f.chi2), problem.rows(nominal), []
+    valleys = [f for f in others if f.chi2 > (1 + _APART) * best.chi2]
+    return best, tuple(valleys[:2]), float(np.mean(rows**2))
+
+
+def _sits(problem: Problem, fitted: Fit) -> bool:
+    """Whether a refit leaves hardly more than noise."""
+    return fitted.chi2 < problem.floor(fitted.hypothesis) + _LEFT

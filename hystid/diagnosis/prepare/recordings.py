@@ -1,0 +1,120 @@
+"""Recordings as they are taken: read, apart from each other, of bounded size, with a known force and a known noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hystid.diagnosis.prepare.bandwidth import where_white
+from hystid.diagnosis.prepare.chain import Fault
+from hystid.diagnosis.prepare.decay import is_free, released
+from hystid.diagnosis.prepare.given import Given
+from hystid.diagnosis.prepare.independence import measurements
+from hystid.diagnosis.prepare.readings import consistent
+from hystid.diagnosis.prepare.refused import NotDiagnosable
+from hystid.errors import RecordingError, UsageError
+from hystid.processing import prepare
+from hystid.recording import Recording, Sources, loaded
+from hystid.smoothing.noise import noise_level
+
+SHORTEST = 200  # samples: below this nothing can be told from noise
+# faults that the diagnosis names instead of refusing them
+TOLERATED = ("clipped", "lag", "missing_force", "not_one_motion")
+_MOST = 1_200_000  # samples of all recordings together: memory stays below 1 GB
+_NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
+_GOOD_RIG = 2e-3  # noise over spread, 54 dB
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Recordings for the fit, those that are held out, what the user knows, and faults of channels found by then."""
+
+    tests: list[Recording]
+    unseen: list[Recording]
+    given: Given
+    faults: tuple[Fault, ...]
+
+
+def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
+    """Recordings ready for smoothing. Raises UsageError, RecordingError, and NotDiagnosable where that is a verdict."""
+    try:
+        tests, unseen = loaded(recordings, TOLERATED), loaded(holdout, TOLERATED)
+    except RecordingError as missing:
+        if inputs_missing(missing):
+            raise NotDiagnosable(str(missing)) from missing
+        raise
+    _check_apart(tests, unseen)
+    _check_content([*tests, *unseen])
+    read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
+    tests, unseen, given = _with_decays(read.tests, read.unseen, given)
+    tests, unseen = (
+        [_with_noise(test, i) for i, test in enumerate(where_white([_measured_only(t) for t in _bounded(group)]))]
+        for group in (tests, unseen)
+    )
+    return Taken(tests, unseen, given, read.faults)
+
+
+def inputs_missing(refusal: RecordingError) -> bool:
+    """Whether recordings were refused for nothing but missing channels or too few samples: that is a verdict."""
+    rules = [line.rpartition("[")[2].rstrip("]") for line in str(refusal).splitlines()]
+    return set(rules) <= {"missing_channel", "too_short"}
+
+
+def _check_apart(tests: Sequence[Recording], unseen: Sequence[Recording]) -> None:
+    """Raises UsageError where a held-out recording holds the samples of one that is used."""
+    for held in unseen:
+        for test in tests:
+            pairs = [(getattr(held, name), getattr(test, name)) for name in "Fxva"]
+            shared = [(one, other) for one, other in pairs if one is not None and other is not None]
+            if shared and all(np.array_equal(one, other) for one, other in shared):
+                raise UsageError(f"{held.name} is held out and used ({test.name} has the same samples): leave out one")
+
+
+def _check_content(tests: Sequence[Recording]) -> None:
+    """Raises NotDiagnosable where a recording has no motion, or too few samples."""
+    for test in tests:
+        if test.x is None and test.v is None and test.a is None:
+            raise NotDiagnosable(f"{test.name} has no channel of the motion: record x, v or a beside F")
+        if len(test) < SHORTEST:
+            raise NotDiagnosable(
+                f"{test.name} has {len(test)} samples: at least {SHORTEST} are needed, better thousands"
+            )
+
+
+def _bounded(tests: list[Recording]) -> list[Recording]:
+    """Recordings of bounded size: beyond 1.2 million samples all are decimated, without aliasing, and say so."""
+    factor = -(-sum(len(test) for test in tests) // _MOST)
+    return [prepare(test, decimate=factor) for test in tests] if factor > 1 else tests
+
+
+def _measured_only(test: Recording) -> Recording:
+    """A recording without the channels that were computed from others, and a note of what was taken as measured."""
+    found = measurements(test)
+    told = [f"{test.name}: {name} left out, {why}" for name, why in found.computed.items()]
+    return replace(found.recording, notes=(*test.notes, *told))
+
+
+def _with_noise(test: Recording, seed: int) -> Recording:
+    """A simulated recording gets the noise of a good rig: else errors of integration would be named as physics."""
+    channels = {name: getattr(test, name) for name in "Fxva" if getattr(test, name) is not None}
+    if any(noise_level(values) > _NOISE_FREE * float(np.std(values)) for values in channels.values()):
+        return test
+    rng = np.random.default_rng(seed)
+    noisy = {k: u + _GOOD_RIG * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in channels.items()}
+    note = f"{test.name} holds no noise: white noise of {100 * _GOOD_RIG:g} % of each channel is added"
+    return replace(test, notes=(*test.notes, note), **noisy)
+
+
+def _with_decays(
+    tests: Sequence[Recording], unseen: Sequence[Recording], given: Given
+) -> tuple[list[Recording], list[Recording], Given]:
+    """Recordings whose force is known, free decays too; a mass of 1 where nothing gives a scale. Raises NoDecay."""
+    given = replace(given, unforced=all(is_free(test) for test in tests))
+    used = released(tests, given.mass)
+    held = released(unseen, 1.0 if used.unscaled else given.mass)
+    if used.unscaled:
+        given = replace(given, values={**given.values, "m": 1.0}, fixed=given.fixed | {"m"})
+        used.tests[0] = replace(used.tests[0], notes=(*used.notes, *used.tests[0].notes))
+    return used.tests, held.tests, given

@@ -1,0 +1,5 @@
+"""The reason why recordings or a structure cannot be diagnosed: a verdict, and no error of the user."""
+
+
+class NotDiagnosable(Exception):
+    """Why there can be no diagnosis, as one sentence."""

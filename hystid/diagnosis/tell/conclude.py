@@ -1,0 +1,169 @@
+"""From a choice to the result: free runs, errors of every recording, notes, headline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hystid.diagnosis.decide.answer import Answer, Verdict, refit_values
+from hystid.diagnosis.decide.selection import Choice
+from hystid.diagnosis.fit.case import Case
+from hystid.diagnosis.fit.windows import for_recording
+from hystid.diagnosis.fit.zeros import zeros_instead
+from hystid.diagnosis.model.adapters import FmuModel, is_fmu
+from hystid.diagnosis.model.baseline import Baseline
+from hystid.diagnosis.prepare.recordings import Taken
+from hystid.diagnosis.prepare.resonances import resonances, several_masses
+from hystid.diagnosis.prepare.segments import prepare_part
+from hystid.diagnosis.prove.extended import Kind, Skeleton
+from hystid.diagnosis.prove.freerun import errors
+from hystid.diagnosis.prove.runs import Run, Runs, free_runs
+from hystid.diagnosis.tell import locate
+from hystid.diagnosis.tell.dependence import dependences
+from hystid.diagnosis.tell.findings import findings, headline, next_experiment
+from hystid.diagnosis.tell.result import Diagnosis, Errors, Traces
+
+_CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
+_REST = 1.3  # residual over the noise beyond which a named answer says that something is left
+
+
+def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
+    """The result, and the extended model as text where something is named."""
+    runs = _runs(case, choice)
+    answer, choice, (before, after) = runs.answer, runs.answer.choice, (runs.before, runs.after)
+    found = findings(answer)
+    names = [part.name for part in case.problem.parts]
+    force = _force_errors(case, choice)
+    listed = tuple(Errors(n, f, (b[1], a[1])) for n, f, b, a in zip(names, force[0], before[0], after[0], strict=True))
+    unseen = tuple(
+        Errors(p.name, f, (b[1], a[1])) for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
+    )
+    verdict = answer.verdict()
+    told = _not_borne_out(unseen) if choice.named else []
+    depends = tuple(dependences(case.problem, choice.after.hypothesis, choice.before.hypothesis))
+    remains = _rest(choice)
+    masses = several_masses(resonances(case.problem.parts)) if remains or choice.unknown else []
+    masses += zeros_instead(case.problem, choice.after.hypothesis)
+    notes = (*case.notes, *runs.notes, *told, *remains, *masses, *(one.sentence() for one in depends))
+    unknown = None
+    if verdict == "unknown_physics":
+        rest = case.problem.balance(choice.after.hypothesis)
+        unknown = locate.where_unknown(case.problem, rest, _noise(case))
+    last = choice.after.hypothesis
+    named = {name for finding in found for name in finding.alike}  # another form of the same id may be absorbed
+    hidden = tuple(name for name in choice.untestable if name not in named)
+    diagnosis = Diagnosis(
+        verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
+        listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
+        notes,
+        {"lags": case.consistency, "delay": last.delay, "weighing": last.weighing},
+        _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
+        dependence=depends,
+    )  # fmt: skip
+    worded = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
+    return worded, runs.text
+
+
+def free_run_only(fmu: FmuModel, taken: Taken, model: str) -> Diagnosis:
+    """All that an FMU with co-simulation only can show: how far its free run is from the measured displacement."""
+    tests, values = [*taken.tests, *taken.unseen], taken.given.values
+    parts = [prepare_part(test, i) for i, test in enumerate(tests)]
+    found = errors(fmu, parts, values)
+    worst = max((e if e is not None else np.inf for _, e in found), default=np.inf)
+    noise = max(p.noise["x"] / float(np.std(p.measured["x"])) if "x" in p.noise else 0.0 for p in parts)
+    agrees = worst < max(_CLOSE, 3 * noise)
+    limits = (
+        "this FMU offers co-simulation only, so that its states cannot be held to the motion: nothing is refitted, "
+        "located or named; export it with Model Exchange for that"
+    )
+    told = f"error of the displacement in free run {100 * worst:.3g} %" if np.isfinite(worst) else "no finite free run"
+    nothing = float("nan"), float("nan")
+    listed = tuple(Errors(p.name, nothing, (e, e)) for p, (_, e) in zip(parts, found, strict=True))
+    verdict: Verdict = "consistent" if agrees else "not_applicable"
+    advice = "Export the FMU with Model Exchange, or give the model as Modelica."
+    return Diagnosis(verdict, f"{told}; {limits}", model, dict(values), {}, errors=listed, next_experiment=advice)
+
+
+def _not_borne_out(unseen: Sequence[Errors]) -> list[str]:
+    """A sentence for each held-out recording whose force is no better explained with what is named than without."""
+    return [
+        f"{e.name} was held out and is not better explained with what is named (force error {100 * e.force[0]:.3g} % "
+        f"without, {100 * e.force[1]:.3g} % with it): it may be of another state of the structure"
+        for e in unseen
+        if e.force[1] >= e.force[0]
+    ]
+
+
+def _rest(choice: Choice) -> list[str]:
+    """A sentence where what is named leaves clearly more than noise."""
+    left = float(np.sqrt(choice.after.chi2 / max(choice.floor_after, 1e-300)))
+    if not choice.named or left < _REST:
+        return []
+    return [f"what is named leaves {left:.2g} times the noise: something smaller has no name yet"]
+
+
+def _runs(case: Case, choice: Choice) -> Runs:
+    """Free runs before and after what was named, and the answer that comes of them."""
+    answer = Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults)
+    return free_runs(answer, _skeleton(case.baseline), case.unseen)
+
+
+def _skeleton(baseline: Baseline) -> Skeleton:
+    """What the written model is built around."""
+    file, _, _ = baseline.name.rpartition(":")
+    text = Path(file).read_text(encoding="utf-8") if file.endswith(".mo") else ""
+    kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if baseline.takes_effects else "wraps"
+    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text, baseline.has_h)
+
+
+def _noise(case: Case) -> float:
+    return float(np.mean([part.balance_noise(case.baseline.mass) for part in case.problem.parts]))
+
+
+def _floor(case: Case) -> float:
+    """Share of the force that is noise: NRMSE that a perfect model would reach."""
+    mass = case.baseline.mass
+    shares = [p.balance_noise(mass) / float(np.std(p.F - mass * p.a)) for p in case.problem.parts]
+    return float(np.mean(shares))
+
+
+def _mean(force: Sequence[tuple[float, float]], which: int) -> float:
+    return float(np.mean([pair[which] for pair in force]))
+
+
+def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """NRMSE of the force balance before and after, per training and held-out recording."""
+    problem, found = case.problem, []
+    unseen = for_recording(choice.after.hypothesis)
+    groups = [(problem, choice.after.hypothesis), *([(problem.of(case.unseen), unseen)] if case.unseen else [])]
+    for group, last in groups:
+        rests = [group.balance(h) for h in (choice.before.hypothesis, last)]
+        mass = choice.after.hypothesis.mass()
+        spread = [float(np.std(p.F - mass * p.a)) or 1.0 for p in group.parts]
+        found.append([(float(np.std(b)) / s, float(np.std(a)) / s) for b, a, s in zip(*rests, spread, strict=True)])
+    return found[0], found[1] if case.unseen else []
+
+
+def _traces(
+    case: Case, choice: Choice, answer: Answer, before: tuple[Run, Run], after: tuple[Run, Run]
+) -> tuple[Traces, ...]:
+    problem = case.problem
+    mass = choice.after.hypothesis.mass()
+    residual, left = (problem.balance(f.hypothesis) for f in (choice.before, choice.after))
+    acting = answer.acting()
+    made = []
+    for i, part in enumerate(problem.parts):
+        noise = part.balance_noise(case.baseline.mass)
+        named = acting is not None
+        force = acting[i] if acting is not None else np.zeros(len(part))
+        score = locate.score(force, noise) if named else locate.unknown_score(residual[i], noise)
+        made.append(
+            Traces(
+                part.name, part.t, part.x, part.v, part.F - mass * part.inertia, residual[i], left[i], force, score,
+                noise, before[0][i][0], after[0][i][0],
+            )
+        )  # fmt: skip
+    return tuple(made)
