@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from hystid.diagnosis.decide import forms
 from hystid.diagnosis.decide.possible import possible
 from hystid.diagnosis.decide.selection import Choice, choose
@@ -63,19 +65,21 @@ def diagnose(
         raise UsageError("no recording was given: name at least one file")
     given = given_parameters(parameters)
     try:
-        taken = take(recordings, holdout, given)
-        if is_fmu(model) and not (fmu := FmuModel(model)).holds:
-            return written(free_run_only(fmu, taken, str(model)), None, out)
-        with track("diagnosis", 100) as step, _quiet_models():
-            case = pose(taken, str(model))
-            step(15, "baseline fitted")
-            library, untestable = possible(load_effects(_paths(effects)), case, exclude)
-            choice = choose(
-                case.problem, case.refit, library, _every(step, max(1, len(library) // 70)), valleys=case.valleys,
-                unseen=unseen_likelihood(case.problem, case.unseen),
-            )  # fmt: skip
-            choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
-            answer, extended = conclude(case, _with_errors(case.problem, choice, library))
+        # matrices are small here: threads of a BLAS mostly wait for each other, and take three times the time
+        with threadpool_limits(1, "blas"), track("diagnosis", 100) as step, _quiet_models():
+            taken = take(recordings, holdout, given)
+            if is_fmu(model) and not (fmu := FmuModel(model)).holds:
+                answer, extended = free_run_only(fmu, taken, str(model)), None
+            else:
+                case = pose(taken, str(model))
+                step(15, "baseline fitted")
+                library, untestable = possible(load_effects(_paths(effects)), case, exclude)
+                choice = choose(
+                    case.problem, case.refit, library, _every(step, max(1, len(library) // 70)), valleys=case.valleys,
+                    unseen=unseen_likelihood(case.problem, case.unseen),
+                )  # fmt: skip
+                choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
+                answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:
         return not_applicable(str(refusal), str(model), given.values, out)
     return written(answer, extended, out)
