@@ -37,7 +37,7 @@ RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names}
 # Outside library -> the only modules that may import it (a front-end or format change then touches one file).
 ONLY_IN = {
     "rumoca": {"modelica"},
-    "casadi": {"modelica"},
+    "casadi": set(),  # the tests alone, to check derivatives
     "torch": {"networks"},
     "pint": {"units"},
     "plotly": {"report"},
