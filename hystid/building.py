@@ -21,10 +21,11 @@ def build(
 ) -> BuildResult:
     """Compile a Modelica model, or an ONNX network, to an FMU for Model Exchange and Co-Simulation.
 
-    model: a class of the library ("HystId.Oscillators.Jenkins"), a class of a file ("rig.mo:Rig"), or "net.onnx".
-    out: the FMU to write; it replaces an older one only when it is complete. fmi: 2 or 3. parameters: name -> start
-    value in SI units, for Modelica models. platforms: "host", "all", or names such as "aarch64-linux". libraries:
-    further .mo files, package folders, or folders that hold packages, as those that MODELICAPATH names.
+    model: a class of the library ("HystId.Oscillators.Jenkins"), a class of a file ("rig.mo:Rig"; "rig.mo" where it
+    holds one model), or "net.onnx". out: the FMU to write; it replaces an older one only when it is complete. fmi: 2
+    or 3. parameters: name -> start value in SI units, for Modelica models. platforms: "host", "all", or names such as
+    "aarch64-linux". libraries: further .mo files, package folders, or folders that hold packages, as those that
+    MODELICAPATH names.
     The FMU carries its C sources and the result of its default experiment, which ``regress`` replays.
     Raises UsageError, ModelicaError, NetworkError, ToolchainError; then nothing is written.
 

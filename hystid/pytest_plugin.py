@@ -3,8 +3,9 @@
     def test_oscillator(fmu_regression):
         fmu_regression("oscillator.fmu")
 
-fails when a continuous signal leaves its tolerance tube and writes a picture of the difference beside the test's
-temporary files. ``pytest --fmu-update`` takes the new results as reference instead.
+takes the FMU beside the test's own file, else in the current folder. It fails when a signal leaves its tolerance
+tube, and then writes a picture of the difference beside the test's temporary files. ``pytest --fmu-update`` takes the
+new results as reference instead.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ def fmu_regression(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[.
         from hystid.fmu.regress import regress  # imported late: the plugin is loaded in every run of pytest
 
         update = bool(request.config.getoption("--fmu-update"))
-        result = regress(Path(path), update=update, relative=relative, samples=samples)
+        beside = request.path.parent / path  # an absolute path stays what it is
+        result = regress(beside if beside.exists() else Path(path), update=update, relative=relative, samples=samples)
         if not result.passed:
             picture = tmp_path / f"{Path(path).stem}_difference.svg"
             picture.write_text(result.picture(), encoding="utf-8")

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from fmu_models import EVERY, built, contact, jenkins, linear, memory, tuned
 
-from hystid.errors import FmuError, UsageError
+from hystid.errors import FmuError, ModelicaError, UsageError
 from hystid.fmu import Driver, build, build_model
 from hystid.fmu.interface import interface
 from hystid.fmu.model_description import model_description
@@ -159,17 +159,35 @@ def test_sources_inside_build_again(tmp_path, version):
         np.testing.assert_array_equal(one[name], two[name])
 
 
+TWO_FMUS = """
+#include <stdio.h>
+extern const char *Jenkins_fmi{v}GetVersion(void), *Linear_fmi{v}GetVersion(void);
+int main(void) {{ return puts(Jenkins_fmi{v}GetVersion()) + puts(Linear_fmi{v}GetVersion()) < 0; }}
+"""
+
+
 @pytest.mark.skipif(not (shutil.which("nm") and shutil.which("gcc")), reason="needs nm and gcc")
 @BOTH
-def test_functions_get_a_prefix_for_static_linking(tmp_path, version):
-    with zipfile.ZipFile(built(jenkins, version)) as archive:
-        archive.extractall(tmp_path)
-    prefix = f"-DFMI{version}_FUNCTION_PREFIX=Jenkins_"
-    subprocess.run(["gcc", "-c", "-O0", prefix, f"fmi{version}.c", "-o", "one.o"], cwd=tmp_path / "sources", check=True)
-    command = ["nm", "--defined-only", "--extern-only", tmp_path / "sources" / "one.o"]
-    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-    names = [line.split()[-1] for line in lines]
-    assert len(names) > 40 and all(name.startswith(f"Jenkins_fmi{version}") for name in names)
+def test_two_source_fmus_in_one_program(tmp_path, version):
+    """With a prefix every global name of an FMU carries it, so that two of them can be linked into one program."""
+    (tmp_path / "main.c").write_text(TWO_FMUS.format(v=version))
+    objects = []
+    for name, make in (("Jenkins", jenkins), ("Linear", linear)):
+        with zipfile.ZipFile(built(make, version)) as archive:
+            archive.extractall(tmp_path / name)
+        sources = tmp_path / name / "sources"
+        files = sorted(path.name for path in sources.glob("*.c"))
+        prefix = f"-DFMI{version}_FUNCTION_PREFIX={name}_"
+        subprocess.run(["gcc", "-c", "-O0", prefix, *files], cwd=sources, check=True)
+        objects += sources.glob("*.o")
+        command = ["nm", "--defined-only", "--extern-only", *sources.glob("*.o")]
+        lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+        names = [line.split()[-1] for line in lines if len(line.split()) == 3]
+        assert sum(f"{name}_fmi{version}" in found for found in names) > 40
+        assert [found for found in names if not found.startswith(f"{name}_")] == []
+    program = tmp_path / "program"
+    subprocess.run(["gcc", tmp_path / "main.c", *objects, "-lm", "-o", program], check=True)
+    assert subprocess.run([program], capture_output=True, text=True, check=True).stdout.split() == [f"{version}.0"] * 2
 
 
 @pytest.mark.skipif(not shutil.which("nm"), reason="needs nm")
@@ -244,9 +262,36 @@ def test_a_changed_file_is_built_anew(tmp_path, monkeypatch):
     source = tmp_path / "own" / "pull.mo"
     for k in (2.0, 3.0):
         source.write_text(text.format(k=k))
-        build_model(f"{source}:Pull", tmp_path / "pull.fmu")
+        build_model(str(source), tmp_path / "pull.fmu")  # the only model of its file
         force = Driver(tmp_path / "pull.fmu").simulate([0.0, 1.0], {"x": [1.0, 1.0]}, outputs=["f"])["f"]
         np.testing.assert_array_equal(force, [k, k])
+
+
+def test_a_file_with_several_models_asks_for_one(tmp_path):
+    (tmp_path / "two.mo").write_text("model A\nend A;\npackage P\n  model C\n  end C;\nend P;\nmodel B\nend B;\n")
+    with pytest.raises(ModelicaError, match=r"name the model, as .*two\.mo:A; its models are A, B"):
+        build_model(str(tmp_path / "two.mo"), tmp_path / "no.fmu")
+
+
+def test_a_size_within_a_component_is_set_by_its_own_name(tmp_path):
+    """Sliders of the law inside the oscillator; of a size that fits nothing the message names what the user wrote."""
+    path = build_model("HystId.Oscillators.Iwan", tmp_path / "iwan.fmu", parameters={"law.N": 4}).path
+    assert sum(v.name.startswith("law.element[") and v.name.endswith("].z") for v in Driver(path).model.variables) == 4
+    with pytest.raises(ModelicaError) as refused:
+        build_model("HystId.Oscillators.Iwan", tmp_path / "no.fmu", parameters={"law.N": 10**6})
+    assert "HystidStructure" not in str(refused.value) and "Iwan" in str(refused.value)
+
+
+def test_a_date_that_is_given_reaches_fmus_of_the_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("HYSTID_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("SOURCE_DATE_EPOCH", raising=False)
+    build_model("HystId.Oscillators.Linear", tmp_path / "now.fmu")
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    path = build_model("HystId.Oscillators.Linear", tmp_path / "then.fmu").path
+    assert fmpy.read_model_description(str(path)).generationDateAndTime == "2023-11-14T22:13:20Z"
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "yesterday")
+    with pytest.raises(UsageError, match="SOURCE_DATE_EPOCH=yesterday"):
+        build_model("HystId.Oscillators.Linear", tmp_path / "no.fmu")
 
 
 def test_platform_names():

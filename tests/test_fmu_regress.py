@@ -143,8 +143,9 @@ def run_pytest(folder, *options):
 
 
 def test_the_fixture_in_a_suite_of_ones_own(tmp_path):
-    other_stiffness(tmp_path)
-    (tmp_path / "test_own.py").write_text(SUITE)
+    (tmp_path / "suite").mkdir()
+    other_stiffness(tmp_path / "suite")  # the FMU lies beside the test, not where pytest was started
+    (tmp_path / "suite" / "test_own.py").write_text(SUITE)
     failed = run_pytest(tmp_path)
     assert failed.returncode == 1 and "leaves the tube" in failed.stdout, failed.stdout + failed.stderr
     picture = next((tmp_path / "tmp").rglob("linear_difference.svg"))

@@ -64,7 +64,7 @@ Step = Annotated[float, typer.Option("--dt", metavar="S", help="Time step in s o
 @app.command()
 def build(
     model: Annotated[
-        str, typer.Argument(metavar="MODEL", help="HystId.Oscillators.Jenkins, file.mo:Class, or net.onnx.")
+        str, typer.Argument(metavar="MODEL", help="HystId.Oscillators.Jenkins, file.mo[:Class], or net.onnx.")
     ],
     out: Output,
     fmi: Annotated[int, typer.Option(metavar="2|3", help="FMI version.")] = 2,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -112,7 +113,28 @@ def fmu_sources(model: Interface, version: Version) -> dict[str, str]:
 def shell_sources(version: Version) -> dict[str, str]:
     """File name -> text of what all FMUs of a version share."""
     headers = {name: shell_text(f"fmi/{name}") for name in _FMI_H[version]}
-    return {**{name: shell_text(name) for name in (*_SHELL_C, f"fmi{version}.c", *_SHELL_H)}, **headers}
+    own = {name: shell_text(name) for name in (*_SHELL_C, f"fmi{version}.c", *_SHELL_H)}
+    return {**own, **headers, "hy_names.h": _prefixed_names(own[name] for name in _SHELL_H)}
+
+
+def _prefixed_names(headers: Iterable[str]) -> str:
+    """A header that puts the prefix of the FMI functions before the shell's own names, for static linking of several
+    FMUs into one program; ``hy_model.h`` includes it where such a prefix is defined."""
+    names = sorted({name for text in headers for name in re.findall(r"\bhy_\w+", text)})
+    return "\n".join(
+        (
+            "/* The shell's names with the prefix of the FMI functions: FMUs linked into one program do not clash. */",
+            "#ifdef FMI2_FUNCTION_PREFIX",
+            "#define HY_PREFIX FMI2_FUNCTION_PREFIX",
+            "#else",
+            "#define HY_PREFIX FMI3_FUNCTION_PREFIX",
+            "#endif",
+            "#define HY_GLUED(prefix, name) prefix##name",
+            "#define HY_NAME(prefix, name) HY_GLUED(prefix, name)",
+            *(f"#define {name} HY_NAME(HY_PREFIX, {name})" for name in names),
+            "",
+        )
+    )
 
 
 def _own_sources(model: Interface, version: Version) -> dict[str, str]:
@@ -140,10 +162,17 @@ def write_zip(path: Path, content: Mapping[str, bytes]) -> None:
             archive.writestr(entry, data, compresslevel=9)
 
 
+def given_date() -> int | None:
+    """Seconds since 1970 from SOURCE_DATE_EPOCH, where it is set: it makes builds reproducible byte for byte."""
+    text = os.environ.get("SOURCE_DATE_EPOCH", "")
+    if text and not text.isdecimal():
+        raise UsageError(f"SOURCE_DATE_EPOCH={text}: a number of seconds since 1970 is expected")
+    return int(text) if text else None
+
+
 def _now() -> datetime:
-    """SOURCE_DATE_EPOCH, where it is set, makes builds reproducible byte for byte."""
-    epoch = os.environ.get("SOURCE_DATE_EPOCH")
-    return datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now(UTC)
+    given = given_date()
+    return datetime.now(UTC) if given is None else datetime.fromtimestamp(given, UTC)
 
 
 def _build_description(model: Interface, main: Iterable[str], targets: Iterable[Platform]) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from hystid import cache
 from hystid.errors import UsageError
 from hystid.files import atomic
-from hystid.fmu.build import BuildResult, Version, build
+from hystid.fmu.build import BuildResult, Version, build, given_date
 from hystid.fmu.platforms import chosen
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -31,9 +31,9 @@ def build_model(
 ) -> BuildResult:
     """Compile a Modelica model and write its FMU, reference results included.
 
-    model: "HystId.Oscillators.Jenkins", or "file.mo:Class". parameters: name -> start value. libraries: further
-    .mo files, package folders, or folders that hold packages. The FMU of the same text, parameters and tool is copied
-    from the cache instead of built again.
+    model: "HystId.Oscillators.Jenkins", "file.mo:Class", or "file.mo" where it holds one model. parameters: name ->
+    start value. libraries: further .mo files, package folders, or folders that hold packages. The FMU of the same
+    text, parameters and tool is copied from the cache instead of built again.
     Raises ModelicaError, UsageError, ToolchainError; then nothing is written.
     """
     if fmi not in (2, 3):
@@ -58,8 +58,8 @@ def build_model(
 def _key(
     model: str, fmi: int, parameters: Mapping[str, float], platforms: Sequence[str], libraries: Sequence[Path]
 ) -> str:
-    """Hash of everything that decides the FMU but its date: request, Modelica text, compiler and shell."""
-    request = [model, fmi, sorted(parameters.items()), list(platforms), version("hystid")]
+    """Hash of everything that decides the FMU: request, Modelica text, compiler and shell, and a date that is given."""
+    request = [model, fmi, sorted(parameters.items()), list(platforms), version("hystid"), given_date()]
     digest = hashlib.sha256(json.dumps(request).encode())
     packages = [entry for entry in map(Path, libraries) if _holds_packages(entry)]
     texts = _modelica_files(model, [entry for entry in map(Path, libraries) if entry not in packages])
@@ -79,7 +79,7 @@ def _holds_packages(entry: Path) -> bool:
 
 
 def _modelica_files(model: str, libraries: Sequence[Path]) -> list[Path]:
-    named = [Path(model.rpartition(":")[0])] if ".mo:" in model else []
+    named = [Path(model.partition(".mo")[0] + ".mo")] if ".mo" in model else []
     found: list[Path] = []
     for entry in (*_MODELICA, *named, *map(Path, libraries)):
         root = entry.parent if entry.is_file() else entry  # a package's other files lie beside it

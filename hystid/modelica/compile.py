@@ -25,7 +25,7 @@ from hystid.modelica.modifiers import refuse_mixed_functions, refuse_undecided, 
 from hystid.modelica.packages import with_separate_packages
 from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
-from hystid.modelica.sources import Source, declaration, near, read, read_tree
+from hystid.modelica.sources import Source, declaration, near, only_class, read, read_tree
 
 # Our small package of units, constants and functions of the Modelica Standard Library, for those who have none.
 _STANDARD = Path(__file__).parent / "standard"
@@ -38,7 +38,8 @@ def compile_model(
 ) -> ModelCode:
     """C for a Modelica model.
 
-    model: a class of the library ("HystId.Oscillators.Jenkins") or of a file ("rig.mo:Rig", "f/package.mo:Rig.Arm").
+    model: a class of the library ("HystId.Oscillators.Jenkins") or of a file ("rig.mo:Rig", "f/package.mo:Rig.Arm");
+    of a file with one model, its name may be left out ("rig.mo").
     parameters: name -> value; those that decide sizes or equations are built in, the others become start values.
     libraries: further .mo files, package folders, or folders that hold packages, as those that MODELICAPATH names.
     Raises ModelicaError with file, line, construct and the way around it.
@@ -151,8 +152,12 @@ def _split(model: str) -> tuple[Path | None, str]:
     found = re.fullmatch(r"(.+\.mo):([A-Za-z_][\w.]*)", model)
     if found:
         return Path(found.group(1)), found.group(2)
+    if model.endswith(".mo") and Path(model).is_file():
+        return Path(model), only_class(Path(model))
     if re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", model) and not model.endswith(".mo"):
         return None, model
+    if model.endswith(".mo"):
+        raise ModelicaError(f"{model}: there is no such file")
     raise ModelicaError(f"'{model}' names no model: write a class such as HystId.Oscillators.Jenkins, or file.mo:Class")
 
 

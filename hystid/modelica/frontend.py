@@ -158,6 +158,7 @@ class FrontEnd:
             message = answer["error"]
             for path, source in self._named.items():
                 message = message.replace(path, str(source.path))
+            message = message.replace(wrapper["path"], f"the values given to {self.name}")
             raise explain(message, self.name, self.files, self.library)
         return answer
 
@@ -212,8 +213,16 @@ def _memory_limit() -> int:
 
 def _wrapper(name: str, structure: Mapping[str, float]) -> str:
     """A class that extends the wanted one, so that files, packages and structural values take one way in."""
-    values = ", ".join(f"{key} = {_literal(value)}" for key, value in structure.items())
+    values = ", ".join(_modifier(key, value) for key, value in structure.items())
     return f"model {_WRAPPER}\n  extends {name}{f'({values})' if values else ''};\nend {_WRAPPER};\n"
+
+
+def _modifier(name: str, value: float) -> str:
+    """A modifier of a component's parameter stands in brackets: law.N is set by law(N = 4)."""
+    if "[" in name:
+        raise ModelicaError(f"'{name}' decides sizes or equations within an array: give its value in the Modelica text")
+    *components, last = name.split(".")
+    return "".join(f"{component}(" for component in components) + f"{last} = {_literal(value)}" + ")" * len(components)
 
 
 def _literal(value: float) -> str:

@@ -30,6 +30,10 @@
 #ifndef HY_MODEL_H
 #define HY_MODEL_H
 
+#if defined(FMI2_FUNCTION_PREFIX) || defined(FMI3_FUNCTION_PREFIX)
+#include "hy_names.h" /* several FMUs in one program: the shell's own names get the prefix, too */
+#endif
+
 enum { HY_OK = 0, HY_RETRY = 1, HY_ERROR = 2 };
 enum { HY_INFO = 0, HY_WARNING = 1, HY_FAILURE = 2 };
 

@@ -3,6 +3,8 @@
 #ifndef HY_TABLE_H
 #define HY_TABLE_H
 
+#include "hy_model.h"
+
 enum { HY_TABLE_VERSION = 1 };
 enum { HY_HOLD = 0, HY_LINEAR = 1, HY_HERMITE = 2 }; /* how a column runs between its samples */
 
