@@ -203,6 +203,12 @@ def identify(
     ] = "refined",
     holdout: opt.Holdout = None,
     further: opt.Input = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MODEL", help="Physics to fit together with networks: a class, file.mo:Class, extended.mo."
+        ),
+    ] = None,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Trainings at a time; all cores by default.")] = None,
     sensitivity: opt.Sensitivity = None,
     channel: opt.Channel = None,
@@ -222,6 +228,7 @@ def identify(
       hystid identify damper.csv --mass 0 --band 0-50Hz --decimate 4 -o model
       hystid identify mr1.csv mr2.csv --mass 0 --input current --holdout mr3.csv -o model
       hystid identify b20.csv b80.csv --mass 0 --input tension=20lbf,80lbf -o model
+      hystid identify chirp*.csv --mass 4.2 --model why/extended.mo --holdout sine20.csv -o model
     """
     from hystid import identification
     from hystid.processing import parse_band
@@ -242,6 +249,7 @@ def identify(
             method=_choice("--method", method, ("published", "refined")),
             holdout=held,
             inputs=inputs,
+            model=model,
             workers=workers,
             out=folder,
         )

@@ -14,6 +14,7 @@ from hystid.comparison import mse, nrmse
 from hystid.consistency import admit
 from hystid.errors import UsageError
 from hystid.identification import data, export
+from hystid.identification.hybrid import Law, combine, law_of
 from hystid.identification.inputs import check_lags, check_range, resolve, unused_columns
 from hystid.identification.lags import choose_lags
 from hystid.identification.leftout import LeftOut
@@ -46,6 +47,7 @@ def identify(
     holdout: Sources = (),
     inputs: Sequence[str] = (),
     lags: Sequence[Lag] | None = None,
+    model: str | None = None,
     workers: int | None = None,
     device: str | None = None,
     out: Path | None = None,
@@ -67,6 +69,9 @@ def identify(
     a known unit. A value that was not recorded: ``hystid.recording.with_column``.
     lags: signals that both networks see late (``Lag``), as the current of a coil that follows its voltage. None: those
     that left-out stretches ask for (method "refined"), mostly none.
+    model: an oscillator in Modelica ("HystId.Oscillators.Jenkins", "rig.mo:Rig", "extended.mo" of ``diagnose``) whose
+    law is fitted together with networks for what it leaves (``Identification.hybrid``); needs ``holdout``. It is
+    written as hybrid.mo and hybrid.fmu where it beats law and networks alone there, else ``notes`` says why not.
     samples: at most so many, drawn at random from all recordings after the turning points were found at full rate.
     device: a torch device such as "cuda" for the first trainings, all starts at once; None uses the compiled kernel.
     out: folder to write the models and identification.json to.
@@ -82,6 +87,7 @@ def identify(
     ['oscillator.fmu', 'surrogate.fmu']
     """
     _check(mass, layers, ensemble, samples, method)
+    law = _law(model, holdout)
     recordings, holdout = (admit(loaded(group), mass) for group in (recordings, holdout))
     ports = resolve([*recordings, *holdout], inputs)
     check_range(recordings, ports)
@@ -98,36 +104,49 @@ def identify(
     if ports and method == "refined":
         plan = replace(plan, level=data.level_of(used, ports, lags))
     trained = plan.refined(used) if method == "refined" else plan.published(used)
-    model = _model(trained, used, plan)
+    networks = _model(trained, used, plan)
     plain_samples = data.samples(used, TurningPoints(), ports)
     fit = data.linear_fit(plain_samples, mass)
-    models = {"network": model, "linear": data.linear_model(fit, model.sample_rate, ports)}
+    models = {"network": networks, "linear": data.linear_model(fit, networks.sample_rate, ports)}
     if method == "refined":
         raw = [replace(recipe, smoothing=False).apply(recording) for recording in recordings]
         unaided = replace(plan, lags=(), level=None)
         plain = unaided.published(raw)
         models["published"] = _model(plain, raw, unaided)
-    model = replace(
-        model, spread=_spread(model, used, trained, leftout.inflation(lags)), tail=data.tail_of(plain_samples)
-    )
-    models["network"] = model
+    spread = _spread(networks, used, trained, leftout.inflation(lags))
+    networks = models["network"] = replace(networks, spread=spread, tail=data.tail_of(plain_samples))
     comparisons = [_compare(models, recording, "training") for recording in used]
     comparisons += [_compare(models, recording, "holdout") for recording in unseen]
     if method == "refined" and (why := _unsteady(comparisons)):
-        trained, model = replace(plain, notes=(*plain.notes, why)), models["published"]
+        trained, networks = replace(plain, notes=(*plain.notes, why)), models["published"]
         comparisons = [replace(item, network=_given(item.published), published=None) for item in comparisons]
     settings: dict[str, Any] = {"layers": list(layers), "ensemble": ensemble, "mode": mode, "method": method}
     settings |= {"seed": seed, "samples": len(trained.samples.x), "precision": precision, "decimate": decimate}
     settings["band"] = list(band) if band else None
     late = tuple(
         f"the force follows {lag.source} late: a lag of {1e3 * lag.time:.3g} ms is a further input of the networks"
-        for lag in model.lags
+        for lag in networks.lags
     )
     notes = (*trained.notes, *late, *unused_columns(*_residual_of(comparisons), ports))
+    hybrid = combine(law, plan, comparisons, networks.training_range) if law else None
+    if hybrid:
+        notes = (*notes, hybrid.sentence(), *hybrid.notes)
     numbers = tuple(start.number for start in trained.chosen)
     test = _test(comparisons, samples, seed)
-    result = Identification(model, trained.starts, numbers, comparisons, fit, test, settings, notes)
+    result = Identification(networks, trained.starts, numbers, comparisons, fit, test, settings, notes, hybrid=hybrid)
     return export.write(result, Path(out)) if out is not None else result
+
+
+def _law(model: str | None, holdout: Sources) -> Law | None:
+    """The physics of a hybrid, compiled before any training; None where none is wanted."""
+    if model is None:
+        return None
+    if not holdout:
+        raise UsageError(
+            f"--model {model}: hold out at least one recording (--holdout): physics plus network is only offered where "
+            "it beats each alone on recordings that neither has seen"
+        )
+    return law_of(model)
 
 
 def _spread(model: TwoNetworkModel, recordings: Sequence[Recording], trained: Trained, inflation: float) -> Spread:

@@ -5,16 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from hystid.files import write_json
+from hystid.files import atomic, write_json
 from hystid.identification.result import Identification
 
 
 def write(result: Identification, folder: Path) -> Identification:
-    """Write surrogate.onnx, surrogate.fmu, oscillator.fmu (where there is a mass) and identification.json.
+    """Write surrogate.onnx, surrogate.fmu, oscillator.fmu (where there is a mass), hybrid.mo and hybrid.fmu (where
+    one is offered) and identification.json.
 
     Returns the result with ``files`` filled in. identification.json comes last: where it stands, all is whole.
     """
     from hystid.fmu import build
+    from hystid.identification.hybrid.package import OSCILLATOR
+    from hystid.modelica import compile_model
     from hystid.networks import onnx
     from hystid.surrogate import oscillator_code, surrogate_code
 
@@ -25,6 +28,11 @@ def write(result: Identification, folder: Path) -> Identification:
     if result.model.mass:
         files["oscillator"] = folder / "oscillator.fmu"
         build(oscillator_code(files["onnx"]), files["oscillator"])
+    if result.hybrid and result.hybrid.offered:
+        files |= {"hybrid_package": folder / "hybrid.mo", "hybrid": folder / "hybrid.fmu"}
+        with atomic(files["hybrid_package"]) as beside:
+            beside.write_text(result.hybrid.text, encoding="utf-8")
+        build(compile_model(f"{files['hybrid_package']}:{OSCILLATOR}"), files["hybrid"])
     written = replace(result, files=files)
     write_json(folder / "identification.json", written.as_dict())
     return written

@@ -156,7 +156,7 @@ class Plan:
 
     def _weights(self, recordings: Sequence[Recording], motions: Sequence[Motion]) -> list[Array]:
         """Weights of the errors of each recording's samples, in the units of the motions' force."""
-        weights = _weights([recording.channel("R") for recording in recordings])
+        weights = weights_of([recording.channel("R") for recording in recordings])
         spread = [np.ones(len(m.x)) if self.level is None else self.level.spread(m.further) for m in motions]
         mean = np.mean(np.concatenate(spread))
         return [weight * part / mean for weight, part in zip(weights, spread, strict=True)]
@@ -183,7 +183,7 @@ class Plan:
         return (f"interrupted: {len(starts)} of {self.ensemble} trainings had finished",)
 
 
-def _weights(forces: Sequence[Array]) -> Array:
+def weights_of(forces: Sequence[Array]) -> Array:
     """Weight of the errors of each recording's R: inverse of its attainable error, 1 in the mean square."""
     attainable = np.array([np.hypot(noise_level(R), _MODEL_ERROR * np.std(R)) for R in forces])
     weights = 1 / attainable

@@ -16,13 +16,13 @@ from hystid.recording import Array, Recording
 
 def respond(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array]:
     """R on the measured motion [N], shape (n,), and each member's, shape (n, members)."""
-    x, v, further, start = _begin(model, recording)
+    x, v, further, start = begin(model, recording)
     force, each, _ = model.members_response(x, v, start, further)
     return force, each
 
 
-def _begin(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array, dict[str, Array], Array]:
-    """x, v, further inputs, and the state before the first sample."""
+def begin(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array, dict[str, Array], Array]:
+    """x, v, further inputs of a recording, and the state of the model before its first sample."""
     x, v = recording.channel("x"), recording.channel("v")
     further = columns_of(recording, model.inputs)
     first = {"x": float(x[0]), "v": float(v[0])} | {name: float(values[0]) for name, values in further.items()}
@@ -31,7 +31,7 @@ def _begin(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array, 
 
 def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
     """The model on one recording: R on the measured motion, and the free run where there is a mass."""
-    x, v, further, start = _begin(model, recording)
+    x, v, further, start = begin(model, recording)
     R = recording.channel("R")
     force, each, _ = model.members_response(x, v, start, further)
     spread = None if model.spread is None else model.spread.of(each)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from hystid.networks.ensemble import Start
 from hystid.networks.trust import BAND
 from hystid.recording import Array, Recording
 from hystid.results import Result
+
+if TYPE_CHECKING:
+    from hystid.identification.hybrid.result import Hybrid
 
 Role = Literal["training", "holdout"]
 
@@ -98,7 +101,7 @@ class Identification(Result, report="identification", json="identification.json"
     starts: every finished training, in order; chosen: numbers of those that the model averages.
     test: {"nrmse", "mse" [N2], "samples"} of the model's simulated R on the test part of the split.
     settings: the arguments that matter to repeat it. notes: sentences a reader of the result should see.
-    files: paths written, empty without ``out``.
+    files: paths written, empty without ``out``. hybrid: physics plus network, where a law was given.
     """
 
     model: TwoNetworkModel
@@ -110,6 +113,7 @@ class Identification(Result, report="identification", json="identification.json"
     settings: Mapping[str, Any]
     notes: tuple[str, ...] = ()
     files: Mapping[str, Path] = field(default_factory=dict)
+    hybrid: Hybrid | None = None
 
     @property
     def judged(self) -> list[Comparison]:
@@ -155,6 +159,7 @@ class Identification(Result, report="identification", json="identification.json"
             "trainings": [self._training(start) for start in self.starts],
             "failure": self.failure,
             "notes": list(self.notes),
+            **({"hybrid": self.hybrid.as_dict()} if self.hybrid else {}),
             "files": {name: path.name for name, path in self.files.items()},
         }
 

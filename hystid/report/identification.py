@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hystid.identification import Comparison, Identification, Prediction
+from hystid.identification.hybrid import Hybrid, Pair
 from hystid.leastsquares import REASONS
 from hystid.networks.training import Training
 from hystid.recording import Array, Recording
@@ -44,6 +45,8 @@ def page(result: Identification, command: str) -> Page:
     )
     made.toggles(("measured", "measured"), ("model", "surrogate"), ("muted", "linear fit"))
     _errors(made, result)
+    if result.hybrid:
+        _hybrid(made, result.hybrid)
     for comparison in _shown(result):
         _recording(made, comparison)
     _training(made, result)
@@ -176,6 +179,39 @@ def _row(comparison: Comparison, published: bool, mass: bool) -> list[str | Cell
         x = Cell("diverged", "bad") if network.diverged else percent(network.x_nrmse)
         row += [x, percent(network.R_nrmse), "diverged" if linear.diverged else percent(linear.x_nrmse)]
     return row
+
+
+def _hybrid(page: Page, hybrid: Hybrid) -> None:
+    page.section(
+        f"Physics plus network: {hybrid.name}",
+        "The law was fitted first; networks answer for what it leaves, with the share of their force that unseen "
+        "branches confirm. Both were then fitted in turns. " + hybrid.sentence() + ".",
+    )
+    columns = ["recording", "used for", "law alone", "networks alone", "both", "physics", "network", "left"]
+    columns += ["law, x", "networks, x", "both, x"] if any(p.hybrid.x_nrmse is not None for p in hybrid.pairs) else []
+    page.table(
+        Table(
+            "Force NRMSE of each alone and of both, and shares of the force's power",
+            columns,
+            [_pair(pair, len(columns) > 8) for pair in hybrid.pairs],
+            "Shares: what the law of the hybrid explains of the variance of R, and what the networks explain of the"
+            " rest. x: displacement NRMSE in free run.",
+        )
+    )
+    rows: list[list[str | Cell]] = [
+        [name, number(hybrid.alone[name], hybrid.units[name], 4), number(value, hybrid.units[name], 4)]
+        for name, value in hybrid.together.items()
+    ]
+    page.table(Table("Parameters of the law", ["parameter", "alone", "beside the networks"], rows))
+
+
+def _pair(pair: Pair, run: bool) -> list[str | Cell]:
+    alone, both = (pair.physics, pair.network), pair.hybrid
+    law, networks = pair.shares
+    tone: Tone = "good" if both.force_nrmse < min(p.force_nrmse for p in alone) else "warn"
+    row: list[str | Cell] = [pair.recording.name, pair.role, *(percent(p.force_nrmse) for p in alone)]
+    row += [Cell(percent(both.force_nrmse), tone), percent(law), percent(networks), percent(1 - law - networks)]
+    return row + ([("diverged" if p.diverged else percent(p.x_nrmse)) for p in (*alone, both)] if run else [])
 
 
 def _recording(page: Page, comparison: Comparison) -> None:

@@ -243,11 +243,17 @@ static int iterate(hy_engine *e)
     return outcome;
 }
 
-/* Steps reach an instant to rounding only. What lies ahead by no more than that is now. */
+/* Steps reach an instant to rounding only, which adds up over many of them. What lies ahead by no more than that is
+ * now: a ten-millionth of a step, far less than any answer changes in. */
+int hy_is_reached(const hy_engine *e, double instant, double now)
+{
+    return instant - now <= 1e-7 * e->model->step + 1e-14 * fabs(now);
+}
+
 static int is_now(const hy_engine *e, double instant)
 {
     const double now = e->data.v[0];
-    return instant > now && instant - now <= 1e-9 * e->model->step + 1e-14 * fabs(now);
+    return instant > now && hy_is_reached(e, instant, now);
 }
 
 /* The present time; the instant of a time event that was handled here, as the model named it, counts as passed. */

@@ -89,6 +89,7 @@ int hy_settle(hy_engine *e);                       /* evaluate, if stale */
 void hy_drive(hy_engine *e);                       /* driven values at the present time */
 hy_driven *hy_driven_at(const hy_engine *e, int slot); /* NULL where that is not driven */
 int hy_event(hy_engine *e, int *states_changed);   /* event iteration at the present time */
+int hy_is_reached(const hy_engine *e, double instant, double now); /* whether it lies ahead by no more than rounding */
 double hy_next_time_event(const hy_engine *e);     /* first time event that was not handled yet, INFINITY without one */
 int hy_note_signs(hy_engine *e);                   /* takes the indicators' present signs as reference */
 int hy_crossed(hy_engine *e, int *any);            /* whether an indicator left its reference sign */

@@ -308,7 +308,7 @@ static int next_target(const hy_engine *e, const stretch *w, double *target)
 {
     const double next = hy_next_time_event(e);
     *target = w->h;
-    if (!(next <= w->t_end + 1e-9 * w->h)) return 0;
+    if (!hy_is_reached(e, next, w->t_end)) return 0;
     *target = fmin(fmax(next - w->t, w->s), w->h);
     return 1;
 }

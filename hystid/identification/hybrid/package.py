@@ -1,0 +1,168 @@
+"""A hybrid as one Modelica package: the law with its fitted values, the networks, and an oscillator of both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from hystid.identification.hybrid.law import Law, class_texts
+from hystid.networks import Lag, TwoNetworkModel
+from hystid.networks.perceptron import Network
+from hystid.recording import Array
+
+PACKAGE, OSCILLATOR = "Hybrid", "Hybrid.Oscillator"
+
+
+def package_text(law: Law, values: Mapping[str, float], residual: TwoNetworkModel, share: float, mass: float) -> str:
+    """Text of the package ``Hybrid``.
+
+    values: fitted parameters of the law. residual: networks of the force that the law leaves; share: factor of their
+    force. mass [kg]: 0 leaves that of the law.
+    """
+    lines = [f'package {PACKAGE} "{law.name.rpartition(".")[2]}, and networks for the force that it leaves"']
+    lines += [f"  {line}" if line else "" for line in class_texts(law.text).splitlines()] if law.text else []
+    for j, member in enumerate(residual.members):
+        lines += _function(f"hysteresis{j + 1}", member.hysteresis, "Hysteretic force [N] of (x, x0, force at x0, ...)")
+        lines += _function(f"restoring{j + 1}", member.restoring, "Force [N] of (x, v, hysteretic force, ...)")
+    lines += _network(residual, share)
+    lines += _oscillator(law, values, residual, mass)
+    return "\n".join([*lines, f"end {PACKAGE};"]) + "\n"
+
+
+def _function(name: str, network: Network, title: str) -> list[str]:
+    sizes = network.sizes
+    lines = [f'  function {name} "{title}"', f"    input Real u[{sizes[0]}];", "    output Real y;", "  protected"]
+    body, place, signal = [], 0, "u"
+    for k, (inputs, neurons) in enumerate(pairwise(sizes), start=1):
+        count = inputs * neurons
+        weights, bias = network.flat[place : place + count], network.flat[place + count : place + count + neurons]
+        place += count + neurons
+        rows = ", ".join(_vector(row) for row in weights.reshape(neurons, inputs))
+        lines += [f"    constant Real W{k}[{neurons},{inputs}] = {{{rows}}};"]
+        lines += [f"    constant Real b{k}[{neurons}] = {_vector(bias)};"]
+        row = f"sum(W{k}[i, j]*{signal}[j] for j in 1:{inputs}) + b{k}[i]"
+        if k < len(sizes) - 1:
+            lines.append(f"    Real h{k}[{neurons}];")
+            body.append(f"    h{k} := {{tanh({row}) for i in 1:{neurons}}};")
+            signal = f"h{k}"
+        else:
+            body.append(f"    y := {row.replace('[i', '[1')};")
+    return [*lines, "  algorithm", *body, f"  end {name};"]
+
+
+def _network(residual: TwoNetworkModel, share: float) -> list[str]:
+    ports = [port.name for port in residual.inputs]
+    signals = ["x", "v", *ports]
+    members = range(1, len(residual.members) + 1)
+    lags = [f"late{k + 1}" for k in range(len(residual.lags))]
+    further = "".join(f", {name}_in" for name in ports) + "".join(f", {name}" for name in lags)
+    lines = [
+        '  block Network "Force that the law leaves; its memory is renewed once per sample"',
+        f'    parameter Real period(unit = "s") = {_number(1 / residual.sample_rate)} "Sample time of the recordings";',
+        f'    parameter Real share(unit = "1") = {_number(share)} "Share of the force that unseen branches confirm";',
+        '    parameter Real f_start(unit = "N") = 0 "Force of the networks before the start";',
+        '    input Real x(unit = "m") "Displacement";',
+        '    input Real v(unit = "m/s") "Velocity";',
+        *(f'    input Real {port.name}(unit = "{port.unit}");' for port in residual.inputs),
+        '    output Real f(unit = "N") "Force of the networks, opposes motion as a spring does";',
+        *(f'    Real {name}_in "Nearest value within the training range";' for name in signals),
+        '    discrete Real v_last(start = 0, fixed = true) "Velocity at the latest sample";',
+        '    discrete Real x0(start = 0, fixed = true) "Displacement where the motion turned";',
+    ]
+    for j in members:
+        lines.append(f'    discrete Real held{j}(start = f_start, fixed = true) "Hysteretic force where it turned";')
+        lines.append(f'    discrete Real latest{j}(start = f_start, fixed = true) "Hysteretic force, latest sample";')
+    for name in lags:
+        lines.append(f'    discrete Real {name}(start = 0, fixed = true) "First-order lag, as the networks see it";')
+        lines.append(f"    discrete Real {name}_next(start = 0, fixed = true);")
+    if lags:
+        lines.append("    discrete Real begun(start = 0, fixed = true);")
+    lines.append("  equation")
+    for name in signals:
+        low, high = residual.training_range[name]
+        lines.append(f"    {name}_in = min(max({name}, {_number(low)}), {_number(high)});")
+    lines.append("    when sample(0, period) then")
+    lines += ["      begun = 1;"] if lags else []
+    lines.append("      x0 = if noEvent(v*pre(v_last) <= 0) then x_in else pre(x0);")
+    for name, lag in zip(lags, residual.lags, strict=True):
+        lines += _late(name, lag, residual)
+    for j in members:
+        lines.append(f"      held{j} = if noEvent(v*pre(v_last) <= 0) then pre(latest{j}) else pre(held{j});")
+        lines.append(f"      latest{j} = hysteresis{j}({{x_in, x0, held{j}{further}}});")
+    lines += ["      v_last = v;", "    end when;"]
+    each = [f"restoring{j}({{x_in, v_in, hysteresis{j}({{x_in, x0, held{j}{further}}}){further}}})" for j in members]
+    return [*lines, f"    f = share*({' + '.join(each)})/{len(each)};", "  end Network;"]
+
+
+def _late(name: str, lag: Lag, residual: TwoNetworkModel) -> list[str]:
+    source = f"{lag.source}_in"
+    share = _number(lag.share(1 / residual.sample_rate))
+    return [
+        f"      {name} = if noEvent(pre(begun) > 0.5) then pre({name}_next) else {source};",
+        f"      {name}_next = {name} + {share}*({source} - {name});",
+    ]
+
+
+def _oscillator(law: Law, values: Mapping[str, float], residual: TwoNetworkModel, mass: float) -> list[str]:
+    known = {v.name for v in law.model.code.variables}
+    starts = {name: name for name in ("x_start", "v_start") if name in known}
+    settings = {name: _number(value) for name, value in values.items()} | starts
+    if mass and law.mass:
+        settings[law.mass] = _number(mass)
+    units = {"x_start": "m", "v_start": "m/s"}
+    return [
+        '  model Oscillator "One mass on the law and the networks: m a + R = F, R = R_physics + R_network"',
+        *(f'    parameter Real {name}(unit = "{units[name]}") = 0;' for name in starts),
+        '    input Real F(unit = "N") "Excitation, in the direction of x";',
+        *(f'    input Real {port.name}(unit = "{port.unit}");' for port in residual.inputs),
+        '    output Real x(unit = "m") "Displacement";',
+        '    output Real v(unit = "m/s") "Velocity";',
+        '    output Real a(unit = "m/s2") "Acceleration";',
+        '    output Real R(unit = "N") "Restoring force";',
+        '    output Real R_physics(unit = "N") "Share of the law";',
+        '    output Real R_network(unit = "N") "Share of the networks";',
+        f"    {law.name} law({_nested(settings)});",
+        "    Network network;",
+        "  equation",
+        "    law.F = F - R_network;",
+        "    x = law.x;",
+        "    v = law.v;",
+        "    a = der(law.v);",
+        "    network.x = law.x;",
+        "    network.v = law.v;",
+        *(f"    network.{port.name} = {port.name};" for port in residual.inputs),
+        "    R_physics = law.R;",
+        "    R_network = network.f;",
+        "    R = R_physics + R_network;",
+        "  end Oscillator;",
+    ]
+
+
+def _nested(settings: Mapping[str, str]) -> str:
+    """Modifiers by dotted name as Modelica writes them: {"gap.k": "1"} as ``gap(k = 1)``."""
+    tree: dict[str, Any] = {}
+    for name, value in settings.items():
+        *path, last = name.split(".")
+        place = tree
+        for part in path:
+            place = place.setdefault(part, {})
+        place[last] = value
+
+    def written(branch: Mapping[str, Any]) -> str:
+        return ", ".join(
+            f"{name}({written(value)})" if isinstance(value, dict) else f"{name} = {value}"
+            for name, value in branch.items()
+        )
+
+    return written(tree)
+
+
+def _vector(values: Array | Sequence[float]) -> str:
+    return "{" + ", ".join(_number(value) for value in np.asarray(values)) + "}"
+
+
+def _number(value: float) -> str:
+    return repr(float(value))

@@ -1,0 +1,139 @@
+"""Physics plus network: the Modelica package is the Python model, the fit finds the law, each part shows its gain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+from hystid.compiled import CompiledModel
+from hystid.errors import UsageError
+from hystid.fmu import build
+from hystid.identification import identify
+from hystid.identification.hybrid import law_of
+from hystid.identification.hybrid.package import OSCILLATOR, package_text
+from hystid.modelica import compile_model
+from hystid.networks import FurtherInput, Lag, Member, Network, TwoNetworkModel
+from hystid.networks.trust import Tail
+from hystid.processing import add_noise
+from hystid.recording import Recording
+
+RATE = 1000.0
+COGGING = """model Stage "Spring, dry friction, and cogging of the magnets, which no law of the library has"
+  extends HystId.Oscillators.Linear(m = 1, B = 12, Kl = 1.2e4, f_effects = dry.f + 8*sin(785*x));
+  HystId.Effects.CoulombFriction dry(Fc = 6);
+equation
+  dry.x = x;
+  dry.v = v;
+  dry.a = a;
+  dry.h = f_h;
+end Stage;
+"""
+BELIEVED = COGGING.replace(" + 8*sin(785*x)", "").replace("Stage", "Extended").replace("Fc = 6", "Fc = 3")
+
+
+def network(rng: np.random.Generator, width: int) -> Network:
+    sizes = (width, 4, 3, 1)
+    layers = tuple((rng.normal(0, 0.6, (o, i)), rng.normal(0, 0.6, o)) for i, o in pairwise(sizes))
+    return Network(layers, rng.normal(0, 0.2, width), rng.uniform(0.5, 1.5, width), 0.2, 1.7)
+
+
+@pytest.fixture(scope="module")
+def signals() -> dict[str, np.ndarray]:
+    t = np.arange(600) / RATE
+    v = 0.8 * np.cos(40 * t) + 0.4 * np.sin(110 * t)  # up to 1.2: beyond the range of the networks
+    return {"x": np.cumsum(v) / RATE, "v": v, "u": np.where(np.sin(25 * t) > 0, 2.0, 0.0), "t": t}
+
+
+def test_the_package_is_the_law_and_the_networks(signals: dict[str, np.ndarray], tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    members = tuple(Member(network(rng, 6), network(rng, 6)) for _ in range(2))
+    limits = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "u": (0.0, 2.0)}
+    further = {"inputs": (FurtherInput("u", "V", "u"),), "lags": (Lag("u", 8e-3), Lag("v", 3e-3))}
+    residual = TwoNetworkModel(members, 0.0, RATE, limits, tail=Tail(0.0, 0.0), **further)
+    law = law_of("HystId.Oscillators.Jenkins")
+    values = {**law.nominal, "fc": 20.0}
+    file = tmp_path / "hybrid.mo"
+    file.write_text(package_text(law, values, residual, 0.7, 1.5))
+    code = compile_model(f"{file}:{OSCILLATOR}")
+    motion = {name: signals[name] for name in ("x", "v")}
+    names = ("R", "R_physics", "R_network")
+    found = CompiledModel(code).clamp(
+        {f"law.{name}": values for name, values in motion.items()}, {"u": signals["u"]}, 1 / RATE, outputs=names
+    )
+    start = residual.initial_state(0.0, {name: float(signals[name][0]) for name in ("x", "v", "u")})
+    wanted = 0.7 * residual.response(motion["x"], motion["v"], start, {"u": signals["u"]})[0]
+    (physics,) = law.forces([Recording("r", signals["t"], **motion)], values)
+    # rounding of one sample, handed on by the memory
+    np.testing.assert_allclose(found["R_network"], wanted, rtol=0, atol=1e-12 * np.abs(wanted).max() * 600)
+    np.testing.assert_allclose(found["R_physics"], physics, rtol=0, atol=1e-6 * np.abs(physics).max())
+    np.testing.assert_allclose(found["R"], found["R_physics"] + found["R_network"], rtol=1e-12)
+
+    fmu = build(code, tmp_path / "hybrid.fmu")
+    table = np.zeros(600, dtype=[("time", "f8"), ("F", "f8"), ("u", "f8")])
+    table["time"], table["F"], table["u"] = signals["t"], 30 * np.sin(50 * signals["t"]), 1.0
+    run = fmpy.simulate_fmu(
+        str(fmu.path), stop_time=0.599, output_interval=1 / RATE, input=table, output=["x", "a", *names]
+    )
+    np.testing.assert_allclose(run["R"], run["R_physics"] + run["R_network"], rtol=1e-9)
+    held = table["F"][: len(run) - 1]  # FMPy hands inputs over at the beginning of a step
+    np.testing.assert_allclose(1.5 * run["a"][1:] + run["R"][1:], held, atol=1e-6)
+    assert np.ptp(run["R_network"]) > 0 and np.ptp(run["R_physics"]) > 0
+
+
+def stage(rig: CompiledModel, name: str, level: float, seed: int) -> Recording:
+    rng, t = np.random.default_rng(seed), np.arange(2000) / RATE
+    lines = np.arange(5, 35, 0.5)
+    force = (np.cos(2 * np.pi * np.outer(t, lines) + rng.uniform(0, 2 * np.pi, len(lines)))).sum(axis=1)
+    F = level * force / force.std()
+    found = rig.simulate({"F": F}, 1 / RATE, outputs=("x", "v", "a", "R"), interpolation="cubic", substeps=4)
+    return add_noise(Recording(name, t, F=F, origin=dict.fromkeys("Fxva", "measured"), **found), 40.0, seed)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("stage")
+    (folder / "stage.mo").write_text(COGGING)
+    (folder / "extended.mo").write_text(BELIEVED)
+    return folder
+
+
+def test_physics_plus_network_beats_each_alone(files: Path, tmp_path: Path) -> None:
+    rig = CompiledModel(compile_model(f"{files / 'stage.mo'}:Stage"))
+    used, unseen = stage(rig, "used", 30, 1), stage(rig, "unseen", 34, 2)
+    settings = {"mass": 1.0, "ensemble": 4, "layers": (5,), "workers": 1}
+    result = identify([used], holdout=[unseen], model=str(files / "extended.mo"), **settings, out=tmp_path)
+    hybrid = result.hybrid
+    assert hybrid is not None and hybrid.offered, hybrid.refusal
+    (pair,) = hybrid.unseen
+    assert pair.hybrid.force_nrmse < min(pair.physics.force_nrmse, pair.network.force_nrmse)
+    law, networks = pair.shares
+    assert law > 0.9 and 0 < networks < 0.1  # the cogging is a small part of the force
+    assert 4 < hybrid.together["dry.Fc"] < 8  # 6 N
+    assert hybrid.share > 0.3
+    driver = fmpy.simulate_fmu(str(tmp_path / "hybrid.fmu"), stop_time=0.1, output=["R", "R_physics", "R_network"])
+    assert np.isfinite(driver["R_network"]).all()
+    assert "plus networks" in " ".join(result.notes)
+    assert "Physics plus network" in result.report(tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_law_is_found_from_far_away(signals: dict[str, np.ndarray]) -> None:
+    law = law_of("HystId.Oscillators.Jenkins")
+    true = {**law.nominal, "B": 4.0, "Kl": 300.0, "Ks": 2000.0, "fc": 12.0}
+    recording = Recording("r", signals["t"], x=signals["x"], v=signals["v"])
+    (force,) = law.forces([recording], true)
+    near = replace(law, nominal={"B": 10.0, "Kl": 500.0, "Ks": 5000.0, "fc": 6.0})
+    found = near.fit([recording], [force], [np.ones(len(force))], 0)
+    assert found == pytest.approx(true, rel=1e-3)
+
+
+def test_physics_without_unseen_recordings_or_a_mass_on_a_force_is_refused(files: Path) -> None:
+    with pytest.raises(UsageError, match="hold out at least one"):
+        identify([], mass=1.0, model="HystId.Oscillators.Jenkins")
+    (files / "block.mo").write_text("model Block\n  input Real F;\n  output Real R;\nequation\n  R = F;\nend Block;\n")
+    with pytest.raises(UsageError, match="one mass under a force"):
+        law_of(f"{files / 'block.mo'}:Block")
