@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from hystid.errors import UsageError
 from hystid.fmu import BuildResult, build_model, build_network
+from hystid.fmu.rebuilt import has_reference, with_reference_of
 
 
 def build(
@@ -18,6 +21,7 @@ def build(
     parameters: Mapping[str, float] | None = None,
     platforms: str | Iterable[str] = "host",
     libraries: Sequence[str | Path] = (),
+    new_reference: bool = False,
 ) -> BuildResult:
     """Compile a Modelica model, or an ONNX network, to an FMU for Model Exchange and Co-Simulation.
 
@@ -26,7 +30,9 @@ def build(
     or 3. parameters: name -> start value in SI units, for Modelica models. platforms: "host", "all", or names such as
     "aarch64-linux". libraries: further .mo files, package folders, or folders that hold packages, as those that
     MODELICAPATH names.
-    The FMU carries its C sources and the result of its default experiment, which ``regress`` replays.
+    The FMU carries its C sources and the result of its default experiment, which ``regress`` replays. Where it replaces
+    an FMU, that one's result stays the reference, and ``changes`` of the answer says what is different; new_reference:
+    take today's result instead.
     Raises UsageError, ModelicaError, NetworkError, ToolchainError; then nothing is written.
 
     >>> import hystid
@@ -34,15 +40,32 @@ def build(
     >>> made.path.name, made.fmi
     ('jenkins.fmu', 2)
     """
+    out = Path(out)
+    if new_reference or not has_reference(out):
+        return _built(model, out, fmi, parameters, platforms, libraries)
+    with tempfile.TemporaryDirectory(prefix="hystid-") as folder:
+        made = _built(model, Path(folder) / out.name, fmi, parameters, platforms, libraries)
+        changes = with_reference_of(out, made.path, out)
+    return replace(made, path=out, size=out.stat().st_size, changes=changes)
+
+
+def _built(
+    model: str | Path,
+    out: Path,
+    fmi: Literal[2, 3],
+    parameters: Mapping[str, float] | None,
+    platforms: str | Iterable[str],
+    libraries: Sequence[str | Path],
+) -> BuildResult:
     if str(model).lower().endswith(".onnx"):
         if parameters:
             raise UsageError(f"{model}: a network has no parameters to set; leave them out")
         if libraries:
             raise UsageError(f"{model}: a network uses no Modelica packages; name no libraries")
-        return build_network(Path(model), Path(out), fmi=fmi, platforms=platforms)
+        return build_network(Path(model), out, fmi=fmi, platforms=platforms)
     return build_model(
         str(model),
-        Path(out),
+        out,
         fmi=fmi,
         parameters=parameters,
         platforms=platforms,

@@ -11,11 +11,13 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import fmu_checker
 import numpy as np
 import pytest
 from fmu_models import EVERY, built, effect, jenkins, linear
 from fmu_models import FOLDER as MODELS
 
+import hystid
 from hystid.errors import FmuError, HystidError, UsageError
 from hystid.fmu import Driver, build, regress
 from hystid.fmu.platforms import host
@@ -248,3 +250,22 @@ def test_a_reference_of_another_fmu_a_folder_or_a_table(tmp_path):
         if sentence:
             with pytest.raises(HystidError, match=sentence):
                 regress(new, reference=reference)
+
+
+def test_a_rebuild_keeps_the_reference_and_says_what_changed(tmp_path):
+    path = tmp_path / "rig.fmu"
+    assert hystid.build("HystId.Oscillators.Linear", path).changes is None
+    assert hystid.build("HystId.Oscillators.Linear", path).changes == () and regress(path).passed
+    changes = hystid.build("HystId.Oscillators.Linear", path, fmi=3, parameters={"Kl": 2e4}).changes
+    assert any("Kl" in line and "-> 20000" in line for line in changes)
+    assert any("leaves the tube" in line for line in changes)
+    assert fmu_checker.problems(path) == [] and not regress(path).passed
+    assert regress(path, update=True).updated and regress(path).passed
+    changes = hystid.build("HystId.Forces.Jenkins", path).changes  # of other variables: the old result still stands
+    assert any(line.startswith("gone: ") for line in changes) and any(
+        "no variable of the FMU" in line for line in changes
+    )
+    with pytest.raises(FmuError, match="no variable of the FMU"):
+        regress(path)
+    assert hystid.build("HystId.Forces.Jenkins", path, new_reference=True).changes is None
+    assert regress(path).passed

@@ -1,16 +1,22 @@
 """What an importer's solver gives at its default settings: oscillators in Model Exchange, error against fine steps.
 
-    python -m benchmarks.fmu.solver_settings
+    python -m benchmarks.fmu.solver_settings [--fmusim PROGRAM]
 
-FMPy's CVode takes tolerance and nominal values from the FMU. Two cases, half a second: a constant force of 60 N from
-rest, and free motion from 5 mm. Error: rms of the difference in x, v and R over the standard deviation of the
-reference, the worst of the three, in per cent. Reference: the same FMU, Runge-Kutta steps of 1e-5 s, events located.
+FMPy's CVode takes tolerance and nominal values from the FMU, and so does PyFMI, which runs where it is installed;
+fmusim, where it is named, takes the nominal values alone. Nothing is set here but the rows of the result.
+
+Two cases, half a second: a constant force of 60 N from rest, and free motion from 5 mm. Error: rms of the difference in
+x, v and R over the standard deviation of the reference, the worst of the three, in per cent. Reference: the same FMU,
+Runge-Kutta steps of 1e-5 s, events located.
 """
 
 from __future__ import annotations
 
+import argparse
+import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 
 import fmpy
@@ -24,28 +30,78 @@ NAMES = ["x", "v", "R"]
 STOP, ROWS, FINE = 0.5, 501, 100
 
 
-def errors(path: Path) -> Iterator[tuple[str, float]]:
-    """Case and error in per cent."""
+Rows = Mapping[str, np.ndarray]
+Client = Callable[[Path, Mapping[str, float]], Rows]
+
+
+def by_fmpy(path: Path, start: Mapping[str, float]) -> Rows:
+    """CVode of FMPy."""
+    return fmpy.simulate_fmu(  # type: ignore[no-any-return]
+        str(path), fmi_type="ModelExchange", stop_time=STOP, output_interval=STOP / (ROWS - 1),
+        start_values=dict(start), output=NAMES, record_events=False,
+    )  # fmt: skip
+
+
+def by_fmusim(program: Path, *further: str) -> Client:
+    """CVode of fmusim, which came with the Reference FMUs; its tolerance is 1e-4, whatever the FMU states."""
+
+    def run(path: Path, start: Mapping[str, float]) -> Rows:
+        table = path.with_suffix(".csv")
+        command = [program, "--interface-type", "me", "--solver", "cvode", "--stop-time", STOP]
+        command += ["--output-interval", STOP / (ROWS - 1), "--output-file", table, *further]
+        for name in NAMES:
+            command += ["--output-variable", name]
+        for name, value in start.items():
+            command += ["--start-value", name, value]
+        subprocess.run([str(word) for word in (*command, path)], check=True, capture_output=True)
+        found = np.genfromtxt(table, delimiter=",", names=True, deletechars="")
+        grid = np.linspace(0, STOP, ROWS)  # it adds rows at events
+        return {name: np.interp(grid, found["time"], found[name]) for name in NAMES}
+
+    return run
+
+
+def by_pyfmi(path: Path, start: Mapping[str, float]) -> Rows:
+    """The default solver of PyFMI."""
+    from pyfmi import load_fmu
+
+    model = load_fmu(str(path), kind="ME", log_level=0)
+    for name, value in start.items():
+        model.set(name, value)
+    options = model.simulate_options()
+    options["ncp"], options["result_handling"] = ROWS - 1, "memory"
+    options[f"{options['solver']}_options"]["verbosity"] = 50
+    found = model.simulate(final_time=STOP, options=options)
+    grid = np.linspace(0, STOP, ROWS)
+    return {name: np.interp(grid, found["time"], found[name]) for name in NAMES}
+
+
+def errors(path: Path, client: Client) -> Iterator[float]:
+    """Error in per cent of each case."""
     driver = Driver(path)
-    for case, start in CASES.items():
+    for start in CASES.values():
         t = np.linspace(0, STOP, (ROWS - 1) * FINE + 1)
         force = np.full(len(t), start.get("F", 0.0))
         settings = {name: value for name, value in start.items() if name != "F"}
         ours = driver.simulate(t, {"F": force}, parameters=settings, outputs=NAMES)
-        theirs = fmpy.simulate_fmu(
-            str(path), fmi_type="ModelExchange", stop_time=STOP, output_interval=STOP / (ROWS - 1),
-            start_values=start, output=NAMES, record_events=False,
-        )  # fmt: skip
-        worst = max(
+        theirs = client(path, start)
+        yield 100 * max(
             float(np.sqrt(np.mean((theirs[name][:ROWS] - ours[name][::FINE]) ** 2)) / np.std(ours[name]))
             for name in NAMES
         )
-        yield case, 100 * worst
 
 
 def main() -> None:
     """Print the table."""
-    print("| model | FMI | " + " | ".join(CASES) + " |\n|---|---|" + "---|" * len(CASES))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--fmusim", type=Path, help="the program, where it is at hand")
+    program = parser.parse_args().fmusim
+    clients: dict[str, Client] = {"FMPy": by_fmpy}
+    if program:
+        clients |= {"fmusim": by_fmusim(program), "fmusim --tolerance 1e-6": by_fmusim(program, "--tolerance", "1e-6")}
+    clients |= {"PyFMI": by_pyfmi} if find_spec("pyfmi") else {}
+    columns = [f"{client}, {case}" for client in clients for case in CASES]
+    print("| model | FMI | " + " | ".join(columns) + " |\n|---|---|" + "---|" * len(columns))
     with tempfile.TemporaryDirectory() as folder:
         for model in sorted(p.stem for p in LIBRARY.glob("*.mo") if p.stem != "package"):
             for version in (2, 3):
@@ -53,8 +109,8 @@ def main() -> None:
                 path = build_model(
                     f"HystId.Oscillators.{model}", Path(folder) / "m.fmu", fmi=version, parameters=turn,
                 ).path  # type: ignore[arg-type]  # fmt: skip
-                found = dict(errors(path))
-                print(f"| {model} | {version}.0 | " + " | ".join(f"{found[c]:.3g} %" for c in CASES) + " |", flush=True)
+                cells = [f"{error:.2g} %" for client in clients.values() for error in errors(path, client)]
+                print(f"| {model} | {version}.0 | " + " | ".join(cells) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -82,8 +82,14 @@ def build(
             "repeatable. MODELICAPATH is searched too.",
         ),
     ] = None,
+    new_reference: Annotated[
+        bool, typer.Option("--new-reference", help="Do not keep the reference result of the FMU that is replaced.")
+    ] = False,
 ) -> None:
     """Compile a Modelica model, or an ONNX network, to an FMU.
+
+    An FMU that is replaced hands its reference result on: what changed is printed, and hystid regress fails until
+    --update accepts it.
 
     \b
     Examples:
@@ -105,8 +111,18 @@ def build(
     check_file(out, ".fmu")
     version: Literal[2, 3] = 2 if fmi == 2 else 3
     values = opt.numbers("--set", set_)
-    made = building.build(model, out, fmi=version, parameters=values, platforms=platforms, libraries=library or ())
+    made = building.build(
+        model,
+        out,
+        fmi=version,
+        parameters=values,
+        platforms=platforms,
+        libraries=library or (),
+        new_reference=new_reference,
+    )
     print(f"{made.summary()} from {model}")
+    if made.changes is not None:
+        print("\n  ".join(["the reference is still that of the FMU before; changed:", *(made.changes or ["nothing"])]))
 
 
 def _build_c(network: Path, out: Path, real: Literal["double", "float"]) -> None:

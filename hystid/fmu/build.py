@@ -46,13 +46,17 @@ _FMI_H = {
 
 @dataclass(frozen=True)
 class BuildResult:
-    """A finished FMU. size in bytes; identifier is the name of its binaries."""
+    """A finished FMU. size in bytes; identifier is the name of its binaries.
+
+    changes: what is different from the FMU that it replaced, one line each; None where it replaced none.
+    """
 
     path: Path
     fmi: Version
     identifier: str
     platforms: tuple[str, ...]
     size: int
+    changes: tuple[str, ...] | None = None
 
     def __fspath__(self) -> str:
         """The path, so that the result serves wherever a file name does."""
