@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
-from hystid.diagnosis.decide.criterion import ACCURACY, Criterion, Hypothesis, effective_states
+from hystid.diagnosis.decide.criterion import ACCURACY, ZERO, Criterion, Hypothesis, effective_states, zero_probability
 from hystid.diagnosis.fit.problem import Fit
 from hystid.recording import Recording
 
@@ -146,3 +146,20 @@ def test_the_error_of_the_preparation_is_no_physics(stiffening: Diagnosis) -> No
 def test_fits_are_what_hypotheses_hold(stiffening: Diagnosis) -> None:
     assert stiffening.posterior is not None
     assert all(isinstance(c.hypothesis.fit, Fit) for c in stiffening.posterior.candidates)
+
+
+@pytest.mark.parametrize(("share", "named"), [(0.0, ""), (0.03, ""), (0.5, "preload")])
+def test_a_small_constant_force_is_the_zero_of_a_sensor(share: float, named: str) -> None:
+    """A displacement sensor that is off by 3 % of the motion is no preload; half of the motion is one."""
+    tests = [rig(seed, level, 0.0) for seed, level in ((11, 30.0), (12, 15.0))]
+    spread = float(np.std(np.concatenate([test.channel("x") for test in tests])))
+    found = answer([replace(test, x=test.channel("x") + share * spread) for test in tests])
+    assert [finding.effect for finding in found.findings] == ([named] if named else [])
+    assert found.verdict == ("missing_physics" if named else "recalibrated" if share else found.verdict)
+    assert any("zero of the displacement sensor" in note for note in found.notes) == (share > 0)
+
+
+def test_the_zero_of_a_sensor_is_as_probable_as_sensors_are_off() -> None:
+    shares = np.array([0.0, ZERO, 2 * ZERO, 5 * ZERO, 0.9])
+    told = [zero_probability(share) for share in shares]
+    assert told == sorted(told, reverse=True) and told[0] > 0.95 and told[-2] < 0.05

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from hystid.diagnosis.prepare.chain import DEAD, DELAY, GAIN, SATURATION, ZERO, examined
+from hystid.diagnosis.prepare.chain import DEAD, DELAY, GAIN, SATURATION, ZERO, examined, stopped
 from hystid.diagnosis.prepare.pairs import agreed, pairs
 from hystid.recording import Recording
 
@@ -124,3 +124,16 @@ def test_agreement_is_a_t_test() -> None:
     assert alarms <= 8  # 2 are expected; more than 8 come once in 4000
     assert not agreed(np.array([1.0, 1.1, -0.4, 1.0]), np.ones(4)).agrees
     assert not agreed(np.array([1.0]), np.ones(1)).agrees
+
+
+def test_a_clipped_channel_that_rests_at_zero_stops_at_a_level() -> None:
+    """A sensor at rest repeats its zero more often than a clipped one its last value."""
+    record = motion(3, noise=1e-9)
+    x = np.round(record.channel("x"), 9)
+    level = 0.7 * float(np.max(np.abs(x)))
+    rest = np.zeros(2000)
+    resting = {name: np.concatenate([rest, getattr(record, name)]) for name in "Fva"}
+    t = record.t[1] * np.arange(len(x) + len(rest))
+    clipped = replace(record, t=t, x=np.concatenate([rest, np.clip(x, -level, level)]), **resting)
+    assert [(f.id, f.channel) for f in stopped([clipped])] == [(SATURATION, "x")]
+    assert stopped([replace(clipped, x=np.concatenate([rest, x]))]) == ()

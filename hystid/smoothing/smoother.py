@@ -76,7 +76,9 @@ def smooth(
         variance[0] = variance[1] / (BELOW["v"] * lowest * dt) ** 2
     elif lowest:
         variance[0] = variance[2] / (BELOW["a"] * lowest * dt) ** 4
-    chosen = roughness or replace(_likely(table, variance), lowest=lowest)
+    # what holds x at zero is no measurement, and says nothing about how rough the motion is
+    measured = np.where([name in channels for name in CHANNELS], variance, np.inf)
+    chosen = roughness or replace(_likely(table, measured), lowest=lowest)
     motion, spread = _in_blocks(table, variance, chosen)
     parted = roughness is None and "x" in channels and len(channels) > 1  # one channel cannot drift away from another
     for louder in _LOUDER if parted else ():

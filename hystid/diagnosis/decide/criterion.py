@@ -17,7 +17,7 @@ or large. docs/decisions.md lists the constants.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,6 +44,7 @@ PRIOR: dict[str | int, float] = {
     "window": 0.05,
 }  # before any data are seen
 _VISITED = 0.001  # of the rows: a cell that holds fewer says nothing
+ZERO = 0.02  # of the standard deviation of a channel: how far sensors are off their zero after they were set
 NAME = 0.5  # probability from which a name is told: a wrong name costs as much as a right one gains
 
 
@@ -52,7 +53,8 @@ class Hypothesis:
     """A set of effects as fitted. names: ids, strongest first, none for the baseline alone. size: parameters.
 
     windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel.
-    floor: mean square that noise alone leaves; NaN where it is not known yet.
+    floor: mean square that noise alone leaves; NaN where it is not known yet. constant: the name that is a constant
+    force, "" for none; zero: probability that it is the zero of a sensor and no force.
     """
 
     names: tuple[str, ...]
@@ -62,6 +64,8 @@ class Hypothesis:
     exact: bool = False
     floor: float = float("nan")
     unseen: float = 0.0
+    constant: str = ""
+    zero: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -76,11 +80,15 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Posterior:
-    """Probabilities that add up to 1: nothing missing, an unknown law, and the candidates (most probable first)."""
+    """Probabilities that add up to 1: nothing missing, an unknown law, and the candidates (most probable first).
+
+    zero: the baseline with the zero of a sensor, where that is what is most likely.
+    """
 
     nothing: float
     unknown: float
     candidates: tuple[Candidate, ...] = ()
+    zero: Hypothesis | None = field(default=None, repr=False)
 
     @property
     def something(self) -> float:
@@ -214,19 +222,22 @@ class Criterion:
         weights = np.array([nothing, unknown, *scores])
         weights = np.exp(weights - np.max(weights))
         weights /= np.sum(weights)
+        rows = sorted(_split(found, misfits, weights[2:]), key=lambda row: -row[3])
+        zero = next((h for names, h, _, _ in rows[:1] if not names), None)
         merged: dict[frozenset[str], Candidate] = {}
-        for h, m, w in sorted(zip(found, misfits, weights[2:], strict=True), key=lambda item: -item[2]):
-            key = frozenset(h.names)
-            share = 1.0 - m / whole if whole > 0 else 0.0
-            known_one = merged.get(key)
-            if known_one is None:
-                merged[key] = Candidate(h.names, float(w), float(np.clip(share, 0.0, 1.0)), h)
+        for names, h, m, w in rows:
+            if not names:
+                weights[0] += w
+            elif frozenset(names) not in merged:
+                share = 1.0 - m / whole if whole > 0 else 0.0
+                merged[frozenset(names)] = Candidate(names, w, float(np.clip(share, 0.0, 1.0)), h)
         listed = sorted(merged.values(), key=lambda c: -c.probability)
         total = float(weights[0] + weights[1] + sum(c.probability for c in listed))
         return Posterior(
             float(weights[0]) / total,
             float(weights[1]) / total,
             tuple(Candidate(c.names, c.probability / total, c.explained, c.hypothesis) for c in listed),
+            zero if zero is not None and weights[0] > 0.5 * total else None,
         )
 
     def gain(self, one: Hypothesis, other: Hypothesis) -> float:
@@ -238,6 +249,26 @@ class Criterion:
         apart = float(np.mean((one.fit.residual - other.fit.residual) ** 2))
         explained = float(np.mean((self.baseline.residual - other.fit.residual) ** 2))
         return apart > FORM[0] * explained + self.least / self.each
+
+
+def zero_probability(share: float) -> float:
+    """Probability that a constant force is the zero of a sensor: how far sensors are off (half-normal, ``ZERO``)
+    against a preload of any size up to that of the motion.
+
+    share: displacement that the force holds, over the standard deviation of the displacement.
+    """
+    odds = 2 * float(norm.pdf(share, scale=ZERO))
+    return odds / (1 + odds) if share < 1 else 0.0
+
+
+def _split(
+    found: Sequence[Hypothesis], misfits: Sequence[float], weights: Array
+) -> Iterator[tuple[tuple[str, ...], Hypothesis, float, float]]:
+    """Names, hypothesis, misfit and weight; what may be the zero of a sensor counts for both."""
+    for h, m, w in zip(found, misfits, weights, strict=True):
+        if h.zero:
+            yield tuple(name for name in h.names if name != h.constant), h, m, float(w) * h.zero
+        yield h.names, h, m, float(w) * (1 - h.zero)
 
 
 def effective_states(problem: Problem) -> float:

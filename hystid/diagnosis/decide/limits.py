@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis.fit.problem import Problem, Term
+from hystid.diagnosis.fit.problem import ADDED_MASS, Problem, Term
 from hystid.diagnosis.model.effects import Signals, shape_bounds
 
 Array = NDArray[np.float64]
@@ -22,6 +22,7 @@ COULOMB, STRIBECK = "coulomb_friction", "stribeck_friction"
 _BEYOND, _LASTS = 2.0, 0.2  # turns within which friction falls, and share of the fall that is left at high speed
 _KINKED = frozenset({"bilinear_stiffness", CONTACT_LOSS})
 _AT = 0.98  # of the highest frequency that is tried, and of the largest weighing error: fits that want more end there
+_MASSIVE = 0.99  # of the mass that an effect may take away: what is left moves
 _CRITICAL = 1.0  # damping ratio from which nothing resonates
 _SURE = 4.0  # standard errors by which the mass lies beyond what weighing explains,
 _WORTH = 0.01  # and fall of the mean square that it is worth: less is what the form of an effect leaves
@@ -34,6 +35,8 @@ def is_itself(problem: Problem, term: Term, signals: Sequence[Signals]) -> bool:
     signals: what the effect sees.
     """
     effect, values = term.effect, term.values
+    if effect.id == ADDED_MASS:  # what moves in the end has a mass
+        return values[effect.amplitudes[0]] > -_MASSIVE * problem.baseline.mass
     if effect.id == IMPACT:
         return _carries(term, signals)
     if effect.id in _KINKED and values.get("w", 0.0) >= float(problem.scales.x[-1]):

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hystid.diagnosis.decide.criterion import NAME, Candidate, Criterion, Hypothesis, Posterior
+from hystid.diagnosis.decide.criterion import NAME, Candidate, Criterion, Hypothesis, Posterior, zero_probability
 from hystid.diagnosis.decide.independence import is_noise
 from hystid.diagnosis.decide.lawfree import free_curves
 from hystid.diagnosis.decide.trials import (
@@ -32,6 +32,7 @@ from hystid.diagnosis.fit.problem import ADDED_MASS, Fit, Key, Problem, is_sourc
 from hystid.diagnosis.fit.search import ABSORBED, downhill, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.fit.search import Candidate as Scanned
 from hystid.diagnosis.fit.windows import has_edges, is_off_outside, settled, windowed, windows_of
+from hystid.diagnosis.fit.zeros import zero_of_term
 from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drift
 from hystid.diagnosis.model.effects import Effect
 
@@ -348,6 +349,8 @@ def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Ch
     curves = tuple(free_curves(search.problem, before)) if len(found) > 0 else ()
     posterior = criterion.posterior(found, is_noise=noise, reached=reached, curves=curves)
     near = [c.hypothesis for c in posterior.candidates if c.probability > _CHANCE]
+    zeros = {id(h): _with_zero(search.problem, h) for h in near}
+    found, near = [zeros.get(id(h), h) for h in found], list(zeros.values())
     idle = [h for h in near if len(h.names) > 1 and not search.each_counts(h)]
     found = [h for h in found if not any(set(h.names) == set(one.names) for one in idle)]
     heard = [
@@ -357,6 +360,8 @@ def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Ch
     untestable = _untestable(search.candidates)
     chosen = _told(criterion, posterior)
     if chosen is None:
+        if posterior.zero is not None:  # what is left is the zero of a sensor
+            before = posterior.zero.fit
         return Choice(
             before, before, search.floor, search.floor, posterior, trials=tuple(search.first), untestable=untestable
         )
@@ -368,6 +373,15 @@ def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Ch
         tuple(alike for alike, _ in classes), tuple(p for _, p in classes), _shares(search, leader, names),
         tuple(search.first), untestable,
     )  # fmt: skip
+
+
+def _with_zero(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
+    """A hypothesis that knows whether a constant force of it may be the zero of the displacement sensor."""
+    here = hypothesis.fit.hypothesis
+    for term in here.terms:
+        if term.effect.id in hypothesis.names and (zero := zero_of_term(problem, here, term)) is not None:
+            return replace(hypothesis, constant=term.effect.id, zero=zero_probability(zero.share))
+    return hypothesis
 
 
 def _level(search: _Search, found: Sequence[Hypothesis]) -> float:

@@ -58,7 +58,7 @@ def pose(taken: Taken, model: str) -> Case:
     timeless = any(test.quasi_static for test in tests)
     tests, unseen = ([trimmed(chain.seated(test)) for test in group] for group in (tests, unseen))
     still = any(test.quasi_static for test in tests)
-    sensors = chain.examined(tests, unseen)
+    sensors = chain.examined(tests, unseen, taken.clipped)
     tests, unseen = sensors.tests, sensors.unseen
     parts = [prepare_part(test, seed, sensors.stopped) for seed, test in enumerate(tests)]
     code, runs = _compiled(model, given.values)
@@ -86,7 +86,8 @@ def pose(taken: Taken, model: str) -> Case:
     parts, kept, running = beginning(parts, baseline)
     baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
-    refitted, valleys, nominal = refit(problem, kept)
+    sized, _ = _starts(parts, code, {n: v for n, v in values.items() if n in {"m", *fixed}}, model, quasi_static=still)
+    refitted, valleys, nominal = refit(problem, kept, sized)
     refitted, lines = periodic_forces(problem, refitted)
     held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
     told += [chain.NO_CLOCK] if still else []

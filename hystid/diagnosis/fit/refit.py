@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,11 +18,14 @@ _APART = 0.01  # relative difference of mean squares that makes two optima of th
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
 
-def refit(problem: Problem, kept: Sequence[int] = ()) -> tuple[Fit, tuple[Fit, ...], float]:
+def refit(
+    problem: Problem, kept: Sequence[int] = (), sized: Mapping[str, float] | None = None
+) -> tuple[Fit, tuple[Fit, ...], float]:
     """The baseline from several starts, other optima that were met, and the mean square at the nominal values.
 
     Further starts only while something is left: where a simplex comes to from the nominal shapes, these made smaller
     and larger, then where it comes to from the best, and shapes scattered around: a law with corners has side valleys.
+    sized: values that the recordings suggest, for a further start: nominal ones may be such that a contact never slips.
     kept: numbers of recordings in which a contact keeps a force of the time before.
     """
     before = history(kept)
@@ -32,6 +35,10 @@ def refit(problem: Problem, kept: Sequence[int] = ()) -> tuple[Fit, tuple[Fit, .
     fits = [made for made in (try_fit(problem, nominal, 25),) if made is not None]
     if fits and not _sits(problem, fits[0]) and (relaxed := from_nominal(problem, fits[0])) is not None:
         fits += [made for h in downhill(problem, relaxed) if (made := try_fit(problem, h, 25)) is not None]
+    if sized and fits and problem.baseline.shapes and not _sits(problem, min(fits, key=lambda f: f.chi2)):
+        own = {name: value for name, value in sized.items() if name in nominal.values}
+        made = try_fit(problem, Hypothesis({**nominal.values, **own}, terms), 25)
+        fits += [made] if made is not None else []
     for factor in _STARTS if problem.baseline.shapes else ():
         fits.sort(key=lambda f: f.chi2)
         if fits and _sits(problem, fits[0]):

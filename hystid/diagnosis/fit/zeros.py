@@ -14,15 +14,19 @@ _STEADY = 1e-6  # relative change of a force that counts as constant
 
 @dataclass(frozen=True)
 class Zero:
-    """Zero of the displacement [m] that does what a constant force does; share: over the standard deviation of x."""
+    """Zero of the displacement [m] that does what a constant force [N] does.
+
+    share: of the zero, over the standard deviation of x.
+    """
 
     size: float
     share: float
+    force: float
 
-    def sentence(self, force: float) -> str:
-        """For people. force [N]: the constant one."""
+    def sentence(self) -> str:
+        """For people."""
         return (
-            f"the constant force of {force:.3g} N may as well be the zero of the displacement sensor: "
+            f"the constant force of {self.force:.3g} N may as well be the zero of the displacement sensor: "
             f"{1e3 * abs(self.size):.3g} mm off, {100 * self.share:.2g} % of its standard deviation"
         )
 
@@ -42,18 +46,23 @@ def zero_of_x(problem: Problem, hypothesis: Hypothesis, force: float) -> Zero | 
     slope = float(np.average(slopes, weights=[len(part) for part in problem.parts]))
     spread = float(np.std(np.concatenate([part.x for part in problem.parts]))) or 1.0
     size = force / slope if slope else np.inf
-    return Zero(size, abs(size) / spread) if abs(size) < max(np.max(np.abs(part.x)) for part in problem.parts) else None
+    return (
+        Zero(size, abs(size) / spread, force)
+        if abs(size) < max(np.max(np.abs(part.x)) for part in problem.parts)
+        else None
+    )
+
+
+def zero_of_term(problem: Problem, hypothesis: Hypothesis, term: Term) -> Zero | None:
+    """Zero of the displacement sensor that does what a term does; None where its force changes, or no zero does so."""
+    force = _constant(term, [term.effect.force(signal, term.values) for signal in problem.signals(hypothesis)])
+    return zero_of_x(problem, hypothesis, force) if force else None
 
 
 def zeros_instead(problem: Problem, hypothesis: Hypothesis) -> list[str]:
     """Sentences about constant forces of a hypothesis that the zero of the displacement sensor would explain."""
-    signals = problem.signals(hypothesis)
-    found = []
-    for term in hypothesis.terms:
-        force = _constant(term, [term.effect.force(signal, term.values) for signal in signals])
-        zero = zero_of_x(problem, hypothesis, force) if force else None
-        found += [zero.sentence(force)] if zero is not None else []
-    return found
+    found = [zero_of_term(problem, hypothesis, term) for term in hypothesis.terms]
+    return [zero.sentence() for zero in found if zero is not None]
 
 
 def _constant(term: Term, forces: list[np.ndarray]) -> float:

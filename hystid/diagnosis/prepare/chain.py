@@ -43,8 +43,7 @@ NO_CLOCK = (
     "scale"
 )
 _NOISE = 0.5  # share of the power of a channel from which it is noise: a worse channel adds nothing to the others
-_HALF = 0.025  # samples about a half
-_SHIFTED = 0.25  # samples: half of what a difference quotient brings; smaller lags are taken out without a finding
+_SHIFTED = 1.0  # samples: channels of a multiplexed converter are so far apart; less is taken out without a finding
 
 
 @dataclass(frozen=True)
@@ -177,13 +176,18 @@ def turns(x: Array, share: float = 0.25) -> list[int]:
     return found
 
 
-def examined(tests: Sequence[Recording], unseen: Sequence[Recording]) -> Chain:
+def stopped(tests: Sequence[Recording]) -> tuple[Fault, ...]:
+    """Channels that stop at a level, in recordings as they were read: what is moved, filtered or scaled does not."""
+    return tuple(fault for name in "xvaF" if (fault := _stopped(tests, name)) is not None)
+
+
+def examined(tests: Sequence[Recording], unseen: Sequence[Recording], clipped: Sequence[Fault] | None = None) -> Chain:
     """Look for faults of the channels and take out what can be taken out, in all recordings alike.
 
-    Clipping first: a channel that is moved or scaled no longer stops at one level. Then zeros, lags and gains, each
-    only where the sections of the recordings agree.
+    Zeros, lags and gains, each only where the sections of the recordings agree. clipped: channels that were found to
+    stop at a level (``stopped``); None where that is still to be looked for.
     """
-    faults = [f for f in (_stopped(tests, name) for name in "xvaF" if _have(tests, name)) if f is not None]
+    faults = list(stopped(tests) if clipped is None else clipped)
     tests, unseen, dead = _without_dead(tests, unseen, {fault.channel for fault in faults})
     tests, unseen, zeros = _without_zeros(tests, unseen)
     found = pairs(tests)
@@ -196,13 +200,9 @@ def examined(tests: Sequence[Recording], unseen: Sequence[Recording]) -> Chain:
     if not any(fault.channel in "xva" for fault in faults):
         faults += [f for f in (_saturated_motion(tests),) if f is not None]
     repaired = [fault for fault in (*dead, *zeros, late, scaled) if fault is not None]
-    named = [fault for fault in repaired if fault.id == DELAY and _is_named(fault, tests[0].dt)]
+    named = [fault for fault in repaired if fault.id == DELAY and _is_named(fault)]
     notes = tuple(fault.sentence() for fault in repaired)
     return Chain(list(tests), list(unseen), (*faults, *named), tuple(repaired), notes, consistency(found))
-
-
-def _have(recordings: Sequence[Recording], name: str) -> bool:
-    return all(getattr(recording, name) is not None for recording in recordings)
 
 
 def _sound(found: Sequence[Pair], faults: Sequence[Fault]) -> list[Pair]:
@@ -211,10 +211,12 @@ def _sound(found: Sequence[Pair], faults: Sequence[Fault]) -> list[Pair]:
     return [pair for pair in found if not {pair.low, pair.high} & stopped and np.isfinite(pair.lag.stderr)]
 
 
-def _is_named(late: Fault, dt: float) -> bool:
-    """Whether a lag is a finding: beyond what filters and the halves of difference quotients bring."""
-    is_quotient = late.channel in ("v", "a") and abs(abs(late.size) - 0.5) < _HALF
-    return abs(late.size) >= _SHIFTED and not is_quotient
+def _is_named(late: Fault) -> bool:
+    """Whether a lag is a finding: beyond what converters and filters bring.
+
+    Chains delay and never hurry: a channel that is early leads in phase, as one with AC coupling does.
+    """
+    return late.seconds > 0 and late.size >= _SHIFTED
 
 
 def _without_dead(
@@ -375,8 +377,9 @@ def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
         bridged = getattr(smooth(gap, noise, recording.dt), name)
         excess = (bridged - motion[name]) * np.sign(motion[name])
         spread = noise[name] + 0.01 * top
-        beyond.append(excess[near] / spread)
-        count += int(np.count_nonzero(excess[near] > 3 * spread))
+        excess = excess[near] - CALIBRATION * top  # so much lies between channels that are sound
+        beyond.append(excess / spread)
+        count += int(np.count_nonzero(excess > 3 * spread))
     if not beyond or count < max(10, 2e-4 * total):
         return None
     excess = np.concatenate(beyond)
@@ -385,14 +388,19 @@ def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
 
 
 def _stopped(recordings: Sequence[Recording], name: str) -> Fault | None:
-    """A channel that takes its exact extreme far more often than any other value: cut off behind the noise."""
-    channels = [recording.channel(name) for recording in recordings]
+    """A channel that takes its exact extreme far more often than any value near it: cut off behind the noise.
+
+    Values far below say nothing: a sensor at rest repeats its zero.
+    """
+    channels = [np.asarray(values) for r in recordings if (values := getattr(r, name)) is not None]
+    if not channels:
+        return None
     top = max(float(np.max(np.abs(channel))) for channel in channels)
     touched, usual, total = 0, 1, 0
     for channel in channels:
         total += len(channel)
         touched += int(np.count_nonzero(np.abs(channel) >= top * (1 - 1e-9)))
-        inside = channel[np.abs(channel) < top * (1 - 1e-9)]
+        inside = channel[(np.abs(channel) < top * (1 - 1e-9)) & (np.abs(channel) > top / 2)]
         usual = max(usual, int(np.max(np.unique(inside, return_counts=True)[1], initial=1)))
     if touched < max(10, 3 * usual):  # a coarse converter repeats every value, a clipped channel only its last one
         return None

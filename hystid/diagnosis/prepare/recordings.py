@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hystid.diagnosis.prepare.bandwidth import where_white
-from hystid.diagnosis.prepare.chain import Fault
+from hystid.diagnosis.prepare.chain import Fault, stopped
 from hystid.diagnosis.prepare.decay import is_free, released
 from hystid.diagnosis.prepare.given import Given
 from hystid.diagnosis.prepare.independence import measurements
 from hystid.diagnosis.prepare.readings import consistent
 from hystid.diagnosis.prepare.refused import NotDiagnosable
+from hystid.diagnosis.prepare.spikes import without_spikes
 from hystid.errors import RecordingError, UsageError
 from hystid.processing import prepare
 from hystid.recording import Recording, Sources, loaded
@@ -29,12 +30,16 @@ _GOOD_RIG = 2e-3  # noise over spread, 54 dB
 
 @dataclass(frozen=True)
 class Taken:
-    """Recordings for the fit, those that are held out, what the user knows, and faults of channels found by then."""
+    """Recordings for the fit, those that are held out, what the user knows, and faults of channels found by then.
+
+    clipped: channels that stop at a level, which only the recordings as they were read show.
+    """
 
     tests: list[Recording]
     unseen: list[Recording]
     given: Given
-    faults: tuple[Fault, ...]
+    faults: tuple[Fault, ...] = ()
+    clipped: tuple[Fault, ...] | None = None
 
 
 def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
@@ -47,13 +52,15 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         raise
     _check_apart(tests, unseen)
     _check_content([*tests, *unseen])
+    tests, unseen = [without_spikes(test) for test in tests], [without_spikes(test) for test in unseen]
     read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
     tests, unseen, given = _with_decays(read.tests, read.unseen, given)
+    clipped = stopped(tests)
     tests, unseen = (
         [_with_noise(test, i) for i, test in enumerate(where_white([_measured_only(t) for t in _bounded(group)]))]
         for group in (tests, unseen)
     )
-    return Taken(tests, unseen, given, read.faults)
+    return Taken(tests, unseen, given, read.faults, clipped)
 
 
 def inputs_missing(refusal: RecordingError) -> bool:
