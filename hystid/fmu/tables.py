@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from hystid.fmu.interface import Interface
 from hystid.modelcode import Variable
 
@@ -12,7 +14,7 @@ def variables_source(model: Interface) -> str:
     """Text of ``hy_variables.c``."""
     count = max(model.code.n_values, 1)
     rows = [
-        f'    [{slot}] = {{{_TYPES[group[0].type]}, {_flags(group)}, "{_escaped(group[0].name)}"}},'
+        f'    [{slot}] = {{{_TYPES[group[0].type]}, {_flags(group)}, "{_escaped(group[0].name)}", {_limits(group)}}},'
         for slot, group in sorted(model.groups.items())
     ]
     nominals = [abs(model.named(name).nominal or 1.0) for name in model.code.states] or [1.0]
@@ -20,6 +22,8 @@ def variables_source(model: Interface) -> str:
         (
             "/* The model's variables as FMI sees them, by slot of the value block. */",
             '#include "hy_fmi.h"',
+            "",
+            "#include <math.h>",
             "",
             f"const hy_variable hy_variables[{count}] = {{",
             *rows,
@@ -29,6 +33,15 @@ def variables_source(model: Interface) -> str:
             "",
         )
     )
+
+
+def _limits(group: tuple[Variable, ...]) -> str:
+    """Least and greatest value of a parameter: what an importer sets is held to them. Inputs come from solvers, whose
+    trial steps may overshoot."""
+    held = [v for v in group if v.causality in ("parameter", "structuralParameter")]
+    low = max((v.min for v in held if v.min is not None), default=-math.inf)
+    high = min((v.max for v in held if v.max is not None), default=math.inf)
+    return ", ".join({-math.inf: "-INFINITY", math.inf: "INFINITY"}.get(x, repr(float(x))) for x in (low, high))
 
 
 def _flags(group: tuple[Variable, ...]) -> str:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-import sys
-import threading
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from hystid.errors import ModelicaError
+from hystid.limits import COMPILE_SECONDS, OutOfTime, bounded
 from hystid.modelcode import ModelCode
 from hystid.modelica.bodies import with_readable_functions
 from hystid.modelica.causalise import causalise
@@ -29,8 +27,6 @@ from hystid.modelica.sources import Source, declaration, near, only_class, read,
 
 # Our small package of units, constants and functions of the Modelica Standard Library, for those who have none.
 _STANDARD = Path(__file__).parent / "standard"
-_STACK = 256 << 20  # bytes, of which only what is used is taken
-_DEPTH = 20_000  # Python calls: expressions nested some 5,000 deep
 
 
 def compile_model(
@@ -57,18 +53,16 @@ def _compiled(model: str, values: dict[str, float], libraries: Sequence[Path]) -
 
 
 def _deeply(model: str, work: Callable[[], ModelCode]) -> ModelCode:
-    """The work done on a large stack: passes over expressions recurse as deep as these are nested."""
-    before = threading.stack_size(_STACK), sys.getrecursionlimit()
-    threads = ThreadPoolExecutor(1)
+    """The work with its limits of depth and time, as sentences."""
     try:
-        sys.setrecursionlimit(max(before[1], _DEPTH))
-        return threads.submit(work).result()
+        return bounded(work)
     except RecursionError:
         raise ModelicaError(f"{model}: an expression is nested too deeply: name parts of it as variables") from None
-    finally:
-        threads.shutdown()
-        threading.stack_size(before[0])
-        sys.setrecursionlimit(before[1])
+    except OutOfTime:
+        raise ModelicaError(
+            f"{model}: compiling takes more than {COMPILE_SECONDS}: shorten its longest expressions, name parts of "
+            "them as variables, or use a coarser discretisation"
+        ) from None
 
 
 def flat_model(

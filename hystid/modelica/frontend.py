@@ -8,6 +8,7 @@ refused, because the dictionary has no contract.
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import signal
@@ -23,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from hystid.errors import ModelicaError
+from hystid.limits import COMPILE_SECONDS
 from hystid.modelica.adapter import Adapter
 from hystid.modelica.annotations import description_of, experiment_of
 from hystid.modelica.diagnostics import broken_down, explain, gave_up, located_syntax_error
@@ -132,6 +134,7 @@ class FrontEnd:
         self._first = {
             "path": sys.path,
             "memory": _memory_limit(),
+            "seconds": math.ceil(COMPILE_SECONDS.value),
             "stack": _STACK,
             "root": str(root),
             "files": [[path, source.text] for path, source in self._named.items()],
@@ -190,6 +193,8 @@ class FrontEnd:
         printed = self._printed.read().decode(errors="replace")
         if self._expired:
             how = f"it took more than {TIME_LIMIT:g} s"
+        elif code == -getattr(signal, "SIGXCPU", 0):
+            how = f"it computed for more than {COMPILE_SECONDS}"
         elif re.search("memory allocation|MemoryError", printed):
             how = "it ran out of memory"
         elif code == -signal.SIGSEGV:

@@ -20,7 +20,7 @@ def main() -> None:
     questions = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115  # open as long as the process
     shared = json.loads(questions.readline())
     sys.path[:] = shared["path"]
-    _limit_memory(shared["memory"])
+    _limit(shared["memory"], shared["seconds"])
     threading.stack_size(shared["stack"])
     thread = threading.Thread(target=_answer_all, args=(shared, questions))
     thread.start()
@@ -35,14 +35,16 @@ def _answer_all(shared: dict[str, Any], questions: Iterable[str]) -> None:
         answers.flush()
 
 
-def _limit_memory(limit: int) -> None:
+def _limit(memory: int, seconds: int) -> None:
+    """Bytes of address space, and seconds of computing; beyond them the system ends this process."""
     try:
         import resource
     except ImportError:  # not on Windows
         return
-    _soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    wanted = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
-    resource.setrlimit(resource.RLIMIT_AS, (wanted, hard))
+    for kind, limit in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_CPU, seconds)):
+        _soft, hard = resource.getrlimit(kind)
+        wanted = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+        resource.setrlimit(kind, (wanted, hard))
 
 
 def _answer(shared: dict[str, Any], wrapper: dict[str, str]) -> str:

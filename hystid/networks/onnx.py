@@ -386,6 +386,10 @@ def _check_finite(proto: ModelProto, path: Path) -> None:
             raise NetworkError(f"{path}: initialiser '{tensor.name}' cannot be read: {_first_line(error)}") from error
         if np.isnan(values).any():
             raise NetworkError(f"{path}: initialiser '{tensor.name}' holds NaN: the training that wrote it failed")
+        if np.isinf(values).any():
+            raise NetworkError(
+                f"{path}: initialiser '{tensor.name}' holds infinite numbers: the training that wrote it diverged"
+            )
 
 
 def _further(path: Path, given: Mapping[str, str]) -> tuple[FurtherInput, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Mapping
 
 import numpy as np
@@ -28,9 +30,12 @@ def channel_problems(table: Table, channels: Mapping[str, Array]) -> list[Proble
 
 def _not_finite(table: Table, name: str, values: Array) -> list[Problem]:
     bad = np.flatnonzero(~np.isfinite(values))
+    found = f"{bad.size} of {values.size} samples are NaN or infinite"
+    if not bad.size:  # energies and spectra are sums of squares: these must be finite too
+        bad = np.flatnonzero(np.abs(values) > math.sqrt(sys.float_info.max / max(values.size, 1)))
+        found = f"{bad.size} of {values.size} samples are beyond 1e150, where squares of numbers overflow"
     if not bad.size:
         return []
-    found = f"{bad.size} of {values.size} samples are NaN or infinite"
     action = "cut these samples, or fill them knowingly"
     return [_problem(table, "not_finite", found, action, name, int(bad[0]))]
 

@@ -69,6 +69,7 @@ def _expand(b: Builder, node: Node) -> View:
 def _tile(b: Builder, node: Node) -> View:
     x = node.operand(0)
     repeats = [int(n) for n in node.constants(1, "repeats")]
+    b.room([x.size, *repeats])
     return b.table(x, np.tile(np.arange(x.size).reshape(x.shape), repeats))
 
 
@@ -115,6 +116,7 @@ def _gather(b: Builder, node: Node) -> View:
     index = index % x.shape[axis]
     if where.shape == ():
         return x.pick(axis, int(index[0]))
+    b.room([*x.shape[:axis], *where.shape, *x.shape[axis + 1 :]])
     places = np.take(np.arange(x.size).reshape(x.shape), index.reshape(where.shape), axis)
     return b.table(x, places)
 
@@ -144,6 +146,7 @@ def _pad(b: Builder, node: Node) -> View:
     width = [(0, 0)] * rank
     for place, axis in enumerate(axes):
         width[axis] = (pads[place], pads[place + len(axes)])
+    b.room([n + before + after for n, (before, after) in zip(x.shape, width, strict=True)])
     mode = node.attributes.get("mode", "constant")
     places = np.arange(x.size).reshape(x.shape)
     if mode in ("edge", "reflect"):
@@ -171,7 +174,7 @@ def _conv(b: Builder, node: Node) -> View:
     shape, groups = kernel.shape[2:], node.attributes.get("group", 1)
     if x.shape[0] != 1:
         raise node.refuse("only a batch of one is supported")
-    places, outside = _patches(node, x, shape)
+    places, outside = _patches(b, node, x, shape)
     flat = b.concat([b.reshape(x, (x.size,)), b.constant([0.0])], 0) if outside else x
     out_shape = places.shape[: len(shape)]
     results = []
@@ -187,7 +190,7 @@ def _conv(b: Builder, node: Node) -> View:
     return b.reshape(joined, (1, kernel.shape[0], *out_shape))
 
 
-def _patches(node: Node, x: View, shape: Sequence[int]) -> tuple[np.ndarray, bool]:
+def _patches(b: Builder, node: Node, x: View, shape: Sequence[int]) -> tuple[np.ndarray, bool]:
     """Positions in x read for each output place: (*places, channels, prod(shape)); x.size stands for the padding."""
     rank = len(shape)
     given = node.attributes
@@ -199,6 +202,7 @@ def _patches(node: Node, x: View, shape: Sequence[int]) -> tuple[np.ndarray, boo
     if given.get("ceil_mode", 0):
         raise node.refuse("ceil_mode is not supported")
     width = [(0, 0), *zip(pads[:rank], pads[rank:], strict=True)]
+    b.room([x.shape[1], *(n + sum(pair) for n, pair in zip(x.shape[2:], width[1:], strict=True)), prod(shape)])
     grid = np.pad(np.arange(x.size).reshape(x.shape[1:]), width, constant_values=x.size)
     windows = np.lib.stride_tricks.sliding_window_view(grid, spans, axis=tuple(range(1, rank + 1)))
     windows = windows[
@@ -220,7 +224,7 @@ def _pool(b: Builder, node: Node) -> View:
     x, shape = node.operand(0), node.attributes["kernel_shape"]
     if x.shape[0] != 1 or any(node.outputs[1:]):
         raise node.refuse("only a batch of one, without the index output, is supported")
-    places, outside = _patches(node, x, shape)
+    places, outside = _patches(b, node, x, shape)
     if outside:
         raise node.refuse("padding is not supported here")
     rank = len(shape)

@@ -5,6 +5,7 @@ Shapes, axes, indices and the like must be constant; what a rule cannot do it re
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
@@ -235,12 +236,15 @@ def _constant(b: Builder, node: Node) -> View:
 @operator("ConstantOfShape")
 def _constant_of_shape(b: Builder, node: Node) -> View:
     value = np.asarray(node.attributes.get("value", np.zeros(1))).reshape(-1)[0]
-    return b.constant(np.full([int(n) for n in node.constants(0, "the shape")], value))
+    shape = [int(n) for n in node.constants(0, "the shape")]
+    b.room(shape)
+    return b.constant(np.full(shape, value))
 
 
 @operator("Range")
 def _range(b: Builder, node: Node) -> View:
     start, stop, step = (node.constants(i, "each bound")[0] for i in range(3))
+    b.room([max(math.ceil((stop - start) / step), 0)])
     return b.constant(np.arange(start, stop, step))
 
 

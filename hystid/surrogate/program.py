@@ -21,6 +21,9 @@ from hystid.surrogate.tensors import Buffer, Kind, Values, View, broadcast_shape
 
 Reduction = Literal["sum", "max", "min"]
 
+MOST_ELEMENTS = 1_000_000  # of one tensor
+MOST_IN_ALL = 8_000_000  # 64 MB: what stands on the stack of the generated function, and in its tables
+
 
 @dataclass(frozen=True, eq=False)
 class Elementwise:
@@ -116,6 +119,19 @@ class Builder:
     statements: list[Statement] = field(default_factory=list)
     note: str = ""  # the node being built, for comments
     hint: str = "t"  # its result's name, for identifiers
+    elements: int = 0  # in all tables and arrays so far
+
+    def room(self, shape: Sequence[int]) -> int:
+        """Number of elements of a shape, asked for before they are made. Raises ValueError beyond the budget."""
+        if any(n < 0 for n in shape):
+            raise ValueError(f"the shape {list(shape)} has a negative length")
+        size = prod(int(n) for n in shape)
+        if size > MOST_ELEMENTS:
+            raise ValueError(f"its result has more than {MOST_ELEMENTS} elements, which is too large to compile")
+        self.elements += size
+        if self.elements > MOST_IN_ALL:
+            raise ValueError(f"the network has more than {MOST_IN_ALL} elements in all, which is too large to compile")
+        return size
 
     def constant(self, values: ArrayLike) -> View:
         """A table of known numbers; float, int or bool after the array's type."""
@@ -126,11 +142,12 @@ class Builder:
 
     def local(self, shape: Sequence[int], kind: Kind = "float") -> View:
         """A new local array."""
-        return whole(Buffer(self.names.unique("t_" + self.hint), prod(shape), "local"), shape, kind)
+        return whole(Buffer(self.names.unique("t_" + self.hint), self.room(shape), "local"), shape, kind)
 
     def apply(self, function: str, *operands: View) -> View:
         """Element-wise function with broadcasting; ValueError where the shapes do not broadcast."""
         shape = broadcast_shape([view.shape for view in operands])
+        self.room(shape)
         if all(view.is_constant for view in operands):
             return self.constant(FUNCTIONS[function].numpy(*(view.numpy() for view in operands)))
         out = self.local(shape, _kind_of(function, operands))
@@ -165,6 +182,7 @@ class Builder:
         shape = list(views[0].shape)
         shape[axis] = sum(view.shape[axis] for view in views)
         if all(view.is_constant for view in views):
+            self.room(shape)
             return self.constant(np.concatenate([view.numpy() for view in views], axis))
         out, at = self.local(shape, views[0].kind), 0
         for view in views:
@@ -176,6 +194,7 @@ class Builder:
         """Matrix product of two-dimensional views, plus a bias that broadcasts to the result."""
         shape = (a.shape[0], b.shape[1])
         if a.is_constant and b.is_constant and (bias is None or bias.is_constant):
+            self.room(shape)
             product: Values = a.numpy() @ b.numpy()
             return self.constant(product if bias is None else product + bias.numpy())
         out = self.local(shape, a.kind)

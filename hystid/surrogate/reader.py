@@ -20,14 +20,14 @@ from onnx import (
 )
 
 from hystid.errors import NetworkError
+from hystid.limits import COMPILE_SECONDS, OutOfTime, bounded
 from hystid.surrogate import layout, recurrent  # noqa: F401  (they register their operators)
 from hystid.surrogate.names import readable
 from hystid.surrogate.operators import OPERATORS, Node
-from hystid.surrogate.program import Builder, Port, Program
+from hystid.surrogate.program import MOST_ELEMENTS, Builder, Port, Program
 from hystid.surrogate.tensors import Buffer, Kind, View, whole
 
 MOST_CONSTANTS = 500_000
-MOST_ELEMENTS = 1_000_000
 MOST_STATEMENTS = 20_000
 
 _KINDS: dict[int, Kind] = {
@@ -48,6 +48,13 @@ def program(model: ModelProto, name: str, sizes: Mapping[str, int] | None = None
     axis has a name. All arithmetic is in double precision whatever the element types of the file.
     Raises NetworkError naming the node and operator that cannot be compiled, or the limit that the network exceeds.
     """
+    try:
+        return bounded(lambda: _program(model, name, sizes))
+    except OutOfTime:
+        raise NetworkError(f"compiling takes more than {COMPILE_SECONDS}: use a smaller network") from None
+
+
+def _program(model: ModelProto, name: str, sizes: Mapping[str, int] | None) -> Program:
     if model.functions:
         model = inliner.inline_local_functions(model)
     graph = model.graph

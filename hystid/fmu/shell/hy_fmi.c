@@ -147,16 +147,33 @@ int hy_present(hy_instance *c)
     return outcome ? outcome : hy_settle(e);
 }
 
-/* No NaN leaves without a word: a step whose outputs are not finite is one without answer. */
-static int check_outputs(hy_instance *c)
+/* No NaN leaves without a word: a step whose outputs or states are not finite is one without answer. */
+static int not_finite(hy_instance *c, int slot, const char *what, int number)
+{
+    const char *const name = hy_variables[slot].name;
+    if (name)
+        hy_fail(c, "%s is not finite at t = %.9g s", name, c->engine.data.v[0]);
+    else
+        hy_fail(c, "%s %d is not finite at t = %.9g s", what, number, c->engine.data.v[0]);
+    return HY_RETRY;
+}
+
+static int check_values(hy_instance *c)
 {
     const hy_model *m = c->engine.model;
     const double *v = c->engine.data.v;
     for (int i = m->y; i < m->y + m->n_y; i++)
-        if (hy_variables[i].flags & IS_OUTPUT && !isfinite(v[i])) {
-            hy_fail(c, "%s is not finite at t = %.9g s", hy_variables[i].name, v[0]);
-            return HY_RETRY;
-        }
+        if (hy_variables[i].flags & IS_OUTPUT && !isfinite(v[i])) return not_finite(c, i, "output", i - m->y + 1);
+    for (int i = m->x; i < m->x + m->n_x; i++)
+        if (!isfinite(v[i])) return not_finite(c, i, "state", i - m->x + 1);
+    return HY_OK;
+}
+
+static int check_derivatives(hy_instance *c)
+{
+    const hy_model *m = c->engine.model;
+    for (int i = m->dx; i < m->dx + m->n_x; i++)
+        if (!isfinite(c->engine.data.v[i])) return not_finite(c, i, "the derivative of state", i - m->dx + 1);
     return HY_OK;
 }
 
@@ -165,7 +182,7 @@ int hy_exit_initialization(hy_instance *c)
     hy_engine *e = &c->engine;
     hy_status *s = e->status;
     int changed, outcome = hy_present(c);
-    if (!outcome) outcome = check_outputs(c);
+    if (!outcome) outcome = check_values(c);
     if (outcome) return hy_fmi_status(c, HY_ERROR);
     if (s->kind == MODEL_EXCHANGE || c->event_mode_used) {
         s->mode = EVENT;
@@ -251,6 +268,10 @@ int hy_may_set(hy_instance *c, const char *call, unsigned vr, int type, double v
         hy_fail(c, "%s: there is no variable of this type with value reference %u", call, vr);
     else if (!isfinite(value))
         hy_fail(c, "%s: %s must be a finite number", call, variable->name);
+    else if (value < variable->min)
+        hy_fail(c, "%s: %s = %g is below its minimum %g", call, variable->name, value, variable->min);
+    else if (value > variable->max)
+        hy_fail(c, "%s: %s = %g is above its maximum %g", call, variable->name, value, variable->max);
     else if (settable_now(c, vr, value))
         return 1;
     else
@@ -333,6 +354,7 @@ int hy_get_derivatives(hy_instance *c, double *dx, size_t n)
     if (!right_length(c, dx, n, e->model->n_x, "derivatives")) return FMI_ERROR;
     if (e->status->stale == 2) e->status->stale = 1;
     outcome = hy_present(c);
+    if (!outcome && e->status->mode != FAILED) outcome = check_derivatives(c);
     if (n) memcpy(dx, e->data.v + e->model->dx, n * sizeof *dx);
     return hy_fmi_status(c, outcome);
 }
@@ -492,7 +514,7 @@ int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, double (*
     if (!outcome) outcome = advance(c, t, h, stop_at_events, between, reached);
     *event = outcome == HY_EVENT;
     if (*event || !outcome) outcome = hy_settle(e);
-    if (!outcome) outcome = check_outputs(c);
+    if (!outcome) outcome = check_values(c);
     if (!outcome) outcome = hy_completed(e);
     if (outcome == HY_RETRY) {
         memcpy(e->saved, c->backup, e->saved_size);

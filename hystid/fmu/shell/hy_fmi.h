@@ -29,6 +29,7 @@ enum { HAS_START = 1, IS_INPUT = 2, IS_TUNABLE = 4, IS_DISCRETE = 8, IS_OUTPUT =
 typedef struct {
     unsigned char type, flags;
     const char *name;
+    double min, max; /* of a parameter; infinite without a limit */
 } hy_variable;
 extern const hy_variable hy_variables[]; /* n_values entries */
 extern const double hy_nominals[];       /* one per continuous state */

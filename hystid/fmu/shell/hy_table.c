@@ -256,12 +256,42 @@ static int run(hy_engine *e, hy_table *t)
     return outcome;
 }
 
+static int all_inside(const int *slots, int n, int size)
+{
+    for (int i = 0; i < n; i++)
+        if (slots[i] < 0 || slots[i] >= size) return 0;
+    return n >= 0;
+}
+
+/* Slots are indices into the block: one outside would read or write memory that is not the model's. There are as many
+ * driven values as inputs and states. */
+static const char *refusal(const hy_table *t)
+{
+    const hy_model *const m = &hy_the_model;
+    if (t->version != HY_TABLE_VERSION) return "the table is of another version";
+    if (t->rows < 1) return "the table has no rows";
+    if (!isfinite(t->start_time) || !isfinite(t->dt) || t->dt < 0) return "the table's clock is not finite";
+    if (t->n_columns > m->n_u + m->n_x) return "the table has more columns than the model has inputs and states";
+    if (!all_inside(t->setting_slots, t->n_settings, m->n_values)) return "a setting has no slot of the model";
+    if (!all_inside(t->column_slots, t->n_columns, m->n_values)) return "a column has no slot of the model";
+    if (!all_inside(t->output_slots, t->n_outputs, m->n_values)) return "an output has no slot of the model";
+    if (!all_inside(t->seed_slots, t->n_seeds, m->n_values)) return "a seed has no slot of the model";
+    for (int i = 0; i < t->n_columns; i++)
+        if (t->column_modes[i] < HY_HOLD || t->column_modes[i] > HY_HERMITE) return "a column has no known mode";
+    return t->n_seeds && !m->forward ? "the model has no derivatives for seeds" : NULL;
+}
+
 int hy_run_table(hy_table *table)
 {
     hy_engine engine;
+    const char *const wrong = refusal(table);
     int outcome;
     table->failure[0] = table->warning[0] = 0;
-    if (table->version != HY_TABLE_VERSION || table->rows < 1) return HY_ERROR;
+    if (wrong) {
+        table->failed_row = 0;
+        note(table, HY_FAILURE, wrong);
+        return HY_ERROR;
+    }
     if (hy_open(&engine, &hy_the_model, note, table)) return HY_ERROR;
     if (table->substeps < 1) table->substeps = hy_steps_in(&engine, table->dt);
     outcome = run(&engine, table);

@@ -1,0 +1,180 @@
+"""Networks, Modelica texts and values that would cost hours, memory without end, or an FMU full of infinities."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from fmu_models import jenkins, linear, unpacked
+from onnx import TensorProto, helper, numpy_helper
+
+from hystid import compiled
+from hystid.errors import ModelicaError, NetworkError, RecordingError
+from hystid.fmu.native import Instance
+from hystid.limits import OutOfTime, bounded
+from hystid.modelcode import ModelCode
+from hystid.modelica import compile_model
+from hystid.networks.onnx import load
+from hystid.recording import read
+from hystid.surrogate import network_code
+
+HUGE = 10**9
+
+
+def node(kind, inputs, output="c", **attributes):
+    return helper.make_node(kind, inputs, [output], **attributes)
+
+
+def written(path: Path, nodes, **initialisers) -> Path:
+    """A network with the input x and the output R = x + c, where the nodes make c."""
+    x = helper.make_tensor_value_info("x", TensorProto.FLOAT, [1])
+    out = helper.make_tensor_value_info("R", TensorProto.FLOAT, ["n"])
+    tensors = [numpy_helper.from_array(np.asarray(values), name) for name, values in initialisers.items()]
+    graph = helper.make_graph([*nodes, node("Add", ["x", "c"], "R")], "g", [x], [out], tensors)
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
+    return path
+
+
+_SIZE = np.array([HUGE], np.int64)
+TOO_LARGE = {
+    "constant of shape": ([node("ConstantOfShape", ["n"])], {"n": _SIZE}),
+    "range": (
+        [node("Range", ["a", "n", "d"])],
+        {"a": np.array(0, np.int64), "n": np.array(HUGE, np.int64), "d": np.array(1, np.int64)},
+    ),
+    "tile": ([node("Tile", ["x", "n"])], {"n": _SIZE}),
+    "expand": ([node("Expand", ["x", "n"])], {"n": _SIZE}),
+    "pad": ([node("Pad", ["x", "n"])], {"n": np.array([0, HUGE], np.int64)}),
+    "outer sum": (
+        [node("Add", ["p", "q"])], {"p": np.zeros((100_000, 1), np.float32), "q": np.zeros((1, 100_000), np.float32)},
+    ),
+    "doubled again and again": (
+        [node("Concat", ["x", "x"], "c0", axis=0)]
+        + [node("Concat", [f"c{i}"] * 2, f"c{i + 1}", axis=0) for i in range(30)]
+        + [node("Identity", ["c30"])],
+        {},
+    ),
+    "many large ones": (
+        [node("ConstantOfShape", ["n"], f"k{i}") for i in range(20)] + [node("Identity", ["k0"])],
+        {"n": np.array([900_000], np.int64)},
+    ),
+    "deep": (
+        [node("Tanh", ["x"], "t0")]
+        + [node("Tanh", [f"t{i}"], f"t{i + 1}") for i in range(20_000)]
+        + [node("Tanh", ["t20000"])],
+        {},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", TOO_LARGE)
+def test_networks_that_grow_are_refused_before_they_do(tmp_path: Path, kind: str) -> None:
+    nodes, initialisers = TOO_LARGE[kind]
+    with pytest.raises(NetworkError, match="too large to compile"):
+        network_code(written(tmp_path / "net.onnx", nodes, **initialisers))
+
+
+@pytest.mark.parametrize(("value", "word"), [(math.inf, "infinite"), (-math.inf, "infinite"), (math.nan, "NaN")])
+def test_weights_that_are_no_numbers_are_refused(tmp_path: Path, value: float, word: str) -> None:
+    path = written(tmp_path / "net.onnx", [node("Identity", ["w"])], w=np.array([1, value], np.float32))
+    with pytest.raises(NetworkError, match=f"'w' holds {word}"):
+        load(path)
+
+
+def test_a_compilation_has_one_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work without end ends in a sentence, in the compiler as in any pass of it."""
+    monkeypatch.setenv("HYSTID_COMPILE_SECONDS", "0.2")
+
+    def endless() -> None:
+        while True:
+            time.perf_counter()
+
+    with pytest.raises(OutOfTime):
+        bounded(endless)
+    monkeypatch.setenv("HYSTID_COMPILE_SECONDS", "0.001")
+    with pytest.raises(ModelicaError, match=r"more than 0.001 s \(HYSTID_COMPILE_SECONDS raises this\)"):
+        compile_model("HystId.Oscillators.BoucWen")
+
+
+def test_work_within_bounded_work_is_a_plain_call() -> None:
+    assert bounded(lambda: bounded(lambda: 3)) == 3
+
+
+def test_a_sum_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tenth of a second stands for the usual limit, so that the test ends soon."""
+    monkeypatch.setenv("HYSTID_COMPILE_SECONDS", "0.1")
+    path = tmp_path / "long.mo"
+    total = " + ".join(f"{k} * x" for k in range(2_000))
+    path.write_text(f"model M Real x(start = 1, fixed = true); equation der(x) = {total}; end M;")
+    with pytest.raises(ModelicaError, match=r"long\.mo.*HYSTID_COMPILE_SECONDS"):
+        compile_model(f"{path}:M")
+
+
+def limited() -> ModelCode:
+    """A mass that is at least 0.5 kg and at most 8 kg."""
+    code = jenkins()
+    return replace(code, variables=tuple(replace(v, min=0.5, max=8.0) if v.name == "m" else v for v in code.variables))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_fmu_holds_parameters_to_their_limits(version: int) -> None:
+    instance = Instance(unpacked(limited, version), "CoSimulation")
+    slot = next(v.slot for v in limited().variables if v.name == "m")
+    last = (ctypes.c_size_t(1),) if version == 3 else ()
+    setter = instance.function("SetReal" if version == 2 else "SetFloat64")
+
+    def status(value: float) -> int:
+        reference, number = ctypes.c_uint32(slot), ctypes.c_double(value)
+        return setter(instance.component, ctypes.byref(reference), ctypes.c_size_t(1), ctypes.byref(number), *last)
+
+    assert [status(value) for value in (0.5, 2.0, 8.0)] == [0, 0, 0]
+    assert [status(value) for value in (math.nan, math.inf)] == [3, 3]
+    assert status(-1.0) == 3
+    assert instance.last_message.endswith("m = -1 is below its minimum 0.5")
+    assert status(8.0001) == 3
+    assert instance.last_message.endswith("m = 8.0001 is above its maximum 8")
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_infinite_derivatives_are_no_answer(version: int) -> None:
+    """States of 1e308 are finite, what the spring makes of them is not."""
+    instance = Instance(unpacked(jenkins, version), "ModelExchange")
+    instance.initialise(0.0, [])
+    instance.call("EnterContinuousTimeMode")
+    n = len(jenkins().states)
+    states, slopes = (ctypes.c_double * n)(*[1e308] * n), (ctypes.c_double * n)()
+    assert instance.function("SetContinuousStates")(instance.component, states, ctypes.c_size_t(n)) == 0
+    name = "GetDerivatives" if version == 2 else "GetContinuousStateDerivatives"
+    assert instance.function(name)(instance.component, slopes, ctypes.c_size_t(n)) in (2, 3)
+
+
+@pytest.mark.parametrize("what", ["setting", "column", "output", "seed"])
+@pytest.mark.parametrize("slot", [-1, 1_000_000])
+def test_tables_with_slots_outside_the_block_are_refused(what: str, slot: int) -> None:
+    """The batch entry is exported: whoever calls it reads and writes no memory beside the block."""
+    slots, values = (ctypes.c_int * 1)(slot), (ctypes.c_double * 2)()
+    arrays, modes = (ctypes.c_void_p * 1)(ctypes.addressof(values)), (ctypes.c_int * 1)()
+    table = compiled._Table(version=1, rows=2, dt=0.01, substeps=1)
+    setattr(table, f"n_{what}s", 1)
+    setattr(table, f"{what}_slots", ctypes.addressof(slots))
+    table.settings = ctypes.addressof(values)
+    table.samples = table.outputs = table.gradients = table.slopes = ctypes.addressof(arrays)
+    table.column_modes = ctypes.addressof(modes)
+    library = ctypes.CDLL(str(compiled.compile_model_code(linear())))
+    assert library.hy_run_table(ctypes.byref(table))
+    assert b"no slot of the model" in table.failure and list(values) == [0, 0]
+
+
+def test_one_sample_of_1e308_is_refused(tmp_path: Path) -> None:
+    rows = [f"{k / 100},{math.sin(k / 5)},{math.sin(k / 5 - 0.1)}" for k in range(200)]
+    rows[77] = "0.77,0.5,1e308"
+    path = tmp_path / "one.csv"
+    path.write_text("\n".join(["t [s],F [N],x [m]", *rows]))
+    with pytest.raises(RecordingError, match="squares of numbers overflow"):
+        read(path)
