@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfilt
 
 from hystid.consistency import admit, examine
 from hystid.errors import RecordingError
 from hystid.recording import Recording
+from hystid.units import to_si
 
 RATE, N, MASS, DAMPING, STIFFNESS = 1000.0, 6000, 2.5, 30.0, 4e4
 
@@ -101,3 +103,43 @@ def test_accepted_slips_are_warnings() -> None:
     assert plain.F is not None
     (taken,) = admit([replace(plain, F=-plain.F)], accept=["swapped_sign"])
     assert any("wrong sign" in text for text in taken.warnings)
+
+
+@pytest.mark.parametrize("unit", ["kN", "lbf"])
+def test_the_mass_tells_the_unit_of_the_force(unit: str) -> None:
+    plain = rig()
+    assert plain.F is not None
+    with pytest.raises(RecordingError, match=f"channel F: .*looks like {unit}"):
+        admit([replace(plain, F=plain.F / to_si(unit, "N")[0])], mass=MASS)
+
+
+def test_what_no_channel_can_confirm_is_said() -> None:
+    """Without a mass nothing weighs the force; with it, each unit but the right one is found."""
+    assert "lbf" in examine([rig()]).undecided("F")[0]
+    assert examine([rig()], mass=MASS).undecided("F") == []
+    assert "the mass is not known" in examine([rig()]).summary()
+
+
+@pytest.mark.parametrize(("channel", "kind", "side"), [("a", "high", "lost below"), ("x", "low", "lost above")])
+def test_a_filter_is_told_from_a_lag(channel: str, kind: str, side: str) -> None:
+    """Both turn the phase; the course over frequency tells them apart. The corner is that of the filter within 5 %."""
+    plain = rig()
+    corner = 12.0
+    values = sosfilt(butter(2 if kind == "low" else 1, corner, kind, fs=RATE, output="sos"), getattr(plain, channel))
+    (finding,) = examine([replace(plain, **{channel: values})]).findings
+    assert (finding.slip, finding.channel) == ("filtered", channel)
+    assert finding.seen[side] == pytest.approx(corner, rel=0.05)
+
+
+def test_the_force_may_hold_another_channel_than_its_own() -> None:
+    plain = rig()
+    with pytest.raises(RecordingError, match="F and x are exchanged"):
+        admit([replace(plain, x=plain.F, F=plain.x)])
+
+
+def test_slow_wandering_of_a_velocity_is_drift() -> None:
+    plain = rig()
+    assert plain.v is not None
+    wave = 0.3 * np.std(plain.v) * np.sin(2 * np.pi * 0.4 * plain.t)
+    (finding,) = examine([replace(plain, v=plain.v + wave)]).findings
+    assert (finding.slip, finding.channel) == ("drift", "v")

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from hystid.consistency import words
-from hystid.consistency.force import Force, examine_force
-from hystid.consistency.kinematics import ORDER, Pair, Spectrum, computed, motion, pair, pairs, spectrum
-from hystid.consistency.slips import Explanation, Situation, explain
+from hystid.consistency.filters import Form, filtered
+from hystid.consistency.force import FOURFOLD, Force, examine_force
+from hystid.consistency.kinematics import ORDER, Pair, Spectrum, computed, motion, pairs, spectrum
+from hystid.consistency.slips import PRIOR_SLIP, SURE, Explanation, Situation, doubtful_units, explain
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
 from hystid.recording import Array, Recording, Sources, loaded
 
 _log = logging.getLogger("hystid")
 _SHORTEST = 64  # samples below which spectra say nothing
-_SURE = math.log(20.0)  # odds beyond which a slip is refused: a wrong label costs a result, a false alarm one --accept
 _CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
 _SIGMAS = 5.0  # standard errors of a lag
 _PHASE = 0.5  # radians of the main motion beyond which a lag spoils the balance: an eighth of the force moves over
-_FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
 _LOST = 0.7  # response over the gain below which a channel does not count (3 dB)
 _CERTAIN = 0.8  # coherence at which a response is read band by band
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
@@ -86,18 +85,19 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     timed = not recording.quasi_static and len(recording) >= _SHORTEST and moves
     compared = pairs(recording) if timed else []
     force = examine_force(recording) if len(recording) >= _SHORTEST and moves else None
-    exchanged = _force_for_motion(recording, compared) if timed else None
+    forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p)) is not None}
+    situation, best = _best(recording, compared, forms, force, mass)
+    exchanged = _force_for_motion(recording, compared, best) if timed else None
     if exchanged is not None:
         findings.append(exchanged)
     else:
-        best = _explanation(recording, compared, force, mass)
         findings += words.slips(recording.name, best, compared, recording.rotational, mass)
         if not any(slip.kind == "exchanged" for slip in best.slips):
             mended = _mended(recording, best)
             force = examine_force(mended) if best.slips and len(recording) >= _SHORTEST else force
             findings += _judged_force(mended, force)
             findings += [] if findings else _sizes(mended)
-        findings += _lags(recording, compared, best) + _filters(recording, compared, best)
+        findings += _lags(recording, compared, best, forms) + _filters(recording, compared, best, forms)
         findings += _strangers(recording, compared, best)
     channels = _channels(recording, compared)
     relations = [
@@ -107,58 +107,108 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     balance = None
     if force is not None:
         balance = Balance(
-            force.share, force.reversed_share, force.power, force.mass, force.mass_error, force.lag, force.lag_error
+            force.share,
+            force.reversed_share,
+            force.power,
+            force.mass,
+            force.mass_error,
+            force.lag,
+            force.lag_error,
+            force.law,
         )
     name, rate = recording.name, recording.sample_rate
-    return Examined(name, len(recording), rate, recording.rotational, channels, relations, balance), findings
+    doubts = _undecided(recording, situation, force)
+    return Examined(name, len(recording), rate, recording.rotational, channels, relations, balance, doubts), findings
 
 
 def _hertz(band: tuple[float, float]) -> tuple[float, float]:
     return band[0] / (2 * math.pi), band[1] / (2 * math.pi)
 
 
-def _explanation(
-    recording: Recording, compared: Sequence[Pair], force: Force | None, mass: float | None
-) -> Explanation:
+def _situation(recording: Recording, compared: Sequence[Pair], force: Force | None, mass: float | None) -> Situation:
     names = motion(recording)
     ratio = None
-    if mass and force is not None and math.isfinite(force.mass_error):
-        relative = force.mass_error / max(abs(force.mass), 1e-300)
-        if relative < 0.3:
-            ratio = force.mass / mass, relative
+    if mass and force is not None and math.isfinite(force.mass_ratio_error):
+        ratio = force.mass / mass, force.mass_ratio_error
     written = {name: unit for name, unit in recording.units.items() if unit}
     rms = {name: float(np.std(values)) for name, values in names.items()}
     if recording.F is not None:
         rms["F"] = float(np.std(recording.F))
     kept = [p for p in compared if p.is_one_motion]
     last = list(names)[-1] if names else "a"
-    situation = Situation(kept, written, rms, recording.sample_rate, recording.rotational, mass, ratio, last)
+    return Situation(kept, written, rms, recording.sample_rate, recording.rotational, mass, ratio, last)
+
+
+def _best(
+    recording: Recording,
+    compared: Sequence[Pair],
+    forms: Mapping[tuple[str, str], Form],
+    force: Force | None,
+    mass: float | None,
+) -> tuple[Situation, Explanation]:
+    """What the slips are judged by, and the best of them: with gains and signs as filters leave them, if that is more
+    probable than slips without a filter."""
+    plain = _situation(recording, compared, force, mass)
+    best = _explanation(plain)
+    if not forms or best.sound:
+        return plain, best
+    passed = [
+        replace(p, gain=form.gain, sign=form.sign, slope=0.0) if (form := forms.get((p.low, p.high))) else p
+        for p in compared
+    ]
+    other = _situation(recording, passed, force, mass)
+    filtered_best = _explanation(other)
+    channels = {form.channel for form in forms.values()}
+    score = filtered_best.score + PRIOR_SLIP * len(channels)
+    return (other, filtered_best) if score > best.score + SURE else (plain, best)
+
+
+def _explanation(situation: Situation) -> Explanation:
     ordered = explain(situation)
     sound = next(item for item in ordered if item.sound)
     best = ordered[0]
-    return best if best.score - sound.score > _SURE else sound
+    return best if best.score - sound.score > SURE else sound
 
 
-def _force_for_motion(recording: Recording, compared: Sequence[Pair]) -> Finding | None:
+def _undecided(recording: Recording, situation: Situation, force: Force | None) -> dict[str, str]:
+    """What no other channel of the recording can confirm."""
+    found = {}
+    for name in [*(["F"] if recording.F is not None else []), *motion(recording)]:
+        doubtful = doubtful_units(situation, name)
+        if doubtful:
+            rest = "the mass is not known" if not situation.mass else "the mass does not show well enough"
+            why = rest if name == "F" else f"no other channel of the motion is there, and {rest}"
+            found[name] = f"whether {name} is in {', '.join(doubtful)} does not show: {why}"
+    if force is not None and not recording.quasi_static and _main(recording) * force.hidden_lag > _PHASE:
+        late = f"a lag of F below {1e3 * force.hidden_lag:.3g} ms does not show: hysteresis explains F as well"
+        found["F"] = f"{found['F']}; {late}" if "F" in found else late
+    return found
+
+
+def _force_for_motion(recording: Recording, compared: Sequence[Pair], best: Explanation) -> Finding | None:
     """The column of F follows the motion, and that of a motion channel does not."""
     names = motion(recording)
     if recording.F is None or not np.ptp(recording.F):
         return None
     if len(names) < 2:
         return _force_for_x(recording)
+    if best.sound and all(p.is_one_motion for p in compared):
+        return None
+    found = []
     for name in names:
-        others = [other for other in names if other != name]
-        own = [p for p in compared if name in (p.low, p.high)]
-        if any(abs(p.correlation) > 0.7 for p in own):
+        moved = replace(recording, **{name: recording.F, "F": names[name]})  # type: ignore[arg-type]  # a channel
+        again = pairs(moved)
+        if not all(p.is_one_motion for p in again):
             continue
-        moved = {**names, name: recording.F}
-        again = [
-            pair(moved, *((name, other) if "xva".index(name) < "xva".index(other) else (other, name)), recording.dt)
-            for other in others
-        ]
-        if all(abs(p.correlation) > 0.9 and abs(p.slope) < 0.5 for p in again):
-            return words.force_exchanged(recording.name, name, min(abs(p.correlation) for p in again))
-    return None
+        other = _explanation(_situation(moved, again, None, None))
+        fits = min(abs(p.correlation) for p in again if name in (p.low, p.high))
+        if other.sound and (other.score - best.score > -PRIOR_SLIP + SURE or not _all_one_motion(compared, name)):
+            found.append((other.score, words.force_exchanged(recording.name, name, fits)))
+    return max(found, key=lambda item: item[0])[1] if found else None
+
+
+def _all_one_motion(compared: Sequence[Pair], name: str) -> bool:
+    return all(p.is_one_motion for p in compared if name in (p.low, p.high))
 
 
 def _force_for_x(recording: Recording) -> Finding | None:
@@ -238,8 +288,8 @@ def _is_late(recording: Recording, force: Force) -> bool:
         return False
     clear = abs(force.lag) > 1.5 * recording.dt and abs(force.lag) > _SIGMAS * force.lag_error
     before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
-    passive = (1 - before) > _FOURFOLD * (1 - after)
-    return clear and (passive or (1 - force.free_share) > _FOURFOLD * (1 - force.free_lag_share))
+    passive = (1 - before) > FOURFOLD * (1 - after)
+    return clear and (passive or (1 - force.free_share) > FOURFOLD * (1 - force.free_lag_share))
 
 
 def _main(recording: Recording) -> float:
@@ -249,11 +299,20 @@ def _main(recording: Recording) -> float:
     return float(held.omega[int(np.argmax(weight))]) if len(held.omega) else 0.0
 
 
-def _lags(recording: Recording, compared: Sequence[Pair], best: Explanation) -> list[Finding]:
+def _form(recording: Recording, p: Pair) -> Form | None:
+    """The filter between two channels that both are measured."""
+    if not p.is_one_motion or computed(recording, motion(recording), p.low, p.high) is not None:
+        return None
+    return filtered(recording, p)
+
+
+def _lags(
+    recording: Recording, compared: Sequence[Pair], best: Explanation, forms: Mapping[tuple[str, str], Form]
+) -> list[Finding]:
     """A channel of the motion on another clock; of several, the one that all others disagree with."""
     if any(slip.kind == "exchanged" for slip in best.slips):
         return []
-    late = [p for p in compared if _pair_is_late(p, recording)]
+    late = [p for p in compared if _pair_is_late(p, recording) and (p.low, p.high) not in forms]
     if not late:
         return []
     names = list(motion(recording))
@@ -272,12 +331,25 @@ def _pair_is_late(p: Pair, recording: Recording) -> bool:
     return abs(p.lag) > least and abs(p.lag) > _SIGMAS * max(p.lag_error, 0.02 * recording.dt)
 
 
-def _filters(recording: Recording, compared: Sequence[Pair], best: Explanation) -> list[Finding]:
+def _filters(
+    recording: Recording, compared: Sequence[Pair], best: Explanation, forms: Mapping[tuple[str, str], Form]
+) -> list[Finding]:
     """Channels that lose low or high frequencies which another one shows, and integrated channels that drift."""
     if any(slip.kind == "exchanged" for slip in best.slips):
         return []
     found: dict[tuple[str, str], Finding] = {}
+    told: dict[tuple[str, str], Finding] = {}
     for p in compared:
+        if p.is_one_motion and (drifting := _drift(p, recording)) is not None:
+            name, share = drifting
+            told.setdefault((name, "drift"), words.drift(recording.name, name, share, _hertz(p.band)[0]))
+    for p in sorted(compared, key=lambda p: -forms[p.low, p.high].odds if (p.low, p.high) in forms else 0.0):
+        form = forms.get((p.low, p.high))
+        if form is not None:
+            if not any(name in (p.low, p.high) for name, _ in found):  # one filter shows in all pairs of its channel
+                limit = form.corner / (2 * math.pi)
+                found[form.channel, form.side] = words.filtered(recording.name, form.channel, form.side, limit, p)
+            continue
         if not p.is_one_motion or computed(recording, motion(recording), p.low, p.high) is not None:
             continue
         sure = p.bands.seen & (p.bands.coherence > _CERTAIN)
@@ -293,23 +365,22 @@ def _filters(recording: Recording, compared: Sequence[Pair], best: Explanation) 
             if lost or gained:
                 name = p.high if lost else p.low
                 found.setdefault((name, side), words.filtered(recording.name, name, side, limit, p))
-        drifting = _drift(p, recording)
-        if drifting is not None:
-            name, share = drifting
-            found.setdefault((name, "drift"), words.drift(recording.name, name, share, _hertz(p.band)[0]))
-    return list(found.values())
+    return [*told.values(), *found.values()]
 
 
 def _drift(p: Pair, recording: Recording) -> tuple[str, float] | None:
-    """A channel whose slowest lines hold power that the other one does not show, far above its own noise."""
-    below = (p.bands.omega < 0.5 * p.band[0]) & ~p.bands.seen
-    if not np.any(below) or p.high == "a":
+    """A channel with slow power of its own: up to the main motion, above its noise, and not in the other one."""
+    if p.high == "a":
         return None
-    extra = float(np.sum(p.bands.high[below]) - np.sum(p.bands.low[below]) * p.gain**2)
-    share = extra / float(np.sum(p.bands.high))
+    main = int(np.argmax(p.bands.high * p.bands.seen))
     held = spectrum(motion(recording)[p.high], recording.dt)
-    rising = np.interp(p.bands.omega[below], held.omega, held.density) > 100 * held.level
-    return (p.high, share) if share > _DRIFT and bool(np.all(rising[:1])) else None
+    rising = np.interp(p.bands.omega, held.omega, held.density) > 100 * held.level
+    own = (1.0 - p.bands.coherence) * p.bands.high * rising
+    at = int(np.argmax(own))
+    slow = at <= main and float(np.sum(own[: main + 1])) > 0.5 * float(np.sum(own))
+    share = float(np.sum(own[: main + 1])) / float(np.sum(p.bands.high))
+    more = p.bands.high[at] > p.bands.low[at] * p.gain**2  # else the other channel has it
+    return (p.high, share) if share > _DRIFT and slow and more else None
 
 
 def _strangers(recording: Recording, compared: Sequence[Pair], best: Explanation) -> list[Finding]:

@@ -23,6 +23,7 @@ _FURTHEST = 20_000  # samples that two clocks may be apart
 _MEMORY = 5  # knots of the curve of the way since the last turn
 _ALIKE = 1.3  # times the smallest unexplained share, up to which a smaller shift is preferred: a sine repeats itself
 _HALF = 0.5
+FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ class Force:
     stiffness: slope of F over x [N/m]; correlation of the two. lag [s]: how much later the force is, with its error;
     free_share and free_lag_share: what any law explains before and after that shift; lag_share, lag_reversed: a
     passive one after it. samples: number of independent samples, from the correlation time of what is left.
+    law: relative error of the mass from laws that the free ones do not follow. hidden_lag [s]: shifts of the force that
+    leave less than fourfold of what the best one leaves: a law that looks late may be behind them.
     """
 
     share: float
@@ -51,6 +54,15 @@ class Force:
     lag_share: float
     lag_reversed: float
     samples: float
+    law: float
+    hidden_lag: float
+
+    @property
+    def mass_ratio_error(self) -> float:
+        """Standard error of ln(mass), of chance and of laws; infinite where the test does not show the mass."""
+        if not np.isfinite(self.mass_error) or not self.mass:
+            return np.inf
+        return float(np.hypot(self.mass_error / abs(self.mass), self.law))
 
 
 @dataclass(frozen=True)
@@ -78,7 +90,7 @@ def examine_force(recording: Recording) -> Force | None:
     now, flipped = (max(fit.passive(k, sign) for k in _NEAR) for sign in (1.0, -1.0))
     shift = fit.best_shift()
     there, back = (max(fit.passive(shift + k, s) for k in _NEAR if abs(shift + k) <= limit) for s in (1.0, -1.0))
-    mass, error = _mass(columns, recording.quasi_static)
+    mass, error, law = _mass(columns, recording.quasi_static)
     left = _left(columns)
     F, v, x = columns.F - np.mean(columns.F), columns.signed[:, 1], columns.x - np.mean(columns.x)
     lag, lag_error = _fine(columns, fit, shift)
@@ -87,7 +99,7 @@ def examine_force(recording: Recording) -> Force | None:
     return Force(
         now, flipped, mass, error, power, float(F @ x) / max(float(x @ x), 1e-300), float(F @ x) / size,
         lag * recording.dt, lag_error * recording.dt, fit.freely(0), fit.freely(shift), there, back,
-        len(left) / max(_memory(left), 1.0),
+        len(left) / max(_memory(left), 1.0), law, fit.hidden(shift) * recording.dt,
     )  # fmt: skip
 
 
@@ -129,6 +141,12 @@ class _Fit:
     def freely(self, shift: int) -> float:
         """Share that any law explains, with a memory of the last turn and with signs as they come."""
         return float(np.sum((self.cross[shift + self.limit] @ self.everything) ** 2)) / self.total
+
+    def hidden(self, shift: int) -> int:
+        """Samples by which the force can be moved from a shift before four times as much is left unexplained."""
+        shares = np.sum((self.cross @ self.everything) ** 2, axis=1) / self.total
+        worse = np.flatnonzero(1.0 - shares > FOURFOLD * (1.0 - shares[shift + self.limit]))
+        return int(np.min(np.abs(worse - self.limit - shift))) if worse.size else self.limit
 
     def best_shift(self) -> int:
         """The shift [samples] at which any law explains most; the smallest of those that do nearly as well.
@@ -257,18 +275,26 @@ def _memory(left: Array) -> float:
     return 1.0 + 2.0 * float(np.sum(np.abs(rho[1:end])))
 
 
-def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float]:
-    """Apparent mass with a free law beside it, unsigned, and its standard error (one block left out at a time)."""
+def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float]:
+    """Apparent mass with a free law beside it, unsigned, its standard error (one block left out at a time), and the
+    relative error that laws of another form can make.
+
+    What no free law explains is there for the acceleration to absorb as well: that it absorbed no more than what it
+    left is taken as the limit of 95 %, two standard errors.
+    """
     if quasi_static:
-        return np.nan, np.inf
+        return np.nan, np.inf, np.inf
     table, force = _table(columns)
     step = max(1, len(columns.F) // _ROWS)
     size = float(np.sqrt(np.mean(columns.signed[::step, 0] ** 2)))
     blocks = np.array_split(np.arange(len(force)), _BLOCKS)
-    everything = float(np.linalg.lstsq(table, force, rcond=None)[0][0]) / size
+    fit = np.linalg.lstsq(table, force, rcond=None)[0]
     left_out = [
         float(np.linalg.lstsq(np.delete(table, rows, axis=0), np.delete(force, rows), rcond=None)[0][0]) / size
         for rows in blocks
     ]
     error = float(np.sqrt((_BLOCKS - 1) / _BLOCKS * np.sum((np.array(left_out) - np.mean(left_out)) ** 2)))
-    return everything, error
+    others = table[:, 1:]
+    alone = table[:, 0] - others @ np.linalg.lstsq(others, table[:, 0], rcond=None)[0]
+    absorbed = float(np.std(force - table @ fit) / max(float(np.std(alone)), 1e-300))
+    return float(fit[0]) / size, error, 0.5 * absorbed / max(abs(float(fit[0])), 1e-300)

@@ -85,7 +85,7 @@ def pair(channels: Mapping[str, Array], low: str, high: str, dt: float) -> Pair:
     if not np.any(seen):
         return Pair(low, high, np.nan, np.inf, 1.0, 0.0, np.inf, 0.0, np.inf, (0.0, 0.0), 0.0, 0.0, found)
     size = np.log(np.abs(found.response))
-    centre = _median(size, weight * found.high / np.sum(found.high))
+    centre = median(size, weight * found.high / np.sum(found.high))
     lag, _ = _delay(found, sign, weight)
     slope, slope_error = _slope(np.log(found.omega), size, weight)
     near = seen & (np.abs(size - centre) < np.log(_PLATEAU))
@@ -180,7 +180,8 @@ def _slope(x: Array, y: Array, weight: Array) -> tuple[float, float]:
     return slope, float(np.sqrt(excess / spread))
 
 
-def _median(values: Array, weight: Array) -> float:
+def median(values: Array, weight: Array) -> float:
+    """Weighted median of values of shape (n,)."""
     order = np.argsort(values)
     total = np.cumsum(weight[order])
     return float(values[order][int(np.searchsorted(total, 0.5 * total[-1]))])

@@ -16,13 +16,14 @@ from hystid.consistency.kinematics import ORDER, Pair
 from hystid.units import to_si
 
 CALIBRATION = 0.05  # standard deviation of ln(gain) of sensors that nobody calibrated: makers state 5 to 10 %
-_LAW = 0.5  # of ln(mass): what a law-free force beside it can be wrong by, a factor of 1.6
+_GIVEN = 0.25  # of ln(mass): a weighed mass moves with fixtures, cables and a third of its springs
 _FILTERED = 1.0  # standard deviation of the exponent of a response, as filters at the edge of a band leave it
 _WRONG_SIGN = 40.0  # chi square of a sign that is plainly the other one: certain, but for columns that nobody knows
-_PRIOR_SLIP = math.log(0.01)  # one channel in a hundred is mislabelled
+PRIOR_SLIP = math.log(0.01)  # one channel in a hundred is mislabelled
 _PRIOR_RARE = math.log(0.1)  # of those, a unit that is seldom used
 _PRIOR_GAIN = math.log(1e-3)  # a gain of any size
 _DECADES = math.log(1e12)  # range over which such a gain is as likely everywhere
+SURE = math.log(20.0)  # odds beyond which a slip is refused: a wrong label costs a result, a false alarm one --accept
 
 # Units that columns are written in; the first few are usual. What a value is multiplied by comes from ``units``.
 LINEAR = {
@@ -70,7 +71,8 @@ class Situation:
     """What the candidates are judged by.
 
     pairs: of the motion. written: unit in the header per channel ("" for none). rms: size of each channel in SI.
-    mass_ratio: apparent mass over the given one, with the standard error of its logarithm; None where unknown.
+    mass_ratio: apparent mass over the given one, with the standard error of its logarithm (of chance and of laws);
+    None where unknown.
     """
 
     pairs: Sequence[Pair]
@@ -113,6 +115,24 @@ def explain(situation: Situation) -> list[Explanation]:
     return sorted(found, key=lambda e: -e.score)
 
 
+def doubtful_units(situation: Situation, name: str) -> list[str]:
+    """Units that a channel could be in without being noticed: no ratio tells them from the unit of the header."""
+    table = ANGULAR if situation.rotational else LINEAR
+    left = []
+    for slip in _units(name, table[name], situation):
+        shift = math.log(slip.factor)
+        seen = sum(
+            (_power(pair, slip) * shift) ** 2 / (CALIBRATION**2 + pair.error**2)
+            for pair in situation.pairs
+            if math.isfinite(pair.gain)
+        )
+        if situation.mass_ratio is not None:
+            seen += (_mass_power(situation, slip) * shift) ** 2 / (_GIVEN**2 + situation.mass_ratio[1] ** 2)
+        if 0.5 * seen + slip.prior < SURE:
+            left.append(slip.units[1])
+    return left
+
+
 def _misfit_limit(situation: Situation) -> float:
     return 12.0 + 4.0 * len(situation.pairs)  # five standard deviations of one of them
 
@@ -133,14 +153,14 @@ def _candidates(situation: Situation) -> Iterator[Slip]:
         yield from _units(name, table[name], situation)
         yield Slip("gain", (name,), _PRIOR_GAIN + (_PRIOR_RARE if name == "m" else 0.0))
     for name in sorted(involved):
-        yield Slip("reversed", (name,), _PRIOR_SLIP)
+        yield Slip("reversed", (name,), PRIOR_SLIP)
     yield from _times(situation)
     present = sorted(involved, key=lambda name: ORDER[name])
     for order in permutations(present):
         moved = tuple(name for name, other in zip(present, order, strict=True) if name != other)
         if moved:
             mapped = tuple(f"{a}={b}" for a, b in zip(present, order, strict=True) if a != b)
-            yield Slip("exchanged", mapped, _PRIOR_SLIP + (_PRIOR_RARE if len(moved) > 2 else 0.0))
+            yield Slip("exchanged", mapped, PRIOR_SLIP + (_PRIOR_RARE if len(moved) > 2 else 0.0))
 
 
 def _units(name: str, units: Sequence[str], situation: Situation) -> Iterator[Slip]:
@@ -154,7 +174,7 @@ def _units(name: str, units: Sequence[str], situation: Situation) -> Iterator[Sl
         ratio = factor / to_si(unit, quantity)[0]
         if abs(math.log(ratio)) > 1e-6:
             rare = _PRIOR_RARE if rank > USUAL else 0.0
-            yield Slip("unit", (name,), _PRIOR_SLIP + rare - 0.1 * rank, ratio, (written, unit))
+            yield Slip("unit", (name,), PRIOR_SLIP + rare - 0.1 * rank, ratio, (written, unit))
 
 
 def _times(situation: Situation) -> Iterator[Slip]:
@@ -167,10 +187,10 @@ def _times(situation: Situation) -> Iterator[Slip]:
         ratio = factor / size
         if abs(math.log(ratio)) > 1e-6:
             rare = 0.0 if unit in ("ms", "s") else 2 * _PRIOR_RARE
-            yield Slip("time", ("t",), _PRIOR_SLIP + rare, ratio, (written, unit))
+            yield Slip("time", ("t",), PRIOR_SLIP + rare, ratio, (written, unit))
     step = situation.rate
     if abs(step * factor - 1.0) < 1e-6:  # steps of exactly one: they may be sample numbers of any rate
-        yield Slip("time", ("t",), _PRIOR_SLIP + _PRIOR_RARE, math.nan, (written, "samples"))
+        yield Slip("time", ("t",), PRIOR_SLIP, math.nan, (written, "samples"))
 
 
 def _judged(situation: Situation, slips: tuple[Slip, ...]) -> Explanation:
@@ -180,8 +200,10 @@ def _judged(situation: Situation, slips: tuple[Slip, ...]) -> Explanation:
     misfit = sum(_pair_misfit(pair, settled) for pair in situation.pairs)
     misfit += _mass_misfit(situation, settled)
     score = -0.5 * misfit + sum(s.prior for s in slips) - 0.5 * _implausible(situation, settled)
-    for _ in free:
-        score += math.log(CALIBRATION * math.sqrt(2 * math.pi)) - math.log(_DECADES)
+    for one in free:  # volume of the factors that fit over that of those that are possible
+        rates = (_ANGULAR_SIZES if situation.rotational else _SIZES)["rate"][1] * math.log(10.0)
+        possible = rates * math.sqrt(2 * math.pi) if one.kind == "time" else _DECADES
+        score += math.log(CALIBRATION * math.sqrt(2 * math.pi) / possible)
     return Explanation(settled, score, misfit)
 
 
@@ -197,7 +219,7 @@ def _settled(situation: Situation, slips: tuple[Slip, ...], one: Slip) -> Slip:
             top += weight * power * (math.log(pair.gain) - predicted)
             bottom += weight * power**2
     if situation.mass_ratio is not None and (power := _mass_power(situation, one)):
-        weight = 1.0 / (situation.mass_ratio[1] ** 2 + _LAW**2)
+        weight = 1.0 / (situation.mass_ratio[1] ** 2 + _GIVEN**2)
         wanted = math.log(abs(situation.mass_ratio[0])) - _mass_shift(situation, others)
         top, bottom = top + weight * power * wanted, bottom + weight * power**2
     factor = math.exp(min(max(top / bottom, -60.0), 60.0)) if bottom else 1.0
@@ -260,7 +282,7 @@ def _mass_misfit(situation: Situation, slips: Sequence[Slip]) -> float:
     if situation.mass_ratio is None or any(s.kind == "exchanged" for s in slips):
         return 0.0
     ratio, error = situation.mass_ratio
-    return (math.log(abs(ratio)) - _mass_shift(situation, slips)) ** 2 / (_LAW**2 + error**2)
+    return (math.log(abs(ratio)) - _mass_shift(situation, slips)) ** 2 / (_GIVEN**2 + error**2)
 
 
 def _implausible(situation: Situation, slips: Sequence[Slip]) -> float:

@@ -84,7 +84,8 @@ class Balance:
 
     passive: share of the force's variance that a structure which takes up energy explains, reversed: the same for the
     reversed force. power: mean of F v over the product of the rms. mass: moving mass that F over a shows at high
-    frequency, and mass_error (infinite where the test does not show it). lag of the force [s] and its error.
+    frequency, and mass_error (infinite where the test does not show it), of chance; law: relative error of the mass
+    from laws that no free curve follows. lag of the force [s] and its error.
     """
 
     passive: float
@@ -94,19 +95,23 @@ class Balance:
     mass_error: float
     lag: float
     lag_error: float
+    law: float = 0.0
 
     @property
     def mass_bounds(self) -> tuple[float, float]:
-        """Moving mass that these data allow (three standard errors and a third for the law), never negative."""
+        """Moving mass that these data allow (three standard errors, of chance and of laws), never negative."""
         if not math.isfinite(self.mass_error):
             return 0.0, math.inf
-        top = max(self.mass, 0.0) + 3.0 * self.mass_error
-        return max(0.0, (self.mass - 3.0 * self.mass_error) / 1.6), 1.6 * top
+        error = 3.0 * math.hypot(self.mass_error, self.law * self.mass)
+        return max(0.0, self.mass - error), max(self.mass, 0.0) + error
 
 
 @dataclass(frozen=True)
 class Examined:
-    """One recording: its channels, relations and force, in the order of the channels."""
+    """One recording: its channels, relations and force, in the order of the channels.
+
+    undecided: channel -> what about it no other channel can confirm, as a sentence.
+    """
 
     recording: str
     samples: int
@@ -115,6 +120,7 @@ class Examined:
     channels: Mapping[str, Channel]
     relations: Sequence[Relation]
     balance: Balance | None
+    undecided: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -147,6 +153,10 @@ class Examination(Result, report="examination", json="check.json"):
         """Raise RecordingError with one line per refusal, if there is any."""
         if self.refusals:
             raise RecordingError("\n".join(str(item) for item in self.refusals))
+
+    def undecided(self, channels: Collection[str]) -> list[str]:
+        """What these data cannot show about some of these channels, as sentences."""
+        return [text for item in self.examined for name, text in item.undecided.items() if name in channels]
 
     def measured(self, recording: str) -> list[str]:
         """Channels of a recording that hold information of their own."""

@@ -59,6 +59,7 @@ def _unit(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
         return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen)
     sentence += f": it looks like {slip.units[1]}"
     mend = f"write '{channel} [{slip.units[1]}]' in the header or give --unit {channel}={slip.units[1]}"
+    mend += "; else the mass is wrong" if channel == "F" else ""
     return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen, {"unit": f"{channel}={slip.units[1]}"})
 
 
@@ -130,8 +131,9 @@ def force_reversed(name: str, force: Force, other: float, share: float, names: M
         told.append(f"F falls as x grows (correlation {force.correlation:.2f})")
     why = ", ".join(told) or "mass and damping would be negative"
     motions = " or ".join(names)
+    alone = f" or {motions}" if len(names) == 1 else ""  # which of the two, nothing says
     sentence = (
-        f"F has the wrong sign against {motions if len(names) == 1 else 'the motion'}: {why}; a structure that takes "
+        f"F{alone} has the wrong sign against {'the other' if alone else 'the motion'}: {why}; a structure that takes "
         f"up energy explains {100 * share:.0f} % of F, and {100 * other:.0f} % of the reversed one"
     )
     seen = {"power": force.power, "mass": force.mass, "correlation": force.correlation, "explained": share}
@@ -165,11 +167,12 @@ def filtered(name: str, channel: str, side: str, limit: float, p: Pair) -> Findi
     where = f"below {limit:.3g} Hz" if side == "low" else f"above {limit:.3g} Hz"
     why = "an AC-coupled sensor or a high-pass filter" if side == "low" else "a low-pass filter"
     counts = f"it counts from {limit:.3g} Hz on" if side == "low" else f"it counts up to {limit:.3g} Hz"
+    lost = "lost below" if side == "low" else "lost above"
     sentence = f"{channel} loses motion {where} that {other} shows, as {why} does: {counts}"
     mend = f"leave {channel} out where slower motion matters, or state --band" if side == "low" else (
         f"leave {channel} out, or state --band -{limit:.3g}Hz"
     )  # fmt: skip
-    return Finding(name, channel, "filtered", sentence, mend, "note", {"limit": limit})
+    return Finding(name, channel, "filtered", sentence, mend, "note", {lost: limit})
 
 
 def drift(name: str, channel: str, share: float, limit: float) -> Finding:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from hystid.consistency import Channel, Examination, Examined
 from hystid.recording import Recording
-from hystid.report.curves import T_AXIS
+from hystid.report.curves import T_AXIS, responses
 from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent
 from hystid.report.plots import Axis, Line, Plot
 from hystid.report.text import columns
@@ -41,9 +41,16 @@ def page(result: Examination, command: str) -> Page:
             made.table(Table("Do they show one motion?", _RELATION_HEAD, _relations(item), _RELATION_NOTE))
         if item.balance is not None:
             made.table(Table("Force and motion", ["what", "value"], _balance(item)))
+        if item.undecided:
+            made.text("What this recording cannot show, so that nobody checked it:")
+            made.bullets(item.undecided.values())
         recording = next((r for r in result.recordings[:_SHOWN] if r.name == item.recording), None)
         if recording is not None:
             made.plots(*_pictures(recording))
+    levels = responses(result.recordings)
+    if levels is not None:
+        made.section("Displacement over force, by level", "A linear structure answers alike at every level.")
+        made.plots(levels, *_coherences(result.recordings))
     made.reproduce(command)
     return made
 
@@ -69,6 +76,7 @@ def summary(result: Examination) -> str:
             parts.append(columns([tuple(_RELATION_HEAD), *(_plain(row) for row in _relations(item))]))
         if item.balance is not None:
             parts.append("; ".join(f"{what}: {value}" for what, value in _balance(item)))
+        parts += item.undecided.values()
     parts += [f"{'mend' if f.severity == 'refuse' else 'note'}: {f}" for f in (*result.refusals, *result.notes)]
     if not result.findings:
         parts.append("nothing speaks against using these recordings")
@@ -157,3 +165,19 @@ def _spectrum(name: str, values: np.ndarray, dt: float) -> Line:
     frequency, power = welch(values - np.mean(values), fs=1 / dt, nperseg=min(len(values), _LINES))
     inside = frequency > 0
     return Line(frequency[inside], power[inside] / max(float(power[inside].max()), 1e-300) + 1e-20, name)
+
+
+def _coherences(recordings: Sequence[Recording]) -> list[Plot]:
+    """Coherence of F and x of recordings with time, weak to strong."""
+    from scipy.signal import coherence
+
+    lines = []
+    timed = [r for r in recordings if r.F is not None and r.x is not None and not r.quasi_static and len(r) >= 256]
+    for r in sorted(timed, key=lambda r: float(np.std(np.asarray(r.F))))[:_SHOWN]:
+        x = np.asarray(r.x)
+        frequency, share = coherence(np.asarray(r.F), x, fs=1 / r.dt, nperseg=min(len(r) // 8, _LINES))
+        level = number(float(np.std(np.asarray(r.F))), r.unit("F"), 3)
+        lines.append(Line(frequency[1:], share[1:], f"{r.name}, {level} rms"))
+    caption = "1: the displacement follows from the force alone. Noise and laws that are not linear take from it."
+    axes = Axis("Frequency", "Hz", log=True), Axis("Coherence of F and x", "")
+    return [Plot("Coherence by level", *axes, lines, caption)] if lines else []

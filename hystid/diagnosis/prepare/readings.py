@@ -66,13 +66,19 @@ def _read(test: Recording, mass: float | None) -> tuple[Recording, tuple[float, 
         wrong = [item for item in found.refusals if item.slip in _NEVER - here.accepted]
         if not wrong:
             lags = {item.channel: item.seen for item in found.findings if item.slip == "lag"}
-            alone = set(lags) == {"F"}  # with a channel of the motion late, a force looks late against that one
+            slowed = any("lost above" in item.seen for item in found.findings)  # a low-pass is late as well
+            alone = set(lags) == {"F"} and not slowed  # with motion late, a force looks early against it
             return here, (lags["F"]["lag"], lags["F"]["lag_error"]) if alone else None
-        if any(item.slip not in _READ or not item.repair for item in wrong):
+        if any(not _has_one_reading(item) for item in wrong):
             break
         for item in wrong:
             here = _mended(here, item)
     raise Contradiction("; ".join(str(item) for item in wrong))
+
+
+def _has_one_reading(item: Finding) -> bool:
+    """Whether one repair is the only one: where the force does not fit the mass, either of the two may be wrong."""
+    return item.slip in _READ and bool(item.repair) and not (item.slip == "wrong_unit" and item.channel == "F")
 
 
 def _lag(found: Examination) -> tuple[float, float] | None:

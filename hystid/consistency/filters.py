@@ -1,0 +1,147 @@
+"""Which filter, or which lag, stands between two channels of one motion: one response, several forms compared.
+
+A lag, an AC-coupled sensor and the low-pass of an amplifier all turn the phase; each does so with a course of its own
+over frequency, and two of them change the size as well. So the forms are fitted to the complex response, and compared
+by their likelihood, not one after the other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.consistency.kinematics import ORDER, Pair, median, motion
+from hystid.consistency.spectra import Bands, compare
+from hystid.recording import Array, Recording
+
+Complex = NDArray[np.complex128]
+_CALIBRATION = 0.02  # relative error of a response that a sound chain leaves in each band, beside noise
+_PRIOR = math.log(100.0)  # one channel in a hundred has a filter inside the band of the test
+_SURE = math.log(1e3)  # odds beyond: a note on a sound recording costs trust in all others
+_MATTERS = 0.01  # share of the power that a filter takes or moves: a tenth of the size
+_FEWEST = 5  # bands with motion: a form has two unknowns, in size and phase each
+_TAILS = 3.0  # degrees of freedom of the errors of a band, the fewest with a variance
+
+
+@dataclass(frozen=True)
+class Form:
+    """What stands between two channels.
+
+    side: "low" (loses low frequencies) or "high" (loses high ones). channel: whose filter it is. corner [rad/s] at 3 dB
+    (6 dB for a filter without phase). gain, sign: of the pair in the band that the filter passes. odds: ln of the odds
+    against a plain or late response.
+    """
+
+    side: str
+    channel: str
+    corner: float
+    gain: float
+    sign: float
+    odds: float
+
+
+def filtered(recording: Recording, p: Pair) -> Form | None:
+    """The filter between two channels, None where a plain or a late response does as well."""
+    channels = motion(recording)
+    order = ORDER[p.high] - ORDER[p.low]
+    found = compare(channels[p.low], channels[p.high], order, recording.dt)
+    at = found.seen
+    if np.count_nonzero(at) < _FEWEST:
+        return None
+    plain, made = -math.inf, []
+    for sign in (1.0, -1.0):  # a filter turns the phase by more than a quarter of a period: what looks reversed may not
+        held = _Held(found, at, sign)
+        plain = max(plain, held.likelihood(np.ones_like(held.response)), held.late(p.lag))
+        made += [(*held.best(side, channel, shape), held, sign) for side, channel, shape in _forms(p, held.omega)]
+    best, answer, corner, (side, channel), held, sign = max(made, key=lambda item: item[0])
+    odds = best - plain - _PRIOR - 0.5 * math.log(len(held.omega))
+    if odds < _SURE or not held.matters(answer, order):
+        return None
+    return Form(side, channel, corner, held.gain(answer), sign, odds)
+
+
+def _butterworth(order: int, s: Complex) -> Complex:
+    """Denominator of Butterworth's filters of order 1, 2 and 4."""
+    if order == 1:
+        return np.asarray(1.0 + s)
+    if order == 2:
+        return np.asarray(1.0 + math.sqrt(2.0) * s + s**2)
+    return np.asarray((1.0 + 0.76537 * s + s**2) * (1.0 + 1.84776 * s + s**2))
+
+
+def _passes(side: str, order: int, both: bool, omega: Array) -> Callable[[float], Complex]:
+    """Response of a filter over its corner; both: run forwards and backwards, so without a phase."""
+
+    def made(corner: float) -> Complex:
+        s: Complex = np.asarray(1j * omega / corner, dtype=np.complex128)
+        answer = (s**order if side == "low" else 1.0) / _butterworth(order, s)
+        return np.asarray(np.abs(answer) ** 2 + 0j if both else answer)
+
+    return made
+
+
+def _forms(p: Pair, omega: Array) -> list[tuple[str, str, Callable[[float], Complex]]]:
+    """(side that is lost, channel, response of the pair over the corner)."""
+    found = []
+    for side, (order, both) in product(("low", "high"), ((1, False), (2, False), (4, False), (2, True), (4, True))):
+        shape = _passes(side, order, both, omega)
+        found.append((side, p.high, shape))
+        found.append((side, p.low, _inverse(shape)))
+    return found
+
+
+def _inverse(shape: Callable[[float], Complex]) -> Callable[[float], Complex]:
+    return lambda corner: np.asarray(1.0 / shape(corner))
+
+
+class _Held:
+    """The response of a pair in its bands, and how likely a form makes it."""
+
+    def __init__(self, found: Bands, at: NDArray[np.bool_], sign: float) -> None:
+        self.omega, self.response = found.omega[at], found.response[at] * sign
+        self.weight = 1.0 / (found.variance[at] + _CALIBRATION**2)
+        self.low, self.high = found.low[at], found.high[at]
+
+    def likelihood(self, form: Complex) -> float:
+        """ln of the likelihood with the best gain, under errors with heavy tails: a band may hold what leaked in."""
+        size = np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(form), 1e-12))
+        phase = np.angle(self.response * np.conj(form))
+        left = self.weight * ((size - median(size, self.weight)) ** 2 + phase**2)
+        return -0.5 * (_TAILS + 2.0) * float(np.sum(np.log1p(left / _TAILS)))
+
+    def gain(self, form: Complex) -> float:
+        """Size of the response where the form is 1."""
+        return float(
+            np.exp(median(np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(form), 1e-12)), self.weight))
+        )
+
+    def late(self, lag: float) -> float:
+        """The same of the best lag, near one and near none."""
+        step = math.pi / float(self.omega[-1])
+        tried = np.concatenate([lag + step * np.linspace(-1, 1, 81), step * np.linspace(-1, 1, 81)])
+        return max(self.likelihood(np.exp(-1j * self.omega * t)) for t in tried)
+
+    def best(
+        self, side: str, channel: str, shape: Callable[[float], Complex]
+    ) -> tuple[float, Complex, float, tuple[str, str]]:
+        """Likelihood, response and corner of one form at its best corner, and what it is."""
+        corners = np.geomspace(self.omega[0], self.omega[-1], 60)  # what it passes has to be seen
+        scores = [self.likelihood(shape(float(c))) for c in corners]
+        k = int(np.argmax(scores))
+        finer = np.geomspace(corners[max(k - 1, 0)], corners[min(k + 1, 59)], 15)
+        more = [self.likelihood(shape(float(c))) for c in finer]
+        at = int(np.argmax(more))
+        return more[at], shape(float(finer[at])), float(finer[at]), (side, channel)
+
+    def matters(self, form: Complex, order: int) -> bool:
+        """Whether the form changes a hundredth of the power, as acceleration or as slow motion."""
+        damage = np.abs(1.0 - np.where(np.abs(form) > 1.0, 1.0 / form, form)) ** 2
+        power = np.maximum(self.low, self.high)
+        return any(
+            float(np.sum(damage * w)) > _MATTERS * float(np.sum(w)) for w in (power, power / self.omega ** (2 * order))
+        )
