@@ -19,6 +19,7 @@ from hystid.fmu.coupling import simulate_with_effects
 from hystid.fmu.door import open_fmu
 from hystid.fmu.driver import Driver
 from hystid.modelcode import ModelCode, Variable
+from hystid.simulation import SUBSTEPS, driven
 
 Array = NDArray[np.float64]
 _LONG = 30_000  # samples from which a foreign FMU takes one step per sample: each costs a tenth of a millisecond
@@ -88,13 +89,19 @@ class FmuModel:
         interpolation: Interpolation = "cubic",
         substeps: int = 1,
     ) -> dict[str, Array]:
-        """``Driver.simulate`` on the grid of the inputs; the FMU chooses its own steps and runs inputs linearly.
+        """The FMU under inputs that are cubics between their samples, as ``validate`` and compiled models have them.
 
+        An FMU takes straight lines, so it gets the cubics on the grid of ``substeps``, of four where fewer are asked.
         A foreign FMU with Model Exchange alone is integrated here: fixed steps, cubic inputs, nothing but x.
         """
         n = len(np.asarray(next(iter(inputs.values()))))
         if self.driver.is_own or "CoSimulation" in self.driver.kinds or tuple(outputs) != ("x",):
-            return self.driver.simulate(np.arange(n) * dt, inputs, parameters=parameters, outputs=outputs)
+            table = {name: np.asarray(values, np.float64) for name, values in inputs.items()}
+            steps = max(substeps, SUBSTEPS) if interpolation == "cubic" else 1
+            t, names = np.arange(n, dtype=np.float64) * dt, tuple(outputs)
+            if steps == 1 or not table:
+                return self.driver.simulate(t, table, parameters=parameters, outputs=names)
+            return driven(self.driver, table, t, parameters=parameters, outputs=names, substeps=steps)
         values = dict(parameters or {})
         start = values.pop("x", 0.0), values.pop("v", 0.0)
         rig, force = open_fmu(self.driver.path), np.asarray(inputs["F"], np.float64)
