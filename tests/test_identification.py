@@ -9,6 +9,7 @@ import pytest
 from hystid.errors import RecordingError, UsageError
 from hystid.files import plain
 from hystid.identification import identify
+from hystid.identification.offsets import constant_and_even
 from hystid.networks import ensemble
 from hystid.recording import Recording, read
 
@@ -124,6 +125,34 @@ def test_interruption_keeps_finished_members(recordings, monkeypatch):
     assert result.notes == ("interrupted: 2 of 5 trainings had finished",)
 
 
+def test_recordings_of_different_rates_go_together(recordings, harmonic):
+    slow = [Recording(r.name, r.t[::2], **{c: getattr(r, c)[::2] for c in "Fxva"}) for r in (recordings[1], harmonic)]
+    found = identify(
+        [recordings[0], slow[0], recordings[2]], mass=1.0, ensemble=3, holdout=[harmonic, slow[1]], method="published"
+    )
+    fine, coarse = (item.network.force_nrmse for item in found.comparisons[-2:])
+    assert found.model.sample_rate == pytest.approx(1 / DT)
+    assert coarse < 0.1 and coarse < 1.5 * fine  # the same motion at half the rate: the memory knows no time
+
+
+def test_constant_and_even_forces_are_told():
+    t = np.arange(4000) * 1e-3
+    x = np.sin(9 * t) + 0.4 * np.sin(23.7 * t)
+    v = 9 * np.cos(9 * t) + 9.48 * np.cos(23.7 * t)
+    noise = np.random.default_rng(0).normal(0, 0.2, len(t))
+    plain = 10 * x + 0.1 * v + 4 * np.sign(v) + noise
+
+    def notes(R, x=x):
+        return constant_and_even([Recording("r", t, F=R, x=x, v=v, R=R)])
+
+    assert notes(plain) == ()
+    (offset,) = notes(plain + 3.0)
+    assert "constant force of 3 N" in offset and "6.99 N forward" in offset
+    (even,) = notes(plain + 1.5 * (x**2 - np.mean(x**2)))
+    assert "even in the displacement" in even
+    assert any("AC-coupled" in note for note in notes(plain - np.mean(plain), x=x + 0.5))
+
+
 def test_bad_arguments_get_a_sentence(recordings, harmonic):
     with pytest.raises(UsageError, match="mass must be"):
         identify(recordings, mass=-1.0)
@@ -135,9 +164,6 @@ def test_bad_arguments_get_a_sentence(recordings, harmonic):
         identify(recordings, mass=1.0, mode="adam")
     with pytest.raises(UsageError, match="method must be"):
         identify(recordings, mass=1.0, method="best")
-    slow = Recording("slow", harmonic.t[::2], **{name: getattr(harmonic, name)[::2] for name in "Fxva"})
-    with pytest.raises(RecordingError, match="must share a sample rate"):
-        identify(recordings, mass=1.0, holdout=[slow])
     still = Recording("still", harmonic.t, F=harmonic.F, x=0 * harmonic.x, v=harmonic.v, a=harmonic.a)
     with pytest.raises(RecordingError, match="still: x is constant"):
         identify([still], mass=1.0, method="published")

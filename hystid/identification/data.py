@@ -24,13 +24,7 @@ def check(recordings: Sequence[Recording], holdout: Sequence[Recording]) -> None
     """Raise RecordingError where recordings cannot be used together."""
     if not recordings:
         raise UsageError("identification needs at least one recording to train on")
-    rates = [recording.sample_rate for recording in (*recordings, *holdout)]
-    for recording, rate in zip((*recordings, *holdout), rates, strict=True):
-        if abs(rate - rates[0]) > 0.01 * rates[0]:
-            raise RecordingError(
-                f"{recording.name}: sampled at {rate:.6g} Hz, but {recordings[0].name} at {rates[0]:.6g} Hz; "
-                "recordings of one identification must share a sample rate: resample one of them"
-            )
+    for recording in (*recordings, *holdout):
         for name in ("x", "v", "R"):
             values = recording.channel(name)
             bad = np.flatnonzero(~np.isfinite(values))

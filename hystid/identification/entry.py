@@ -19,6 +19,7 @@ from hystid.identification.inputs import check_lags, check_range, resolve, unuse
 from hystid.identification.lags import choose_lags
 from hystid.identification.leftout import LeftOut
 from hystid.identification.methods import Plan, Recipe, Trained
+from hystid.identification.offsets import constant_and_even
 from hystid.identification.prediction import drift, predict, respond
 from hystid.identification.result import Comparison, Identification, Prediction, Role
 from hystid.networks import Lag, TwoNetworkModel
@@ -55,8 +56,8 @@ def identify(
     """Identify the restoring force with memory from recordings, by the two-network method.
 
     recordings: the training set; holdout: recordings that are only predicted; in memory or as files. Both go through
-    ``processing.prepare`` with ``band`` (low, high) [Hz] and ``decimate``, so that x, v and R = F - mass a are there at
-    one sample rate.
+    ``processing.prepare`` with ``band`` (low, high) [Hz] and ``decimate``, so that x, v and R = F - mass a are there.
+    Sample rates may differ: the memory knows no time, lags are followed at each recording's own; files get the highest.
     mass [kg]: 0 means that F is the restoring force itself; then there is no free run.
     layers: neurons of each hidden layer of both networks. ensemble: number of starts; the best tenth is averaged.
     seed: of the split and of all starts; the result does not depend on ``workers`` (trainings at a time).
@@ -127,7 +128,7 @@ def identify(
         f"the force follows {lag.source} late: a lag of {1e3 * lag.time:.3g} ms is a further input of the networks"
         for lag in networks.lags
     )
-    notes = (*trained.notes, *late, *unused_columns(*_residual_of(comparisons), ports))
+    notes = (*trained.notes, *late, *constant_and_even(used), *unused_columns(*_residual_of(comparisons), ports))
     hybrid = combine(law, plan, comparisons, networks.training_range) if law else None
     if hybrid:
         notes = (*notes, hybrid.sentence(), *hybrid.notes)
@@ -173,7 +174,8 @@ def _model(trained: Trained, recordings: Sequence[Recording], plan: Plan) -> Two
         )
         for name, column in columns.items()
     }
-    model = plan.model([start.member for start in trained.chosen], recordings[0].sample_rate, limits)
+    rate = max(recording.sample_rate for recording in recordings)
+    model = plan.model([start.member for start in trained.chosen], rate, limits)
     return replace(model, metadata=trained.metadata)
 
 

@@ -17,8 +17,13 @@ from hystid.recording import Array, Recording
 def respond(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array]:
     """R on the measured motion [N], shape (n,), and each member's, shape (n, members)."""
     x, v, further, start = begin(model, recording)
-    force, each, _ = model.members_response(x, v, start, further)
+    force, each, _ = at_rate(model, recording).members_response(x, v, start, further)
     return force, each
+
+
+def at_rate(model: TwoNetworkModel, recording: Recording) -> TwoNetworkModel:
+    """The model with steps of the recording's sample time, which only its lags depend on."""
+    return replace(model, sample_rate=recording.sample_rate)
 
 
 def begin(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array, dict[str, Array], Array]:
@@ -33,7 +38,7 @@ def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
     """The model on one recording: R on the measured motion, and the free run where there is a mass."""
     x, v, further, start = begin(model, recording)
     R = recording.channel("R")
-    force, each, _ = model.members_response(x, v, start, further)
+    force, each, _ = at_rate(model, recording).members_response(x, v, start, further)
     spread = None if model.spread is None else model.spread.of(each)
     open_loop = Prediction(force, nrmse(force, R), spread=spread)
     if not model.mass:

@@ -23,7 +23,7 @@ from hystid.identification.hybrid.package import OSCILLATOR, package_text
 from hystid.identification.hybrid.result import Hybrid, Pair
 from hystid.identification.inputs import columns_of
 from hystid.identification.methods import Plan, Trained, weights_of
-from hystid.identification.prediction import begin
+from hystid.identification.prediction import at_rate, begin
 from hystid.identification.result import Comparison, Prediction
 from hystid.modelica import compile_model
 from hystid.networks import TwoNetworkModel
@@ -145,7 +145,7 @@ class _Work:
         """The share of the networks that unseen branches confirm, and the unseen error, in blocks."""
         limits = {name: span for name, span in self.limits.items() if name != "R"}
         members = [start.member for start in trained.chosen]
-        model = replace(plan.model(members, left[0].sample_rate, limits), tail=Tail(0.0, 0.0))
+        model = replace(plan.model(members, max(r.sample_rate for r in left), limits), tail=Tail(0.0, 0.0))
         rest = np.concatenate([weight * record.channel("R") for weight, record in zip(self.weights, left, strict=True)])
         answer = np.concatenate([weight * _response(model, r) for weight, r in zip(self.weights, left, strict=True)])
         at = slice(None) if trained.unseen is None else trained.unseen
@@ -170,7 +170,7 @@ def residual_force(model: TwoNetworkModel, recording: Recording, physics: Array)
 
 def _response(model: TwoNetworkModel, recording: Recording) -> Array:
     x, v, further, start = begin(model, recording)
-    return model.members_response(x, v, start, further)[0]
+    return at_rate(model, recording).members_response(x, v, start, further)[0]
 
 
 def compiled(text: str) -> CompiledModel:
