@@ -15,6 +15,7 @@ from hystid.compiled import CompiledModel
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import Variable
 from hystid.modelica import compile_model
+from hystid.modelica.sources import only_class
 from hystid.recording import Array, Recording
 
 _MASSES = ("m", "mass", "M")
@@ -157,10 +158,10 @@ class _Problem:
 def law_of(model: str) -> Law:
     """The oscillator that a class of the library ("HystId.Oscillators.Jenkins") or a file ("rig.mo:Rig") is.
 
-    "extended.mo" alone stands for the class Extended in it, as ``diagnose`` writes it.
+    A file alone stands for its only model, or for the class Extended, as ``diagnose`` writes it.
     Raises UsageError where it is no oscillator, ModelicaError where it does not compile.
     """
-    named = f"{model}:Extended" if model.endswith(".mo") else model
+    named = f"{model}:{_class_in(Path(model))}" if model.endswith(".mo") and Path(model).is_file() else model
     code = compile_model(named)
     variables = {v.name: v for v in code.variables}
     force = variables.get("F")
@@ -181,6 +182,11 @@ def law_of(model: str) -> Law:
         {v.name: (_number(v.min, -np.inf), _number(v.max, np.inf)) for v in free},
         mass,
     )
+
+
+def _class_in(file: Path) -> str:
+    written = re.search(r"^model Extended\b", file.read_text(encoding="utf-8"), re.MULTILINE)
+    return "Extended" if written else only_class(file)
 
 
 def _is_free(v: Variable) -> bool:
