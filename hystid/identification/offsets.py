@@ -62,4 +62,4 @@ def _jackknife(table: Array, target: Array) -> tuple[Array, Array]:
     block = np.arange(len(target)) * _BLOCKS // len(target)
     parts = [np.linalg.lstsq(table[block != k], target[block != k], rcond=None)[0] for k in range(_BLOCKS)]
     error = np.sqrt((_BLOCKS - 1) * np.mean((np.array(parts) - np.mean(parts, axis=0)) ** 2, axis=0))
-    return whole, np.asarray(error)
+    return np.asarray(whole, np.float64), np.asarray(error, np.float64)
