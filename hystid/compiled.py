@@ -387,25 +387,6 @@ class CompiledModel:
         runs = [Run(m.columns, m.rows, m.dt, known[id(p)], 0.0, m.substeps) for m, p in zip(motions, each, strict=True)]
         return self._results(runs, tuple(outputs))
 
-    def clamp_many(
-        self,
-        states: Mapping[str, ArrayLike],
-        inputs: Mapping[str, ArrayLike],
-        dt: float,
-        *,
-        parameters: Mapping[str, ArrayLike],
-        outputs: Iterable[str],
-        substeps: int = 1,
-    ) -> dict[str, Array]:
-        """``clamp`` for k parameter vectors: parameters name -> (k,) or a number for all; returns output -> (k, n)."""
-        columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
-        names = tuple(outputs)
-        table = np.broadcast_arrays(*(np.atleast_1d(np.asarray(p, np.float64)) for p in parameters.values()))
-        job = Job(Columns(columns), _rows(columns, None), dt, 0.0, {}, names, substeps)
-        vectors = [dict(zip(parameters, map(float, vector), strict=True)) for vector in zip(*table, strict=True)]
-        found = self._run_all([replace(job, settings=vector) for vector in vectors])
-        return {name: np.array([run[name] for run in found]) for name in names}
-
     def _run(self, job: Job, seeds: Sequence[str] = ()) -> dict[str, Array]:
         return self._run_all([job], seeds)[0]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -166,17 +166,13 @@ def simulate(
 
 
 @app.command()
+@opt.grouped
 def check(
     recordings: opt.Recordings,
     mass: Annotated[float | None, typer.Option(metavar="KG", help="Moving mass in kg, where it is known.")] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the report.")] = None,
-    sensitivity: opt.Sensitivity = None,
-    channel: opt.Channel = None,
-    resample: opt.Resample = False,
-    accept: opt.Accept = None,
-    unit: opt.Unit = None,
-    reverse: opt.Reverse = None,
-    align: opt.Align = None,
+    *,
+    reading: opt.Reading,
 ) -> int:
     """Say what is in recordings, and whether their channels fit together: units, signs, clocks, columns, mass.
 
@@ -190,9 +186,8 @@ def check(
     from hystid.consistency import check
     from hystid.files import write_json
 
-    rules = {*(accept or ()), "missing_force"}
-    read = opt.load(recordings, sensitivity, channel, resample, rules, unit, reverse, align)
-    result = check(read, mass, rules)
+    rules = {*(reading.accept or ()), "missing_force"}
+    result = check(reading.load(recordings, rules), mass, rules)
     if out is not None:
         with opt.results(out) as folder:
             write_json(folder / "check.json", result.as_dict())
@@ -204,6 +199,7 @@ def check(
 
 
 @app.command()
+@opt.grouped
 def identify(
     recordings: opt.Recordings,
     mass: opt.Mass,
@@ -226,13 +222,8 @@ def identify(
         ),
     ] = None,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Trainings at a time; all cores by default.")] = None,
-    sensitivity: opt.Sensitivity = None,
-    channel: opt.Channel = None,
-    resample: opt.Resample = False,
-    accept: opt.Accept = None,
-    unit: opt.Unit = None,
-    reverse: opt.Reverse = None,
-    align: opt.Align = None,
+    *,
+    reading: opt.Reading,
 ) -> int:
     """Train a network model of the restoring force and write it as ONNX and FMU, with a report.
 
@@ -249,10 +240,9 @@ def identify(
     from hystid import identification
     from hystid.processing import parse_band
 
-    settings = (sensitivity, channel, resample, accept or (), unit, reverse, align)
     with opt.results(out) as folder:
         unseen = opt.apart(recordings, holdout)
-        inputs, (used, held) = opt.with_inputs(further, opt.load(recordings, *settings), opt.load(unseen, *settings))
+        inputs, (used, held) = opt.with_inputs(further, reading.load(recordings), reading.load(unseen))
         result = identification.identify(
             used,
             mass=mass,
@@ -277,6 +267,7 @@ def identify(
 
 
 @app.command()
+@opt.grouped
 def validate(
     surrogate: Annotated[Path, typer.Argument(metavar="SURROGATE", help="surrogate.fmu, oscillator.fmu or .onnx.")],
     out: opt.Folder,
@@ -294,13 +285,8 @@ def validate(
     band: opt.BandText = None,
     decimate: opt.Decimate = 1,
     further: opt.Input = None,
-    sensitivity: opt.Sensitivity = None,
-    channel: opt.Channel = None,
-    resample: opt.Resample = False,
-    accept: opt.Accept = None,
-    unit: opt.Unit = None,
-    reverse: opt.Reverse = None,
-    align: opt.Align = None,
+    *,
+    reading: opt.Reading,
 ) -> None:
     """Compare a surrogate with recordings or with a reference FMU, in closed loop with its mass.
 
@@ -318,8 +304,7 @@ def validate(
         )
     if against and not force:
         raise UsageError("--against needs at least one --force, as --force harmonic:20Hz@80N,2s")
-    read = opt.load(recordings or (), sensitivity, channel, resample, accept or (), unit, reverse, align)
-    _, (loaded,) = opt.with_inputs(further, read)
+    _, (loaded,) = opt.with_inputs(further, reading.load(recordings or ()))
     with opt.results(out) as folder:
         result = validation.validate(
             surrogate,
@@ -337,6 +322,7 @@ def validate(
 
 
 @app.command()
+@opt.grouped
 def diagnose(
     recordings: opt.Recordings,
     model: Annotated[
@@ -350,13 +336,8 @@ def diagnose(
         list[Path] | None,
         typer.Option(metavar="MY.mo", help="Your own effect blocks as further candidates; repeatable."),
     ] = None,
-    sensitivity: opt.Sensitivity = None,
-    channel: opt.Channel = None,
-    resample: opt.Resample = False,
-    accept: opt.Accept = None,
-    unit: opt.Unit = None,
-    reverse: opt.Reverse = None,
-    align: opt.Align = None,
+    *,
+    reading: opt.Reading,
 ) -> int:
     """Find where a model and recordings disagree, name the physics that was left out, and fit it.
 
@@ -371,10 +352,9 @@ def diagnose(
 
     unseen = opt.apart(recordings, holdout)
     known = {**opt.parameter_file(parameters), **opt.numbers("--set", set_)}
-    settings = (sensitivity, channel, resample, {*(accept or ()), *TOLERATED}, unit, reverse, align)
     with opt.results(out) as folder:
         try:
-            used, held = opt.load(recordings, *settings), opt.load(unseen, *settings)
+            used, held = reading.load(recordings, TOLERATED), reading.load(unseen, TOLERATED)
         except RecordingError as refusal:
             if not inputs_missing(refusal):
                 raise
@@ -445,34 +425,16 @@ def demo(
     return 1 if strict and not outcome.passed else 0
 
 
-Workers = Annotated[
-    int | None, typer.Option(metavar="N", help="Trainings at a time on this machine; all cores by default.")
-]
-Scheduler = Annotated[str | None, typer.Option(metavar="URL", help="Dask scheduler, as tcp://host:8786.")]
-
-
-Starts = Annotated[int, typer.Option(metavar="N", help="Trainings of each structure.")]
-
-
 @study.command("grid")
+@opt.grouped
 def study_grid(
     recordings: opt.Recordings,
     mass: opt.Mass,
     out: opt.Folder,
     holdout: opt.Holdout = None,
-    starts: Starts = 30,
-    band: opt.BandText = None,
-    decimate: opt.Decimate = 1,
-    seed: opt.Seed = 0,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    sensitivity: opt.Sensitivity = None,
-    channel: opt.Channel = None,
-    resample: opt.Resample = False,
-    accept: opt.Accept = None,
-    unit: opt.Unit = None,
-    reverse: opt.Reverse = None,
-    align: opt.Align = None,
+    *,
+    settings: opt.Study,
+    reading: opt.Reading,
 ) -> None:
     """Which network structure: 1-3 hidden layers of 2-13 neurons, many starts each, tested on held-out recordings.
 
@@ -481,46 +443,20 @@ def study_grid(
       hystid study grid chirp*.csv --mass 4.2 --holdout sine20.csv --starts 30 -o grid
     """
     from hystid import study
-    from hystid.processing import parse_band
 
-    settings = (sensitivity, channel, resample, accept or (), unit, reverse, align)
-    unseen = opt.apart(recordings, holdout)
-    with opt.resumable(out):
-        result = study.grid(
-            opt.load(recordings, *settings),
-            mass=mass,
-            holdout=opt.load(unseen, *settings),
-            starts=starts,
-            band=parse_band(band) if band else None,
-            decimate=decimate,
-            seed=seed,
-            workers=workers,
-            scheduler=scheduler,
-            out=out,
-        )
-        result.report(out / "report.html", _command("study grid"))
-    _done(result, out)
+    _study(study.grid, recordings, mass, out, holdout, settings, reading)
 
 
 @study.command("mass")
+@opt.grouped
 def study_mass(
     recordings: opt.Recordings,
     mass: opt.Mass,
     out: opt.Folder,
     holdout: opt.Holdout = None,
-    starts: Starts = 30,
-    band: opt.BandText = None,
-    decimate: opt.Decimate = 1,
-    seed: opt.Seed = 0,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    sensitivity: opt.Sensitivity = None,
-    channel: opt.Channel = None,
-    resample: opt.Resample = False,
-    accept: opt.Accept = None,
-    unit: opt.Unit = None,
-    reverse: opt.Reverse = None,
-    align: opt.Align = None,
+    *,
+    settings: opt.Study,
+    reading: opt.Reading,
 ) -> None:
     """How much a mass that is weighed wrongly (-20 to +20 %) costs, for two hidden layers of each size.
 
@@ -529,24 +465,27 @@ def study_mass(
       hystid study mass chirp*.csv --mass 4.2 --holdout sine20.csv -o mass
     """
     from hystid import study
+
+    _study(study.mass, recordings, mass, out, holdout, settings, reading)
+
+
+def _study(
+    kind: Callable[..., Result],
+    recordings: Sequence[Path],
+    mass: float,
+    out: Path,
+    holdout: Sequence[Path] | None,
+    settings: opt.Study,
+    reading: opt.Reading,
+) -> None:
     from hystid.processing import parse_band
 
-    settings = (sensitivity, channel, resample, accept or (), unit, reverse, align)
     unseen = opt.apart(recordings, holdout)
     with opt.resumable(out):
-        result = study.mass(
-            opt.load(recordings, *settings),
-            mass=mass,
-            holdout=opt.load(unseen, *settings),
-            starts=starts,
-            band=parse_band(band) if band else None,
-            decimate=decimate,
-            seed=seed,
-            workers=workers,
-            scheduler=scheduler,
-            out=out,
-        )
-        result.report(out / "report.html", _command("study mass"))
+        used, held = reading.load(recordings), reading.load(unseen)
+        options = vars(settings) | {"band": parse_band(settings.band) if settings.band else None}
+        result = kind(used, mass=mass, holdout=held, out=out, **options)
+        result.report(out / "report.html", _command(f"study {kind.__name__}"))
     _done(result, out)
 
 

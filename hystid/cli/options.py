@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, fields, is_dataclass
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
 
 import typer
 
@@ -18,6 +21,8 @@ from hystid.progress import tell
 
 if TYPE_CHECKING:
     from hystid.recording import Recording
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 Recordings = Annotated[
     list[Path],
@@ -178,33 +183,80 @@ def apart(recordings: Sequence[Path], holdout: Sequence[Path] | None) -> Sequenc
     return holdout or ()
 
 
-def load(
-    paths: Sequence[Path],
-    sensitivity: Iterable[str] | None = None,
-    channel: Iterable[str] | None = None,
-    resample: bool = False,
-    accept: Iterable[str] = (),
-    unit: Iterable[str] | None = None,
-    reverse: Iterable[str] | None = None,
-    align: Iterable[str] | None = None,
-) -> list[Recording]:
-    """Read recordings as the command line asks, and print what is doubtful about them."""
-    if not paths:
-        return []
-    from hystid.consistency import aligned
-    from hystid.recording import read_all
+@dataclass(frozen=True)
+class Reading:
+    """The options of every command that reads recordings."""
 
-    found = read_all(
-        paths,
-        sensitivity=pairs("--sensitivity", sensitivity),
-        names=pairs("--channel", channel),
-        resample=resample,
-        accept=tuple(accept),
-        units=pairs("--unit", unit),
-        reverse=tuple(reverse or ()),
-    )
-    found = aligned(found, tuple(align or ())) if align else found
-    for recording in found:
-        for warning in recording.warnings:
-            print(f"hystid: warning: {warning}", file=sys.stderr)
-    return found
+    sensitivity: Sensitivity = None
+    channel: Channel = None
+    resample: Resample = False
+    accept: Accept = None
+    unit: Unit = None
+    reverse: Reverse = None
+    align: Align = None
+
+    def load(self, paths: Sequence[Path], tolerated: Iterable[str] = ()) -> list[Recording]:
+        """Read recordings as the command line asks, and print what is doubtful about them.
+
+        tolerated: door checks whose errors count as warnings, besides those of --accept.
+        """
+        if not paths:
+            return []
+        from hystid.consistency import aligned
+        from hystid.recording import read_all
+
+        found = read_all(
+            paths,
+            sensitivity=pairs("--sensitivity", self.sensitivity),
+            names=pairs("--channel", self.channel),
+            resample=self.resample,
+            accept=tuple({*(self.accept or ()), *tolerated}),
+            units=pairs("--unit", self.unit),
+            reverse=tuple(self.reverse or ()),
+        )
+        found = aligned(found, tuple(self.align)) if self.align else found
+        for recording in found:
+            for warning in recording.warnings:
+                print(f"hystid: warning: {warning}", file=sys.stderr)
+        return found
+
+
+@dataclass(frozen=True)
+class Study:
+    """The options of both studies, beside those of reading."""
+
+    starts: Annotated[int, typer.Option(metavar="N", help="Trainings of each structure.")] = 30
+    band: BandText = None
+    decimate: Decimate = 1
+    seed: Seed = 0
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Trainings at a time on this machine; all cores by default.")
+    ] = None
+    scheduler: Annotated[str | None, typer.Option(metavar="URL", help="Dask scheduler, as tcp://host:8786.")] = None
+
+
+def grouped(command: Command) -> Command:
+    """Let a command take its options in groups: a parameter whose type is a dataclass stands for the fields of it."""
+    hints = get_type_hints(command, include_extras=True)
+    groups = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+
+    @wraps(command)
+    def flat(**given: Any) -> Any:
+        made = {
+            name: cast(type[Any], kind)(**{field.name: given.pop(field.name) for field in fields(kind)})
+            for name, kind in groups.items()
+        }
+        return command(**given, **made)
+
+    shown: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        if name in groups:
+            types = get_type_hints(groups[name], include_extras=True)
+            for field in fields(groups[name]):
+                shown.append(parameter.replace(name=field.name, annotation=types[field.name], default=field.default))
+        else:
+            shown.append(parameter.replace(annotation=hints[name]))
+    shown = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in shown]
+    flat.__signature__ = inspect.Signature(shown, return_annotation=hints["return"])  # type: ignore[attr-defined]
+    flat.__annotations__ = {parameter.name: parameter.annotation for parameter in shown} | {"return": hints["return"]}
+    return cast(Command, flat)

@@ -100,12 +100,6 @@ def _outline(plain: str) -> list[_Open] | None:
     return stack[0].inner if len(stack) == 1 and depth == 0 else None
 
 
-def innermost(found: Sequence[Class], offset: int) -> Class | None:
-    """The innermost of a text's classes that holds an offset."""
-    holding = [c for c in found if c.start <= offset < c.end]
-    return holding[-1] if holding else None
-
-
 def reached(name: str, sources: Sequence[Source]) -> dict[Source, list[Class] | None]:
     """Text -> its classes that class ``name`` may depend on; None for a text that must be taken as a whole."""
     outlines = {source: classes(source) for source in sources}

@@ -18,7 +18,6 @@ from hystid.networks.perceptron import Member
 from hystid.networks.ports import FurtherInput, Lag
 from hystid.networks.trust import Spread, Tail
 from hystid.recording import Array
-from hystid.turning_points import TurningPoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +72,6 @@ class TwoNetworkModel:
         named = len(self.inputs) + len(self.lags)
         if self.members[0].further != named:
             raise UsageError(f"the networks take {self.members[0].further} further inputs, but {named} are named")
-
-    @property
-    def turning_points(self) -> TurningPoints:
-        """The rule by which memory is renewed."""
-        return TurningPoints(self.velocity_band)
 
     def initial_state(self, force: float = 0.0, at: Mapping[str, float] | None = None) -> Array:
         """State before the first sample; force [N] is the restoring force there (0: relaxed).

@@ -16,9 +16,10 @@ from hystid.consistency import admit
 from hystid.errors import UsageError
 from hystid.files import plain, write_json
 from hystid.identification.data import check
+from hystid.leastsquares import Rule
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, rule_of
-from hystid.recording import CHANNELS, Sources, loaded
+from hystid.recording import CHANNELS, Recording, Sources, loaded
 from hystid.study.result import Cell, GridResult, MassResult, Spread, choose
 from hystid.study.scheduling import complete
 from hystid.study.work import Outcome, Payload, Task, errors_of, model_of, prepared
@@ -64,7 +65,8 @@ def grid(
     ['2', '5']
     """
     layers = [tuple(int(neurons) for neurons in structure) for structure in structures]
-    payload = _payload(recordings, holdout, mass, band, decimate, mode, iterations, precision, samples, seed, True)
+    groups = _prepared(recordings, holdout, mass, band, decimate, fixed_force=True)
+    payload = Payload(*groups, _rule(mode, iterations), precision, samples, seed)
     tasks = [Task(structure, start, float(mass)) for structure in layers for start in range(starts)]
     settings = {"kind": "grid", "mass": mass, "structures": layers, "starts": starts}
     outcomes = _run(payload, tasks, settings, Path(out), starts, workers, scheduler)
@@ -111,7 +113,8 @@ def mass(
     """
     if not mass > 0:
         raise UsageError(f"a study of the mass needs a mass above 0 kg, found {mass}")
-    payload = _payload(recordings, holdout, mass, band, decimate, mode, iterations, precision, samples, seed, False)
+    groups = _prepared(recordings, holdout, mass, band, decimate, fixed_force=False)
+    payload = Payload(*groups, _rule(mode, iterations), precision, samples, seed)
     masses = [float(mass * (1 + offset)) for offset in offsets]
     tasks = [Task((size, size), start, m) for size in sizes for m in masses for start in range(starts)]
     settings = {"kind": "mass", "mass": mass, "offsets": list(offsets), "sizes": list(sizes), "starts": starts}
@@ -122,30 +125,30 @@ def mass(
     return result
 
 
-def _payload(
+def _prepared(
     recordings: Sources,
     holdout: Sources,
     mass: float,
     band: processing.Band | None,
     decimate: int,
-    mode: Mode,
-    iterations: int,
-    precision: Precision,
-    samples: int,
-    seed: int,
+    *,
     fixed_force: bool,
-) -> Payload:
+) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+    """The recordings to train on and those held out."""
     if not holdout:
         raise UsageError("a study tests on held-out recordings: name at least one with --holdout")
+    used, held = (
+        prepared(admit(loaded(group), mass), band=band, decimate=decimate, mass=mass, fixed_force=fixed_force)
+        for group in (recordings, holdout)
+    )
+    check(*([processing.with_restoring_force(recording, mass) for recording in group] for group in (used, held)))
+    return used, held
+
+
+def _rule(mode: Mode, iterations: int) -> Rule:
     if iterations < 1:
         raise UsageError(f"iterations must be at least 1, found {iterations}")
-    groups = [
-        prepared(group, band=band, decimate=decimate, mass=mass, fixed_force=fixed_force)
-        for group in (admit(loaded(recordings), mass), admit(loaded(holdout), mass))
-    ]
-    check(*([processing.with_restoring_force(recording, mass) for recording in group] for group in groups))
-    rule = replace(rule_of(mode), max_iterations=iterations)
-    return Payload(groups[0], groups[1], rule, precision, samples, seed)
+    return replace(rule_of(mode), max_iterations=iterations)
 
 
 def _run(
