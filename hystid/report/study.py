@@ -11,7 +11,7 @@ from hystid.report.page import Fact, Page, Table, Verdict, percent
 from hystid.report.plots import Axis, Boxes, Line, Mark, Plot, Points, Series
 from hystid.report.text import columns
 from hystid.study import GridResult, MassResult
-from hystid.study.result import Cell
+from hystid.study.cells import Cell
 
 
 def page(result: GridResult | MassResult, command: str) -> Page:

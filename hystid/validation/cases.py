@@ -17,7 +17,7 @@ from hystid.fmu import Driver
 from hystid.processing import Band, prepare
 from hystid.recording import Array, Recording, Sources, loaded
 from hystid.simulation import force_of, simulate
-from hystid.validation.result import Case, FreeRun, Levels, Validation
+from hystid.validation.cases_compared import Case, FreeRun, Levels, Validation
 from hystid.validation.stability import stability
 from hystid.validation.surrogate import Surrogate, open_surrogate
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from hystid.files import write_json
 from hystid.progress import track
-from hystid.virtual_experiment.checks import Check, Outcome
+from hystid.virtual_experiment.demo_page import write_page
 from hystid.virtual_experiment.lab import lab_case
-from hystid.virtual_experiment.page import write_page
-from hystid.virtual_experiment.reference import FULL, Size, reference_study
+from hystid.virtual_experiment.reference_study import FULL, Size, reference_study
+from hystid.virtual_experiment.targets import Check, Outcome
 
 __all__ = ["FULL", "Check", "Outcome", "Size", "demo"]
 

@@ -16,8 +16,8 @@ from hystid.identification import Identification, identify
 from hystid.processing import add_noise, with_restoring_force
 from hystid.recording import Array, Recording, write_csv
 from hystid.simulation import force_of, simulate
-from hystid.virtual_experiment.checks import Check
-from hystid.virtual_experiment.reference import Size
+from hystid.virtual_experiment.reference_study import Size
+from hystid.virtual_experiment.targets import Check
 
 RIG = "HystId.Examples.LabRig"
 BELIEVED = "HystId.Oscillators.Jenkins"

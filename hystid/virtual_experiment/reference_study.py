@@ -13,7 +13,7 @@ from hystid.identification import Identification, identify
 from hystid.recording import Recording, write_csv
 from hystid.simulation import force_of, simulate
 from hystid.validation import Validation, validate
-from hystid.virtual_experiment.checks import Check
+from hystid.virtual_experiment.targets import Check
 
 MODEL = "HystId.Oscillators.Jenkins"
 MASS = 1.0  # kg, the model's own

@@ -20,7 +20,7 @@ from hystid.leastsquares import Rule
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, rule_of
 from hystid.recording import CHANNELS, Recording, Sources, loaded
-from hystid.study.result import Cell, GridResult, MassResult, Spread, choose
+from hystid.study.cells import Cell, GridResult, MassResult, Spread, choose
 from hystid.study.scheduling import complete
 from hystid.study.work import Outcome, Payload, Task, errors_of, model_of, prepared
 

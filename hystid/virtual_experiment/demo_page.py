@@ -13,9 +13,19 @@ from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent
 from hystid.report.plots import Axis, Band, Bars, Line, Plot, Role, Series
 from hystid.report.validation import content
 from hystid.validation import Case
-from hystid.virtual_experiment.checks import Outcome
 from hystid.virtual_experiment.lab import LabCase, UnseenTest
-from hystid.virtual_experiment.reference import BAND, CHIRPS, DT, EVERY, LAYERS, MODEL, NOISE_DB, TESTS, ReferenceStudy
+from hystid.virtual_experiment.reference_study import (
+    BAND,
+    CHIRPS,
+    DT,
+    EVERY,
+    LAYERS,
+    MODEL,
+    NOISE_DB,
+    TESTS,
+    ReferenceStudy,
+)
+from hystid.virtual_experiment.targets import Outcome
 
 _TRUE_GAP = 1.2e-3
 
