@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from hystid.errors import UsageError
-from hystid.fmu import BuildResult, build_model, build_network
+from hystid.fmu import About, BuildResult, build_model, build_network
 from hystid.fmu.rebuilt import has_reference, with_reference_of
 
 
@@ -21,7 +21,7 @@ def build(
     parameters: Mapping[str, float] | None = None,
     platforms: str | Iterable[str] = "host",
     libraries: Sequence[str | Path] = (),
-    new_reference: bool = False,
+    about: About | None = None,
 ) -> BuildResult:
     """Compile a Modelica model, or an ONNX network, to an FMU for Model Exchange and Co-Simulation.
 
@@ -31,8 +31,8 @@ def build(
     "aarch64-linux". libraries: further .mo files, package folders, or folders that hold packages, as those that
     MODELICAPATH names.
     The FMU carries its C sources and the result of its default experiment, which ``regress`` replays. Where it replaces
-    an FMU, that one's result stays the reference, and ``changes`` of the answer says what is different; new_reference:
-    take today's result instead.
+    an FMU, that one's result stays the reference, and ``changes`` of the answer says what is different. about: author,
+    version, licence and copyright of the model, for the FMU's description.
     Raises UsageError, ModelicaError, NetworkError, ToolchainError; then nothing is written.
 
     >>> import hystid
@@ -41,28 +41,37 @@ def build(
     ('jenkins.fmu', 2)
     """
     out = Path(out)
-    if new_reference or not has_reference(out):
-        return _built(model, out, fmi, parameters, platforms, libraries)
+
+    def made_at(path: Path) -> BuildResult:
+        return build_afresh(
+            model, path, fmi=fmi, parameters=parameters, platforms=platforms, libraries=libraries, about=about
+        )
+
+    if not has_reference(out):
+        return made_at(out)
     with tempfile.TemporaryDirectory(prefix="hystid-") as folder:
-        made = _built(model, Path(folder) / out.name, fmi, parameters, platforms, libraries)
+        made = made_at(Path(folder) / out.name)
         changes = with_reference_of(out, made.path, out)
     return replace(made, path=out, size=out.stat().st_size, changes=changes)
 
 
-def _built(
+def build_afresh(
     model: str | Path,
     out: Path,
-    fmi: Literal[2, 3],
-    parameters: Mapping[str, float] | None,
-    platforms: str | Iterable[str],
-    libraries: Sequence[str | Path],
+    *,
+    fmi: Literal[2, 3] = 2,
+    parameters: Mapping[str, float] | None = None,
+    platforms: str | Iterable[str] = "host",
+    libraries: Sequence[str | Path] = (),
+    about: About | None = None,
 ) -> BuildResult:
+    """``build`` that takes today's result as reference, whatever was there before."""
     if str(model).lower().endswith(".onnx"):
         if parameters:
             raise UsageError(f"{model}: a network has no parameters to set; leave them out")
         if libraries:
             raise UsageError(f"{model}: a network uses no Modelica packages; name no libraries")
-        return build_network(Path(model), out, fmi=fmi, platforms=platforms)
+        return build_network(Path(model), out, fmi=fmi, platforms=platforms, about=about)
     return build_model(
         str(model),
         out,
@@ -70,4 +79,5 @@ def _built(
         parameters=parameters,
         platforms=platforms,
         libraries=[Path(library) for library in libraries],
+        about=about,
     )

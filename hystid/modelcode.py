@@ -65,6 +65,7 @@ class ModelCode:
     resources: path below ``resources/`` -> bytes.
     reinit: names of the states that events may set anew; None where that is not known.
     unread: inputs that nothing in the model depends on.
+    equations: what the documentation shows of the model, one line each.
     token: instantiation token (GUID), a hash of everything above.
     """
 
@@ -87,6 +88,7 @@ class ModelCode:
     token: str = ""
     reinit: tuple[str, ...] | None = None
     unread: tuple[str, ...] = field(default=(), repr=False)
+    equations: tuple[str, ...] = field(default=(), repr=False)
 
     def variable(self, name: str) -> Variable:
         """The named variable; KeyError when the model has none of that name."""
@@ -113,5 +115,6 @@ def code_of(data: Mapping[str, Any]) -> ModelCode:
         "resources": {name: base64.b64decode(text) for name, text in data["resources"].items()},
         "reinit": None if reinit is None else tuple(reinit),
         "unread": tuple(data["unread"]),
+        "equations": tuple(data.get("equations", ())),
     }
     return ModelCode(**{**data, **made})

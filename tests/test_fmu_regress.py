@@ -18,6 +18,7 @@ from fmu_models import EVERY, built, effect, jenkins, linear
 from fmu_models import FOLDER as MODELS
 
 import hystid
+from hystid.building import build_afresh
 from hystid.errors import FmuError, HystidError, UsageError
 from hystid.fmu import Driver, build, regress
 from hystid.fmu.platforms import host
@@ -45,6 +46,10 @@ def test_the_manifest_is_of_the_layered_standard():
         assert root.get(f"{{{NAMESPACE}}}fmi-ls-name") == "org.fmi-standard.fmi-ls-ref"
         assert root.get(f"{{{NAMESPACE}}}fmi-ls-version") == "1.0.0-alpha.1"
         related = {e.get("role"): e.get("source") for e in root.iter("Related")}
+        assert (
+            related.pop("document") == "../../documentation/index.html"
+            and "documentation/index.html" in archive.namelist()
+        )
         assert related == {"result": "Jenkins_out.csv", "testcase": "Jenkins_in.csv"}
         for source in related.values():
             t, columns = read_table(archive.read(f"{FOLDER}/{source}").decode())
@@ -267,5 +272,5 @@ def test_a_rebuild_keeps_the_reference_and_says_what_changed(tmp_path):
     )
     with pytest.raises(FmuError, match="no variable of the FMU"):
         regress(path)
-    assert hystid.build("HystId.Forces.Jenkins", path, new_reference=True).changes is None
+    assert build_afresh("HystId.Forces.Jenkins", path).changes is None
     assert regress(path).passed

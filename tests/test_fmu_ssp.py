@@ -20,6 +20,7 @@ from hystid.fmu import Connection, Driver, build, build_model, write_rig, write_
 from hystid.fmu.door import open_fmu
 from hystid.fmu.mass import mass_code
 from hystid.fmu.native import Access, Instance, Stepper
+from hystid.modelcode import Experiment
 from hystid.networks import onnx as exchange
 from hystid.surrogate import oscillator_code, surrogate_code
 
@@ -111,6 +112,9 @@ def test_the_description_is_valid_and_complete(tmp_path, components):
     assert schema.validate(root), schema.error_log
     assert len(root.findall(".//{*}Connection")) == len(CONNECTIONS)
     assert {u.get("name") for u in root.findall(".//{*}Unit")} == {"N", "m", "m/s"}
+    (note,) = root.findall("{*}System/{*}Annotations/{*}Annotation")  # OMSimulator takes steps of 0.1 s without it
+    master = note.find("{*}Annotations/{*}SimulationInformation/{*}FixedStepMaster")
+    assert note.get("type") == "org.openmodelica" and float(master.get("stepSize")) == Experiment().step
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,10 @@ def build(
     new_reference: Annotated[
         bool, typer.Option("--new-reference", help="Do not keep the reference result of the FMU that is replaced.")
     ] = False,
+    author: Annotated[str, typer.Option(metavar="TEXT", help="Author, for the FMU's description.")] = "",
+    model_version: Annotated[str, typer.Option(metavar="TEXT", help="Version of the model, as 1.2.0.")] = "",
+    license_: Annotated[str, typer.Option("--license", metavar="TEXT", help="Licence of the model.")] = "",
+    copyright_: Annotated[str, typer.Option("--copyright", metavar="TEXT", help="Copyright of the model.")] = "",
 ) -> None:
     """Compile a Modelica model, or an ONNX network, to an FMU.
 
@@ -100,6 +104,7 @@ def build(
       hystid build surrogate.onnx --target c -o force.c
     """
     from hystid import building
+    from hystid.fmu import About
 
     if _choice("--target", target, ("fmu", "c")) == "c":
         _build_c(Path(model), out, _choice("--real", real, ("double", "float")))
@@ -111,15 +116,9 @@ def build(
     check_file(out, ".fmu")
     version: Literal[2, 3] = 2 if fmi == 2 else 3
     values = opt.numbers("--set", set_)
-    made = building.build(
-        model,
-        out,
-        fmi=version,
-        parameters=values,
-        platforms=platforms,
-        libraries=library or (),
-        new_reference=new_reference,
-    )
+    about = About(author, model_version, license_, copyright_)
+    work = building.build_afresh if new_reference else building.build
+    made = work(model, out, fmi=version, parameters=values, platforms=platforms, libraries=library or (), about=about)
     print(f"{made.summary()} from {model}")
     if made.changes is not None:
         print("\n  ".join(["the reference is still that of the FMU before; changed:", *(made.changes or ["nothing"])]))

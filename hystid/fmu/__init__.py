@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hystid.fmu.about import About
 from hystid.fmu.build import BuildResult, build
 from hystid.fmu.closed_loop import write_rig
 from hystid.fmu.driver import Driver
@@ -11,6 +12,7 @@ from hystid.fmu.regress import RegressionResult, regress
 from hystid.fmu.ssp import Connection, write_ssp
 
 __all__ = [
+    "About",
     "BuildResult",
     "Connection",
     "Driver",

@@ -16,10 +16,12 @@ from xml.etree import ElementTree as ET
 from hystid.compiled import FLAGS, TableRunner, shell_text
 from hystid.errors import FmuError, UsageError
 from hystid.files import atomic
+from hystid.fmu.about import About
 from hystid.fmu.interface import Interface, interface
 from hystid.fmu.model_description import model_description
 from hystid.fmu.model_description.common import add, text_of
 from hystid.fmu.platforms import Platform, binaries, chosen, compile_for, host
+from hystid.fmu.presentation import presentation
 from hystid.fmu.reference import reference_entries
 from hystid.fmu.tables import variables_source
 from hystid.modelcode import ModelCode
@@ -75,12 +77,13 @@ def build(
     platforms: str | Iterable[str] = "host",
     extra: Mapping[str, bytes] | None = None,
     reference: bool | None = None,
+    about: About | None = None,
 ) -> BuildResult:
     """Write an FMU for Model Exchange and Co-Simulation.
 
     fmi: 2 or 3. platforms: "host", "all" or names such as "aarch64-linux". extra: path inside the FMU -> content.
     reference: whether to run the default experiment and put its results into the FMU; by default, where this machine
-    is among the platforms.
+    is among the platforms. about: author, version and terms for the description.
     Raises UsageError, FmuError (a variable's attributes are contradictory), ToolchainError; then nothing is written.
     """
     if fmi not in (2, 3):
@@ -95,12 +98,14 @@ def build(
     if reference is None:
         reference = host() in built
     extra = {**(extra or {}), **(_reference(code, built) if reference else {})}
-    description = model_description(model, fmi, generated=_now(), sources=main)
+    about = about or About()
+    description = model_description(model, fmi, generated=_now(), sources=main, about=about)
     content: dict[str, bytes] = {
         "modelDescription.xml": description.encode(),
         **binaries(built, model.identifier, fmi),
         **{f"sources/{name}": text.encode() for name, text in sources.items()},
         **{f"resources/{name}": data for name, data in code.resources.items()},
+        **presentation(model, fmi, about, extra),
         **extra,
     }
     if fmi == 3:

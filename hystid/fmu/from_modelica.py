@@ -13,6 +13,7 @@ from pathlib import Path
 from hystid import cache
 from hystid.errors import UsageError
 from hystid.files import atomic
+from hystid.fmu.about import About
 from hystid.fmu.build import BuildResult, Version, build, given_date
 from hystid.fmu.platforms import chosen
 
@@ -28,12 +29,14 @@ def build_model(
     parameters: Mapping[str, float] | None = None,
     platforms: str | Iterable[str] = "host",
     libraries: Sequence[Path] = (),
+    about: About | None = None,
 ) -> BuildResult:
     """Compile a Modelica model and write its FMU, reference results included.
 
     model: "HystId.Oscillators.Jenkins", "file.mo:Class", or "file.mo" where it holds one model. parameters: name ->
     start value. libraries: further .mo files, package folders, or folders that hold packages. The FMU of the same
     text, parameters and tool is copied from the cache instead of built again.
+    about: author, version and terms for the description.
     Raises ModelicaError, UsageError, ToolchainError; then nothing is written.
     """
     if fmi not in (2, 3):
@@ -41,13 +44,14 @@ def build_model(
     targets = chosen(platforms)
     names = tuple(target.tuple for target in targets)
     wanted = ["host" if target.own else target.tuple for target in targets]
-    key = _key(model, fmi, dict(parameters or {}), wanted, libraries)
+    about = about or About()
+    key = _key(model, fmi, dict(parameters or {}), [*wanted, *map(str, about.attributes().items())], libraries)
     if cache.find(f"{key}.fmu") is None or cache.find(f"{key}.json") is None:
         from hystid.modelica import compile_model  # not needed, and slow to import, where the FMU is in the cache
 
         code = compile_model(model, parameters=dict(parameters or {}), libraries=libraries)
         with cache.keep(f"{key}.fmu") as beside:
-            made = build(code, beside, fmi=fmi, platforms=wanted)
+            made = build(code, beside, fmi=fmi, platforms=wanted, about=about)
         cache.keep_bytes(f"{key}.json", json.dumps({"identifier": made.identifier}).encode())
     out, identifier = Path(out), json.loads(cache.kept(f"{key}.json").read_bytes())["identifier"]
     with atomic(out) as beside:
@@ -56,10 +60,10 @@ def build_model(
 
 
 def _key(
-    model: str, fmi: int, parameters: Mapping[str, float], platforms: Sequence[str], libraries: Sequence[Path]
+    model: str, fmi: int, parameters: Mapping[str, float], wanted: Sequence[str], libraries: Sequence[Path]
 ) -> str:
     """Hash of everything that decides the FMU: request, Modelica text, compiler and shell, and a date that is given."""
-    request = [model, fmi, sorted(parameters.items()), list(platforms), version("hystid"), given_date()]
+    request = [model, fmi, sorted(parameters.items()), list(wanted), version("hystid"), given_date()]
     digest = hashlib.sha256(json.dumps(request).encode())
     packages = [entry for entry in map(Path, libraries) if _holds_packages(entry)]
     texts = _modelica_files(model, [entry for entry in map(Path, libraries) if entry not in packages])

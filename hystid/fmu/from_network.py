@@ -6,12 +6,18 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from hystid.errors import NetworkError
+from hystid.fmu.about import About
 from hystid.fmu.build import BuildResult, Version, build
 from hystid.surrogate import model_code
 
 
 def build_network(
-    network: Path, out: Path, *, fmi: Version = 2, platforms: str | Iterable[str] = "host"
+    network: Path,
+    out: Path,
+    *,
+    fmi: Version = 2,
+    platforms: str | Iterable[str] = "host",
+    about: About | None = None,
 ) -> BuildResult:
     """Compile an ONNX network to plain C and write its FMU.
 
@@ -22,4 +28,4 @@ def build_network(
     """
     if not Path(network).is_file():
         raise NetworkError(f"{network}: there is no such file")
-    return build(model_code(Path(network)), Path(out), fmi=fmi, platforms=platforms)
+    return build(model_code(Path(network)), Path(out), fmi=fmi, platforms=platforms, about=about)

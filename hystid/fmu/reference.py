@@ -154,5 +154,7 @@ def _manifest(stem: str, has_input: bool) -> str:
         if wanted:
             related = {"type": "text/csv", "source": f"{stem}_{end}.csv", "role": role, "description": description}
             ET.SubElement(root, "Related", related)
+    page = {"type": "text/html", "source": "../../documentation/index.html", "role": "document"}
+    ET.SubElement(root, "Related", {**page, "description": "The model, its parameters and where it comes from"})
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"

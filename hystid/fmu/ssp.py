@@ -17,6 +17,8 @@ from hystid.units import exponents
 _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
+_OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
+_TOLERANCE = 1e-4  # of OMSimulator's masters, where an experiment states none
 _FMU = "application/x-fmu-sharedlibrary"
 _VALUES = "application/x-ssp-parameter-set"
 _TYPES = {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"}
@@ -142,9 +144,22 @@ def _description(
     lines = _sub(system, "Connections")
     for connection in connections:
         _sub(lines, "Connection", {**_place("start", connection.start), **_place("end", connection.end)})
+    _add_master(system, experiment)
     _add_units(root, units)
     _sub(root, "DefaultExperiment", {"startTime": number(experiment.start), "stopTime": number(experiment.stop)})
     return root
+
+
+def _add_master(system: ET.Element, experiment: Experiment) -> None:
+    """What OMSimulator reads: its master with the step of the experiment; its own default is 0.1 s."""
+    ET.register_namespace("oms", _OMS)
+    notes = _sub(system, "Annotations")
+    note = ET.SubElement(notes, f"{{{_SSC}}}Annotation", {"type": "org.openmodelica"})
+    information = ET.SubElement(ET.SubElement(note, f"{{{_OMS}}}Annotations"), f"{{{_OMS}}}SimulationInformation")
+    tolerance = number(experiment.tolerance or _TOLERANCE)
+    step = {"description": "oms-ma", "stepSize": number(experiment.step)}
+    tolerances = {"absoluteTolerance": tolerance, "relativeTolerance": tolerance}
+    ET.SubElement(information, f"{{{_OMS}}}FixedStepMaster", {**step, **tolerances})
 
 
 def _values(opened: Mapping[str, OpenedFmu], parameters: Mapping[str, float]) -> ET.Element:

@@ -245,6 +245,28 @@ def shown(e: Expr) -> str:
     return text if len(text) <= 70 else text[:67] + "..."
 
 
+def equation_text(residual: Expr) -> str:
+    """A whole equation as its author may have written it."""
+    if isinstance(residual, Op) and residual.name == "-":
+        return f"{_text(residual.args[0])} = {_text(residual.args[1])}"
+    return f"0 = {_text(residual)}"
+
+
+# How tightly operators bind; operands that bind less get brackets, right of those in _GROUPING the equal ones too.
+_BINDING = {"if": 0, "or": 1, "and": 2, "not": 3, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "<>": 4, "=": -1,
+            "+": 5, "-": 5, ".+": 5, ".-": 5, "neg": 5, "*": 6, "/": 6, ".*": 6, "./": 6, "^": 7, ".^": 7}  # fmt: skip
+_GROUPING = ("-", "/", ".-", "./")
+
+
+def _operand(e: Expr, least: int) -> str:
+    binding = 9
+    if isinstance(e, Op):
+        binding = _BINDING.get(e.name, 9)
+    elif isinstance(e, Num) and e.value < 0:
+        binding = _BINDING["neg"]
+    return _text(e) if binding >= least else f"({_text(e)})"
+
+
 def _text(e: Expr) -> str:
     if isinstance(e, Num):
         return f"{e.value:g}"
@@ -255,14 +277,19 @@ def _text(e: Expr) -> str:
     args = [_text(a) for a in e.args]
     if e.name == "if":
         return f"if {args[0]} then {args[1]} else {args[2]}"
-    if e.name == "neg":
-        return f"-{args[0]}"
+    if e.name in ("neg", "not"):
+        return f"{'-' if e.name == 'neg' else 'not '}{_operand(e.args[0], _BINDING[e.name] + 1)}"
     if e.name == "[]":
         return f"{args[0]}[{', '.join(args[1:])}]"
     if e.name == "{}":
         return f"{{{', '.join(args)}}}"
-    if len(args) == 2 and not e.name[0].isalpha():
-        wrapped = [f"({t})" if isinstance(a, Op) and a.name in ("+", "-", "if") and e.name in "*/^" else t
-                   for a, t in zip(e.args, args, strict=True)]  # fmt: skip
-        return f" {e.name} ".join(wrapped)
+    if len(args) == 2 and e.name in _BINDING:
+        own = _BINDING[e.name]
+        stricter = e.name in _GROUPING or own in (4, 7) or _is_negative(e.args[1])
+        left = _operand(e.args[0], own + (own in (4, 7)))
+        return f"{left} {e.name} {_operand(e.args[1], own + stricter)}"
     return f"{e.name.removeprefix('call ')}({', '.join(args)})"
+
+
+def _is_negative(e: Expr) -> bool:
+    return (isinstance(e, Op) and e.name == "neg") or (isinstance(e, Num) and e.value < 0)

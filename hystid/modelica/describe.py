@@ -10,6 +10,7 @@ from functools import lru_cache
 from hystid.modelcode import Experiment, ModelCode, Variable
 from hystid.modelica.blocks import Step, sources, targets
 from hystid.modelica.c_expr import comment, number, quoted
+from hystid.modelica.check import equation_text
 from hystid.modelica.duhem import DuhemState, duhem_states
 from hystid.modelica.emit_c import Emitter, indented
 from hystid.modelica.emit_derivatives import DerivativeEmitter
@@ -23,6 +24,7 @@ from hystid.modelica.shown import Shown, shown_of
 from hystid.modelica.stops import Stop, stops_of
 
 _TOKEN = "{token}"  # stands in the text until its hash is known
+_MOST_EQUATIONS = 200  # that the documentation of an FMU shows: nobody reads more
 _FEW_COUPLES = 16  # pairs of states per state that are worth a table: large models that are dense have none
 _SECTIONS = ("p", "u", "x", "dx", "d", "y", "pre", "rel", "w")
 
@@ -46,6 +48,7 @@ def model_code(model: HybridModel) -> ModelCode:
         experiment=model.flat.experiment,
         unread=_unread(model),
         jumps=jumps_without_event(model),
+        equations=tuple(equation_text(e.residual) for e in model.flat.equations[:_MOST_EQUATIONS]),
     )
     text = _c_text(model, layout, _TOKEN)
     token = hashlib.sha256(f"{text}{draft}".encode()).hexdigest()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -13,6 +14,15 @@ from hystid.modelcode import Variable
 from hystid.units import exponents
 
 _TOLERANCE = 1e-6  # where a model states none: with it CVode is within 0.1 % (benchmarks/fmu/solver_settings.py)
+# What people read in place of a unit: name, factor, offset (shown = factor * value + offset). Angles, temperatures and
+# pressures as in the Modelica Standard Library; displacements of structures in millimetres.
+_DISPLAYED = {
+    "m": ("mm", 1e3, 0.0),
+    "rad": ("deg", 180 / math.pi, 0.0),
+    "rad/s": ("deg/s", 180 / math.pi, 0.0),
+    "K": ("degC", 1.0, -273.15),
+    "Pa": ("bar", 1e-5, 0.0),
+}
 LOG_CATEGORIES = {
     "logEvents": "Events found and handled",
     "logStatusWarning": "Warnings: chattering relations held over a step",
@@ -75,6 +85,16 @@ def add_units(root: ET.Element, model: Interface) -> None:
         attributes["factor"] = number(factor) if factor != 1 else None
         attributes["offset"] = number(offset) if offset != 0 else None
         add(unit, "BaseUnit", attributes)
+        if name in _DISPLAYED:
+            shown, times, plus = _DISPLAYED[name]
+            more = {"offset": number(plus)} if plus else {}
+            add(unit, "DisplayUnit", {"name": shown, "factor": number(times), **more})
+
+
+def display_unit(variable: Variable) -> str | None:
+    """The unit in which people read a variable, where it is another than the one it is stored in."""
+    found = _DISPLAYED.get(variable.unit) if variable.type == "Real" else None
+    return found[0] if found else None
 
 
 def add_log_categories(root: ET.Element) -> None:

@@ -12,6 +12,7 @@ from hystid.fmu.model_description.common import (
     add_experiment,
     add_log_categories,
     add_units,
+    display_unit,
     flag,
     generation_tool,
     joined,
@@ -94,6 +95,7 @@ def _add_variable(parent: ET.Element, model: Interface, v: Variable) -> None:
         attributes |= {name: text(x) for name, x in (("min", v.min), ("max", v.max)) if x is not None}
     if v.type == "Real":
         attributes["unit"] = v.unit or None
+        attributes["displayUnit"] = display_unit(v)
         attributes["nominal"] = number(abs(v.nominal)) if v.nominal else None
     if v.start is not None and v.causality != "independent":
         attributes["start"] = start_text(v)
@@ -101,7 +103,7 @@ def _add_variable(parent: ET.Element, model: Interface, v: Variable) -> None:
         attributes["derivative"] = str(_index(model, model.named(v.derivative_of)))
     if v.name in model.code.states:
         attributes["reinit"] = flag(model.reinitialised(v.name))
-    order = ("unit", "min", "max", "nominal", "start", "derivative", "reinit")
+    order = ("unit", "displayUnit", "min", "max", "nominal", "start", "derivative", "reinit")
     add(element, v.type, {name: attributes.get(name) for name in order})
 
 

@@ -12,6 +12,7 @@ from hystid.fmu.model_description.common import (
     add_experiment,
     add_log_categories,
     add_units,
+    display_unit,
     flag,
     generation_tool,
     joined,
@@ -88,6 +89,7 @@ def _add_variable(parent: ET.Element, model: Interface, group: tuple[Variable, .
     }
     if v.type == "Real":
         attributes["unit"] = v.unit or None
+        attributes["displayUnit"] = display_unit(v)
         attributes["nominal"] = number(abs(v.nominal)) if v.nominal else None
     if v.type != "Boolean":
         text = number if v.type == "Real" else lambda value: str(round(value))
