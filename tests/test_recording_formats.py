@@ -201,3 +201,56 @@ def test_a_missing_package_names_the_extra(
     (tmp_path / f"test.{suffix}").write_bytes(b"\x89HDF\r\n\x1a\n")
     with pytest.raises(RecordingError, match=rf"hystid\[{extra}\]"):
         read(tmp_path / f"test.{suffix}")
+
+
+# --- MDF and Parquet --------------------------------------------------------------------------------------------
+
+
+def test_mdf(tmp_path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf")
+    file = asammdf.MDF(version="4.10")
+    file.append(
+        [asammdf.Signal(F / 1e3, T, name="Kraft", unit="kN"), asammdf.Signal(1e3 * X, T, name="Weg", unit="mm")]
+    )
+    file.save(tmp_path / "test.mf4")
+    assert_same(read(tmp_path / "test.mf4"))
+
+
+def test_parquet(tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    units = {"t": "s", "Force": "kN", "x [mm]": ""}
+    fields = [pa.field(name, pa.float64(), metadata={"unit": unit} if unit else None) for name, unit in units.items()]
+    parquet.write_table(pa.table([T, F / 1e3, 1e3 * X], schema=pa.schema(fields)), tmp_path / "test.parquet")
+    assert_same(read(tmp_path / "test.parquet"))
+
+
+# --- Text as loggers write it -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("head", "encoding"),
+    [
+        ("Prüfstand 7\nBediener: Müller\n\nZeit in s;Kraft in N;Weg in mm\n", "cp1252"),
+        ("Prüfung\nZeit;Kraft;Weg\ns;N;mm\n", "utf-16"),
+        ("Temps (s);Force (N);Déplacement (mm)\n", "cp1252"),
+        ("Tiempo [s];Fuerza [N];Desplazamiento [mm]\n", "utf-8"),
+        ("時間 [s];荷重 [N];変位 [mm]\n", "utf-8"),
+    ],
+    ids=["preamble", "second row of units", "French", "Spanish", "Japanese"],
+)
+def test_text_of_loggers(tmp_path: Path, head: str, encoding: str) -> None:
+    """Nine digits, decimal commas, a preamble, and the words of four languages."""
+    rows = [";".join(f"{value:.9g}".replace(".", ",") for value in row) for row in zip(T, F, 1e3 * X, strict=True)]
+    (tmp_path / "logger.csv").write_bytes((head + "\n".join(rows)).encode(encoding))
+    assert_same(read(tmp_path / "logger.csv"))
+
+
+def test_lost_rows_are_bridged_and_told(tmp_path: Path) -> None:
+    """Three of 500 rows, at two places; more than one in a hundred would be refused."""
+    kept = np.delete(np.arange(N), [200, 201, 400])
+    rows = [f"{T[k]},{F[k]},{1e3 * X[k]}" for k in kept]
+    (tmp_path / "lost.csv").write_text("t [s],F [N],x [mm]\n" + "\n".join(rows))
+    found = read(tmp_path / "lost.csv")
+    assert len(found) == N and any("3 samples missing at 2 places" in text for text in found.warnings)
+    assert np.max(np.abs(found.channel("x") - X)) < (2 * np.pi * 9 * 1.5 * DT) ** 2 / 2 * 1e-3  # a chord of three steps
