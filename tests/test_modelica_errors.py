@@ -76,7 +76,11 @@ REFUSED = {
         4,
         "stream connectors are not supported",
     ),
-    "der of expression": (model("  Real x(start = 1);\nequation\n  der(x^2) = 1;\n"), 4, "der.* takes one variable"),
+    "der of expression in a loop": (
+        model("  Real x[2](each start = 1);\nequation\n  for i in 1:2 loop\n    der(i*x[i]) = 1;\n  end for;\n"),
+        5,
+        "der.* takes one variable",
+    ),
     "der of an input": (model("  input Real u;\n  Real x;\nequation\n  x = der(u);\n"), 5, "derivative of an input"),
     "breakdown of the front end": (model("  Real x;\nequation\n  x = der(time);\n"), 1, "front end broke down"),
     "change of expression": (
@@ -112,8 +116,8 @@ REFUSED = {
         model("  Real g;\nequation\n  if time > 1 then\n    g = 1;\n  end if;\n"), 4, "every branch of an if-equation"
     ),
     "discrete loop": (model("  Boolean a, b;\nequation\n  a = not b;\n  b = not a;\n"), 2, r"use pre\(\)|with pre\(\)"),
-    "variable subscript": (
-        model("  Real x[3] = {1, 2, 3};\n  Integer k = integer(time);\n  Real y;\nequation\n  y = x[k];\n"),
+    "variable subscript of a matrix": (
+        model("  Real x[1, 3] = [1, 2, 3];\n  Integer k = integer(time);\n  Real y;\nequation\n  y = x[1, k];\n"),
         6,
         "subscript must be known",
     ),
@@ -209,12 +213,12 @@ REFUSED = {
         6,
         "write the derivative as a function of its own",
     ),
-    "break": (
-        model("  Real x = f(time);\n", "function f\n  input Real u;\n  output Real y;\nalgorithm\n  y := 0;\n"
-              "  for k in 1:9 loop\n    y := y + u;\n    if k > 3 then\n      break;\n    end if;\n"
-              "  end for;\nend f;\n"),
-        9,
-        "say with 'if' what return or break do",
+    "error statement": (
+        model("  parameter Real p = -1;\n  Real x = f(p);\n", "function f\n  input Real u;\n  output Real y;\n"
+              "algorithm\n  y := u;\n  if u < 0 then\n    Modelica.Utilities.Streams.error(\"negative\");\n  end if;\n"
+              "end f;\n"),
+        12,
+        "function 'f' stops with its error",
     ),
     "function of a replaceable package in two forms": (
         model("  S a;\n  S b(redeclare package P = N);\n", "function g\n  input Real u;\n  output Real y;\nalgorithm\n"

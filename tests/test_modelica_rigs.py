@@ -363,3 +363,73 @@ def test_a_mass_sticks_until_the_force_exceeds_the_peak(run: Run, caplog: pytest
     np.testing.assert_allclose(got["v"], dry_speed(t, m), atol=1e-9)
     assert got["locked"].sum() > 300
     assert not caplog.records  # no word of chattering
+
+
+def test_functions_may_return_and_break_early(run: Run) -> None:
+    text = """
+function sgn
+  input Real x;
+  output Real y;
+algorithm
+  if x < 0 then
+    y := -1;
+    return;
+  end if;
+  if x > 0 then y := 1; return; end if;
+  y := 0;
+end sgn;
+function upTo "Sum of the first elements below a limit"
+  input Real x[:];
+  input Real most;
+  output Real s = 0;
+algorithm
+  for i in 1:size(x, 1) loop
+    if s + x[i] > most then break; end if;
+    s := s + x[i];
+  end for;
+end upTo;
+model A
+  Real a = sgn(time - 0.5), b = upTo({time, 1, 2}, 2.5);
+end A;"""
+    got = run(text, "a b", dt=0.125)
+    t = np.arange(9) / 8
+    np.testing.assert_array_equal(got["a"], np.sign(t - 0.5))
+    np.testing.assert_array_equal(got["b"], t + 1)
+
+
+def test_a_vector_may_be_read_at_a_place_that_changes(run: Run) -> None:
+    text = """
+model A
+  Real x[3] = {time, 2*time, 3*time};
+  Integer k = if time < 0.3 then 1 elseif time < 0.6 then 3 else 0;
+  Real y = if k == 0 then -1 else x[k];
+end A;"""
+    got = run(text, "y", dt=0.25)["y"]
+    np.testing.assert_array_equal(got, [0, 0.25, 1.5, -1, -1])
+
+
+def test_pre_in_an_initial_equation_starts_a_discrete_variable(run: Run) -> None:
+    text = """
+model A
+  parameter Boolean first = true;
+  Boolean on;
+  Real T(start = 1, fixed = true);
+initial equation
+  pre(on) = first;
+equation
+  on = pre(on) and T < 1.5 or T < 0.5;
+  der(T) = if on then 1 else -1;
+end A;"""
+    got = run(text, "T", stop=0.25, dt=0.25)["T"]
+    np.testing.assert_allclose(got, [1, 1.25], atol=1e-15)
+
+
+def test_vector_parameters_that_depend_on_their_own_size_are_known(run: Run) -> None:
+    text = """
+model A
+  parameter Real t[:] = {1, 2};
+  parameter Integer n = size(t, 1);
+  parameter Real w[:] = if n > 0 then {2.0*i for i in 1:n} else {0.0};
+  Real y = w[2]*time;
+end A;"""
+    assert run(text, "y", dt=1.0)["y"][-1] == 4

@@ -10,20 +10,30 @@ from pathlib import Path
 from hystid.errors import ModelicaError
 from hystid.limits import COMPILE_SECONDS, OutOfTime, bounded
 from hystid.modelcode import ModelCode
-from hystid.modelica.bodies import with_readable_functions
 from hystid.modelica.causalise import causalise
 from hystid.modelica.check import check_units
 from hystid.modelica.describe import model_code
-from hystid.modelica.equations import with_readable_equations
 from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
 from hystid.modelica.lookup import Tree, cut
-from hystid.modelica.modifiers import refuse_mixed_functions, refuse_undecided, with_acting_modifiers
-from hystid.modelica.packages import with_separate_packages
 from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
 from hystid.modelica.sources import Source, declaration, near, only_class, read, read_tree
+from hystid.modelica.workarounds.derivatives_in_loops import with_derivatives_in_branches
+from hystid.modelica.workarounds.derivatives_of_expressions import with_named_derivatives
+from hystid.modelica.workarounds.dropped_modifiers import (
+    refuse_mixed_functions,
+    refuse_undecided,
+    with_acting_modifiers,
+)
+from hystid.modelica.workarounds.function_bindings import with_counted_bindings
+from hystid.modelica.workarounds.function_bodies import with_readable_functions
+from hystid.modelica.workarounds.homotopy_arguments import with_actual_arguments
+from hystid.modelica.workarounds.literal_arrays import with_elements_of_arrays
+from hystid.modelica.workarounds.nested_bases import with_unwrapped_bases
+from hystid.modelica.workarounds.package_constants import with_separate_packages
+from hystid.modelica.workarounds.sample_conditions import with_plain_samples
 
 # Our small package of units, constants and functions of the Modelica Standard Library, for those who have none.
 _STANDARD = Path(__file__).parent / "standard"
@@ -81,11 +91,13 @@ def flat_from_text(
 ) -> FlatModel:
     """The flat model from Modelica text by the front end, checked. Raises ModelicaError."""
     name, files, placed = texts_for(model, libraries)
+    files = [_unfolded(source) for source in files]
+    placed = [(_unfolded(source), file) for source, file in placed]
     everything = [*files, *(source for source, _ in placed)]
     _must_be_complete(name, everything)
     refuse_large_arrays(name, everything, structure or {})
     acting = with_acting_modifiers(name, with_separate_packages(name, everything))
-    texts = with_readable_equations([with_readable_functions(source) for source in acting])
+    texts = with_counted_bindings([_in_words_that_it_takes(source) for source in acting])
     places = [file for _, file in placed]
     flat = flatten(name, texts[: len(files)], list(zip(texts[len(files) :], places, strict=True)), structure or {})
     refuse_undecided(everything)
@@ -93,6 +105,21 @@ def flat_from_text(
     refuse_many_scalars(flat)
     check_units(flat, units_of_functions(flat.functions, everything))
     return flat
+
+
+def _unfolded(source: Source) -> Source:
+    """Declarations as the passes over modifiers and the front end need them."""
+    return with_named_derivatives(with_unwrapped_bases(source))
+
+
+def _in_words_that_it_takes(source: Source) -> Source:
+    """Statements and equations, one after the other: each pass reads what the last one wrote."""
+    for reworded in (
+        with_readable_functions, with_elements_of_arrays, with_actual_arguments, with_plain_samples,
+        with_derivatives_in_branches,
+    ):  # fmt: skip
+        source = reworded(source)
+    return source
 
 
 def _must_be_complete(name: str, sources: Sequence[Source]) -> None:

@@ -228,10 +228,28 @@ class Expander:
         base = self.value(args[0], local)
         if not isinstance(base, np.ndarray):
             self.refuse("a scalar is subscripted")
+        if len(args) == 2 and base.ndim == 1 and (varying := self._varying(args[1], local)) is not None:
+            return self._chosen(base, varying)
         index = tuple(self.index(s, n, local) for s, n in zip(args[1:], base.shape, strict=False))
         result = base
         for axis in reversed(range(len(index))):
             result = np.take(result, index[axis], axis=axis) if index[axis] is not None else result
+        return result
+
+    def _varying(self, s: Expr, local: Mapping[str, Value]) -> Expr | None:
+        """A subscript that changes during the simulation; None for one that is known, or may be made known."""
+        value = None if isinstance(s, Op) and s.name == ":" else self.value(s, local)
+        if value is None or isinstance(value, np.ndarray | tuple | Num) or refs(value) <= self.parameters:
+            return None
+        return value
+
+    def _chosen(self, base: Array, subscript: Expr) -> Expr:
+        """The element of a vector (n,) at a subscript that changes; outside 1..n no number, which ends the run."""
+        self.spend(base.size)
+        result: Expr = Op("sqrt", (Num(-1.0),))
+        for k in reversed(range(base.size)):
+            same = Op("noEvent", (op("==", subscript, Num(k + 1.0)),))
+            result = op("if", same, base[k], result)
         return result
 
     def index(self, s: Expr, size: int, local: Mapping[str, Value]) -> Any:
@@ -385,10 +403,10 @@ class Expander:
         if is_table_function(name):
             return [looked_up(self, name, args, local)]
         function = self.functions.get(name)
-        if function is not None and function.external:
-            self.refuse(f"external function '{name}' is not supported: write the function in Modelica")
-        if function is None or name.startswith("Modelica.Math."):
+        if function is None or (name.startswith("Modelica.Math.") and name.rsplit(".", 1)[-1] in FUNCTIONS):
             return [self._library_function(name, args, local)]
+        if function.external:
+            self.refuse(f"external function '{name}' is not supported: write the function in Modelica")
         if self._depth >= _CALL_DEPTH:
             self.refuse(f"function '{name}' calls itself more than {_CALL_DEPTH} deep, which cannot be inlined")
         self._depth += 1

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
-from hystid.modelica.bodies import ELSE, NOTHING, WHILE
-from hystid.modelica.expr import Expr, Num, Op, Ref
+from hystid.modelica.expr import Expr, Num, Op, Ref, op
 from hystid.modelica.flat import Function, FunctionVariable, Statement
 from hystid.modelica.values import UNSET, Interpreter, Value, array, filled_in, flattened, is_unset, merge
+from hystid.modelica.workarounds.function_bodies import ELSE, NOTHING, STOP, WHILE
 
 _WHILE_LIMIT = 10_000
 _STATEMENT_COST = 3  # in operations on scalars
@@ -23,6 +23,7 @@ class Call:
         self.expander = expander
         self.function = function
         self.values: dict[str, Value] = {}
+        self._undecided: list[Expr] = []  # conditions of the branches around the statement that runs
         for variable, value in itertools.zip_longest(function.inputs, args):
             if variable is None:
                 expander.refuse(f"function '{function.name}' is given too many arguments")
@@ -66,6 +67,8 @@ class Call:
     def _assign(self, s: Statement) -> None:
         assert s.value is not None
         self.expander.spend(_STATEMENT_COST)
+        if s.value == Ref(STOP):
+            self._stop()
         if len(s.targets) == 1:
             self._set(s.targets[0], self.expander.value(s.value, self.values))
             return
@@ -86,6 +89,12 @@ class Call:
             changed[tuple(slice(None) if i is None else i for i in index)] = value
             self.values[name] = changed
 
+    def _stop(self) -> None:
+        """An error statement is reached, or may be: then the parameters that decide it are asked for."""
+        for condition in self._undecided:
+            self.expander.number(condition, {}, f"whether function '{self.function.name}' stops with its error")
+        self.expander.refuse(f"function '{self.function.name}' stops with its error for these values")
+
     def _branch(self, s: Statement) -> None:
         self._choose(s.branches)
 
@@ -100,9 +109,12 @@ class Call:
                 self._choose(branches[1:])
             return
         before = dict(self.values)
+        self._undecided.append(condition)
         self._statements(branches[0][1])
+        self._undecided[-1] = op("not", condition)
         taken, self.values = self.values, before
         self._choose(branches[1:])
+        self._undecided.pop()
         last = isinstance(branches[0][0], Ref) and branches[0][0].name.startswith(ELSE)
         join = filled_in if last else merge
         self.values = {k: join(condition, taken.get(k, v), v) for k, v in self.values.items()}

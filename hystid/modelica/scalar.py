@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from hystid.errors import ModelicaError
@@ -103,16 +103,17 @@ def _scalarise(flat: FlatModel) -> ScalarModel:
     expander = Expander(dims, constants, {f.name: f for f in flat.functions}, open_parameters)
     variables = {s.name: s for v in flat.variables for s in _scalars(v, expander, constants, flat)}
     bound = [e for v in flat.variables for e in _binding_equations(v, expander)]
+    initial = [
+        *(s for e in flat.initial for s in _equations(e, expander)),
+        *(e for section in flat.sections for e in _initial_values(section, flat, expander)),
+    ]
+    starts, others = _starts_before(initial, variables)
+    variables |= {name: replace(variables[name], start=value) for name, value in starts.items()}
     return ScalarModel(
         flat,
         variables,
         tuple([*(s for e in flat.equations for s in _equations(e, expander)), *bound]),
-        tuple(
-            [
-                *(s for e in flat.initial for s in _equations(e, expander)),
-                *(e for section in flat.sections for e in _initial_values(section, flat, expander)),
-            ]
-        ),
+        tuple(others),
         tuple(_when(w, expander) for w in flat.whens),
         tuple(_assertion(a, expander) for a in flat.assertions),
     )
@@ -155,7 +156,7 @@ def _constants(flat: FlatModel, dims: Mapping[str, tuple[int, ...]]) -> dict[str
     parameters = {v.name: v for v in flat.variables if v.variability == "parameter" and v.binding is not None}
     known: dict[str, float] = {}
     while wanted:
-        expander = Expander(dims, known, functions)
+        expander = Expander(dims, known, functions, frozenset(parameters) - frozenset(known))
         left = [v for v in wanted if not _evaluated(v, expander, known)]
         if len(left) == len(wanted):
             wanted = _with_what_they_need(left, parameters, known)
@@ -170,7 +171,10 @@ def _constants(flat: FlatModel, dims: Mapping[str, tuple[int, ...]]) -> dict[str
 def _evaluated(v: FlatVariable, expander: Expander, known: dict[str, float]) -> bool:
     assert v.binding is not None
     expander.place = v.place
-    values = expander.flat(v.binding)
+    try:
+        values = expander.flat(v.binding)
+    except NeededNow:
+        return False  # what it needs becomes known later
     numbers = [x.value for x in values if isinstance(x, Num)]
     if len(numbers) != len(values):
         return False
@@ -281,6 +285,24 @@ def _initial_values(section: Section, flat: FlatModel, expander: Expander) -> It
             ScalarEquation(Ref(name), value, section.place)
             for name, value in zip(elements(v.name, v.dims), values, strict=True)
         )
+
+
+def _starts_before(
+    initial: Iterable[ScalarEquation], variables: Mapping[str, ScalarVariable]
+) -> tuple[dict[str, Expr], list[ScalarEquation]]:
+    """``pre(y) = value`` of parameters as an initial equation is the start value of y; and what else there is."""
+    starts: dict[str, Expr] = {}
+    others: list[ScalarEquation] = []
+    for e in initial:
+        left, right = (e.left, e.right) if isinstance(e.left, Op) and e.left.name == "pre" else (e.right, e.left)
+        settled = all(
+            n in variables and variables[n].kind in ("parameter", "dependent", "constant") for n in refs(right)
+        )
+        if isinstance(left, Op) and left.name == "pre" and isinstance(left.args[0], Ref) and settled:
+            starts[left.args[0].name] = right
+        else:
+            others.append(e)
+    return starts, others
 
 
 def _sides(residual: Expr, expander: Expander) -> Iterator[tuple[Expr, Expr]]:

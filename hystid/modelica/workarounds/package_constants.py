@@ -15,6 +15,7 @@ from hystid.errors import ModelicaError
 from hystid.modelica.clauses import Clause, clauses, next_mark
 from hystid.modelica.reach import Class, reached
 from hystid.modelica.sources import Source
+from hystid.modelica.workarounds.edits import edited
 
 
 def with_separate_packages(name: str, sources: Sequence[Source]) -> list[Source]:
@@ -53,7 +54,7 @@ def with_separate_packages(name: str, sources: Sequence[Source]) -> list[Source]
         edits.setdefault(base.source, set()).update(
             {(base.body - len(base.name), base.body, new), (close, base.end, wrapper)}
         )
-    return [_edited(s, edits.get(s, set())) for s in sources]
+    return [edited(s, edits.get(s, set())) for s in sources]
 
 
 def _base(clause: Clause, used: Sequence[Class], sources: Sequence[Source]) -> Class | None:
@@ -109,10 +110,3 @@ def _refuse_dependents(names: Collection[str], used: Sequence[Class], inside: Ma
                         f"{source.path}:{line}: '{package}.{name}', a constant made from others, of a replaceable "
                         "package is not supported where packages differ in these: write its formula here"
                     )
-
-
-def _edited(source: Source, edits: set[tuple[int, int, str]]) -> Source:
-    text = source.text
-    for start, end, new in sorted(edits, reverse=True):
-        text = text[:start] + new + text[end:]
-    return source if not edits else Source(source.path, text)

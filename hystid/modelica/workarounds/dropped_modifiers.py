@@ -14,9 +14,9 @@ from itertools import count
 
 from hystid.errors import ModelicaError
 from hystid.modelica.clauses import Clause, Modifier, Modifiers, clauses
-from hystid.modelica.overridden import Key, forgotten, key
 from hystid.modelica.reach import KEYWORD, Class, classes, reached
 from hystid.modelica.sources import Source
+from hystid.modelica.workarounds.joined_modifiers import Key, forgotten, key
 
 _SUSPECT = re.compile(r"\b(?:redeclare|constrainedby)\b|\)\s*=(?!=)")
 _FREE_NAME = re.compile(r"(?<![\w.])([A-Za-z_]\w*)(?:\s*\.\s*\w+)*(?!\s*[\w(=.])(?!\s*\()")

@@ -1,0 +1,30 @@
+"""Several ``sample(...)`` in one text, written as ``(sample(...) or false)``.
+
+What one clause with ``sample`` assigns may be read in another that ticks at other times; rumoca 0.10 refuses it as a
+mixture of clocks unless the conditions are no bare samples.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from hystid.modelica.clauses import closing
+from hystid.modelica.sources import Source
+from hystid.modelica.workarounds.edits import Edit, edited
+
+_SAMPLE = re.compile(r"(?<![\w.])sample\s*\(")
+
+
+def with_plain_samples(source: Source) -> Source:
+    """The text with such conditions rewritten; lines stay where they are."""
+    return edited(source, _samples(source.plain))
+
+
+def _samples(plain: str) -> Iterator[Edit]:
+    if len(list(_SAMPLE.finditer(plain))) < 2:
+        return
+    for found in _SAMPLE.finditer(plain):
+        end = closing(plain, found.end() - 1) + 1
+        yield found.start(), found.start(), "("
+        yield end, end, " or false)"

@@ -1,0 +1,228 @@
+"""Each defect of the front end that is worked around, in the smallest text that shows it.
+
+Where a test here says that a defect is gone, take its file out of ``hystid/modelica/workarounds`` and its text out of
+``docs/upstream``.
+"""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hystid.compiled import CompiledModel
+from hystid.errors import ModelicaError
+from hystid.modelica import compile_model
+from hystid.modelica.expr import Num
+from hystid.modelica.frontend import flatten
+from hystid.modelica.sources import Source
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "hystid" / "modelica" / "workarounds"
+
+# file -> text with class A, output, its value at t = 1, and what the front end says about the text as it stands
+REFUSED = {
+    "nested_bases": (
+        """
+package P
+  partial model Base
+    Real s(start = 0, fixed = true);
+  end Base;
+  model Stop
+    extends Limited;
+    partial model Limited "Unwrapped"
+      extends Base;
+      parameter Real most = 2;
+      Real y = min(s, most);
+      annotation (defaultComponentName = "stop");
+    end Limited;
+    parameter Real v = 3;
+  equation
+    der(s) = v;
+  end Stop;
+end P;
+model A
+  extends P.Stop;
+end A;""",
+        "y", 2.0, "lexically nested class",
+    ),
+    "literal_arrays": (
+        """
+model A
+  Real w[1, 2], y;
+equation
+  if time < 0.5 then
+    w = [1, 1];
+  else
+    for i in 1:2 loop
+      w[1, i] = i*time;
+    end for;
+  end if;
+  y = w[1, 1] + w[1, 2];
+end A;""",
+        "y", 3.0, "mismatched equation counts",
+    ),
+    "derivatives_of_expressions": (
+        """
+model A
+  Real x(start = 1, fixed = true), y;
+equation
+  der(x) = 2;
+  y = der(x*x + time);
+end A;""",
+        "y", 13.0, "derivative expression",
+    ),
+    "function_bodies": (
+        """
+function firstAbove
+  input Real x[:];
+  input Real limit;
+  output Integer k;
+algorithm
+  for i in 1:size(x, 1) loop
+    if x[i] > limit then
+      k := i;
+      return;
+    end if;
+  end for;
+  k := 0;
+end firstAbove;
+model A
+  Real y = firstAbove({time, 2*time, 3*time}, 1.5);
+end A;""",
+        "y", 2.0, "function",
+    ),
+    "derivatives_in_loops": (
+        """
+record C
+  Real x(start = 0);
+end C;
+model A
+  C c[2];
+  Real y = c[2].x;
+equation
+  for k in 1:2 loop
+    der(c[k].x) = k;
+  end for;
+end A;""",
+        "y", 2.0, "",
+    ),
+    "function_bindings": (
+        """
+function total
+  input Real u[:];
+  output Real s = sum(u);
+algorithm
+end total;
+model A
+  input Real u[3];
+  output Real y = total(u);
+  Real x(start = 0, fixed = true);
+equation
+  der(x) = y + 1;
+end A;""",
+        "x", 1.0, "unbalanced",
+    ),
+    "sample_conditions": (
+        """
+model A
+  discrete Real y(start = 0, fixed = true), z(start = 0, fixed = true);
+equation
+  when sample(0.25, 0.5) then
+    z = pre(z) + 1;
+  end when;
+  when sample(0, 0.1) then
+    y = z;
+  end when;
+end A;""",
+        "y", 2.0, "",
+    ),
+}  # fmt: skip
+
+
+def by_itself(text: str):
+    """What the front end makes of a text that nothing was done to."""
+    return flatten("A", [Source(Path("A.mo"), text)], [], {})
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_the_front_end_still_refuses_what_the_way_around_lets_through(name: str, tmp_path: Path) -> None:
+    text, output, value, words = REFUSED[name]
+    path = tmp_path / "A.mo"
+    path.write_text(text)
+    got = CompiledModel(compile_model(f"{path}:A")).simulate({}, 0.05, rows=21, outputs=[output])
+    # straight lines and their squares: Runge-Kutta is exact but for rounding
+    np.testing.assert_allclose(got[output][-1], value, atol=1e-12)
+    try:
+        by_itself(text)
+    except ModelicaError as error:
+        assert words in str(error)
+    else:
+        pytest.fail(f"rumoca {metadata.version('rumoca')} takes this: {name}.py is no longer needed")
+
+
+DROPPED = {
+    "dropped_modifiers": (
+        """
+model Law
+  parameter Real k = 1;
+  Real f = k;
+end Law;
+model Rig
+  replaceable model F = Law;
+  F law;
+end Rig;
+model A
+  extends Rig(redeclare model F = Law(k = 7));
+end A;""",
+        "law.k", 7.0,
+    ),
+    "joined_modifiers": (
+        """
+model P
+  parameter Real m = 1;
+end P;
+model B
+  P p(m(min = 0) = 3);
+end B;
+model A
+  extends B(p(m(max = 6)));
+end A;""",
+        "p.m", 3.0,
+    ),
+    "package_constants": (
+        """
+package Material
+  constant Real E = 1;
+end Material;
+package Steel
+  extends Material(E = 2);
+end Steel;
+model A
+  parameter Real a = Material.E;
+  parameter Real b = Steel.E;
+end A;""",
+        "a", 1.0,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DROPPED)
+def test_the_front_end_still_drops_what_the_way_around_keeps(name: str, tmp_path: Path) -> None:
+    text, parameter, value = DROPPED[name]
+    path = tmp_path / "A.mo"
+    path.write_text(text + "\n")
+    code = compile_model(f"{path}:A")
+    assert float({v.name: v for v in code.variables}[parameter].start or "nan") == value
+    binding = {v.name: v for v in by_itself(text).variables}[parameter].binding
+    if binding == Num(value):
+        pytest.fail(f"rumoca {metadata.version('rumoca')} keeps this: {name}.py is no longer needed")
+
+
+def test_each_way_around_has_a_defect_and_a_text_for_its_authors() -> None:
+    files = {p.stem for p in FOLDER.glob("*.py")} - {"__init__", "edits"}
+    shown = {*REFUSED, *DROPPED, "homotopy_arguments"}  # that one: test_homotopy_means_its_actual_argument_...
+    assert files == shown
+    assert {p.stem for p in (ROOT / "docs" / "upstream").glob("*.txt")} == shown
