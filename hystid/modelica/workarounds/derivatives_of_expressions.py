@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from itertools import count
 
 from hystid.modelica.clauses import closing
-from hystid.modelica.reach import Class, classes, innermost
+from hystid.modelica.reach import Class, classes
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
 
@@ -34,7 +34,7 @@ def _edits(source: Source, found: Sequence[Class]) -> Iterator[Edit]:
     for der in _DERIVATIVE.finditer(plain):
         end = closing(plain, der.end() - 1)
         operand = plain[der.end() : end]
-        owner = innermost(found, der.start())
+        owner = _innermost(found, der.start())
         if owner is None or owner.kind not in ("model", "block", "class") or owner.short or _VARIABLE.match(operand):
             continue
         section = deque(_SECTION.finditer(plain, owner.body, der.start()), maxlen=1)
@@ -48,10 +48,16 @@ def _edits(source: Source, found: Sequence[Class]) -> Iterator[Edit]:
         yield der.end(), end, name + "\n" * plain.count("\n", der.end(), end)
 
 
+def _innermost(found: Sequence[Class], offset: int) -> Class | None:
+    """The innermost of a text's classes that holds an offset."""
+    holding = [c for c in found if c.start <= offset < c.end]
+    return holding[-1] if holding else None
+
+
 def _declarations_end(owner: Class, found: Sequence[Class], first: re.Match[str]) -> int:
     """Where the first section of the class itself begins, classes in it left aside."""
     at = first
-    while (inner := innermost(found, at.start())) is not None and inner is not owner:
+    while (inner := _innermost(found, at.start())) is not None and inner is not owner:
         following = _SECTION.search(owner.source.plain, inner.end, owner.tail)
         if following is None:
             return owner.tail
