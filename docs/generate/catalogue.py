@@ -226,7 +226,7 @@ def parameters(model: CompiledModel) -> list[tuple[str, str, float, str]]:
 
 
 def spoken(name: str) -> str:
-    """``contact_loss`` -> ``contact loss``."""
+    """``my_law`` -> ``my law``."""
     return name.replace("_", " ")
 
 

@@ -19,6 +19,7 @@ from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.uncertainty import honest
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
+from hystid.diagnosis.model.catalogue import catalogue_of
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
@@ -58,8 +59,8 @@ def diagnose(
     >>> rig = hystid.build("HystId.Oscillators.Jenkins", "rig.fmu")  # it sticks and slips; the model does not
     >>> sweep = hystid.simulate(rig, "chirp:1-40Hz@40N,2s", dt=1e-3, noise_snr=40)
     >>> answer = hystid.diagnose(sweep, model="HystId.Oscillators.Linear", parameters={"m": 1.0})
-    >>> answer.verdict, answer.findings[0].effect
-    ('missing_physics', 'hysteretic_friction')
+    >>> answer.verdict, answer.findings[0].title
+    ('missing_physics', 'hysteretic friction')
     """
     if not recordings:
         raise UsageError("no recording was given: name at least one file")
@@ -73,7 +74,9 @@ def diagnose(
             else:
                 case = pose(taken, str(model))
                 step(15, "baseline fitted")
-                library, untestable = possible(load_effects(_paths(effects)), case, exclude)
+                everything = load_effects(_paths(effects))
+                case = replace(case, catalogue=catalogue_of(everything))
+                library, untestable = possible(everything, case, exclude)
                 choice = choose(
                     case.problem, case.refit, library, _every(step, max(1, len(library) // 70)), valleys=case.valleys,
                     unseen=unseen_likelihood(case.problem, case.unseen),

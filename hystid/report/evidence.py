@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from hystid.diagnosis import Diagnosis, Traces, Value
+from hystid.diagnosis import Diagnosis, Finding, Traces
 from hystid.diagnosis.decide.trials import Trial
 from hystid.diagnosis.prepare.chain import turns
 from hystid.report.curves import response
@@ -68,7 +68,7 @@ def force_curve(d: Diagnosis) -> Plot | None:
         Points(at[::step], missing[::step], "measured force less baseline", "measured", size=2.5, opacity=0.35),
         Points(at[::step], law[::step], "law that was found", "after", size=2.5),
     )
-    marks = [mark for finding in d.findings for mark in _thresholds(finding.parameters, axis.unit)]
+    marks = [mark for finding in d.findings for mark in _thresholds(finding, axis.unit)]
     span = float(np.max(np.abs(at)))
     shown = tuple(mark for mark in marks if abs(mark.at) <= span)
     caption = "Every so manyth sample of all recordings." + (" Dotted: the threshold of the law." if shown else "")
@@ -81,14 +81,13 @@ def _scatter(at: Array, values: Array) -> float:
     return float(np.mean([np.var(part) for part in np.array_split(values[order], _BINS)]))
 
 
-def _thresholds(parameters: Mapping[str, Value], unit: str) -> list[Mark]:
+def _thresholds(finding: Finding, unit: str) -> list[Mark]:
     """Marks at the displacement where a law sets in, on the side where it does, or on both."""
-    gap = parameters.get("gap")
+    gap = finding.threshold
     if gap is None or gap.unit != unit:
         return []
-    side = parameters.get("side")
-    signs = (1.0, -1.0) if side is None else (1.0 if side.value >= 0 else -1.0,)
-    return [Mark(sign * gap.value, text=f"gap {1e3 * gap.value:.4g} mm", role="bad") for sign in signs]
+    signs = (1.0, -1.0) if finding.side == 0 else (float(np.sign(finding.side)),)
+    return [Mark(sign * gap.value, text=f"threshold {1e3 * gap.value:.4g} mm", role="bad") for sign in signs]
 
 
 def stiffness(d: Diagnosis) -> Plot | None:

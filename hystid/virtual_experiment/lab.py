@@ -10,6 +10,7 @@ import numpy as np
 
 from hystid.comparison import harmonics, nrmse
 from hystid.diagnosis import Diagnosis, diagnose
+from hystid.diagnosis.model.effects import effect_id
 from hystid.excitation import parse
 from hystid.fmu import Driver, build_model
 from hystid.identification import Identification, identify
@@ -28,7 +29,7 @@ _STEP = 2e-5  # s, of the simulation: the rig's response branches, and only an a
 _EVERY = 20  # recorded at 2.5 kHz
 CHIRPS = tuple(f"chirp:0-100Hz@{level}N,5s" for level in (20, 35, 50, 65))
 TESTS = tuple(f"harmonic:{f}Hz@{level}N,2s" for f in (20, 30, 40, 50) for level in (80, 90))
-CONCEALED = "contact_loss"
+CONCEALED, _ = effect_id("HystId.Effects.ContactLoss__Friction")  # the one in the rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,7 @@ class LabCase:
     def checks(self) -> tuple[Check, ...]:
         """Targets of the lab case."""
         part = "lab case"
-        gap = next((f.parameters["gap"].value for f in self.diagnosis.findings if "gap" in f.parameters), np.nan)
+        gap = next((f.threshold.value for f in self.diagnosis.findings if f.threshold is not None), np.nan)
         even = max(abs(test.even_db("extended") - test.even_db("recorded")) for test in self.tests)
         return (
             Check(part, "concealed loss of contact is named first (1 yes, 0 no)", float(self.named), 1, least=True),

@@ -10,22 +10,22 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.diagnosis.decide.limits import is_reached
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.decide.trials import DELAY
-from hystid.diagnosis.fit.problem import ADDED_MASS, Fit, Problem, Term
+from hystid.diagnosis.fit.problem import Fit, Problem, Term, is_mass
 from hystid.diagnosis.fit.values import Value
 from hystid.diagnosis.fit.windows import Windowed, edges, has_own_windows, term_for, widest
 from hystid.diagnosis.model.baseline import Baseline
+from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.model.channel_effects import DRIFT, NUISANCES, ChannelEffect, is_constant
+from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.chain import Fault
 
 Array = NDArray[np.float64]
 Verdict = Literal["consistent", "recalibrated", "missing_physics", "sensor_fault", "unknown_physics", "not_applicable"]
 SENSORS = frozenset({"channel_delay", "force_gain", "force_drift", "sensor_saturation"})
 GAIN = "force_gain"
-PRELOAD = "preload"
-PINCHING, BACKLASH = "pinching", "backlash"
-_SLACK = 0.97  # share of the hysteretic force beyond which pinching is free play
 _FORCE = ("N", "kg", "J")  # beginnings of units that are proportional to a force
 _RECALIBRATED = 1.15  # mean square at the nominal values over that of the refit
 
@@ -39,6 +39,7 @@ class Answer:
     choice: Choice
     nominal_chi2: float
     faults: tuple[Fault, ...]
+    catalogue: Catalogue
 
     def verdict(self) -> Verdict:
         """The first word of the answer."""
@@ -52,51 +53,53 @@ class Answer:
         return "recalibrated" if self.nominal_chi2 > _RECALIBRATED * self.choice.before.chi2 else "consistent"
 
     def names(self) -> tuple[str, ...]:
-        """Ids of the selection, a negative added mass called by its right name."""
+        """Ids of the selection, laws at an end of their parameters called by their right names."""
         return tuple(self.rename(name) for name in self.choice.named)
 
     def rename(self, name: str) -> str:
-        """Added mass or gain of the force channel: negative is a gain; else what keeps the refit nearer to nominal.
+        """A law at an end of its parameters by the name that its block declares for it.
 
-        Pinching of friction that leaves nothing of it is slack. A force channel that is off by a constant in each
-        recording, and does not drift, may as well have measured a constant force.
+        Mass, or a gain of the force channel: what keeps the refit nearer to nominal. A force channel that is off by a
+        constant in each recording, and does not drift, may as well have measured a constant force.
         """
         if name == DRIFT and self._is_constant():
-            return PRELOAD
-        if name == PINCHING and not self.baseline.has_h and self._vanishing() > _SLACK:
-            return BACKLASH
-        if name != ADDED_MASS or not self.baseline.mass:  # without a mass there is nothing that a gain could scale
+            return next((i for i, said in self.catalogue.laws.items() if _equals_a_constant(said)), name)
+        term = self.term(name)
+        if term is None or (is_mass(term.effect) and not self.baseline.mass):  # no mass that a gain could scale
             return name
-        return GAIN if self.gain() < 0 or self._gain_is_nearer() else ADDED_MASS
+        for end in term.effect.semantics.becomes:
+            if end.fit == "renamed" and is_reached(self.problem, term, end):
+                return end.law
+        return GAIN if is_mass(term.effect) and self._gain_is_nearer() else name
 
     def _is_constant(self) -> bool:
         """Whether the named drift of the force channel is next to nothing but a constant per recording."""
         term = self.term(DRIFT)
         return term is not None and is_constant(term.values, self.problem.parts)
 
-    def _vanishing(self) -> float:
-        """Share of the hysteretic force that is missing in the middle of its range, whatever the displacement."""
-        term = self.term(PINCHING)
-        by_force = term is not None and any(shape.unit == "N" for shape in term.effect.shapes)
-        return float(term.values[term.effect.amplitudes[0]]) if term is not None and by_force else 0.0
+    @property
+    def _carried(self) -> tuple[int, Term] | None:
+        """Number and term of an effect that is mass; None where none was named."""
+        terms = enumerate(self.choice.after.hypothesis.terms)
+        return next(((i, term) for i, term in terms if is_mass(term.effect)), None)
 
     def gain(self) -> float:
         """Added mass as a share of the mass."""
-        term = next(term for term in self.choice.after.hypothesis.terms if term.effect.id == ADDED_MASS)
-        return float(term.values[term.effect.amplitudes[0]] / self.choice.after.hypothesis.values["m"])
+        assert self._carried is not None
+        _, term = self._carried
+        return float(term.values[term.effect.semantics.mass] / self.choice.after.hypothesis.values["m"])
 
     def gain_error(self) -> float:
         """Standard error of ``gain``."""
-        fit = self.choice.after
-        index = next(i for i, term in enumerate(fit.hypothesis.terms) if term.effect.id == ADDED_MASS)
-        name = fit.hypothesis.terms[index].effect.amplitudes[0]
-        return float(fit.stderr((str(index), name)) / fit.hypothesis.values["m"])
+        assert self._carried is not None
+        fit, (index, term) = self.choice.after, self._carried
+        return float(fit.stderr((str(index), term.effect.semantics.mass)) / fit.hypothesis.values["m"])
 
     def at_the_structure(self, term: Term, stated: Mapping[str, Value]) -> dict[str, Value]:
         """Parameters of an effect behind a force channel of wrong gain: what scales with the force is fitted in units
         of the channel, and is divided by the gain. Where it may as well be added mass, the errors know either reading.
         """
-        if ADDED_MASS not in self.choice.named or term.effect.id == ADDED_MASS or not self.baseline.mass:
+        if self._carried is None or is_mass(term.effect) or not self.baseline.mass:
             return dict(stated)
         gain, error = 1 + self.gain(), self.gain_error()
         divided = GAIN in self.names()
@@ -236,6 +239,11 @@ class Answer:
         return found
 
 
+def _equals_a_constant(said: Semantics) -> bool:
+    """Whether a law is a drift of the force channel that is constant in each recording."""
+    return any(one.law == DRIFT and one.provided == "constant" for one in said.alike)
+
+
 def values(fit: Fit, index: int, term: Term) -> dict[str, Value]:
     """Fitted parameters of a term with standard errors."""
     return {
@@ -252,7 +260,7 @@ def refit_values(answer: Answer, fit: Fit) -> dict[str, Value]:
     if "m" in found and "m" not in base.free:
         spread = fit.stderr(("chain", "weighing")) * base.mass
         mass = fit.hypothesis.mass()
-        if fit is answer.choice.after and ADDED_MASS in answer.choice.named and answer.rename(ADDED_MASS) == GAIN:
+        if fit is answer.choice.after and GAIN in answer.names():
             mass *= 1 + answer.gain()
         found["m"] = Value(mass, spread, base.units.get("m", "kg"))
     return found

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 _PHYSICAL = ("m", "m/s", "s", "Hz", "N")  # units of thresholds, times and forces: the same thing in every form
 _FARTHEST = 2.0  # distances of two forms that the truth may lie off: what two draws say of a spread is little
 _STARTS, _ITERATIONS = 2, 25  # grid points of another form that are fitted, and iterations
-_TURN, _WIDER = "v_s", 5.0  # speed over which friction turns over, and the factor for a slower approach to sliding
+_WIDER = 5.0  # factor on the speed over which friction changes sign, for a slower approach to sliding
 _SAME = 1e-9  # relative singular value below which directions are not told apart
 
 
@@ -81,7 +81,7 @@ class _Tangent:
 def _beside(problem: Problem, fitted: Fit, index: int, library: Sequence[Effect]) -> Iterator[_Beside]:
     """Other forms of one law, everything else fitted anew."""
     term = fitted.hypothesis.terms[index]
-    if _TURN in term.values:
+    if term.effect.semantics.transition:
         yield from _turning_slower(problem, fitted, index)
     kin = [e for e in library if e.id == term.effect.id and e.class_name != term.effect.class_name]
     forms = [in_window_of(effect, term) for effect in kin if _shared(term.effect, effect)]
@@ -113,13 +113,15 @@ def _simpler(problem: Problem, fitted: Fit, index: int, library: Sequence[Effect
 
 def _turning_slower(problem: Problem, fitted: Fit, index: int) -> Iterator[_Beside]:
     """Friction that comes to its level more slowly than the form says, whichever form that is."""
-    here, key = fitted.hypothesis, (str(index), _TURN)
+    here = fitted.hypothesis
+    speed = here.terms[index].effect.semantics.transition
+    key = (str(index), speed)
     try:
         rows = problem.rows(put(here, {key: _WIDER * get(here, key)}))
     except NumericalError:
         return
     if np.all(np.isfinite(rows)):
-        own = {(str(index), name): 0.0 for name in here.terms[index].values if name != _TURN}
+        own = {(str(index), name): 0.0 for name in here.terms[index].values if name != speed}
         yield _Beside(fitted.residual - rows, own)
 
 

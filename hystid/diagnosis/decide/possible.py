@@ -8,12 +8,17 @@ from hystid.diagnosis.fit.case import Case
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare import chain
 
+_REVERSAL = 0.02  # share of the range of x: smaller ones are taken for noise
+
 
 def possible(effects: Sequence[Effect], case: Case, exclude: Sequence[str]) -> tuple[list[Effect], set[str]]:
     """Effects that are tried, and ids that these recordings cannot show. exclude: ids that the user rules out."""
     problem = case.problem
-    hidden = set(chain.TIMED if case.timeless else ())
-    hidden |= set() if case.baseline.mass else {"hidden_mode"}  # nothing resonates where nothing is inert
+    lacking = {
+        "time": not problem.timed, "speeds": case.timeless, "mass": not case.baseline.mass,
+        "reversals": not any(chain.turns(part.x, _REVERSAL) for part in problem.parts),
+    }  # fmt: skip
+    hidden = {effect.id for effect in effects if any(lacking[need] for need in effect.semantics.needs)}
     hidden |= set() if problem.timed else {effect.id for effect in effects if effect.needs_clock}
     if not problem.sees_x:  # laws of the displacement, and those that remember it
         hidden |= {effect.id for effect in effects if "x" in effect.reads or effect.remembers}

@@ -28,7 +28,7 @@ from hystid.diagnosis.decide.trials import (
     searched_again,
     trials,
 )
-from hystid.diagnosis.fit.problem import ADDED_MASS, Fit, Key, Problem, is_source, standing
+from hystid.diagnosis.fit.problem import Fit, Key, Problem, is_mass, is_source, standing
 from hystid.diagnosis.fit.search import ABSORBED, downhill, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.fit.search import Candidate as Scanned
 from hystid.diagnosis.fit.windows import has_edges, is_off_outside, settled, windowed, windows_of
@@ -433,11 +433,11 @@ def _shares(search: _Search, leader: Candidate, names: Sequence[str]) -> tuple[f
 def _with_one_mass(problem: Problem, fitted: Fit) -> Fit:
     """Added mass that holds what the refit took for a weighing error as well: the two are one."""
     here = fitted.hypothesis
-    at = next((i for i, term in enumerate(here.terms) if term.effect.id == ADDED_MASS), None)
+    at = next((i for i, term in enumerate(here.terms) if is_mass(term.effect)), None)
     if at is None or here.weighing == 0.0:
         return fitted
     term = here.terms[at]
-    name = term.effect.amplitudes[0]
+    name = term.effect.semantics.mass
     whole = replace(term, values={**term.values, name: term.values[name] + here.weighing * here.values["m"]})
     there = replace(here, weighing=0.0, terms=(*here.terms[:at], whole, *here.terms[at + 1 :]))
     rows = problem.rows(there)

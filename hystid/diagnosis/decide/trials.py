@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hystid.diagnosis.decide.limits import is_itself
-from hystid.diagnosis.fit.problem import ADDED_MASS, DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term, standing
+from hystid.diagnosis.fit.problem import DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term, is_mass, standing
 from hystid.diagnosis.fit.search import ABSORBED, Candidate, from_nominal, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.model.channel_effects import DRIFT, is_constant
 from hystid.diagnosis.model.effects import Effect
@@ -55,7 +55,7 @@ class Trial:
     def has_threshold(self) -> bool:
         """Whether what was added begins to act at some displacement: a claim of its own."""
         terms = self.fit.hypothesis.terms
-        return bool(terms) and "gap" in terms[-1].values
+        return bool(terms) and bool(terms[-1].effect.semantics.threshold)
 
     @property
     def form_of(self) -> Effect | None:
@@ -106,14 +106,17 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
     for number, term in enumerate(fit.hypothesis.terms):
         if term.effect.id == DRIFT and not _drifts(problem, fit, number):
             return False
-        if "gap" in term.values:
-            side = term.values.get("side", 0.0)
-            beyond = [(side * p.x if side else np.abs(p.x)) > term.values["gap"] for p in problem.parts]
+        said = term.effect.semantics
+        if said.threshold:
+            side = term.values.get(said.switch, 0.0)
+            beyond = [(side * p.x if side else np.abs(p.x)) > term.values[said.threshold] for p in problem.parts]
             if max(np.mean(flags) for flags in beyond) < _REACHED and (
-                "w" in term.values or max(map(np.count_nonzero, beyond)) < _TOUCHED
+                said.width or max(map(np.count_nonzero, beyond)) < _TOUCHED
             ):
                 return False
-        if term.values.get("v_s", 0.0) > _SLIDES * problem.scales.v[-1] or not is_itself(problem, term, signals):
+        if term.values.get(said.transition, 0.0) > _SLIDES * problem.scales.v[-1] or not is_itself(
+            problem, term, signals
+        ):
             return False
     return True
 
@@ -258,9 +261,9 @@ def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> li
 def added_mass_of(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
     """The weighing error of a fit as an effect without a limit; None where there is none, or no such effect."""
     here = fitted.hypothesis
-    mass = next((effect for effect in effects if effect.id == ADDED_MASS), None)
+    mass = next((effect for effect in effects if is_mass(effect)), None)
     if mass is None or here.weighing == 0.0:
         return None
-    term = Term(mass, {mass.amplitudes[0]: here.weighing * here.values["m"]})
+    term = Term(mass, {mass.semantics.mass: here.weighing * here.values["m"]})
     made = try_fit(problem, replace(here, weighing=0.0, terms=(*here.terms, term)))
     return Trial(mass.id, mass.form, 1, made) if made is not None else None

@@ -6,7 +6,7 @@ In: recordings as taken and the model. Out: everything that the decision works o
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from hystid.diagnosis.fit.refit import refit
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
 from hystid.diagnosis.model.beginnings import beginning
+from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.model.effects import Scales
 from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.model.starts import scaled, sizes_of
@@ -36,7 +37,7 @@ class Case:
     """Everything that the decision works on.
 
     nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. unforced: the force is
-    known to be zero.
+    known to be zero. catalogue: what the effects declare of themselves.
     """
 
     problem: Problem
@@ -50,6 +51,7 @@ class Case:
     notes: tuple[str, ...]
     timeless: bool = False
     unforced: bool = False
+    catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
 
 
 def pose(taken: Taken, model: str) -> Case:

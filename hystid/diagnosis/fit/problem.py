@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.model.baseline import Baseline, Held
 from hystid.diagnosis.model.cache import Memory
-from hystid.diagnosis.model.effects import Effect, Scales, Signals, shape_bounds
+from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.prepare.segments import DRAWS, Advanced, Part, Reduction
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
 DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fault
 LATE_LIMIT = 8.0  # samples
-HYSTERESIS = "hysteretic_friction"
-ADDED_MASS = "added_mass"  # the effect that a weighing error is a small case of
 WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _TURN = 0.05  # share of the peak speed over which a contact may turn
 _ROUND = 0.1  # share of a jump that the shape of a turn leaves open, where the law has its own turn
@@ -136,7 +134,12 @@ def _with_noise(part: Part, errors: Sequence[Array], sign: float) -> Part:
 
 def is_source(effect: Effect) -> bool:
     """Whether an effect is hysteresis itself, which others weaken or pinch."""
-    return effect.id == HYSTERESIS
+    return effect.semantics.hysteretic
+
+
+def is_mass(effect: Effect) -> bool:
+    """Whether an effect is mass, of which a weighing error is a small case."""
+    return bool(effect.semantics.mass)
 
 
 def get(hypothesis: Hypothesis, key: Key) -> float:
@@ -459,15 +462,15 @@ class Problem:
         if base.mass:
             limit = LATE_LIMIT if hypothesis.late else DELAY_LIMIT
             found.append(Unknown(("chain", "delay"), low=-limit, high=limit))
-            if base.weighed and not any(term.effect.id == ADDED_MASS for term in hypothesis.terms):
+            if base.weighed and not any(is_mass(term.effect) for term in hypothesis.terms):
                 found.append(Unknown(("chain", "weighing"), low=-WEIGHING_LIMIT, high=WEIGHING_LIMIT, linear=True))
         for i, term in enumerate(hypothesis.terms):
             lowest = dict(term.effect.lowest)
-            if term.effect.id == ADDED_MASS:  # what moves in the end has a mass
-                lowest |= dict.fromkeys(term.effect.amplitudes, -base.mass)
+            if is_mass(term.effect):  # what moves in the end has a mass
+                lowest |= {term.effect.semantics.mass: -base.mass}
             found += [Unknown((str(i), n), low=lowest.get(n, -np.inf), linear=True) for n in term.effect.amplitudes]
             for shape in term.effect.shapes:
-                low, high = shape_bounds(shape, self.scales)
+                low, high = term.effect.bounds(shape, self.scales)
                 found.append(Unknown((str(i), shape.name), low > 0, low, high))
         return tuple(found)
 

@@ -7,10 +7,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hystid.diagnosis.model.effects import Array, Effect, Signals
+from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.segments import Part
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
 _STEADY = 0.05  # rms of the ramps over that of the offsets below which a force channel does not drift
+# What is not a law of the structure has no block: a fault of a channel is called so here.
+CHANNELS = {
+    "channel_delay": Semantics(title="late channel"),
+    "channel_gain": Semantics(title="wrong gain of a channel"),
+    "channel_zero": Semantics(title="wrong zero of a channel"),
+    "dead_channel": Semantics(title="dead channel"),
+    "sensor_saturation": Semantics(title="channel that stops at a level"),
+    "force_gain": Semantics(title="wrong gain of the force channel"),
+    DRIFT: Semantics(title="drift of the force channel"),
+}
 NUISANCES = frozenset({HUM, HISTORY})  # taken out, and no findings
 
 

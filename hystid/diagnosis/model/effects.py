@@ -1,8 +1,8 @@
 """Candidate effects: Modelica blocks, and what a fit must know of their parameters.
 
 Nothing about an effect is written here. Of its parameters, those in which f is linear are amplitudes (found by a
-numeric test); the others are shapes, whose range follows from the unit and the recordings. A new effect is a new
-``.mo`` file.
+numeric test); the others are shapes, whose range follows from the unit and the recordings. What cannot be computed
+the block declares (``semantics``). A new effect is a new ``.mo`` file.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel, Motion
+from hystid.diagnosis.model.semantics import Semantics
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
 
@@ -76,6 +77,7 @@ class Effect:
     id: snake case, form: "" or what follows the double underscore. amplitudes: names in which f is linear. shapes: the
     other continuous parameters. choices: integer parameters and their values. lowest: least values that the block
     allows. remembers: has inner states. uses_h: depends on the hysteretic force; per_h: in proportion, at each sample.
+    semantics: what the block declares of itself.
     """
 
     id: str
@@ -90,6 +92,7 @@ class Effect:
     remembers: bool = False
     uses_h: bool = False
     per_h: bool = False
+    semantics: Semantics = field(default=Semantics(), repr=False)
 
     @property
     def size(self) -> int:
@@ -122,7 +125,20 @@ class Effect:
     @property
     def is_over_time(self) -> bool:
         """Whether the law changes along with the time, or the path: it is never windowed."""
-        return self.id in {"cyclic_degradation", "stiffness_drift", "preload"}
+        return self.semantics.lasting
+
+    def is_path(self, shape: Variable) -> bool:
+        """Whether a shape is a travelled path, not a displacement."""
+        return shape.name == self.semantics.path
+
+    def bounds(self, shape: Variable, scales: Scales) -> tuple[float, float]:
+        """Range in which a shape can be told from its limits, given the recordings."""
+        return (0.02 * scales.path, 3.0 * scales.path) if self.is_path(shape) else shape_bounds(shape, scales)
+
+    def _starts(self, shape: Variable, scales: Scales, *, fine: bool) -> Array:
+        if self.is_path(shape):
+            return np.geomspace(0.1, 1.0, 3) * scales.path
+        return shape_values(shape, scales, fine=fine)
 
     @property
     def lasts(self) -> bool:
@@ -187,9 +203,11 @@ class Effect:
 
     def grid(self, scales: Scales) -> list[dict[str, float]]:
         """Starting points for the shapes and choices: the first shape in fine steps, the others coarsely."""
-        axes = {shape.name: shape_values(shape, scales, fine=i == 0) for i, shape in enumerate(self.shapes)}
+        axes = {shape.name: self._starts(shape, scales, fine=i == 0) for i, shape in enumerate(self.shapes)}
         for shape in self.shapes[:1]:
-            if self.remembers and shape.unit == "m" and not _is_path(shape):  # memories are often far below the stroke
+            if (
+                self.remembers and shape.unit == "m" and not self.is_path(shape)
+            ):  # memories are often far below the stroke
                 axes[shape.name] = np.concatenate([np.array(_SHORT) * scales.x[-1], axes[shape.name]])
         names = [*axes, *self.choices]
         values: list[Sequence[float]] = [list(map(float, axis)) for axis in axes.values()]
@@ -198,7 +216,7 @@ class Effect:
 
 
 def effect_id(class_name: str) -> tuple[str, str]:
-    """Id and form of a block: ``ContactLoss__Hertz`` -> ("contact_loss", "Hertz")."""
+    """Id and form of a block: ``MyLaw__Hertz`` -> ("my_law", "Hertz")."""
     name, _, form = class_name.rpartition(":")[2].rpartition(".")[2].partition("__")
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower(), form
 
@@ -276,8 +294,6 @@ def _is_per_h(effect: Effect, linear: Sequence[str]) -> bool:
 
 def shape_bounds(shape: Variable, scales: Scales) -> tuple[float, float]:
     """Range in which a shape can be told from its limits, given the recordings."""
-    if _is_path(shape):
-        return 0.02 * scales.path, 3.0 * scales.path
     tops = {"m": scales.x[-1], "m/s": scales.v[-1], "N": scales.h[-1], "J": 3 * scales.h[-1] * scales.path}
     if shape.unit in tops:
         return 1e-3 * float(tops[shape.unit]), 1.5 * float(tops[shape.unit])
@@ -293,8 +309,6 @@ def shape_bounds(shape: Variable, scales: Scales) -> tuple[float, float]:
 def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
     """Starting values for one shape, by its unit."""
     low, high = shape_bounds(shape, scales)
-    if _is_path(shape):
-        return np.geomspace(0.1, 1.0, 3) * scales.path
     if shape.unit == "m":
         shares = (0.05, 0.15, 0.35, 0.55, 0.75, 0.88, 0.95, 0.985) if fine else (0.05, 0.3, 0.8)
         return np.array([scales.x[int(share * (len(scales.x) - 1))] for share in shares])
@@ -313,7 +327,3 @@ def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
         return np.geomspace(first, last, int(np.log(last / first) / _APART) + 2 if fine else 6)
     start = shape.start if shape.start is not None else 0.5 * (low + high)
     return np.unique(np.clip([start, *((0.3 * low + 0.7 * high,) if fine else ())], low, high))
-
-
-def _is_path(shape: Variable) -> bool:
-    return shape.unit == "m" and shape.name.startswith("path")

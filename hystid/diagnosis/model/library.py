@@ -10,18 +10,21 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from hystid import cache as store
 from hystid.compiled import CompiledModel
+from hystid.diagnosis.model.catalogue import with_laws
 from hystid.diagnosis.model.effects import Effect, effect_of
+from hystid.diagnosis.model.semantics import KEYWORD, semantics_of
 from hystid.errors import UsageError
 from hystid.modelcode import Variable, code_data, code_of
 from hystid.modelica import compile_model
 from hystid.modelica.sources import library_folder
+from hystid.modelica.vendor import vendor_annotation
 from hystid.progress import track
 
 _PACKAGE = "HystId.Effects"
@@ -41,7 +44,7 @@ def load_effects(own: Sequence[Path] = ()) -> list[Effect]:
         for name in names:
             found.append(_effect(name))
             step(text=name.rpartition(".")[2])
-    return found
+    return with_laws(found)
 
 
 def _own_blocks(path: Path) -> list[str]:
@@ -57,13 +60,21 @@ def _own_blocks(path: Path) -> list[str]:
 
 @cache
 def _effect(name: str) -> Effect:
+    """A block with what it declares of itself."""
+    made = _compiled(name)
+    assert made.model is not None
+    said = semantics_of(vendor_annotation(name, KEYWORD), made.model.code.variables, made.amplitudes)
+    return replace(made, semantics=said)
+
+
+def _compiled(name: str) -> Effect:
     entry = f"{_digest(name)}.json"
     place = store.find(entry)
     if place is not None:
         return _restored(json.loads(place.read_bytes()))
     code = compile_model(name)
     made = effect_of(name, code)
-    facts = {item.name: getattr(made, item.name) for item in fields(made) if item.name != "model"}
+    facts = {item.name: getattr(made, item.name) for item in fields(made) if item.name not in ("model", "semantics")}
     kept = {"effect": {**facts, "shapes": [asdict(shape) for shape in made.shapes]}, "code": code_data(code)}
     store.keep_bytes(entry, json.dumps(kept).encode())
     return made

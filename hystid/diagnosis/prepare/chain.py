@@ -35,9 +35,6 @@ _RISE = 0.3  # share of the largest force over which the first rise is taken as 
 _STEP, _SEAT = 0.002, 0.2  # shares of the stroke between which an approach lies
 _SAME_SPEED = 1.4  # fastest over slowest stroke of one direction
 _STRAIGHT = 0.02  # deviation of a stroke from a line over its length: a sine has 0.042, a triangle less than 0.01
-# What needs a measured time and several speeds: without them these laws cannot be told from dry friction.
-TIMED = frozenset({"added_mass", "displacement_dependent_damping", "hidden_mode", "impact", "quadratic_damping",
-                   "stribeck_friction", "viscoelastic_relaxation"})  # fmt: skip
 NO_CLOCK = (
     "time only numbers the samples here: drifts, laws of time and windows of time are no candidates, and rates have no "
     "scale"

@@ -63,7 +63,9 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
         dependence=depends,
     )  # fmt: skip
-    worded = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
+    worded = replace(
+        diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis, case.catalogue)
+    )
     return worded, runs.text
 
 
@@ -107,7 +109,7 @@ def _rest(choice: Choice) -> list[str]:
 
 def _runs(case: Case, choice: Choice) -> Runs:
     """Free runs before and after what was named, and the answer that comes of them."""
-    answer = Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults)
+    answer = Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults, case.catalogue)
     return free_runs(answer, _skeleton(case.baseline), case.unseen)
 
 

@@ -2,35 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from hystid.diagnosis.decide.answer import BACKLASH, GAIN, PINCHING, Answer, describe
+from hystid.diagnosis.decide.answer import GAIN, Answer, describe
+from hystid.diagnosis.decide.limits import is_reached
 from hystid.diagnosis.decide.trials import DELAY
-from hystid.diagnosis.fit.problem import ADDED_MASS, HYSTERESIS
 from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.model.catalogue import Catalogue
+from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.chain import Fault
 from hystid.diagnosis.tell.locate import where_term
 from hystid.diagnosis.tell.result import Diagnosis, Finding, Where
-
-_FEW = 4.0  # samples at full speed over which friction must build up to be told from one without memory,
-_SMALL = 0.02  # or else this share of the stroke
-_EXACT = (frozenset({"two_sided_stop", "backlash"}), frozenset({ADDED_MASS, GAIN}))
-
-_SPLITS = {
-    frozenset({"two_sided_stop", "backlash"}): "measure the stiffness at very small displacement: free play is soft",
-    frozenset({ADDED_MASS, GAIN}): "calibrate the force channel with a known weight, or weigh the moving parts",
-    frozenset({"preload", "asymmetric_friction"}): "hold it still after slow motion from either side, and tilt it",
-    frozenset({"preload", "force_drift"}): "record the force channel with nothing attached, before and after a test",
-    frozenset({"cubic_stiffness", "two_sided_stop"}): "record at small and large amplitudes: is there a threshold",
-    frozenset({"quadratic_stiffness", "bilinear_stiffness"}): "does the second harmonic grow with the amplitude",
-    frozenset({"quadratic_damping", "stribeck_friction"}): "vary the frequency at a fixed amplitude",
-    frozenset({"viscoelastic_relaxation", "hidden_mode"}): "hold a step and watch the force; sweep further up",
-    frozenset({"stiffness_drift", "cyclic_degradation"}): "let it rest between two tests: time passes without a path",
-    frozenset({"coulomb_friction", "stribeck_friction"}): "record slow cycles through zero velocity",
-    frozenset({"coulomb_friction", "hysteretic_friction"}): "record slow reversals with more samples per millimetre",
-}  # fmt: skip
 
 
 def findings(answer: Answer) -> tuple[Finding, ...]:
@@ -52,7 +37,7 @@ def _finding(
 ) -> tuple[Finding, float]:
     choice, fit = answer.choice, answer.choice.after
     shown = answer.rename(name)
-    together = tuple(dict.fromkeys((shown, *alike, *_equivalents(shown, answer), *_too_short(answer, name))))
+    together = tuple(dict.fromkeys((shown, *alike, *_equivalents(shown, answer), *_not_told(answer, name))))
     evidence = {
         "explained": worth[1], "chi2_before": choice.before.chi2, "chi2_after": fit.chi2,
         "floor": choice.floor_after,
@@ -62,38 +47,40 @@ def _finding(
     }  # fmt: skip
     sure, share = worth
     term = answer.term(name)
+    said = term.effect.semantics if term is not None else Semantics()
+    title = answer.catalogue.class_title(together)
+
+    def told(parameters: Mapping[str, Value], where: Where) -> Finding:
+        roles = {"threshold": said.threshold, "switch": said.switch}
+        return Finding(shown, together, sure, parameters, where, evidence, share, title, roles)
+
     if term is None:
         delay = Value(fit.hypothesis.delay, fit.stderr(("chain", "delay")), "1")
         seconds = Value(delay.value * answer.problem.parts[0].dt, delay.stderr * answer.problem.parts[0].dt, "s")
         where = Where("the force channel is late as a whole", (0, 0), (0, 0), {}, {}, "no harmonics")
-        return Finding(shown, together, sure, {"samples": delay, "delay": seconds}, where, evidence, share), 1e299
+        return told({"samples": delay, "delay": seconds}, where), 1e299
     where = where_term(answer.problem, term, signals)
     weight = float(np.sqrt(np.mean(np.concatenate([term.effect.force(s, term.values) for s in signals]) ** 2)))
     evidence |= {"form": term.effect.form, "class_name": term.effect.class_name, "rms_force": weight}
     if shown == GAIN:
         parameters = {"gain": Value(1 + answer.gain(), answer.gain_error(), "1")}
-        return Finding(shown, together, sure, parameters, where, evidence, share), weight
+        return told(parameters, where), weight
     fitted = answer.at_the_structure(term, answer.stated(fit.hypothesis.terms.index(term), term))
-    return Finding(shown, together, sure, fitted, where, evidence, share), weight
+    return told(fitted, where), weight
 
 
 def _equivalents(name: str, answer: Answer) -> tuple[str, ...]:
     """Ids that are the same by algebra."""
-    if name == GAIN and answer.gain() < 0:
+    if name == GAIN and answer.gain() < 0:  # there is no negative mass
         return ()
-    if name == BACKLASH and PINCHING in answer.choice.named:  # slack behind friction is no free play of a spring
-        return ()
-    return tuple(sorted(other for group in _EXACT if name in group for other in group))
+    return answer.catalogue.equal(name, answer.choice.named)
 
 
-def _too_short(answer: Answer, name: str) -> tuple[str, ...]:
-    """Friction that builds up within a few samples, and a trace of the stroke, might as well be without memory."""
+def _not_told(answer: Answer, name: str) -> tuple[str, ...]:
+    """Laws to which these recordings do not tell the difference: a length below what they resolve, for example."""
     term = answer.term(name)
-    if name != HYSTERESIS or term is None:
-        return ()
-    path = max(float(np.max(np.abs(part.v))) * part.dt for part in answer.problem.parts)
-    stroke = max(float(np.max(np.abs(part.x))) for part in answer.problem.parts)
-    return ("coulomb_friction",) if term.values.get("x_c", np.inf) < min(_FEW * path, _SMALL * stroke) else ()
+    ends = term.effect.semantics.becomes if term is not None else ()
+    return tuple(e.law for e in ends if e.fit == "equivalent" and term and is_reached(answer.problem, term, e))
 
 
 def _fault_finding(answer: Answer, fault: Fault) -> Finding:
@@ -108,7 +95,8 @@ def _fault_finding(answer: Answer, fault: Fault) -> Finding:
         parameters = {"level": Value(fault.size, fault.stderr, unit)}
     where = Where(describe(fault), (0, 0), (0, 0), {}, {}, "odd harmonics" if fault.id != DELAY else "no harmonics")
     evidence = {"channel": fault.channel, "share_of_samples": fault.share}
-    return Finding(fault.id, (fault.id,), 0.95, parameters, where, evidence)
+    title = answer.catalogue.title(fault.id)
+    return Finding(fault.id, (fault.id,), 0.95, parameters, where, evidence, title=title)
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -145,12 +133,12 @@ def _better(diagnosis: Diagnosis) -> str:
     return f"force error {100 * before:.3g} % before, {100 * after:.3g} % after"
 
 
-def next_experiment(diagnosis: Diagnosis) -> str:
+def next_experiment(diagnosis: Diagnosis, catalogue: Catalogue) -> str:
     """The test that would tell most."""
     for finding in diagnosis.findings:
-        for pair, advice in _SPLITS.items():
-            if pair <= set(finding.alike):
-                return f"To part {' from '.join(sorted(pair)).replace('_', ' ')}: {advice}."
+        for ident, one in catalogue.telling(finding.alike):
+            pair = " from ".join(catalogue.title(law) for law in sorted((ident, one.law)))
+            return f"To part {pair}: {one.experiment}."
     if diagnosis.verdict == "unknown_physics":
         return (
             "Record slow cycles, and harmonic tests at three amplitudes and three frequencies, so that the amplitude "

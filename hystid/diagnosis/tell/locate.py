@@ -117,12 +117,13 @@ def _place(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> s
     force = np.concatenate(forces)
     share = float(np.mean(np.abs(force) > 0.05 * np.max(np.abs(force)))) if np.any(force) else 0.0
     x = np.concatenate([s.x for s in signals])
-    gap = term.values.get("gap")
+    said = term.effect.semantics
+    gap = term.values.get(said.threshold)
     if gap is None:
         slack = _slack(forces, signals) if term.effect.uses_h else 0.0
         free = f", {1e3 * slack:.2g} mm of next to no force at each reversal" if slack else ""
         return f"acts in {100 * share:.0f} % of the samples{free}"
-    side = term.values.get("side", 0.0)
+    side = term.values.get(said.switch, 0.0)
     place = "|x| > " if side == 0 else "x > " if side > 0 else "x < -"
     reached = float(np.mean((np.abs(x) if side == 0 else side * x) > gap))
     return f"acts at {place}{gap * 1e3:.4g} mm, in {100 * reached:.1f} % of the samples"

@@ -45,7 +45,10 @@ class Where:
 
 @dataclass(frozen=True)
 class Finding:
-    """One named effect. id and what cannot be told from it; confidence 0..1; evidence: figures behind the name."""
+    """One named effect. id and what cannot be told from it; confidence 0..1; evidence: figures behind the name.
+
+    title: the display name of it and what cannot be told from it. roles: meaning -> name of the parameter, as declared.
+    """
 
     effect: str
     alike: tuple[str, ...]
@@ -54,11 +57,24 @@ class Finding:
     where: Where
     evidence: Mapping[str, Any]
     explained: float = float("nan")
+    title: str = ""
+    roles: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def threshold(self) -> Value | None:
+        """Displacement at which the effect sets in, None where it has none."""
+        return self.parameters.get(self.roles.get("threshold", ""))
+
+    @property
+    def side(self) -> float:
+        """1: it acts at large positive x, -1: at large negative x, 0: at both."""
+        said = self.parameters.get(self.roles.get("switch", ""))
+        return said.value if said is not None else 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "effect": self.effect, "class": list(self.alike), "confidence": self.confidence,
+            "effect": self.effect, "title": self.title, "class": list(self.alike), "confidence": self.confidence,
             "parameters": {name: value.as_dict() for name, value in self.parameters.items()},
             "where": self.where.as_dict(), "evidence": dict(self.evidence),
             "explained": self.explained if np.isfinite(self.explained) else None,

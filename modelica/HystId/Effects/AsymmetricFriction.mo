@@ -9,5 +9,11 @@ protected
 equation
   s = tanh(v/v_s);
   f = noEvent(if s > 0 then F_forward*s else F_backward*s);
-  annotation(Documentation(info = "<html><p>Dry friction plus a constant force, but for the region around zero velocity.</p></html>"));
+  annotation(Documentation(info = "<html><p>Dry friction plus a constant force, but for the region around zero velocity.</p></html>"),
+    __HystId_effect(
+      title = "friction that depends on the direction",
+      family = "dry friction",
+      transition = v_s,
+      tells = {Telling(law = "preload", experiment = "hold it still after slow motion from either side, and tilt it")},
+      experiment = "move slowly in both directions over the same places"));
 end AsymmetricFriction;

@@ -10,5 +10,7 @@ protected
 equation
   s = tanh(v/v_s);
   f = noEvent(if s > 0 then F_forward*s else F_backward*s) + 0.5*B_difference*abs(v);
-  annotation(Documentation(info = "<html><p>Worn guides: level and slope depend on the direction.</p></html>"));
+  annotation(Documentation(info = "<html><p>Worn guides: level and slope depend on the direction.</p></html>"),
+    __HystId_effect(
+      transition = v_s));
 end AsymmetricFriction__Viscous;

@@ -6,5 +6,7 @@ block BilinearStiffness__Rough "Breathing crack whose rough faces still press on
 equation
   f = 0.5*k*(x + sqrt(x^2 + w^2));
   annotation(Documentation(info = "<html><p>As the smooth form, but the force k w/2 at x = 0 is not taken up by the
-mounting: the crack pushes its faces apart.</p></html>"));
+mounting: the crack pushes its faces apart.</p></html>"),
+    __HystId_effect(
+      becomes = {End(law = "preload", of = w, above = 1, per = "stroke")}));
 end BilinearStiffness__Rough;

@@ -8,5 +8,7 @@ protected
 equation
   d = noEvent(if x > gap then x - gap else if x < -gap then x + gap else 0);
   f = -k*d;
-  annotation(Documentation(info = "<html><p>Elastic: loading and unloading run along the same two lines. Opposite of two stops.</p></html>"));
+  annotation(Documentation(info = "<html><p>Elastic: loading and unloading run along the same two lines. Opposite of two stops.</p></html>"),
+    __HystId_effect(
+      threshold = gap));
 end BilinearStiffness__Threshold;

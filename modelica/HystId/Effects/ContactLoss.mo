@@ -9,5 +9,11 @@ protected
 equation
   d = noEvent(if side*x > gap then side*x - gap else 0);
   f = side*k*d;
-  annotation(Documentation(info = "<html><p>Nothing below the gap, then a kink: even and odd harmonics with an onset in amplitude.</p></html>"));
+  annotation(Documentation(info = "<html><p>Nothing below the gap, then a kink: even and odd harmonics with an onset in amplitude.</p></html>"),
+    __HystId_effect(
+      title = "one-sided contact beyond a gap",
+      family = "contact beyond a gap",
+      threshold = gap,
+      switch = side,
+      experiment = "add a test of larger displacement, so that the contact opens or closes"));
 end ContactLoss;

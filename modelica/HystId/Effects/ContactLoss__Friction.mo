@@ -7,5 +7,9 @@ block ContactLoss__Friction "The frictional contact of the baseline opens beyond
   parameter Integer side(min = -1, max = 1) = 1 "1: acts at large positive x, -1: at large negative x";
 equation
   f = -share*h*0.5*(1 + tanh((side*x - gap)/w));
-  annotation(Documentation(info = "<html><p>The hysteretic force of the baseline vanishes where the surfaces separate.</p></html>"));
+  annotation(Documentation(info = "<html><p>The hysteretic force of the baseline vanishes where the surfaces separate.</p></html>"),
+    __HystId_effect(
+      threshold = gap,
+      width = w,
+      switch = side));
 end ContactLoss__Friction;

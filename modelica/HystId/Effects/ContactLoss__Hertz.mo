@@ -10,5 +10,8 @@ protected
 equation
   d = noEvent(if side*x > gap then side*x - gap else 0);
   f = side*k*d*sqrt(d/d_ref);
-  annotation(Documentation(info = "<html><p>Hertz contact: force with the power 3/2 of the approach.</p></html>"));
+  annotation(Documentation(info = "<html><p>Hertz contact: force with the power 3/2 of the approach.</p></html>"),
+    __HystId_effect(
+      threshold = gap,
+      switch = side));
 end ContactLoss__Hertz;

@@ -10,5 +10,8 @@ equation
   u = noEvent(if side*x < gap then 1 - side*x/gap else 0);
   f = side*N*(1 - u*sqrt(u));
   annotation(Documentation(info = "<html><p>Hertz contact between surfaces that are pressed together: its stiffness falls as they part, and is zero beyond
-  the approach (Nayak 1972, J. Sound Vib. 22(3), 297-322).</p></html>"));
+  the approach (Nayak 1972, J. Sound Vib. 22(3), 297-322).</p></html>"),
+    __HystId_effect(
+      threshold = gap,
+      switch = side));
 end ContactLoss__Preloaded;

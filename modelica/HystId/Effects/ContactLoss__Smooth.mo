@@ -10,5 +10,10 @@ protected
 equation
   d = side*x - gap;
   f = 0.5*side*k*(d + sqrt(d^2 + w^2));
-  annotation(Documentation(info = "<html><p>Rough surfaces come into contact gradually.</p></html>"));
+  annotation(Documentation(info = "<html><p>Rough surfaces come into contact gradually.</p></html>"),
+    __HystId_effect(
+      threshold = gap,
+      width = w,
+      switch = side,
+      becomes = {End(law = "preload", of = w, above = 1, per = "stroke")}));
 end ContactLoss__Smooth;

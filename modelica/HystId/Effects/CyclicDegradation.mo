@@ -8,5 +8,11 @@ protected
 equation
   der(s) = abs(v);
   f = -share*(1 - exp(-s/path_c))*h;
-  annotation(Documentation(info = "<html><p>Wear and strength degradation: monotone in the path, not in time.</p></html>"));
+  annotation(Documentation(info = "<html><p>Wear and strength degradation: monotone in the path, not in time.</p></html>"),
+    __HystId_effect(
+      title = "degradation with use",
+      family = "change with time or use",
+      path = path_c,
+      lasting = true,
+      experiment = "repeat the first test after many cycles"));
 end CyclicDegradation;

@@ -8,5 +8,7 @@ protected
 equation
   der(s) = abs(v);
   f = -k*(1 - exp(-s/path_c))*x;
-  annotation(Documentation(info = "<html><p>Progressive loss of stiffness with use.</p></html>"));
+  annotation(Documentation(info = "<html><p>Progressive loss of stiffness with use.</p></html>"),
+    __HystId_effect(
+      path = path_c));
 end CyclicDegradation__Stiffness;

@@ -8,5 +8,13 @@ protected
 equation
   der(w) = (v - abs(v)*w)/x_c;
   f = Fc*w;
-  annotation(Documentation(info = "<html><p>Dahl (1968): rate-independent loops with memory of the last reversal.</p></html>"));
+  annotation(Documentation(info = "<html><p>Dahl (1968): rate-independent loops with memory of the last reversal.</p></html>"),
+    __HystId_effect(
+      title = "hysteretic friction",
+      family = "dry friction",
+      hysteretic = true,
+      needs = {"reversals"},
+      becomes = {End(law = "coulomb_friction", of = x_c, below = 1, per = "resolution", fit = "equivalent")},
+      tells = {Telling(law = "coulomb_friction", experiment = "record slow reversals with more samples per millimetre")},
+      experiment = "add reversals of motion of several sizes"));
 end HystereticFriction;

@@ -10,5 +10,7 @@ equation
   slips = (z >= x_c and v > 0) or (z <= -x_c and v < 0);
   der(z) = if slips then 0 else v;
   f = Fc*z/x_c;
-  annotation(Documentation(info = "<html><p>Jenkins (1962): a spring in series with a dry slider.</p></html>"));
+  annotation(Documentation(info = "<html><p>Jenkins (1962): a spring in series with a dry slider.</p></html>"),
+    __HystId_effect(
+      becomes = {End(law = "coulomb_friction", of = x_c, below = 1, per = "resolution", fit = "equivalent")}));
 end HystereticFriction__Elastoplastic;

@@ -9,5 +9,7 @@ protected
 equation
   der(z) = v - (ratio*abs(v)*z - v*abs(z))/x_c;
   f = k*z;
-  annotation(Documentation(info = "<html><p>Bouc-Wen loop with negative sum of the shape constants.</p></html>"));
+  annotation(Documentation(info = "<html><p>Bouc-Wen loop with negative sum of the shape constants.</p></html>"),
+    __HystId_effect(
+      becomes = {End(law = "coulomb_friction", of = x_c, below = 1, per = "resolution", fit = "equivalent")}));
 end HystereticFriction__Hardening;

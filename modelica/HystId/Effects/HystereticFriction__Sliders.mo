@@ -15,5 +15,7 @@ equation
   end for;
   f = Fc*sum(z)/sum(limit);
   annotation(Documentation(info = "<html><p>Iwan (1966): springs of equal stiffness, slip displacements in geometric
-progression.</p></html>"));
+progression.</p></html>"),
+    __HystId_effect(
+      becomes = {End(law = "coulomb_friction", of = x_c, below = 1, per = "resolution", fit = "equivalent")}));
 end HystereticFriction__Sliders;

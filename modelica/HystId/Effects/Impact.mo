@@ -13,5 +13,13 @@ equation
   dp = noEvent(if side >= 0 and x > gap then x - gap else 0);
   dm = noEvent(if side <= 0 and -x > gap then -x - gap else 0);
   f = (k + c*v)*dp*sqrt(dp/d_ref) - (k - c*v)*dm*sqrt(dm/d_ref);
-  annotation(Documentation(info = "<html><p>Hunt and Crossley (1975): damping proportional to the penetration, so that the force starts at zero.</p></html>"));
+  annotation(Documentation(info = "<html><p>Hunt and Crossley (1975): damping proportional to the penetration, so that the force starts at zero.</p></html>"),
+    __HystId_effect(
+      title = "impact",
+      family = "contact beyond a gap",
+      threshold = gap,
+      switch = side,
+      needs = {"speeds"},
+      becomes = {End(law = "displacement_dependent_damping", of = c, over = k)},
+      experiment = "add a test that reaches the contact at several speeds"));
 end Impact;

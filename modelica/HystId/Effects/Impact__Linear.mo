@@ -12,5 +12,9 @@ equation
   dp = noEvent(if side >= 0 and x > gap then x - gap else 0);
   dm = noEvent(if side <= 0 and -x > gap then -x - gap else 0);
   f = (k + c*v)*dp - (k - c*v)*dm;
-  annotation(Documentation(info = "<html><p>Linear stiffness, damping proportional to the penetration.</p></html>"));
+  annotation(Documentation(info = "<html><p>Linear stiffness, damping proportional to the penetration.</p></html>"),
+    __HystId_effect(
+      threshold = gap,
+      switch = side,
+      becomes = {End(law = "displacement_dependent_damping", of = c, over = k)}));
 end Impact__Linear;

@@ -5,5 +5,8 @@ block Pinching "The hysteretic force is reduced around the middle of the stroke"
   parameter Real w(unit="m", min = 0) = 0.001 "Half width of the pinched region";
 equation
   f = -share*h*exp(-(x/w)^2);
-  annotation(Documentation(info = "<html><p>Slip of a bolted or reinforced joint before its faces bear.</p></html>"));
+  annotation(Documentation(info = "<html><p>Slip of a bolted or reinforced joint before its faces bear.</p></html>"),
+    __HystId_effect(
+      title = "pinching",
+      experiment = "cycle through zero at several amplitudes"));
 end Pinching;

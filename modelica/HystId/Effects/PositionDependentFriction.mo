@@ -9,5 +9,10 @@ protected
 equation
   s = tanh(v/v_s);
   f = (Fc + slope*x)*s;
-  annotation(Documentation(info = "<html><p>Misaligned guide: even harmonics without a mean force.</p></html>"));
+  annotation(Documentation(info = "<html><p>Misaligned guide: even harmonics without a mean force.</p></html>"),
+    __HystId_effect(
+      title = "friction that depends on the position",
+      family = "dry friction",
+      transition = v_s,
+      experiment = "repeat a small cycle at several mean positions"));
 end PositionDependentFriction;

@@ -10,5 +10,7 @@ protected
 equation
   s = tanh(v/v_s);
   f = (Fc + slope*x + curvature*x^2)*s;
-  annotation(Documentation(info = "<html><p>Guide with a local change of the normal load.</p></html>"));
+  annotation(Documentation(info = "<html><p>Guide with a local change of the normal load.</p></html>"),
+    __HystId_effect(
+      transition = v_s));
 end PositionDependentFriction__Quadratic;

@@ -9,5 +9,7 @@ protected
 equation
   s = tanh(v/v_s);
   f = (Fc + slope*abs(x))*s;
-  annotation(Documentation(info = "<html><p>Wedge or cam: the loss factor does not depend on the amplitude.</p></html>"));
+  annotation(Documentation(info = "<html><p>Wedge or cam: the loss factor does not depend on the amplitude.</p></html>"),
+    __HystId_effect(
+      transition = v_s));
 end PositionDependentFriction__Wedge;

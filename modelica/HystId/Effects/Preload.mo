@@ -4,5 +4,13 @@ block Preload "Constant force"
   parameter Real f0(unit="N") = 0 "Force";
 equation
   f = f0;
-  annotation(Documentation(info = "<html><p>Weight, magnet or clamping force that the baseline does not have.</p></html>"));
+  annotation(Documentation(info = "<html><p>Weight, magnet or clamping force that the baseline does not have.</p></html>"),
+    __HystId_effect(
+      title = "constant force",
+      lasting = true,
+      alike = {Alike(law = "force_drift", provided = "constant", title = "constant force or force zero that is off")},
+      tells = {Telling(law = "force_drift", steered = false,
+        experiment = "record the force channel with nothing attached, before and after a test")},
+      experiment = "record a stretch at rest",
+      steered = false));
 end Preload;

@@ -10,5 +10,12 @@ protected
 equation
   s = tanh(v/v_s);
   f = (Fc + Fd*exp(-(v/v_d)^2))*s;
-  annotation(Documentation(info = "<html><p>Stribeck curve, Gaussian form (Armstrong-Helouvry, 1991).</p></html>"));
+  annotation(Documentation(info = "<html><p>Stribeck curve, Gaussian form (Armstrong-Helouvry, 1991).</p></html>"),
+    __HystId_effect(
+      title = "friction that falls with speed",
+      family = "dry friction",
+      transition = v_s,
+      needs = {"speeds"},
+      tells = {Telling(law = "coulomb_friction", experiment = "record slow cycles through zero velocity")},
+      experiment = "add slow cycles through zero velocity"));
 end StribeckFriction;

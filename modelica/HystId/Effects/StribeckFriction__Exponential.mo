@@ -10,5 +10,7 @@ protected
 equation
   s = tanh(v/v_s);
   f = (Fc + Fd*exp(-abs(v)/v_d))*s;
-  annotation(Documentation(info = "<html><p>Stribeck curve, exponential form (Tustin, 1947).</p></html>"));
+  annotation(Documentation(info = "<html><p>Stribeck curve, exponential form (Tustin, 1947).</p></html>"),
+    __HystId_effect(
+      transition = v_s));
 end StribeckFriction__Exponential;

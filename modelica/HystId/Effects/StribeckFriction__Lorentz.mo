@@ -10,5 +10,7 @@ protected
 equation
   s = tanh(v/v_s);
   f = (Fc + Fd/(1 + (v/v_d)^2))*s;
-  annotation(Documentation(info = "<html><p>Stribeck curve, Lorentzian form (Hess and Soom, 1990).</p></html>"));
+  annotation(Documentation(info = "<html><p>Stribeck curve, Lorentzian form (Hess and Soom, 1990).</p></html>"),
+    __HystId_effect(
+      transition = v_s));
 end StribeckFriction__Lorentz;

@@ -8,5 +8,12 @@ protected
 equation
   d = noEvent(if x > gap then x - gap else if x < -gap then x + gap else 0);
   f = k*d;
-  annotation(Documentation(info = "<html><p>Nothing inside the gap, then a kink on both sides: odd harmonics with an onset in amplitude.</p></html>"));
+  annotation(Documentation(info = "<html><p>Nothing inside the gap, then a kink on both sides: odd harmonics with an onset in amplitude.</p></html>"),
+    __HystId_effect(
+      title = "contact beyond a gap on both sides",
+      family = "contact beyond a gap",
+      threshold = gap,
+      alike = {Alike(law = "backlash", title = "play between two stops")},
+      tells = {Telling(law = "cubic_stiffness", experiment = "record at small and large amplitudes: is there a threshold")},
+      experiment = "add a test of larger displacement, so that the stops are reached"));
 end TwoSidedStop;

@@ -9,5 +9,7 @@ protected
 equation
   d = noEvent(if x > gap then x - gap else if x < -gap then x + gap else 0);
   f = k*d*sqrt(abs(d)/d_ref);
-  annotation(Documentation(info = "<html><p>Hertz contact on both sides.</p></html>"));
+  annotation(Documentation(info = "<html><p>Hertz contact on both sides.</p></html>"),
+    __HystId_effect(
+      threshold = gap));
 end TwoSidedStop__Hertz;

@@ -9,5 +9,7 @@ protected
 equation
   d = noEvent(if x > (1 + lean)*gap then x - (1 + lean)*gap else if x < -(1 - lean)*gap then x + (1 - lean)*gap else 0);
   f = k*d;
-  annotation(Documentation(info = "<html><p>An off-centre clearance adds even harmonics.</p></html>"));
+  annotation(Documentation(info = "<html><p>An off-centre clearance adds even harmonics.</p></html>"),
+    __HystId_effect(
+      threshold = gap));
 end TwoSidedStop__Offcentre;

@@ -10,5 +10,7 @@ protected
 equation
   d = noEvent(if x > (1 + lean)*gap then x - (1 + lean)*gap else if x < -(1 - lean)*gap then x + (1 - lean)*gap else 0);
   f = k*d*sqrt(abs(d)/d_ref);
-  annotation(Documentation(info = "<html><p>Hertz contact on both sides of an off-centre clearance.</p></html>"));
+  annotation(Documentation(info = "<html><p>Hertz contact on both sides of an off-centre clearance.</p></html>"),
+    __HystId_effect(
+      threshold = gap));
 end TwoSidedStop__OffcentreHertz;

@@ -8,5 +8,11 @@ protected
 equation
   der(z) = v - z/tau;
   f = k*z;
-  annotation(Documentation(info = "<html><p>Linear, phase lagged: stiffness and loss depend on the frequency.</p></html>"));
+  annotation(Documentation(info = "<html><p>Linear, phase lagged: stiffness and loss depend on the frequency.</p></html>"),
+    __HystId_effect(
+      title = "viscoelastic relaxation",
+      family = "inner dynamics",
+      needs = {"speeds"},
+      tells = {Telling(law = "hidden_mode", experiment = "hold a step and watch the force; sweep further up")},
+      experiment = "hold a step and watch the force"));
 end ViscoelasticRelaxation;

@@ -1,0 +1,187 @@
+"""What an effect declares of itself: read from its block, checked, and the only place where it stands."""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hystid.diagnosis.decide.trials import are_reached
+from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.model.catalogue import Catalogue, catalogue_of, with_laws
+from hystid.diagnosis.model.effects import Effect, Signals
+from hystid.diagnosis.model.library import load_effects
+from hystid.diagnosis.model.semantics import KEYWORD, Semantics, semantics_of
+from hystid.errors import ModelicaError
+from hystid.modelcode import Variable
+from hystid.modelica.sources import library_folder
+from hystid.modelica.vendor import vendor_annotation
+
+ROOT = Path(__file__).parents[1]
+BLOCK = """block Own "A contact of one's own"
+  extends HystId.Interfaces.PartialEffect;
+  parameter Real k(unit="N/m") = 0 "Stiffness";
+  parameter Real {gap}(unit="m", min=0) = 0.001 "Displacement at which contact changes";
+  parameter Integer {side}(min=-1, max=1) = 1 "Side";
+equation
+  f = {side}*k*noEvent(if {side}*x > {gap} then {side}*x - {gap} else 0);
+  annotation(Documentation(info="<html><p>Text with __HystId_effect( in a string.</p></html>"){said});
+end Own;
+"""
+
+
+def block(folder: Path, said: str = "", gap: str = "gap", side: str = "side", name: str = "own.mo") -> Path:
+    place = folder / name
+    text = BLOCK.format(gap=gap, side=side, said=f",\n    {KEYWORD}({said})" if said else "")
+    place.write_text(text, encoding="utf-8")
+    return place
+
+
+@pytest.fixture(scope="module")
+def effects() -> list[Effect]:
+    return load_effects()
+
+
+@pytest.fixture(scope="module")
+def catalogue(effects: list[Effect]) -> Catalogue:
+    return catalogue_of(effects)
+
+
+def declared(place: Path) -> Semantics:
+    """The annotation of a block, checked against the parameters that the block has."""
+    variables = [
+        Variable("k", 0, "parameter", "tunable", unit="N/m"),
+        Variable("gap", 1, "parameter", "tunable", unit="m"),
+        Variable("side", 2, "parameter", "tunable", "Integer", min=-1, max=1),
+    ]
+    return semantics_of(vendor_annotation(f"{place}:Own", KEYWORD), variables, ("k",))
+
+
+@pytest.mark.parametrize(
+    ("said", "rule"),
+    [
+        ("titel = \"a\"", r"has no 'titel'.*did you mean 'title'"),
+        ("title = gap", "title is a string in quotes"),
+        ("title = \"a\", title = \"b\"", "'title' stands twice"),
+        ("threshold = gab", "no parameter of that name.*did you mean 'gap'"),
+        ("threshold = \"gap\"", "the name of a parameter, without quotes"),
+        ("threshold = k", "its unit is m, that of k is N/m"),
+        ("threshold = side", "its unit is m, that of side is 1"),
+        ("switch = k", "an Integer parameter with min and max"),
+        ("needs = {\"tide\"}", "needs knows 'time'.*not 'tide'"),
+        ("needs = \"time\"", "a list in braces"),
+        ("lasting = 1", "lasting is true or false"),
+        ("becomes = {End(law = \"impact\", of = k)}", "End says one of above, below, at and over"),
+        ("becomes = {End(law = \"impact\", of = k, above = 1, per = \"mile\")}", "per knows 'stroke'.*not 'mile'"),
+        ("becomes = {End(of = k, above = 1)}", "End must say 'law'"),
+        ("becomes = {Start(law = \"impact\")}", r"a list of End\(...\)"),
+        ("alike = {Alike(law = \"impact\", provided = \"rain\")}", "provided knows 'constant', not 'rain'"),
+        ("tells = {Telling(law = \"impact\")}", "Telling must say 'experiment'"),
+        ("title \"a\"", "'title = value' was expected"),
+        ("title = ;", "cannot stand in an annotation"),
+    ],
+)  # fmt: skip
+def test_a_wrong_annotation_is_one_sentence_with_file_and_line(tmp_path: Path, said: str, rule: str) -> None:
+    place = block(tmp_path, said)
+    with pytest.raises(ModelicaError, match=rule) as refused:
+        declared(place)
+    assert str(refused.value).startswith(f"{place}:9: ") and "\n" not in str(refused.value)
+
+
+def test_a_law_that_does_not_exist_is_refused(tmp_path: Path, effects: list[Effect]) -> None:
+    said = declared(block(tmp_path, 'alike = {Alike(law = "impakt")}'))
+    own = replace(effects[0], id="own", form="", semantics=said)
+    with pytest.raises(ModelicaError, match=r"own.mo:9: alike: there is no law 'impakt'; did you mean 'impact'"):
+        with_laws([*effects, own])
+
+
+def test_a_form_declares_only_what_is_its_own(tmp_path: Path, effects: list[Effect]) -> None:
+    law = next(e for e in effects if e.form == "Hertz")
+    said = declared(block(tmp_path, 'title = "mine"'))
+    with pytest.raises(ModelicaError, match=f"title holds for all forms of {law.id}"):
+        with_laws([e if e is not law else replace(e, semantics=said) for e in effects])
+
+
+def test_strings_comments_and_numbers_of_an_annotation(tmp_path: Path) -> None:
+    said = (
+        'title = "one" + " and \\"two\\"", /* not */ needs = {}, lasting = true, threshold = gap, // none\n'
+        '  becomes = {End(law = "", of = gap, below = -1.5e-3)}'
+    )
+    found = declared(block(tmp_path, said))
+    assert found.title == 'one and "two"' and found.lasting and found.needs == () and found.threshold == "gap"
+    assert found.becomes[0].below == -1.5e-3
+    assert declared(block(tmp_path)) == Semantics()
+
+
+def problem_of(x: np.ndarray) -> Problem:
+    """What ``are_reached`` looks at: one recording of a motion."""
+    v = np.gradient(x, 1e-3)
+    part = SimpleNamespace(x=x, v=v, dt=1e-3)
+    signals = [Signals(x, v, np.gradient(v, 1e-3), np.zeros(len(x)), 1e-3)]
+    scales = SimpleNamespace(x=np.sort(np.abs(x)), v=np.sort(np.abs(v)))
+    return SimpleNamespace(parts=(part,), scales=scales, signals=lambda h: signals)  # type: ignore[return-value]
+
+
+def test_a_parameter_is_a_threshold_only_where_it_is_declared(tmp_path: Path) -> None:
+    """A user's ``gap`` is nothing special, and a threshold of any other name has every right."""
+    x = 1e-3 * np.sin(np.linspace(0, 60, 4000))
+    silent = block(tmp_path, name="silent.mo")
+    named = block(tmp_path, "threshold = depth, switch = way", "depth", "way", "named.mo")
+    (plain,) = [e for e in load_effects([silent]) if e.id == "own"]
+    (own,) = [e for e in load_effects([named]) if e.id == "own"]
+    for effect, gap, side, reached in ((plain, "gap", "side", True), (own, "depth", "way", False)):
+        values = {"k": 1e4, gap: 2e-3, side: 1.0}  # the motion ends at 1 mm
+        fit = Fit(Hypothesis({}, (Term(effect, values),)), np.zeros(1), 1.0)
+        assert are_reached(problem_of(x), fit) is reached
+        within = Fit(Hypothesis({}, (Term(effect, {**values, gap: 0.5e-3}),)), np.zeros(1), 1.0)
+        assert are_reached(problem_of(x), within)
+
+
+def test_every_law_of_the_library_has_a_name_and_an_experiment(effects: list[Effect], catalogue: Catalogue) -> None:
+    titles = {effect.id: effect.semantics.title for effect in effects}
+    assert all(titles.values()) and len({*titles.values()}) == len(titles)
+    assert all(effect.semantics.experiment for effect in effects)
+
+
+def test_one_display_name_for_a_class(catalogue: Catalogue) -> None:
+    assert catalogue.class_title(["backlash", "two_sided_stop"]) == "play between two stops"
+    assert catalogue.class_title(["two_sided_stop", "backlash"]) == "play between two stops"
+    assert catalogue.class_title(["contact_loss"]) == "one-sided contact beyond a gap"
+    assert catalogue.class_title(["coulomb_friction", "stribeck_friction"]) == "dry friction"
+    assert catalogue.class_title(["impact", "preload"]) == "impact"
+    assert catalogue.title("own_law") == "own law"
+
+
+def test_equal_laws_are_a_class_both_ways(catalogue: Catalogue) -> None:
+    assert catalogue.equal("backlash") == catalogue.equal("two_sided_stop") == ("backlash", "two_sided_stop")
+    assert catalogue.equal("backlash", beside=["pinching"]) == ()
+    assert catalogue.equal("force_gain") == catalogue.equal("added_mass") == ("added_mass", "force_gain")
+    assert catalogue.equal("preload") == catalogue.equal("force_drift") == ()  # only where the drift is constant
+
+
+def test_no_id_of_an_effect_stands_in_python() -> None:
+    """Python knows what blocks declare, never which block it is. Benchmarks and tests make cases, and may."""
+    ids = {effect.id for effect in load_effects()}
+    several = re.compile(rf"\b({'|'.join(i for i in ids if '_' in i)})\b")
+    found = []
+    for path in sorted([*(ROOT / "hystid").rglob("*.py"), *(ROOT / "docs").rglob("*.py")]):
+        text = path.read_text(encoding="utf-8")
+        found += [f"{path.name}: {word[0]}" for word in several.finditer(text)]  # comments and texts as well
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Constant) and node.value in ids:
+                found.append(f"{path.name}:{node.lineno}: {node.value}")
+    assert not found
+
+
+def test_the_annotation_is_a_vendor_annotation_of_every_law() -> None:
+    silent = [
+        path.name
+        for path in (library_folder() / "HystId" / "Effects").glob("*.mo")
+        if "__" not in path.stem and path.stem != "package" and KEYWORD not in path.read_text(encoding="utf-8")
+    ]
+    assert not silent
