@@ -7,20 +7,29 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hystid.diagnosis import Diagnosis, Finding
+from hystid.diagnosis.decide.criterion import Candidate, Posterior
+from hystid.diagnosis.decide.criterion import Hypothesis as Hypotheses
 from hystid.diagnosis.decide.trials import are_reached
 from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
 from hystid.diagnosis.model.catalogue import Catalogue, catalogue_of, with_laws
 from hystid.diagnosis.model.effects import Effect, Signals
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.model.semantics import KEYWORD, Semantics, semantics_of
+from hystid.diagnosis.prepare.steered import is_steered
+from hystid.diagnosis.tell.advice import next_experiment
+from hystid.diagnosis.tell.findings import headline
+from hystid.diagnosis.tell.result import Errors, Where
 from hystid.errors import ModelicaError
 from hystid.modelcode import Variable
 from hystid.modelica.sources import library_folder
 from hystid.modelica.vendor import vendor_annotation
+from hystid.report.diagnosis import summary
 
 ROOT = Path(__file__).parents[1]
 BLOCK = """block Own "A contact of one's own"
@@ -185,3 +194,70 @@ def test_the_annotation_is_a_vendor_annotation_of_every_law() -> None:
         if "__" not in path.stem and path.stem != "package" and KEYWORD not in path.read_text(encoding="utf-8")
     ]
     assert not silent
+
+
+def shaken(x: np.ndarray, force: np.ndarray, *, timed: bool = True) -> SimpleNamespace:
+    """What the advice looks at of a problem."""
+    return SimpleNamespace(parts=[SimpleNamespace(x=x, F=force, timed=timed)])
+
+
+def motions() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A sweep, noise in a band, and a ground motion that rises and dies away."""
+    t = np.arange(8000) * 1e-3
+    sweep = 20 * np.sin(2 * np.pi * (2 * t + 3.5 * t**2))
+    noise = np.convolve(np.random.default_rng(3).standard_normal(len(t)), np.hanning(30), mode="same")
+    return sweep, noise, noise * (t / 2) ** 2 * np.exp(-t)
+
+
+def test_motion_under_control_is_told_from_what_happened_to_the_structure() -> None:
+    sweep, noise, quake = motions()
+    for force in (sweep, 0.1 * np.std(sweep) * noise / np.std(noise) + sweep):  # 20 dB
+        assert is_steered(shaken(np.cumsum(noise), force).parts)
+    for force in (noise, quake, np.zeros(len(noise))):  # free decays have no force
+        assert not is_steered(shaken(quake, force).parts)
+    assert is_steered(shaken(quake, quake, timed=False).parts)  # cycles of a testing machine
+
+
+def answered(
+    catalogue: Catalogue, force: np.ndarray, verdict: str, *classes: tuple[str, ...], **more: Any
+) -> Diagnosis:
+    """An answer with some classes of effects as findings."""
+    where = Where("", (0, 0), (0, 0), {}, {}, "")
+    found = tuple(Finding(c[0], c, 0.9, {}, where, {}, title=catalogue.class_title(c)) for c in classes)
+    problem = shaken(np.cumsum(motions()[1]), force)
+    return Diagnosis(verdict, "", "", {}, {}, found, catalogue=catalogue, problem=problem, **more)  # type: ignore[arg-type]
+
+
+def test_the_next_experiment_can_be_done_and_tells_something(catalogue: Catalogue) -> None:
+    sweep, _, quake = motions()
+    friction = ("coulomb_friction", "stribeck_friction")
+    assert "slow cycles" in next_experiment(answered(catalogue, sweep, "missing_physics", friction))
+    for verdict, classes, more in (
+        ("missing_physics", [friction], {}),
+        ("unknown_physics", [], {}),
+        ("consistent", [], {"untestable": ("stribeck_friction", "hysteretic_friction", "cyclic_degradation")}),
+    ):
+        told = next_experiment(answered(catalogue, quake, verdict, *classes, **more))
+        assert told and "slow" not in told and "cycles" not in told, told
+    weighed = next_experiment(answered(catalogue, quake, "missing_physics", ("added_mass", "force_gain")))
+    assert "calibrate the force channel" in weighed  # needs no motion at all
+    held = (Errors("held", (0.1, 0.1), (0.1, 0.1)),)
+    assert next_experiment(answered(catalogue, sweep, "missing_physics", ("pinching",), holdout=held)) == ""
+    hidden = answered(catalogue, sweep, "missing_physics", ("pinching",), untestable=("stribeck_friction",))
+    assert "friction" not in next_experiment(hidden)  # what could not show is no matter of what was named
+
+
+def test_a_class_is_one_candidate_with_one_name(catalogue: Catalogue) -> None:
+    """Never two names at half the confidence each."""
+    rest = np.zeros(3)
+    one = Hypotheses((), 0, Fit(Hypothesis({}), rest, 1.0))
+    names = {("two_sided_stop",): 0.46, ("backlash",): 0.44, ("pinching", "backlash"): 0.04, ("preload",): 0.01}
+    ranked = tuple(Candidate(n, p, 0.9, one) for n, p in names.items())
+    said = answered(
+        catalogue, rest, "missing_physics", ("two_sided_stop", "backlash"), posterior=Posterior(0.01, 0.04, ranked)
+    )  # fmt: skip
+    told = [(c["title"], round(c["probability"], 9)) for c in said.as_dict()["candidates"]]
+    assert told[0] == ("play between two stops", 0.9) and len(told) == 3
+    assert said.as_dict()["findings"][0]["title"] == "play between two stops"
+    assert headline(said).startswith("play between two stops: ")
+    assert "play between two stops (two_sided_stop, backlash)" in summary(said)

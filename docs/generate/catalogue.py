@@ -1,9 +1,9 @@
 """Pages of the catalogue, made from the Modelica library: every law and every effect runs as it is compiled.
 
-Run: ``python -m docs.generate.catalogue [FOLDER]``. Nothing about a law is written here. Texts, parameters and
-equations come from the ``.mo`` files, loops and figures from the compiled blocks on the motions below. Look-alikes are
-computed: what a block adds to a linear oscillator, after mass, damping, stiffness and a constant have been refitted, is
-compared with what every other block can add.
+Run: ``python -m docs.generate.catalogue [FOLDER]``. Nothing about a law is written here. Names, texts,
+parameters and equations come from the ``.mo`` files, loops and figures from the compiled blocks on the motions below.
+Look-alikes are computed: what a block adds to a linear oscillator, after mass, damping, stiffness and a constant have
+been refitted, is compared with what every other block can add.
 """
 
 from __future__ import annotations
@@ -225,23 +225,18 @@ def parameters(model: CompiledModel) -> list[tuple[str, str, float, str]]:
     return [(v.name, v.unit, float(v.start or 0.0), v.description) for v in found]
 
 
-def spoken(name: str) -> str:
-    """``my_law`` -> ``my law``."""
-    return name.replace("_", " ")
-
-
 def effect_page(effect: Effect, forms: Sequence[str], comparison: Comparison, folder: Path) -> str:
     """Markdown of one effect; its picture goes beside."""
-    name = effect.class_name.rpartition(".")[2]
+    name, title = effect.class_name.rpartition(".")[2], effect.semantics.title
     line, words, equations = source(LIBRARY / "Effects" / f"{name}.mo")
     assert effect.model is not None
     values = drawn_values(effect)
     forces = [(float(a), s, effect.force(s, values)) for a, s in zip(AMPLITUDES, experiments()["levels"], strict=True)]
-    picture(folder / f"{effect.id}.svg", f"{spoken(effect.id)} ({name})", forces)
+    picture(folder / f"{effect.id}.svg", f"{title} ({name})", forces)
     alike = comparison.alike(effect.id)
+    links = [f"[{comparison.effects[one.other].semantics.title}](#{one.other.replace('_', '-')})" for one in alike]
     rows = [
-        f"| [{spoken(one.other)}](#{one.other.replace('_', '-')}) | {one.before:.2f} | {one.tells} | {one.after:.2f} |"
-        for one in alike
+        f"| {link} | {one.before:.2f} | {one.tells} | {one.after:.2f} |" for link, one in zip(links, alike, strict=True)
     ]
     head = ["| mistaken for | likeness | experiment that tells | likeness then |", "|---|---|---|---|"]
     others = "\n".join([*head, *rows]) if rows else "No other effect of the library is like it on these motions."
@@ -249,10 +244,11 @@ def effect_page(effect: Effect, forms: Sequence[str], comparison: Comparison, fo
     more = "Other forms of the same law: " + "; ".join(others_of) + "." if others_of else ""
     given = ", ".join(f"{key} = {value:.3g}" for key, value in values.items())
     parts = [
-        f"## {spoken(effect.id).capitalize()} {{ #{effect.id.replace('_', '-')} }}", f"{line}. {words}",
-        f"`HystId.Effects.{name}`, id `{effect.id}`. {more}", f"![{spoken(effect.id)}]({effect.id}.svg)",
+        f"## {title[:1].upper() + title[1:]} {{ #{effect.id.replace('_', '-')} }}", f"{line}. {words}",
+        f"`HystId.Effects.{name}`, id `{effect.id}`. {more}", f"![{title}]({effect.id}.svg)",
         f"Drawn with {given}. The refit of mass, damping, stiffness and the baseline law takes up"
         f" {100 * comparison.hidden(effect.id):.0f} % of this force: that share cannot be seen as a misfit.",
+        f"What shows it where recordings do not: {effect.semantics.experiment}.",
         table(parameters(effect.model)), f"```modelica\n{equations}\n```", others,
     ]  # fmt: skip
     return "\n\n".join(part for part in parts if part)

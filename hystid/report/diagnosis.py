@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis import Diagnosis, Finding, Traces
-from hystid.diagnosis.tell.findings import in_words
 from hystid.report import evidence
 from hystid.report.linked import Linked, Signal, views_of, windows
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent, with_error
@@ -76,9 +75,8 @@ def summary(result: Diagnosis) -> str:
         values = ", ".join(
             f"{name} = {with_error(p.value, p.stderr, p.unit)}" for name, p in finding.parameters.items()
         )
-        others = [name for name in finding.alike if name != finding.effect]
-        alike = f" (these data cannot tell it from {', '.join(others)})" if others else ""
-        lines.append(f"  {finding.effect}, confidence {percent(finding.confidence)}{alike}: {values}")
+        ids = ", ".join(finding.alike)
+        lines.append(f"  {title(finding)} ({ids}), confidence {percent(finding.confidence)}: {values}")
         lines.append(f"    where: {finding.where.text}")
     rows: list[tuple[str, ...]] = [("free run, x NRMSE", "before", "after")]
     for error in (*result.errors, *result.holdout):
@@ -129,7 +127,7 @@ def _facts(d: Diagnosis) -> list[Fact]:
 
 def title(finding: Finding) -> str:
     """The name under which a finding is shown: that of its class where it has one."""
-    return getattr(finding, "title", "") or in_words(finding)
+    return finding.title or finding.effect.replace("_", " ")
 
 
 def _what(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
@@ -157,7 +155,7 @@ def _candidates(page: Page, said: Mapping[str, Any]) -> None:
     ranked = said.get("candidates") or ()
     if ranked:
         rows = [
-            [str(one["effect"]).replace("_", " "), percent(one.get("probability")), percent(one.get("explained"))]
+            [str(one["title"]), percent(one.get("probability")), percent(one.get("explained"))]
             for one in ranked[:_CANDIDATES]
         ]
         columns = ["effect", "probability", "explains of the misfit"]
@@ -351,7 +349,7 @@ def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     if choice is not None and choice.trials:
         rows: list[list[str | Cell]] = [
             [
-                t.name.replace("_", " "),
+                d.catalogue.title(t.name),
                 t.form or "plain",
                 number(t.chi2, digits=4),
                 percent(t.absorbed),
@@ -369,12 +367,11 @@ def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     if alike is not None:
         page.plots(alike, columns=1)
     for finding in d.findings:
-        others = [name.replace("_", " ") for name in finding.alike if name != finding.effect]
-        if others:
-            name = finding.effect.replace("_", " ")
-            page.text(f"These recordings do not distinguish {name} from {', '.join(others)}. {d.next_experiment}")
+        if len(finding.alike) > 1:
+            members = ", ".join(d.catalogue.title(name) for name in finding.alike)
+            page.text(f"{title(finding)}: these recordings do not distinguish {members}. {d.next_experiment}")
     if d.untestable:
-        listed = ", ".join(name.replace("_", " ") for name in d.untestable)
+        listed = ", ".join(d.catalogue.title(name) for name in d.untestable)
         page.text(f"Not identifiable from these recordings: {listed}.")
     if d.unknown:
         page.text(d.unknown.text + ".")

@@ -189,7 +189,7 @@ def look_alikes(d: Diagnosis) -> Plot | None:
     shown = list(best.values())[:_CANDIDATES]
     share = np.array([max(0.0, 1.0 - (t.chi2 - choice.floor_before) / excess) for t in shown])
     alike = np.array([_cosine(first, before.residual - t.fit.residual) for t in shown])
-    labels = [t.name.replace("_", " ") for t in shown]
+    labels = [d.catalogue.title(t.name) for t in shown]
     series = (
         Bars(labels, share, "explains alone", "after", horizontal=True),
         Bars(labels, alike, "likeness to what was named", "muted", horizontal=True),

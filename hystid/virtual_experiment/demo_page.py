@@ -64,7 +64,7 @@ def _facts(study: ReferenceStudy, lab: LabCase) -> list[Fact]:
     force, motion = study.validation.figures("force_nrmse"), study.validation.figures("x_nrmse")
     before, after = (float(np.median([test.error(kind) for test in lab.tests])) for kind in ("refitted", "extended"))
     size = (study.reference.parent / "identification" / "surrogate.fmu").stat().st_size
-    found = lab.diagnosis.findings[0].effect.replace("_", " ") if lab.diagnosis.findings else "nothing"
+    found = lab.diagnosis.findings[0].title if lab.diagnosis.findings else "nothing"
     worst = f"worst {percent(float(force.max()))}"
     return [
         Fact("Surrogate: force NRMSE", percent(float(np.median(force))), f"median of {force.size} tests, {worst}"),
@@ -171,7 +171,7 @@ def _diagnosis(page: Page, lab: LabCase) -> None:
         rows = [
             [name, with_error(p.value, p.stderr, p.unit), truth.get(name, "")] for name, p in finding.parameters.items()
         ]
-        title = finding.effect.replace("_", " ").capitalize()
+        title = finding.title.capitalize()
         page.table(Table(title, ["parameter", "found ± standard error", "concealed truth"], rows, finding.where.text))
     traces = [trace for trace in found.traces if not trace.held_out]
     if traces:

@@ -11,10 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hystid.diagnosis.fit.problem import Problem, Term
+from hystid.diagnosis.fit.problem import Problem, Term, is_mass
 from hystid.diagnosis.model.effects import Signals
 from hystid.diagnosis.model.semantics import End
 
+_MASSIVE = 0.99  # of the mass that an effect may take away: what is left moves
 _AT = 0.98  # of the end of the range that is tried: fits that want more end there
 _FEW = 4.0  # samples at full speed that a length must span to be resolved,
 _SMALL = 0.02  # or else this share of the stroke
@@ -25,7 +26,10 @@ def is_itself(problem: Problem, term: Term, signals: Sequence[Signals]) -> bool:
 
     signals: what the effect sees.
     """
-    refused = (end for end in term.effect.semantics.becomes if end.fit == "refused")
+    said = term.effect.semantics
+    if is_mass(term.effect) and term.values[said.mass] <= -_MASSIVE * problem.baseline.mass:
+        return False
+    refused = (end for end in said.becomes if end.fit == "refused")
     return not any(is_reached(problem, term, end, signals) for end in refused)
 
 

@@ -22,8 +22,9 @@ from hystid.diagnosis.prove.extended import Kind, Skeleton
 from hystid.diagnosis.prove.freerun import errors
 from hystid.diagnosis.prove.runs import Run, Runs, free_runs
 from hystid.diagnosis.tell import locate
+from hystid.diagnosis.tell.advice import next_experiment
 from hystid.diagnosis.tell.dependence import dependences
-from hystid.diagnosis.tell.findings import findings, headline, next_experiment
+from hystid.diagnosis.tell.findings import findings, headline
 from hystid.diagnosis.tell.result import Diagnosis, Errors, Traces
 
 _CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
@@ -61,11 +62,9 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
         notes,
         {"lags": case.consistency, "delay": last.delay, "weighing": last.weighing},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
-        dependence=depends,
+        dependence=depends, catalogue=case.catalogue,
     )  # fmt: skip
-    worded = replace(
-        diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis, case.catalogue)
-    )
+    worded = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
     return worded, runs.text
 
 

@@ -11,7 +11,6 @@ from hystid.diagnosis.decide.answer import GAIN, Answer, describe
 from hystid.diagnosis.decide.limits import is_reached
 from hystid.diagnosis.decide.trials import DELAY
 from hystid.diagnosis.fit.values import Value
-from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.chain import Fault
 from hystid.diagnosis.tell.locate import where_term
@@ -49,10 +48,12 @@ def _finding(
     term = answer.term(name)
     said = term.effect.semantics if term is not None else Semantics()
     title = answer.catalogue.class_title(together)
+    model = term.effect.model if term is not None else None
+    sentence = said.sentence or (model.code.description if model is not None else "")
 
     def told(parameters: Mapping[str, Value], where: Where) -> Finding:
         roles = {"threshold": said.threshold, "switch": said.switch}
-        return Finding(shown, together, sure, parameters, where, evidence, share, title, roles)
+        return Finding(shown, together, sure, parameters, where, evidence, share, title, roles, sentence)
 
     if term is None:
         delay = Value(fit.hypothesis.delay, fit.stderr(("chain", "delay")), "1")
@@ -112,14 +113,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def _told(finding: Finding) -> str:
-    return f"{in_words(finding)}: {finding.where.text}, confidence {finding.confidence:.2f}"
-
-
-def in_words(finding: Finding) -> str:
-    """The name of a finding and its look-alikes, as they are read."""
-    others = [name for name in finding.alike if name != finding.effect]
-    told = finding.effect + (f" (or {', '.join(others)})" if others else "")
-    return told.replace("_", " ")
+    return f"{finding.title}: {finding.where.text}, confidence {finding.confidence:.2f}"
 
 
 def _better(diagnosis: Diagnosis) -> str:
@@ -131,22 +125,3 @@ def _better(diagnosis: Diagnosis) -> str:
         return f"{kind} error of the displacement {100 * before:.3g} % before, {100 * after:.3g} % after"
     before, after = diagnosis.force_nrmse
     return f"force error {100 * before:.3g} % before, {100 * after:.3g} % after"
-
-
-def next_experiment(diagnosis: Diagnosis, catalogue: Catalogue) -> str:
-    """The test that would tell most."""
-    for finding in diagnosis.findings:
-        for ident, one in catalogue.telling(finding.alike):
-            pair = " from ".join(catalogue.title(law) for law in sorted((ident, one.law)))
-            return f"To part {pair}: {one.experiment}."
-    if diagnosis.verdict == "unknown_physics":
-        return (
-            "Record slow cycles, and harmonic tests at three amplitudes and three frequencies, so that the amplitude "
-            "and rate laws of the unknown force can be read off; add a law that suggests itself with --effects."
-        )
-    if diagnosis.untestable:
-        listed = ", ".join(diagnosis.untestable[:4])
-        return (
-            f"These recordings cannot show {listed}: add slow cycles and a wider range of amplitudes and frequencies."
-        )
-    return "Confirm the model on a test at another amplitude that was not used here."

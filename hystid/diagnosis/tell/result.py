@@ -15,6 +15,7 @@ from hystid.diagnosis.decide.criterion import Posterior
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.problem import Fit, Problem
 from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.tell.dependence import Dependence
 from hystid.results import Result
 
@@ -47,7 +48,8 @@ class Where:
 class Finding:
     """One named effect. id and what cannot be told from it; confidence 0..1; evidence: figures behind the name.
 
-    title: the display name of it and what cannot be told from it. roles: meaning -> name of the parameter, as declared.
+    title: the display name of it and what cannot be told from it. sentence: what its block says of itself.
+    roles: meaning -> name of the parameter, as declared.
     """
 
     effect: str
@@ -59,6 +61,7 @@ class Finding:
     explained: float = float("nan")
     title: str = ""
     roles: Mapping[str, str] = field(default_factory=dict)
+    sentence: str = ""
 
     @property
     def threshold(self) -> Value | None:
@@ -74,7 +77,8 @@ class Finding:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "effect": self.effect, "title": self.title, "class": list(self.alike), "confidence": self.confidence,
+            "effect": self.effect, "title": self.title, "sentence": self.sentence,
+            "class": list(self.alike), "confidence": self.confidence,
             "parameters": {name: value.as_dict() for name, value in self.parameters.items()},
             "where": self.where.as_dict(), "evidence": dict(self.evidence),
             "explained": self.explained if np.isfinite(self.explained) else None,
@@ -118,7 +122,8 @@ class Traces:
 class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     """The answer. findings: strongest first. unknown: location and laws of a mismatch without a name.
 
-    dependence: further columns of the recordings on which what is left depends, the strongest first.
+    dependence: further columns of the recordings on which what is left depends, the strongest first. catalogue: what
+    the effects declare of themselves.
     """
 
     verdict: Verdict
@@ -143,6 +148,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     posterior: Posterior | None = field(default=None, repr=False)
     folder: Path | None = None
     dependence: tuple[Dependence, ...] = ()
+    catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
 
     def sentence(self) -> str:
         """The verdict and what stands behind it, in one line."""
@@ -173,7 +179,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
                 },
                 "holdout": [_errors(e) for e in self.holdout],
             },
-            **_probabilities(self.posterior),
+            **self._probabilities(),
             "untestable": list(self.untestable),
             "next_experiment": self.next_experiment,
             "chain": dict(self.chain),
@@ -181,23 +187,36 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
             "notes": list(self.notes),
         }
 
+    def title_of(self, names: Sequence[str]) -> str:
+        """Display name of some ids that act together, each under the name of its class."""
+        shown = {alike: finding.title for finding in self.findings for alike in finding.alike if finding.title}
+        told = (shown.get(name) or self.catalogue.class_title([name, *self._equal(name, names)]) for name in names)
+        return " and ".join(dict.fromkeys(told))
+
+    def _equal(self, name: str, beside: Sequence[str]) -> tuple[str, ...]:
+        return tuple(other for other in self.catalogue.equal(name, beside) if other != name)
+
+    def candidates(self) -> list[dict[str, Any]]:
+        """What it could be, most probable first: one entry, and one display name, for what is one class."""
+        merged: dict[str, dict[str, Any]] = {}
+        for c in self.posterior.candidates if self.posterior is not None else ():
+            title = self.title_of(c.names)
+            new = {"effect": " + ".join(c.names), "title": title, "probability": 0.0, "explained": c.explained}
+            known = merged.setdefault(title, new)
+            known["probability"] = min(1.0, known["probability"] + c.probability)
+        return sorted(merged.values(), key=lambda one: -one["probability"])[:_LISTED]
+
+    def _probabilities(self) -> dict[str, Any]:
+        """How probable it is that something is missing, and what; nothing where no selection was made."""
+        if self.posterior is None:
+            return {}
+        p = self.posterior
+        told = {"something_missing": p.something, "nothing_missing": p.nothing, "unknown": p.unknown}
+        return {"probability": told, "candidates": self.candidates()}
+
 
 def _errors(e: Errors) -> dict[str, Any]:
     return {
         "name": e.name, "before": e.free_run[0], "after": e.free_run[1],
         "force_before": e.force[0], "force_after": e.force[1],
     }  # fmt: skip
-
-
-def _probabilities(posterior: Posterior | None) -> dict[str, Any]:
-    """How probable it is that something is missing, and what; nothing where no selection was made."""
-    if posterior is None:
-        return {}
-    something, nothing = posterior.something, posterior.nothing
-    return {
-        "probability": {"something_missing": something, "nothing_missing": nothing, "unknown": posterior.unknown},
-        "candidates": [
-            {"effect": " + ".join(c.names), "probability": c.probability, "explained": c.explained}
-            for c in posterior.candidates[:_LISTED]
-        ],
-    }
