@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,15 +18,26 @@ MODEL = "HystId.Oscillators.Linear"
 NOMINAL = {"m": 1.0, "B": 20.0, "Kl": 30000.0}
 
 
-def rig(seed: int, level: float, cubic: float, *, seconds: float = 4.0, snr: float | None = 34.0) -> Recording:
-    """A mass on a spring with a cubic part [N/m3], swept from 2 to 60 Hz at 1 kHz, by Runge-Kutta at 8 kHz."""
+def rig(
+    seed: int,
+    level: float,
+    cubic: float,
+    *,
+    seconds: float = 4.0,
+    snr: float | None = 34.0,
+    beside: Callable[[Any, Any], Any] = lambda x, v: 0.0 * x,
+) -> Recording:
+    """A mass on a spring with a cubic part [N/m3], swept from 2 to 60 Hz at 1 kHz, by Runge-Kutta at 8 kHz.
+
+    beside: a further force [N] of x and v.
+    """
     rate, fine = 1000.0, 8
     t = np.arange(0.0, seconds, 1 / (rate * fine))
     force = level * np.sin(2 * np.pi * (2.0 * t + 0.5 * 58.0 / seconds * t**2))
     x, v, dt = np.zeros(len(t)), np.zeros(len(t)), t[1]
 
     def slope(x: float, v: float, f: float) -> float:
-        return f - 20.0 * v - 30000.0 * x - cubic * x**3
+        return f - 20.0 * v - 30000.0 * x - cubic * x**3 - float(beside(x, v))
 
     for k in range(len(t) - 1):
         half, f0, f1 = 0.5 * dt, force[k], force[k + 1]
@@ -35,7 +48,7 @@ def rig(seed: int, level: float, cubic: float, *, seconds: float = 4.0, snr: flo
         a4 = slope(x[k] + dt * (v[k] + half * a2), v[k] + dt * a3, f1)
         x[k + 1] = x[k] + dt * (v[k] + dt / 6 * (a1 + a2 + a3))
         v[k + 1] = v[k] + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-    a = force - 20.0 * v - 30000.0 * x - cubic * x**3
+    a = force - 20.0 * v - 30000.0 * x - cubic * x**3 - beside(x, v)
     channels = {"F": force, "x": x, "v": v, "a": a}
     rng = np.random.default_rng(seed)
     taken = {}
@@ -163,3 +176,18 @@ def test_the_zero_of_a_sensor_is_as_probable_as_sensors_are_off() -> None:
     shares = np.array([0.0, ZERO, 2 * ZERO, 5 * ZERO, 0.9])
     told = [zero_probability(share) for share in shares]
     assert told == sorted(told, reverse=True) and told[0] > 0.95 and told[-2] < 0.05
+
+
+def test_a_small_law_beside_one_that_explains_nearly_all_is_told() -> None:
+    """Dry friction that takes a hundredth of what a stop takes, and leaves noise alone: no form of a stop does that."""
+
+    def gap_and_friction(x: Any, v: Any) -> Any:
+        return 60000.0 * np.maximum(x - 0.4e-3, 0.0) + 0.5 * np.tanh(v / 1e-3)
+
+    tests = [rig(seed, level, 0.0, snr=45.0, beside=gap_and_friction) for seed, level in ((21, 60.0), (22, 25.0))]
+    found = answer(tests)
+    assert found.verdict == "missing_physics"
+    first, second = (finding.effect for finding in found.findings)
+    assert first in {"contact_loss", "impact"} and second.endswith("friction")
+    share = [finding.explained for finding in found.findings]
+    assert share[0] > 0.9 and share[1] < 0.1  # else the case would show nothing

@@ -94,3 +94,17 @@ def test_what_no_reading_brings_together_is_refused() -> None:
 def test_an_acceleration_on_another_clock_makes_no_late_force() -> None:
     test = record(1)
     assert consistent([replace(test, a=np.roll(test.a, 7))], [], M).faults == ()
+
+
+def test_the_noise_of_a_free_decay_says_nothing_about_units() -> None:
+    """F is zero but for its noise: the mass that it seems to move is none, and no unit of F follows from that."""
+    t = np.arange(N) * DT
+    decay = np.exp(-2.0 * t)
+    rng = np.random.default_rng(8)
+    channels = {}
+    for k, name in enumerate("xva"):
+        values = 1e-3 * 100.0**k * decay * np.sin(100.0 * t + k * np.pi / 2)
+        channels[name] = values + 1e-4 * np.std(values) * rng.standard_normal(N)
+    noise = 1e-6 * rng.standard_normal(N)
+    found = consistent([record(1), Recording("decay", t, F=noise, **channels)], [], M)
+    assert np.array_equal(found.tests[1].channel("F"), noise)

@@ -28,6 +28,7 @@ _CERTAIN = 0.8  # coherence at which a response is read band by band
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
 _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
 _MATTERS = 0.01  # share of the power of the motion: a tenth of its size
+_EXPLAINED = 0.5  # of the power of the force that laws explain, from which it belongs to the motion
 _DRIFT = 0.01  # share of the power of a channel
 
 
@@ -128,7 +129,9 @@ def _hertz(band: tuple[float, float]) -> tuple[float, float]:
 def _situation(recording: Recording, compared: Sequence[Pair], force: Force | None, mass: float | None) -> Situation:
     names = motion(recording)
     ratio = None
-    if mass and force is not None and math.isfinite(force.mass_ratio_error):
+    # a force that no law explains, as the noise of a free decay, says nothing about the mass
+    seen = force is not None and force.free_share > _EXPLAINED
+    if mass and force is not None and seen and math.isfinite(force.mass_ratio_error):
         ratio = force.mass / mass, force.mass_ratio_error
     written = {name: unit for name, unit in recording.units.items() if unit}
     rms = {name: float(np.std(values)) for name, values in names.items()}

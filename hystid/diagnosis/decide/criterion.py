@@ -185,7 +185,7 @@ class Criterion:
 
     def is_worth_a_name(self, misfit: float, without: float, formed: float) -> bool:
         """Whether one member of a set explains what the others leave as a law does, rather than their form."""
-        if without - misfit < FORM[0] ** 2 * formed:
+        if without - misfit < FORM[0] ** 2 * formed and not self.is_reached(misfit):
             return False
         return bool(without > self.usual * formed or self.form(misfit, without) > np.log(PRIOR["unknown"] / PRIOR[1]))
 

@@ -146,6 +146,8 @@ class _Search:
             found += self._in_windows()
         if self.first and not self._all_is_explained(found):
             found += self._sets()
+        elif self.first and not self._is_reached(self.first[0]):
+            found += self._beside(self.first[0])
         return found
 
     @cached_property
@@ -269,6 +271,12 @@ class _Search:
             found += self._exchanged(min(found, key=lambda h: h.fit.chi2))
         return found
 
+    def _beside(self, start: Trial) -> Iterator[Hypothesis]:
+        """A small effect beside one that explains nearly all: what the form of a law leaves, no other law takes down to
+        the noise."""
+        made = (self._of([start, further]) for further in self._further([start], self.library, most=len(self.library)))
+        return (h for h in made if self.criterion.is_reached(self.criterion.misfit(h.fit, h.floor)))
+
     def _line(self, start: Trial, library: Sequence[Effect], found: list[Hypothesis]) -> list[Trial]:
         """A set that grows from one effect by the best further one; all that was tried is added to what was found."""
         line = [start]
@@ -283,14 +291,14 @@ class _Search:
     def _of(self, line: Sequence[Trial]) -> Hypothesis:
         return self._hypothesis(tuple(t.name for t in line), sum(t.size for t in line), line[-1].fit)
 
-    def _further(self, line: Sequence[Trial], library: Sequence[Effect]) -> list[Trial]:
+    def _further(self, line: Sequence[Trial], library: Sequence[Effect], most: int = _STARTS) -> list[Trial]:
         """The best further effects of a set, one per id."""
         end, used = line[-1], {trial.name for trial in line}
         scanned = [c for c in scan(self.problem, end.fit, library) if c.effect.id not in used]
         left = end.chi2 - self.floor
         extra = chain_trials(self.problem, end.fit, self.effects)
         found = trials(self.problem, end.fit, scanned, left, extra, most=6)
-        return distinct(t for t in found if t.name not in used)[:_STARTS]
+        return distinct(t for t in found if t.name not in used)[:most]
 
     def _exchanged(self, best: Hypothesis) -> list[Hypothesis]:
         """The leading set with each member exchanged for others: the first was chosen when the rest was not there."""

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
-from hystid.consistency import Examination, Finding, examine
+from hystid.consistency import Finding, examine
 from hystid.diagnosis.prepare.chain import DELAY, Fault
 from hystid.diagnosis.prepare.pairs import agreed
 from hystid.errors import RecordingError
@@ -20,8 +19,6 @@ from hystid.recording import Recording
 
 _READ = frozenset({"swapped_sign", "wrong_unit"})  # slips with one other reading
 _NEVER = frozenset({"wrong_mass", "swapped_channels", *_READ})  # with these left, any name would be a wrong one
-_LEFT = 0.01  # of the power of the force that mass, damper and spring may leave once aligned: else a law looks late
-_SECTIONS = 3  # of a recording, each of which must show that the force is late
 _ROUNDS = 3  # slips of one recording that are read in another way, one after the other
 
 
@@ -79,28 +76,6 @@ def _read(test: Recording, mass: float | None) -> tuple[Recording, tuple[float, 
 def _has_one_reading(item: Finding) -> bool:
     """Whether one repair is the only one: where the force does not fit the mass, either of the two may be wrong."""
     return item.slip in _READ and bool(item.repair) and not (item.slip == "wrong_unit" and item.channel == "F")
-
-
-def _lag(found: Examination) -> tuple[float, float] | None:
-    late = [item.seen for item in found.findings if item.slip == "lag" and item.channel == "F"]
-    late = [seen for seen in late if seen["explained"] > 1 - _LEFT]
-    return (late[0]["lag"], late[0]["lag_error"]) if late else None
-
-
-def _lag_of_all(test: Recording, mass: float | None, whole: tuple[float, float] | None) -> tuple[float, float] | None:
-    """How late the force is, where every section of a recording says so by itself: a clock is off all the time, a law
-    of friction looks late where the motion is slow."""
-    if whole is None:
-        return None
-    edges = np.linspace(0, len(test), _SECTIONS + 1).astype(int)
-    lags = [_lag(examine([_section(test, slice(a, b))], mass)) for a, b in pairwise(edges)]
-    together = _late_force(lags)
-    return whole if together is not None else None
-
-
-def _section(test: Recording, kept: slice) -> Recording:
-    held = {name: values[kept] for name in "FxvaR" if (values := getattr(test, name)) is not None}
-    return replace(test, t=test.t[kept], extra={name: u[kept] for name, u in test.extra.items()}, **held)
 
 
 def _mended(test: Recording, slip: Finding) -> Recording:
