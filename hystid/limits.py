@@ -59,7 +59,7 @@ COMPILE_SECONDS = Limit("HYSTID_COMPILE_SECONDS", 60, "s", "computing time of on
 _T = TypeVar("_T")
 _STACK = 256 << 20  # bytes, of which only what is used is taken
 _DEPTH = 20_000  # Python calls: expressions nested some 5,000 deep
-_LOOK = 0.25  # s between looks at the clock
+_LOOK = 0.25  # s between looks at the clock, at most
 _ONE_AT_A_TIME = threading.RLock()  # stack size and depth of recursion belong to the whole process
 
 
@@ -95,8 +95,8 @@ _inside = threading.local()
 
 
 def _do(work: Callable[[], _T], done: Future[_T]) -> None:
-    _inside.yes = True
-    with suppress(OutOfTime):  # one that comes when all is done
+    with suppress(OutOfTime):  # one that comes before the work begins, or after it is done
+        _inside.yes = True
         try:
             done.set_result(work())
         except BaseException as error:  # told where the result is asked for
@@ -104,12 +104,14 @@ def _do(work: Callable[[], _T], done: Future[_T]) -> None:
 
 
 def _waited(done: Future[_T], thread: threading.Thread, seconds: float) -> _T:
-    begin = time.monotonic()
+    begin, look = time.monotonic(), min(_LOOK, seconds)
     try:
-        while not wait_for([done], _LOOK).done:
-            if _computed(thread, begin) > seconds:
+        while not wait_for([done], look).done:
+            if not thread.is_alive() and not done.done():
+                raise OutOfTime
+            if thread.is_alive() and _computed(thread, begin) > seconds:
                 _stop(thread)
-                seconds *= 2
+                seconds += COMPILE_SECONDS.value  # what catches it has as long again to put things away
     except BaseException:  # Ctrl-C
         _stop(thread)
         raise

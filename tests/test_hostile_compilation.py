@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import math
+import os
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -15,11 +18,10 @@ from fmu_models import jenkins, linear, unpacked
 from onnx import TensorProto, helper, numpy_helper
 
 from hystid import compiled
-from hystid.errors import ModelicaError, NetworkError, RecordingError
+from hystid.errors import NetworkError, RecordingError
 from hystid.fmu.native import Instance
 from hystid.limits import OutOfTime, bounded
 from hystid.modelcode import ModelCode
-from hystid.modelica import compile_model
 from hystid.networks.onnx import load
 from hystid.recording import read
 from hystid.surrogate import network_code
@@ -87,8 +89,7 @@ def test_weights_that_are_no_numbers_are_refused(tmp_path: Path, value: float, w
         load(path)
 
 
-def test_a_compilation_has_one_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Work without end ends in a sentence, in the compiler as in any pass of it."""
+def test_bounded_work_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HYSTID_COMPILE_SECONDS", "0.2")
 
     def endless() -> None:
@@ -97,23 +98,29 @@ def test_a_compilation_has_one_deadline(monkeypatch: pytest.MonkeyPatch) -> None
 
     with pytest.raises(OutOfTime):
         bounded(endless)
-    monkeypatch.setenv("HYSTID_COMPILE_SECONDS", "0.001")
-    with pytest.raises(ModelicaError, match=r"more than 0.001 s \(HYSTID_COMPILE_SECONDS raises this\)"):
-        compile_model("HystId.Oscillators.BoucWen")
 
 
 def test_work_within_bounded_work_is_a_plain_call() -> None:
     assert bounded(lambda: bounded(lambda: 3)) == 3
 
 
-def test_a_sum_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tenth of a second stands for the usual limit, so that the test ends soon."""
-    monkeypatch.setenv("HYSTID_COMPILE_SECONDS", "0.1")
+@pytest.mark.parametrize("model", ["HystId.Oscillators.BoucWen", "a sum without end"])
+def test_a_compilation_has_one_deadline(tmp_path: Path, model: str) -> None:
+    """A millisecond stands for the usual limit. In a process of its own: work that is ended anywhere may leave objects
+    to Python's collector, whose warnings are errors here."""
     path = tmp_path / "long.mo"
     total = " + ".join(f"{k} * x" for k in range(2_000))
     path.write_text(f"model M Real x(start = 1, fixed = true); equation der(x) = {total}; end M;")
-    with pytest.raises(ModelicaError, match=r"long\.mo.*HYSTID_COMPILE_SECONDS"):
-        compile_model(f"{path}:M")
+    code = (
+        "import sys\nfrom hystid.errors import ModelicaError\nfrom hystid.modelica import compile_model\n"
+        "try: compile_model(sys.argv[1])\nexcept ModelicaError as error: print(error)\n"
+    )
+    name = model if model.startswith("HystId") else f"{path}:M"
+    done = subprocess.run(
+        [sys.executable, "-c", code, name],
+        env={**os.environ, "HYSTID_COMPILE_SECONDS": "0.001"}, capture_output=True, text=True, timeout=300, check=True,
+    )  # fmt: skip
+    assert "takes more than 0.001 s (HYSTID_COMPILE_SECONDS raises this)" in done.stdout
 
 
 def limited() -> ModelCode:
