@@ -26,9 +26,11 @@
   }
   function values(pack) {
     var raw = bytes(pack.q), n = raw.length / 2, out = new Array(n), step = (pack.hi - pack.lo) / 65534;
+    var ratio = Math.log(pack.hi / pack.lo) / 65534;
     for (var k = 0; k < n; k++) {
       var level = raw[2 * k] + 256 * raw[2 * k + 1];
-      out[k] = level === 65535 ? null : pack.lo + step * level;
+      if (level === 65535) { out[k] = null; }
+      else { out[k] = pack.log ? pack.lo * Math.exp(ratio * level) : pack.lo + step * level; }
     }
     return out;
   }

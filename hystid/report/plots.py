@@ -196,11 +196,15 @@ def figure(plot: Plot) -> dict[str, Any]:
     return {"data": data, "layout": layout}
 
 
+_DECADES = 1e3  # ratio of positive values beyond which even steps would not resolve the small ones
+
+
 def compact(plot: Plot) -> dict[str, Any]:
     """``figure`` for a page of ours: colours by role, so that they suit the ground, and values of 16 bits.
 
-    Arrays become {"q": base64 of little-endian unsigned 16-bit numbers, "lo", "hi"}: 0 is lo, 65534 is hi, 65535 is a
-    gap. A figure that is 600 pixels high and zoomed in by 100 still shows every step of the screen.
+    Arrays become {"q": base64 of little-endian unsigned 16-bit numbers, "lo", "hi", "log"}: 0 is lo, 65534 is hi, 65535
+    is a gap; "log" where the steps are those of the logarithm, as for spectra. A figure that is 600 pixels high and
+    zoomed in by 100 still shows every step of the screen.
     """
     return cast("dict[str, Any]", _compacted(figure(plot)))
 
@@ -210,9 +214,11 @@ def packed(values: Array) -> dict[str, Any]:
     finite = values[np.isfinite(values)]
     lo, hi = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     levels = np.full(values.shape, 65535, dtype="<u2")
-    steps = (values[np.isfinite(values)] - lo) * (65534 / (hi - lo) if hi > lo else 0.0)
-    levels[np.isfinite(values)] = np.round(steps).astype("<u2")
-    return {"q": base64.b64encode(levels.tobytes()).decode("ascii"), "lo": lo, "hi": hi}
+    steep = lo > 0 and hi > _DECADES * lo
+    place = np.log(finite / lo) / np.log(hi / lo) if steep else (finite - lo) / (hi - lo) if hi > lo else 0.0 * finite
+    levels[np.isfinite(values)] = np.round(65534 * place).astype("<u2")
+    found = {"q": base64.b64encode(levels.tobytes()).decode("ascii"), "lo": lo, "hi": hi}
+    return {**found, "log": True} if steep else found
 
 
 def _compacted(value: Any) -> Any:
