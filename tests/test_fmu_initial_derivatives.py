@@ -113,13 +113,17 @@ def solution(fmu, names, values):
 
 
 def by_differences(fmu, unknowns, knowns, start):
-    """The same from outside: new instances with other start values, step of the cube root of the rounding error."""
+    """The same from outside: new instances with other start values, step of the cube root of the rounding error; from a
+    minimum on, which no value may pass, differences of second order to one side."""
     columns = []
     for name in knowns:
         value = start.get(name, fmu.model.variable(name).start)
         step = 6e-6 * max(abs(value), 1e-3)
-        high, low = (solution(fmu, unknowns, {**start, name: value + side * step}) for side in (1, -1))
-        columns.append((high - low) / (2 * step))
+        low = fmu.model.variable(name).min
+        sides = (0, 1, 2) if low is not None and value - step < low else (-1, 0, 1)
+        weights = (-3, 4, -1) if sides[0] == 0 else (-1, 0, 1)
+        there = [solution(fmu, unknowns, {**start, name: value + side * step}) for side in sides]
+        columns.append(sum(w * y for w, y in zip(weights, there, strict=True)) / (2 * step))
     return np.column_stack(columns)
 
 

@@ -177,7 +177,7 @@ BAD = {
     "F with the wrong sign": (spoilt(F=-F), "F has the wrong sign"),
     "quasi-static F with the wrong sign": (
         {"t_pseudo [s]": T, "F [N]": -F, "x [m]": X},
-        "F has the wrong sign",
+        "F or x has the wrong sign",
     ),
     "F without motion": ({"t [s]": T, "F [N]": F}, "there is no motion x, v or a"),
     "no force": ({"t [s]": T, "x [m]": X}, "there is no channel F"),

@@ -240,7 +240,7 @@ def test_networks_too_large_for_c_are_refused(tmp_path: Path) -> None:
     assert "2000000 elements" in refused(wide, tmp_path)
     nodes = [helper.make_node("MatMul", ["x", "x2"], ["y"], name="outer")]
     outer = make_model(nodes, {"x": (2000, 1), "x2": (1, 2000)}, ["y"])
-    assert "node 'outer' (MatMul): its result has more than 1000000" in refused(outer, tmp_path)
+    assert "node 'outer' (MatMul): cannot be compiled: its result has more than 1000000" in refused(outer, tmp_path)
 
 
 def test_a_network_without_a_free_output_is_refused(tmp_path: Path) -> None:
