@@ -137,9 +137,8 @@ def _what(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     for finding in d.findings:
         rows = [[name, with_error(v.value, v.stderr, v.unit)] for name, v in finding.parameters.items()]
         share = getattr(finding, "explained", None)
-        note = f"{finding.where.text} " + (
-            f"It explains {percent(share)} of the misfit above the noise." if share else ""
-        )
+        where = finding.where.text[:1].upper() + finding.where.text[1:]
+        note = f"{where}. " + (f"It explains {percent(share)} of the misfit above the noise." if share else "")
         heading = title(finding)
         page.table(
             Table(heading[:1].upper() + heading[1:], ["parameter", "value ± standard error"], rows, note.strip())
@@ -150,12 +149,17 @@ def _what(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     _parameters(page, d, said)
 
 
+def _chance(probability: float | None) -> str:
+    """A probability in percent; what is below a hundredth of a percent is not told apart."""
+    return "below 0.01 %" if probability is not None and probability < 1e-4 else percent(probability)
+
+
 def _candidates(page: Page, said: Mapping[str, Any]) -> None:
     """What it could be, ranked: also where nothing is named."""
     ranked = said.get("candidates") or ()
     if ranked:
         rows = [
-            [str(one["title"]), percent(one.get("probability")), percent(one.get("explained"))]
+            [str(one["title"]), _chance(one.get("probability")), percent(one.get("explained"))]
             for one in ranked[:_CANDIDATES]
         ]
         columns = ["effect", "probability", "explains of the misfit"]

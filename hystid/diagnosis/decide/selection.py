@@ -38,6 +38,7 @@ from hystid.diagnosis.model.effects import Effect
 
 _ROUNDS = 3  # of looking for a better local minimum of what leads
 _STARTS = 3  # singles from which sets of effects grow
+_TRIED = 6  # forms that are fitted as a further member of a set
 _MEMBERS = 3  # effects of a set at most
 _REPLACED = 4  # other effects that are tried in the place of each member of the leading set
 _CHANCE = 1e-3  # probability below which a hypothesis is not looked at more closely
@@ -274,7 +275,8 @@ class _Search:
     def _beside(self, start: Trial) -> Iterator[Hypothesis]:
         """A small effect beside one that explains nearly all: what the form of a law leaves, no other law takes down to
         the noise."""
-        made = (self._of([start, further]) for further in self._further([start], self.library, most=len(self.library)))
+        nexts = self._further([start], self.library, most=len(self.library), fits=3 * _TRIED)  # simple ones too
+        made = (self._of([start, further]) for further in nexts)
         return (h for h in made if self.criterion.is_reached(self.criterion.misfit(h.fit, h.floor)))
 
     def _line(self, start: Trial, library: Sequence[Effect], found: list[Hypothesis]) -> list[Trial]:
@@ -291,13 +293,15 @@ class _Search:
     def _of(self, line: Sequence[Trial]) -> Hypothesis:
         return self._hypothesis(tuple(t.name for t in line), sum(t.size for t in line), line[-1].fit)
 
-    def _further(self, line: Sequence[Trial], library: Sequence[Effect], most: int = _STARTS) -> list[Trial]:
-        """The best further effects of a set, one per id."""
+    def _further(
+        self, line: Sequence[Trial], library: Sequence[Effect], most: int = _STARTS, fits: int = _TRIED
+    ) -> list[Trial]:
+        """The best further effects of a set, one per id. fits: how many forms are fitted."""
         end, used = line[-1], {trial.name for trial in line}
         scanned = [c for c in scan(self.problem, end.fit, library) if c.effect.id not in used]
         left = end.chi2 - self.floor
         extra = chain_trials(self.problem, end.fit, self.effects)
-        found = trials(self.problem, end.fit, scanned, left, extra, most=6)
+        found = trials(self.problem, end.fit, scanned, left, extra, most=fits)
         return distinct(t for t in found if t.name not in used)[:most]
 
     def _exchanged(self, best: Hypothesis) -> list[Hypothesis]:
