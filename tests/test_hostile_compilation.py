@@ -19,6 +19,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from hystid import compiled
 from hystid.errors import NetworkError, RecordingError
+from hystid.fmu.from_modelica import _modelica_files
 from hystid.fmu.native import Instance
 from hystid.limits import OutOfTime, bounded
 from hystid.modelcode import ModelCode
@@ -98,6 +99,16 @@ def test_bounded_work_ends(monkeypatch: pytest.MonkeyPatch) -> None:
 
     with pytest.raises(OutOfTime):
         bounded(endless)
+
+
+def test_a_pipe_beside_the_model_holds_nothing_up(tmp_path: Path) -> None:
+    """What lies beside a model decides whether its FMU is the one that is kept; a pipe there was read for ever."""
+    path = tmp_path / "decay.mo"
+    path.write_text("model M Real x(start = 1, fixed = true); equation der(x) = -x; end M;")
+    os.mkfifo(tmp_path / "pipe.mo")
+    (tmp_path / "endless.mo").symlink_to("/dev/zero")
+    assert path in _modelica_files(f"{path}:M", [])
+    assert all(found.is_file() for found in _modelica_files(f"{path}:M", []))
 
 
 def test_work_within_bounded_work_is_a_plain_call() -> None:

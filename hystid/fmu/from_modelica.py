@@ -88,7 +88,7 @@ def _modelica_files(model: str, libraries: Sequence[Path]) -> list[Path]:
     for entry in (*_MODELICA, *named, *map(Path, libraries)):
         root = entry.parent if entry.is_file() else entry  # a package's other files lie beside it
         found += sorted(root.rglob("*.mo")) if root.is_dir() else []
-    return found
+    return [path for path in found if path.is_file()]  # a pipe or a device may have no end
 
 
 def _own_files() -> list[Path]:
