@@ -15,6 +15,7 @@ _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings
 _SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
 _APART = 0.9  # the estimates differ by 6 % by chance (8,000 samples); only a clear difference counts
 _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from rounding in a text file
+_NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 
 
 def noise_level(channel: Array) -> float:
@@ -67,3 +68,8 @@ def _by_spectrum(channel: Array) -> float:
     alike = min(levels) * (1.0 + 3.0 * _SPREAD / np.sqrt(len(bands[0])))
     quiet = np.concatenate([band for band, level in zip(bands, levels, strict=True) if level <= alike])
     return float(np.sqrt(np.median(quiet) / np.log(2.0)))  # the median of an exponential variable is ln 2 of its mean
+
+
+def is_noise_free(values: Array) -> bool:
+    """Whether a channel (n,) shows no noise: less than the 16 bit of any converter leaves, as in a simulation."""
+    return noise_level(values) <= _NOISE_FREE * float(np.std(values))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.signal import get_window, welch
 
 from hystid.recording import Recording
-from hystid.smoothing.noise import noise_level
+from hystid.smoothing.noise import is_noise_free
 
 Array = NDArray[np.float64]
 _BANDS, _FEWEST = 48, 24  # bands of the spectrum, each told by its median: lines do not count
@@ -27,7 +27,6 @@ _DIGITS = 100.0  # over the rounding of eight digits: what seven digits, and the
 _MOTION = 0.95  # share of the power that is motion at least: noise of 20 dB holds a hundredth
 _BEYOND, _STEEP = 1.5, 100.0  # frequency over the corner, and fall of the power up to there: a mass leaves a fifth,
 # a filter of fourth order run both ways a thousandth
-_NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 _SHORTEST = 400  # samples that must remain
 
 
@@ -78,7 +77,7 @@ def where_white(tests: Sequence[Recording]) -> list[Recording]:
     could fold back.
     """
     lowest = min((_common(tests, name) for name in "xva"), default=np.inf)
-    if all(noise_level(test.channel("F")) < _NOISE_FREE * float(np.std(test.channel("F"))) for test in tests):
+    if all(is_noise_free(test.channel("F")) for test in tests):
         return list(tests)  # a simulation: what falls steeply is the motion
     return [_thinned(test, lowest) for test in tests] if np.isfinite(lowest) else list(tests)
 

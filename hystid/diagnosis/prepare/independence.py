@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.signal import csd, get_window, welch
 
 from hystid.recording import Recording
-from hystid.smoothing.noise import noise_level
+from hystid.smoothing.noise import is_noise_free
 
 Array = NDArray[np.float64]
 _ORDER = {"x": 0, "v": 1, "a": 2}
@@ -33,9 +33,6 @@ _LEAK = 1e-9  # side lobes of the window, 92 dB below the largest line
 _TAPS = 12  # samples on either side from which a computed channel is predicted
 _DIGITS = 1e-6  # prediction error over the size of a channel: the last of the digits that text files hold
 _DERIVATIVE = 1e-3  # error of a derivative that the smoother, which takes v = dx/dt as exact, does not notice
-_NOISE_FREE = (
-    2e-5  # noise over spread, below the 16 bit of any converter: of a simulation the sum of one channel is the other
-)
 _MOTION = 0.999  # share of the power of the velocity that counts as motion
 
 
@@ -97,7 +94,7 @@ def _related(low: Array, high: Array, order: int, dt: float) -> str:
         return ""
     if not _is_integral(low, high, order, dt):
         return "higher"
-    return "" if all(noise_level(u) < _NOISE_FREE * float(np.std(u)) for u in (low, high)) else "lower"
+    return "" if is_noise_free(low) and is_noise_free(high) else "lower"  # a simulation: each sums up to the other
 
 
 def _is_integral(low: Array, high: Array, order: int, dt: float) -> bool:

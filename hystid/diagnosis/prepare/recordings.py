@@ -18,13 +18,12 @@ from hystid.diagnosis.prepare.spikes import without_spikes
 from hystid.errors import RecordingError, UsageError
 from hystid.processing import prepare
 from hystid.recording import Recording, Sources, loaded
-from hystid.smoothing.noise import noise_level
+from hystid.smoothing.noise import is_noise_free
 
 SHORTEST = 200  # samples: below this nothing can be told from noise
 # faults that the diagnosis names instead of refusing them
 TOLERATED = ("clipped", "lag", "missing_force", "not_one_motion")
 _MOST = 1_200_000  # samples of all recordings together: memory stays below 1 GB
-_NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 _GOOD_RIG = 2e-3  # noise over spread, 54 dB
 
 
@@ -106,7 +105,7 @@ def _measured_only(test: Recording) -> Recording:
 def _with_noise(test: Recording, seed: int) -> Recording:
     """A simulated recording gets the noise of a good rig: else errors of integration would be named as physics."""
     channels = {name: getattr(test, name) for name in "Fxva" if getattr(test, name) is not None}
-    if any(noise_level(values) > _NOISE_FREE * float(np.std(values)) for values in channels.values()):
+    if not all(is_noise_free(values) for values in channels.values()):
         return test
     rng = np.random.default_rng(seed)
     noisy = {k: u + _GOOD_RIG * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in channels.items()}

@@ -64,4 +64,4 @@ def _bridged(values: Array, bad: NDArray[np.int64]) -> Array:
 
 def _is_alone(values: Array, at: int, limit: float, centre: float) -> bool:
     near = np.delete(values[max(0, at - _WIDTH) : at + _WIDTH + 1], min(at, _WIDTH)) - centre
-    return bool(np.max(np.abs(near)) < (1 - _ALONE) * abs(values[at] - centre) + limit / (1 + _OUTSIDE) and limit > 0)
+    return bool(np.max(np.abs(near)) < (1 - _ALONE) * abs(values[at] - centre) + limit / (1 + _OUTSIDE))
