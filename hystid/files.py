@@ -103,6 +103,23 @@ def check_regular(path: Path, error: type[HystidError]) -> None:
         raise error(f"{path}: this is a pipe or a device, which may have no end; copy its content to a file")
 
 
+def text_of(path: Path, error: type[HystidError]) -> str:
+    """Text (UTF-8) of a file that a user named. Raises the error where there is no such file, and see above."""
+    check_regular(path, error)
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise error(f"{path}: cannot be read as UTF-8 text ({getattr(problem, 'strerror', None) or problem})") from None
+
+
+def json_of(path: Path, error: type[HystidError]) -> Any:
+    """Content of a JSON file that a user named. Raises the error where it is none."""
+    try:
+        return json.loads(text_of(path, error))
+    except (ValueError, RecursionError) as problem:
+        raise error(f"{path}: this is not JSON ({problem})") from None
+
+
 def _mark(process: int) -> str:
     """Who writes: other machines may share the folder, and know nothing of our processes."""
     return f"hystid-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-{process}-"

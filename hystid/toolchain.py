@@ -6,12 +6,14 @@ cache under a hash of sources, headers and flags, so that compiling the same tex
 
 from __future__ import annotations
 
+import contextvars
 import hashlib
 import os
 import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -20,10 +22,11 @@ from pathlib import Path
 
 from hystid import cache as store
 from hystid.errors import ToolchainError
+from hystid.limits import compiled, counted, wait_until_over
 
 _COMMON = ("-std=c11", "-fPIC", "-fvisibility=hidden")
-_LONGEST = 120.0  # s of one call of the compiler; the largest models of the tests take a twentieth
 _LINE = 300  # characters of the compiler's words in a message
+_PRINTED = 1 << 20  # bytes of them that are looked at
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
@@ -104,9 +107,9 @@ def object_files(
                     _compile([*full, name, "-o", f"{name}.o"], folder)
                     (folder / f"{name}.o").replace(beside)
 
-            with ThreadPoolExecutor(os.cpu_count()) as pool:
-                for _ in pool.map(compile_one, missing):
-                    pass
+            with ThreadPoolExecutor(os.cpu_count()) as pool:  # each thread in the compilation that this is part of
+                for work in [pool.submit(contextvars.copy_context().run, compile_one, name) for name in missing]:
+                    work.result()
     return tuple(map(store.kept, objects.values()))
 
 
@@ -131,25 +134,34 @@ def _write(folder: Path, sources: Mapping[str, str]) -> None:
 
 
 def _compile(command: Sequence[str], folder: Path) -> None:
-    try:
-        run = subprocess.run(command, cwd=folder, capture_output=True, timeout=_LONGEST, check=False)
-    except subprocess.TimeoutExpired:
-        raise ToolchainError(
-            f"the C compiler '{command[0]}' took more than {_LONGEST:g} s for one model: make the model smaller"
-        ) from None
-    except OSError as error:
-        raise ToolchainError(
-            f"the C compiler '{command[0]}' cannot be run ({(error.strerror or str(error)).lower()}): set CC to one "
-            "that can, or install gcc or clang"
-        ) from None
-    if run.returncode:
-        lines = run.stderr.decode(errors="replace").splitlines() or [f"it ended with code {run.returncode}"]
+    code, printed = compiled(f"the C compiler '{command[0]}'", lambda: _run(command, folder), ToolchainError)
+    if code:
+        lines = printed.decode(errors="replace").splitlines() or [f"it ended with code {code}"]
         if any("No space left on device" in line for line in lines):
             raise ToolchainError(f"the disk of the cache {store.folder()} or of the temporary folder is full")
         first = next((line for line in lines if "error" in line), lines[0])[:_LINE]
         raise ToolchainError(
             f"the C compiler '{command[0]}' failed on generated code (cache {store.folder()}): {first}"
         )
+
+
+def _run(command: Sequence[str], folder: Path) -> tuple[int, bytes]:
+    """Exit code of a command, and the first of what it printed."""
+    with tempfile.TemporaryFile() as printed:
+        try:
+            process = subprocess.Popen(
+                command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=printed,
+                start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            raise ToolchainError(
+                f"the C compiler '{command[0]}' cannot be run ({(error.strerror or str(error)).lower()}): set CC to "
+                "one that can, or install gcc or clang"
+            ) from None
+        with counted(process):
+            wait_until_over(process)
+        printed.seek(0)
+        return process.returncode, printed.read(_PRINTED)
 
 
 @cache

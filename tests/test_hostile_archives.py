@@ -202,6 +202,9 @@ def test_encrypted_and_odd_archives(good: Content, tmp_path: Path) -> None:
     _refused(tmp_path / "b.fmu", "damaged")
 
 
+_OF_FMUS = ("simulate", "regress", "validate good.fmu --against")
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
 @pytest.mark.parametrize(
     "command",
@@ -213,6 +216,24 @@ def test_encrypted_and_odd_archives(good: Content, tmp_path: Path) -> None:
         "diagnose {} --model HystId.Oscillators.Linear -o out",
         "validate {} good.csv -o out",
         "build {}:A -o out.fmu",
+        "build {}.mo -o out.fmu",
+        "build {}.onnx -o out.fmu",
+        "build {}.onnx --target c -o out.c",
+        "build HystId.Oscillators.Linear --library {} -o out.fmu",
+        "check {}.csv",
+        "check {}.mat",
+        "check {}.h5 -o out",
+        "check good.csv {}.tdms",
+        "simulate good.fmu --force {}.csv -o out.csv",
+        "simulate good.fmu --force {} -o out.csv",
+        "regress good.fmu --reference {}.csv",
+        "identify good.csv --mass 0 --holdout {}.csv -o out",
+        "identify good.csv --mass 1 --model {}.mo -o out",
+        "study grid {}.csv --mass 0 -o out",
+        "diagnose good.csv --model {}.mo -o out",
+        "diagnose good.csv --model {}.fmu -o out",
+        "diagnose good.csv --model HystId.Oscillators.Linear --parameters {}.json -o out",
+        "diagnose good.csv --model HystId.Oscillators.Linear --set m=1 --effects {}.mo -o out",
     ],
 )
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
@@ -225,9 +246,16 @@ def test_inputs_have_an_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A pipe without a writer waits for ever; a device gives zeros for ever."""
+    if kind == "folder" and ("--library" in command or "--reference" in command):
+        pytest.skip("a folder may stand here")
+    if b'fmiVersion="3' in good["modelDescription.xml"] and command.partition(" {}")[0] not in _OF_FMUS:
+        pytest.skip("the same for both versions")
     monkeypatch.chdir(tmp_path)
     suffix = {"identify": ".csv", "diagnose": ".csv", "build": ".mo"}.get(command.split()[0], ".fmu")
     suffix = ".onnx" if command.startswith("validate {}") else suffix
+    if "{}." in command:
+        suffix = "." + command.partition("{}.")[2].split()[0]
+        command = command.replace("{}" + suffix, "{}")
     path = tmp_path / f"odd{suffix}"
     _write(tmp_path / "good.fmu", good)
     rows = [f"{k / 100},{math.sin(k / 5)},{math.sin(k / 5 - 0.1)}" for k in range(200)]

@@ -18,11 +18,12 @@ from fmu_models import jenkins, linear, unpacked
 from onnx import TensorProto, helper, numpy_helper
 
 from hystid import compiled
-from hystid.errors import NetworkError, RecordingError
+from hystid.errors import ModelicaError, NetworkError, RecordingError
 from hystid.fmu.from_modelica import _modelica_files
 from hystid.fmu.native import Instance
 from hystid.limits import OutOfTime, bounded
 from hystid.modelcode import ModelCode
+from hystid.modelica import compile_model
 from hystid.networks.onnx import load
 from hystid.recording import read
 from hystid.surrogate import network_code
@@ -134,6 +135,47 @@ def test_a_compilation_has_one_deadline(tmp_path: Path, model: str) -> None:
     assert "takes more than 0.001 s (HYSTID_COMPILE_SECONDS raises this)" in done.stdout
 
 
+@pytest.mark.parametrize("model", ["modelica", "network"])
+def test_the_c_compiler_has_what_is_left_of_the_deadline(tmp_path: Path, model: str) -> None:
+    """One that never ends, and starts another that does not, as drivers of compilers do; neither is left behind."""
+    path = written(tmp_path / "net.onnx", [node("Tanh", ["x"])])
+    if model == "modelica":
+        path = tmp_path / "decay.mo"
+        path.write_text("model M Real x(start = 1, fixed = true); equation der(x) = -x; end M;")
+    endless = tmp_path / "endless.py"
+    endless.write_text("while True: pass")
+    compiler = tmp_path / "cc"
+    compiler.write_text(f"#!/bin/sh\n{sys.executable} {endless}\n")
+    compiler.chmod(0o755)
+    limits = {"HYSTID_COMPILE_SECONDS": "2", "CC": str(compiler), "HYSTID_CACHE": str(tmp_path / "cache")}
+    done = subprocess.run(
+        [sys.executable, "-m", "hystid", "build", str(path), "-o", str(tmp_path / "out.fmu")],
+        env={**os.environ, **limits}, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "compiling takes more than 2 s (HYSTID_COMPILE_SECONDS raises this)" in done.stderr
+    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "out.fmu").exists()
+    running = [place.read_bytes() for place in Path("/proc").glob("[0-9]*/cmdline") if place.exists()]
+    assert not any(os.fsencode(endless) in line for line in running)
+
+
+def test_one_budget_of_elements_for_all_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two functions, each within the budget, and beyond it together."""
+    path = tmp_path / "two.mo"
+    body = "input Real x; output Real y = 0; algorithm for i in 1:1000 loop y := y + i * x; end for;"
+    functions = "".join(f"function f{k} {body} end f{k}; " for k in range(2))
+    for calls, refused in (("f0(x)", False), ("f0(x) + f1(x)", True)):
+        path.write_text(f"model M {functions} Real x(start = 1, fixed = true); equation der(x) = {calls}; end M;")
+        monkeypatch.delenv("HYSTID_COMPILE_ELEMENTS", raising=False)
+        compile_model(f"{path}:M")
+        monkeypatch.setenv("HYSTID_COMPILE_ELEMENTS", "20000")
+        if refused:
+            with pytest.raises(ModelicaError, match=r"are more than 20000 elements \(HYSTID_COMPILE_ELEMENTS raises"):
+                compile_model(f"{path}:M")
+        else:
+            compile_model(f"{path}:M")
+
+
 def limited() -> ModelCode:
     """A mass that is at least 0.5 kg and at most 8 kg."""
     code = jenkins()
@@ -170,6 +212,43 @@ def test_infinite_derivatives_are_no_answer(version: int) -> None:
     assert instance.function("SetContinuousStates")(instance.component, states, ctypes.c_size_t(n)) == 0
     name = "GetDerivatives" if version == 2 else "GetContinuousStateDerivatives"
     assert instance.function(name)(instance.component, slopes, ctypes.c_size_t(n)) in (2, 3)
+    by_name = {v.name: v.slot for v in jenkins().variables}
+    last = (ctypes.c_size_t(1),) if version == 3 else ()
+    reads = instance.function("GetReal" if version == 2 else "GetFloat64")
+
+    def status(name: str) -> int:
+        reference, number = ctypes.c_uint32(by_name[name]), ctypes.c_double()
+        return reads(instance.component, ctypes.byref(reference), ctypes.c_size_t(1), ctypes.byref(number), *last)
+
+    assert status("x") == 0
+    for computed in ("der(v)", "a", "R"):
+        assert status(computed) in (2, 3)
+        assert f"{computed} is not finite" in instance.last_message
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("way", ["Directional", "Adjoint"])
+def test_infinite_directional_derivatives_are_no_answer(version: int, way: str) -> None:
+    """dR = k dx: k and a seed of 1e200 each are finite, their product is not."""
+    if version == 2 and way == "Adjoint":
+        pytest.skip("FMI 2 has none")
+    instance = Instance(unpacked(linear, version), "CoSimulation")
+    model = {v.name: v for v in linear().variables}
+    instance.initialise(0.0, [(model["k"], 1e200)])
+    unknown, known = ctypes.c_uint32(model["R"].slot), ctypes.c_uint32(model["x"].slot)
+    one, result = ctypes.c_size_t(1), ctypes.c_double()
+
+    def status(size: float) -> int:
+        seed = ctypes.c_double(size)
+        sizes = ((one,), (one,)) if version == 3 else ((), ())
+        return instance.function(f"Get{way}Derivative")(
+            instance.component, ctypes.byref(unknown), one, ctypes.byref(known), one,
+            ctypes.byref(seed), *sizes[0], ctypes.byref(result), *sizes[1],
+        )  # fmt: skip
+
+    assert status(1.0) == 0 and result.value == 1e200
+    assert status(1e200) in (2, 3)
+    assert "derivative is not finite" in instance.last_message
 
 
 @pytest.mark.parametrize("what", ["setting", "column", "output", "seed"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
 import typer
 
 from hystid.errors import UsageError
+from hystid.files import json_of
 from hystid.outputs import check_folder, replaced
 from hystid.progress import tell
 
@@ -136,12 +136,7 @@ def parameter_file(path: Path | None) -> dict[str, Any]:
     """Parameters from a JSON file: {"Ks": 2e5} or {"Ks": {"value": 2e5, "fixed": true}}. Raises UsageError."""
     if path is None:
         return {}
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError:
-        raise UsageError(f"--parameters {path}: the file cannot be read") from None
-    except ValueError as error:
-        raise UsageError(f"--parameters {path}: this is not JSON ({error})") from None
+    content = json_of(path, UsageError)
     if not isinstance(content, dict):
         raise UsageError(f'--parameters {path}: an object is needed, as {{"Ks": 2e5, "fc": 20}}')
     for name, entry in content.items():

@@ -11,11 +11,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 from hystid import cache
-from hystid.errors import UsageError
-from hystid.files import atomic
+from hystid.errors import ModelicaError, UsageError
+from hystid.files import atomic, check_regular
 from hystid.fmu.about import About
 from hystid.fmu.build import BuildResult, Version, build, given_date
 from hystid.fmu.platforms import chosen
+from hystid.limits import compiled
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _MODELICA = (_PACKAGE / "_modelica", _PACKAGE.parent / "modelica")  # in a wheel, in a checkout
@@ -41,6 +42,9 @@ def build_model(
     """
     if fmi not in (2, 3):
         raise UsageError(f"fmi must be 2 or 3, not {fmi}")
+    for library in map(Path, libraries):
+        if not library.is_dir():
+            check_regular(library, ModelicaError)
     targets = chosen(platforms)
     names = tuple(target.tuple for target in targets)
     wanted = ["host" if target.own else target.tuple for target in targets]
@@ -49,9 +53,12 @@ def build_model(
     if cache.find(f"{key}.fmu") is None or cache.find(f"{key}.json") is None:
         from hystid.modelica import compile_model  # not needed, and slow to import, where the FMU is in the cache
 
-        code = compile_model(model, parameters=dict(parameters or {}), libraries=libraries)
-        with cache.keep(f"{key}.fmu") as beside:
-            made = build(code, beside, fmi=fmi, platforms=wanted, about=about)
+        def make() -> BuildResult:
+            code = compile_model(model, parameters=dict(parameters or {}), libraries=libraries)
+            with cache.keep(f"{key}.fmu") as beside:
+                return build(code, beside, fmi=fmi, platforms=wanted, about=about)
+
+        made = compiled(model, make, ModelicaError, len(targets))
         cache.keep_bytes(f"{key}.json", json.dumps({"identifier": made.identifier}).encode())
     out, identifier = Path(out), json.loads(cache.kept(f"{key}.json").read_bytes())["identifier"]
     with atomic(out) as beside:

@@ -8,6 +8,8 @@ from pathlib import Path
 from hystid.errors import NetworkError
 from hystid.fmu.about import About
 from hystid.fmu.build import BuildResult, Version, build
+from hystid.fmu.platforms import chosen
+from hystid.limits import compiled
 from hystid.surrogate import model_code
 
 
@@ -26,6 +28,9 @@ def build_network(
     Raises NetworkError (no such file, damaged, an operator that cannot be compiled), ToolchainError; then nothing is
     written.
     """
-    if not Path(network).is_file():
-        raise NetworkError(f"{network}: there is no such file")
-    return build(model_code(Path(network)), Path(out), fmi=fmi, platforms=platforms, about=about)
+    names = [platforms] if isinstance(platforms, str) else list(platforms)
+
+    def make() -> BuildResult:
+        return build(model_code(Path(network)), Path(out), fmi=fmi, platforms=names, about=about)
+
+    return compiled(str(network), make, NetworkError, len(chosen(names)))

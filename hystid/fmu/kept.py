@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree as ET
 
 from hystid.errors import FmuError, UsageError
-from hystid.files import write_text
+from hystid.files import check_regular, text_of, write_text
 from hystid.fmu.build import write_zip
 from hystid.fmu.door import read_entry
 from hystid.fmu.reference import FOLDER, INPUT_ROLE, RESULT_ROLE
@@ -36,8 +36,7 @@ class Kept:
             return _beside(path, path.parent) or _inside(path, f"{path.stem}_out.csv is not beside it")
         if reference.is_dir():
             return _in_folder(path, reference)
-        if not reference.is_file():
-            raise UsageError(f"{reference}: there is no such file or folder to take the reference from")
+        check_regular(reference, UsageError)
         if reference.suffix.lower() == ".csv":
             return _table(reference)
         if not zipfile.is_zipfile(reference):
@@ -62,14 +61,7 @@ def _beside(path: Path, folder: Path) -> Kept | None:
 def _table(table: Path) -> Kept:
     stem = table.stem.removesuffix("_out")
     stimulus = table.with_name(f"{stem}_in.csv")
-    return Kept(table, "", _text(table), _text(stimulus) if stimulus.is_file() else "")
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise FmuError(f"{path}: the reference cannot be read: {error}") from None
+    return Kept(table, "", text_of(table, FmuError), text_of(stimulus, FmuError) if stimulus.is_file() else "")
 
 
 def _in_folder(path: Path, folder: Path) -> Kept:

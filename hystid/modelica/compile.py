@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from hystid.errors import ModelicaError
-from hystid.limits import COMPILE_SECONDS, OutOfTime, bounded
+from hystid.limits import compiled
 from hystid.modelcode import ModelCode
 from hystid.modelica.causalise import causalise
 from hystid.modelica.check import check_units
@@ -65,14 +65,9 @@ def _compiled(model: str, values: dict[str, float], libraries: Sequence[Path]) -
 def _deeply(model: str, work: Callable[[], ModelCode]) -> ModelCode:
     """The work with its limits of depth and time, as sentences."""
     try:
-        return bounded(work)
+        return compiled(model, work, ModelicaError)
     except RecursionError:
         raise ModelicaError(f"{model}: an expression is nested too deeply: name parts of it as variables") from None
-    except OutOfTime:
-        raise ModelicaError(
-            f"{model}: compiling takes more than {COMPILE_SECONDS}: shorten its longest expressions, name parts of "
-            "them as variables, or use a coarser discretisation"
-        ) from None
 
 
 def flat_model(
@@ -173,7 +168,7 @@ def _split(model: str) -> tuple[Path | None, str]:
     found = re.fullmatch(r"(.+\.mo):([A-Za-z_][\w.]*)", model)
     if found:
         return Path(found.group(1)), found.group(2)
-    if model.endswith(".mo") and Path(model).is_file():
+    if model.endswith(".mo") and Path(model).exists():
         return Path(model), only_class(Path(model))
     if re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", model) and not model.endswith(".mo"):
         return None, model

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from hystid.errors import ModelicaError
+from hystid.limits import COMPILE_ELEMENTS, room_for
 from hystid.modelica.expr import (
     FUNCTIONS,
     LOGICAL,
@@ -37,7 +38,7 @@ _ELEMENTWISE = {".*": "*", "./": "/", ".^": "^"}
 _EVENTS = RELATIONS | {"floor", "ceil", "integer", "div", "mod", "rem"}
 _LOOP_LIMIT = 100_000
 _CALL_DEPTH = 50
-_WORK_LIMIT = 2_000_000  # operations on scalars: some 20 s
+_OPERATION = 4  # elements of the budget of a compilation: an operation on scalars takes some 10 us
 _CALL_COST = 10  # in such operations
 
 
@@ -81,17 +82,15 @@ class Expander:
         self.functions = functions
         self.place = Place()
         self._depth = 0
-        self._work = 0
 
     def refuse(self, what: str) -> NoReturn:
         raise ModelicaError(f"{self.place}: {what}")
 
     def spend(self, operations: int) -> None:
         """Counts what is written out; refuses what would never end."""
-        self._work += operations
-        if self._work > _WORK_LIMIT:
+        if not room_for(operations * _OPERATION):
             self.refuse(
-                f"arrays, loops and function calls need more than {_WORK_LIMIT} operations when they are written out: "
+                f"arrays, loops and function calls written out are more than {COMPILE_ELEMENTS}: "
                 "use a coarser discretisation, or fewer steps in functions"
             )
 

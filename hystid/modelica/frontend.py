@@ -15,16 +15,15 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from hystid.errors import ModelicaError
-from hystid.limits import COMPILE_SECONDS
+from hystid.limits import COMPILE_SECONDS, counted, wait_until_over
 from hystid.modelica.adapter import Adapter
 from hystid.modelica.annotations import description_of, experiment_of
 from hystid.modelica.diagnostics import broken_down, explain, gave_up, located_syntax_error
@@ -33,7 +32,6 @@ from hystid.modelica.flat import FlatModel
 from hystid.modelica.sources import Source, declaration, library_folder, read
 
 _WRAPPER = "HystidStructure"
-TIME_LIMIT = 120.0  # seconds for one answer: ten times what 10,000 elements take
 _MEMORY = 8 << 30  # bytes
 _STACK = 256 << 20  # bytes: parentheses nested ten thousand deep fit
 
@@ -127,14 +125,16 @@ class FrontEnd:
             stderr=self._printed,
             encoding="utf-8",
             env={**_environment(), "XDG_CACHE_HOME": self._folder.name, "PYTHONIOENCODING": "utf-8"},
+            start_new_session=True,
         )
-        self._expired = False
+        self._counted = ExitStack()
+        self._counted.enter_context(counted(self._process))
         # names of folders that do not exist: the front end would read what lies beside a real file
         self._named = {f"hystid-{number}/{source.path.name}": source for number, source in enumerate(files)}
         self._first = {
             "path": sys.path,
             "memory": _memory_limit(),
-            "seconds": math.ceil(COMPILE_SECONDS.value),
+            "seconds": math.ceil(COMPILE_SECONDS.value),  # should nobody be there any more to end it
             "stack": _STACK,
             "root": str(root),
             "files": [[path, source.text] for path, source in self._named.items()],
@@ -145,7 +145,7 @@ class FrontEnd:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.kill()
+        self._counted.close()
         self._process.communicate()
         self._printed.close()
         self._folder.cleanup()
@@ -167,8 +167,6 @@ class FrontEnd:
 
     def _asked(self, wrapper: Mapping[str, str]) -> str:
         assert self._process.stdin and self._process.stdout
-        timer = threading.Timer(TIME_LIMIT, self._expire)
-        timer.start()
         try:
             for line in ([self._first] if self._first else []), [wrapper]:
                 self._process.stdin.writelines(json.dumps(item) + "\n" for item in line)
@@ -177,23 +175,17 @@ class FrontEnd:
             answer = self._process.stdout.readline()
         except BrokenPipeError:
             answer = ""
-        finally:
-            timer.cancel()
         if not answer.endswith("\n"):
             raise self._silent()
         return answer
 
-    def _expire(self) -> None:
-        self._expired = True
-        self._process.kill()
-
     def _silent(self) -> ModelicaError:
-        code = self._process.wait()
+        wait_until_over(self._process)
+        self._counted.close()
+        code = self._process.returncode
         self._printed.seek(0)
         printed = self._printed.read().decode(errors="replace")
-        if self._expired:
-            how = f"it took more than {TIME_LIMIT:g} s"
-        elif code == -getattr(signal, "SIGXCPU", 0):
+        if code == -getattr(signal, "SIGXCPU", 0):
             how = f"it computed for more than {COMPILE_SECONDS}"
         elif re.search("memory allocation|MemoryError", printed):
             how = "it ran out of memory"

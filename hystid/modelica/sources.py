@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from hystid.errors import ModelicaError
-from hystid.files import check_regular
+from hystid.files import text_of
 
 _KEYWORD = r"(?:model|block|class|package|function|connector|record|type|operator)"
 _CLASS = re.compile(rf"(?<![\w.]){_KEYWORD}\s+([A-Za-z_]\w*)")
@@ -144,11 +144,7 @@ def blanked(text: str) -> str:
 
 def read(path: Path) -> Source:
     """Read one file as UTF-8. Raises ModelicaError where that fails."""
-    check_regular(path, ModelicaError)
-    try:
-        return Source(path, path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelicaError(f"{path}: cannot be read as UTF-8 text ({error})") from None
+    return Source(path, text_of(path, ModelicaError))
 
 
 def read_tree(root: Path) -> list[Source]:

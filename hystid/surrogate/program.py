@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hystid.limits import COMPILE_ELEMENTS, room_for
 from hystid.surrogate.functions import FUNCTIONS
 from hystid.surrogate.names import Names
 from hystid.surrogate.tensors import Buffer, Kind, Values, View, broadcast_shape, whole
@@ -22,7 +23,6 @@ from hystid.surrogate.tensors import Buffer, Kind, Values, View, broadcast_shape
 Reduction = Literal["sum", "max", "min"]
 
 MOST_ELEMENTS = 1_000_000  # of one tensor
-MOST_IN_ALL = 8_000_000  # 64 MB: what stands on the stack of the generated function, and in its tables
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,6 @@ class Builder:
     statements: list[Statement] = field(default_factory=list)
     note: str = ""  # the node being built, for comments
     hint: str = "t"  # its result's name, for identifiers
-    elements: int = 0  # in all tables and arrays so far
 
     def room(self, shape: Sequence[int]) -> int:
         """Number of elements of a shape, asked for before they are made. Raises ValueError beyond the budget."""
@@ -128,9 +127,8 @@ class Builder:
         size = prod(int(n) for n in shape)
         if size > MOST_ELEMENTS:
             raise ValueError(f"its result has more than {MOST_ELEMENTS} elements, which is too large to compile")
-        self.elements += size
-        if self.elements > MOST_IN_ALL:
-            raise ValueError(f"the network has more than {MOST_IN_ALL} elements in all, which is too large to compile")
+        if not room_for(size):
+            raise ValueError(f"the network has more than {COMPILE_ELEMENTS}, which is too large to compile")
         return size
 
     def constant(self, values: ArrayLike) -> View:

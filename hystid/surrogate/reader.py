@@ -20,7 +20,7 @@ from onnx import (
 )
 
 from hystid.errors import NetworkError
-from hystid.limits import COMPILE_SECONDS, OutOfTime, bounded
+from hystid.limits import compiled, room_for
 from hystid.surrogate import layout, recurrent  # noqa: F401  (they register their operators)
 from hystid.surrogate.names import readable
 from hystid.surrogate.operators import OPERATORS, Node
@@ -48,10 +48,7 @@ def program(model: ModelProto, name: str, sizes: Mapping[str, int] | None = None
     axis has a name. All arithmetic is in double precision whatever the element types of the file.
     Raises NetworkError naming the node and operator that cannot be compiled, or the limit that the network exceeds.
     """
-    try:
-        return bounded(lambda: _program(model, name, sizes))
-    except OutOfTime:
-        raise NetworkError(f"compiling takes more than {COMPILE_SECONDS}: use a smaller network") from None
+    return compiled(f"the network '{name}'", lambda: _program(model, name, sizes), NetworkError)
 
 
 def _program(model: ModelProto, name: str, sizes: Mapping[str, int] | None) -> Program:
@@ -81,6 +78,7 @@ def _constants(graph: GraphProto) -> dict[str, np.ndarray[Any, Any]]:
             f"the network has {total} weights, more than the {MOST_CONSTANTS} that are compiled into C: "
             "use a smaller network, or run this one in an ONNX runtime"
         )
+    room_for(total)  # more would have been refused
     return {tensor.name: _numbers(tensor, f"initialiser '{readable(tensor.name)}'") for tensor in graph.initializer}
 
 

@@ -21,6 +21,7 @@ from hystid.diagnosis.model.catalogue import with_laws
 from hystid.diagnosis.model.effects import Effect, effect_of
 from hystid.diagnosis.model.semantics import KEYWORD, semantics_of
 from hystid.errors import UsageError
+from hystid.files import text_of
 from hystid.modelcode import Variable, code_data, code_of
 from hystid.modelica import compile_model
 from hystid.modelica.sources import library_folder
@@ -48,9 +49,7 @@ def load_effects(own: Sequence[Path] = ()) -> list[Effect]:
 
 
 def _own_blocks(path: Path) -> list[str]:
-    if not path.is_file():
-        raise UsageError(f"--effects {path}: there is no such file")
-    blocks = _BLOCK.findall(path.read_text(encoding="utf-8"))
+    blocks = _BLOCK.findall(text_of(path, UsageError))
     if not blocks:
         raise UsageError(
             f"--effects {path}: no block was found; write one that extends HystId.Interfaces.PartialEffect"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hystid.errors import UsageError
+from hystid.files import json_of
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,7 @@ def given_parameters(parameters: str | Path | Mapping[str, Any] | None) -> Given
     where = "parameters"
     if not isinstance(parameters, Mapping):
         where = str(parameters)
-        try:
-            parameters = json.loads(Path(parameters).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise UsageError(f"{where}: there is no such file") from None
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise UsageError(f"{where}: not a JSON file ({error})") from None
+        parameters = json_of(Path(parameters), UsageError)
     if not isinstance(parameters, Mapping):
         raise UsageError(f"{where}: parameters are an object of name: value, not a {type(parameters).__name__}")
     values: dict[str, float] = {}

@@ -132,6 +132,11 @@ static int initial_sensitivity(hy_instance *c, double *seed, double *sens, doubl
     return outcome;
 }
 
+static int given(hy_instance *c, int outcome, const double *derivatives, size_t n)
+{
+    return hy_fmi_status(c, outcome ? outcome : hy_check_numbers(c, "a directional derivative", derivatives, n));
+}
+
 static int initial_failed(hy_instance *c, int outcome)
 {
     if (outcome == HY_RETRY) return hy_fail(c, "derivative: the initial equations have no solution beside the present one");
@@ -147,7 +152,7 @@ static int initial_directional(hy_instance *c, const unsigned *unknown, size_t n
     outcome = initial_sensitivity(c, e->seed, e->sens, room);
     free(room);
     for (size_t i = 0; i < n_unknown && !outcome; i++) sensitivity[i] = e->sens[unknown[i]];
-    return initial_failed(c, outcome);
+    return outcome ? initial_failed(c, outcome) : given(c, HY_OK, sensitivity, n_unknown);
 }
 
 /* Row by row, for the initial equations are not differentiated backwards. */
@@ -166,7 +171,7 @@ static int initial_adjoint(hy_instance *c, const unsigned *unknown, size_t n_unk
         for (size_t i = 0; i < n_unknown; i++) sensitivity[k] += seed[i] * e->sens[unknown[i]];
     }
     free(room);
-    return initial_failed(c, outcome);
+    return outcome ? initial_failed(c, outcome) : given(c, HY_OK, sensitivity, n_known);
 }
 
 /* ---- both ---- */
@@ -187,7 +192,7 @@ int hy_directional(hy_instance *c, const unsigned *unknown, size_t n_unknown, co
     outcome = m->forward(&e->data, e->seed, e->sens);
     for (size_t i = 0; i < n_unknown; i++)
         sensitivity[i] = stands(m, (int)unknown[i]) ? e->seed[unknown[i]] : e->sens[unknown[i]];
-    return hy_fmi_status(c, outcome);
+    return given(c, outcome, sensitivity, n_unknown);
 }
 
 int hy_adjoint(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known,
@@ -210,5 +215,5 @@ int hy_adjoint(hy_instance *c, const unsigned *unknown, size_t n_unknown, const 
     }
     outcome = m->adjoint(&e->data, e->seed, e->sens);
     for (size_t i = 0; i < n_known; i++) sensitivity[i] = e->sens[known[i]];
-    return hy_fmi_status(c, outcome);
+    return given(c, outcome, sensitivity, n_known);
 }

@@ -177,6 +177,16 @@ static int check_derivatives(hy_instance *c)
     return HY_OK;
 }
 
+int hy_check_numbers(hy_instance *c, const char *what, const double *values, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (isfinite(values[i])) continue;
+        hy_fail(c, "%s is not finite at t = %.9g s", what, c->engine.data.v[0]);
+        return HY_RETRY;
+    }
+    return HY_OK;
+}
+
 int hy_exit_initialization(hy_instance *c)
 {
     hy_engine *e = &c->engine;
@@ -212,7 +222,7 @@ static int indicators(hy_instance *c, double *z)
     const int outcome = e->model->indicators(&c->engine.data, z);
     for (int i = 0; i < e->model->n_z; i++)
         if (e->sign[i] == 0) z[i] = LEFT - fabs(z[i]);
-    return outcome;
+    return outcome ? outcome : hy_check_numbers(c, "an event indicator", z, (size_t)e->model->n_z);
 }
 
 static int get_indicator(hy_instance *c, unsigned vr, double *value)
@@ -220,7 +230,7 @@ static int get_indicator(hy_instance *c, unsigned vr, double *value)
     const int outcome = indicators(c, c->engine.z);
     c->engine.z_stands = 0; /* as shown, which is not what the engine compares */
     *value = c->engine.z[vr - (unsigned)c->engine.model->n_values];
-    return hy_fmi_status(c, outcome);
+    return outcome;
 }
 
 int hy_get(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, double *value)
@@ -232,12 +242,16 @@ int hy_get(hy_instance *c, const char *call, const unsigned *vr, size_t n, int t
     outcome = instantiated ? HY_OK : hy_present(c);
     if (outcome) return hy_fmi_status(c, outcome);
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] < (unsigned)c->engine.model->n_values && hy_variables[vr[i]].type == type)
+        if (vr[i] < (unsigned)c->engine.model->n_values && hy_variables[vr[i]].type == type) {
             value[i] = v[vr[i]];
-        else if (type == REAL && !instantiated && is_indicator(c, vr[i]) && !get_indicator(c, vr[i], value + i))
-            continue;
-        else
+            if (!isfinite(value[i]) && c->engine.status->mode & ~(INSTANTIATED | FAILED))
+                outcome = not_finite(c, (int)vr[i], "variable", (int)vr[i]);
+        } else if (type == REAL && !instantiated && is_indicator(c, vr[i])) {
+            outcome = get_indicator(c, vr[i], value + i);
+        } else {
             return hy_fail(c, "%s: there is no variable of this type with value reference %u", call, vr[i]);
+        }
+        if (outcome) return hy_fmi_status(c, outcome);
     }
     return FMI_OK;
 }

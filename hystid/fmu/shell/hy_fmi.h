@@ -73,6 +73,7 @@ int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_define
 int hy_enter_continuous(hy_instance *c);
 int hy_completed_step(hy_instance *c);
 int hy_input_derivatives(hy_instance *c, const unsigned *vr, size_t n, const int *order, const double *value);
+int hy_check_numbers(hy_instance *c, const char *what, const double *values, size_t n); /* HY_RETRY, and told, where one is not finite */
 int hy_directional(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known,
                    const double *seed, double *sensitivity);
 int hy_adjoint(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known,

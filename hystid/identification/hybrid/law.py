@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 
 from hystid.compiled import CompiledModel
 from hystid.errors import NumericalError, UsageError
+from hystid.files import text_of
 from hystid.modelcode import Variable
 from hystid.modelica import compile_model
 from hystid.modelica.sources import only_class
@@ -175,7 +176,7 @@ def law_of(model: str) -> Law:
     path, _, name = named.rpartition(":")
     return Law(
         name,
-        Path(path).read_text(encoding="utf-8") if path else "",
+        text_of(Path(path), UsageError) if path else "",
         CompiledModel(code),
         {v.name: float(v.start or 0.0) for v in free},
         {v.name: v.unit for v in free},
@@ -185,7 +186,7 @@ def law_of(model: str) -> Law:
 
 
 def _class_in(file: Path) -> str:
-    written = re.search(r"^model Extended\b", file.read_text(encoding="utf-8"), re.MULTILINE)
+    written = re.search(r"^model Extended\b", text_of(file, UsageError), re.MULTILINE)
     return "Extended" if written else only_class(file)
 
 
