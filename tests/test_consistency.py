@@ -131,6 +131,18 @@ def test_a_filter_is_told_from_a_lag(channel: str, kind: str, side: str) -> None
     assert finding.seen[side] == pytest.approx(corner, rel=0.05)
 
 
+@pytest.mark.parametrize("corner", [0.5, 1.0])
+def test_ac_coupling_below_the_motion_is_said_where_it_feigns_damping(corner: float) -> None:
+    """The test begins at 2 Hz, so the size shows nothing; but a leads, which adds m times the corner to the damping."""
+    plain = rig()
+    a = sosfilt(butter(1, corner, "high", fs=RATE, output="sos"), plain.channel("a"))
+    found = examine([replace(plain, a=a)], mass=MASS).findings
+    feigned = MASS * 2 * np.pi * corner
+    assert feigned > 0.1 * DAMPING
+    assert [(f.slip, f.channel) for f in found] == [("filtered", "a")]
+    assert found[0].seen["lost below"] == pytest.approx(corner, rel=0.1)
+
+
 def test_the_force_may_hold_another_channel_than_its_own() -> None:
     plain = rig()
     with pytest.raises(RecordingError, match="F and x are exchanged"):

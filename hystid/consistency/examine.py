@@ -86,7 +86,8 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     timed = not recording.quasi_static and len(recording) >= _SHORTEST and moves
     compared = pairs(recording) if timed else []
     force = examine_force(recording) if len(recording) >= _SHORTEST and moves else None
-    forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p)) is not None}
+    inertia = _inertia(recording, force, mass)
+    forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
     situation, best = _best(recording, compared, forms, force, mass)
     exchanged = _force_for_motion(recording, compared, best) if timed else None
     if exchanged is not None:
@@ -302,11 +303,19 @@ def _main(recording: Recording) -> float:
     return float(held.omega[int(np.argmax(weight))]) if len(held.omega) else 0.0
 
 
-def _form(recording: Recording, p: Pair) -> Form | None:
+def _inertia(recording: Recording, force: Force | None, mass: float | None) -> float:
+    """rms of m a over that share of F which does work, with the mass given or else the apparent one; 0: unknown."""
+    if force is None or recording.F is None or recording.a is None or force.power <= 0 or force.share < _EXPLAINED:
+        return 0.0
+    moving = mass if mass is not None else force.mass if force.mass > 3 * force.mass_error else 0.0
+    return moving * float(np.std(recording.a)) / (force.power * float(np.std(recording.F)))
+
+
+def _form(recording: Recording, p: Pair, inertia: float) -> Form | None:
     """The filter between two channels that both are measured."""
     if not p.is_one_motion or computed(recording, motion(recording), p.low, p.high) is not None:
         return None
-    return filtered(recording, p)
+    return filtered(recording, p, inertia)
 
 
 def _lags(
@@ -413,7 +422,7 @@ def _channels(recording: Recording, compared: Sequence[Pair]) -> dict[str, Chann
         ratio = 20 * math.log10(rms / how.noise) if how.noise > 0 and 0 < rms / how.noise < math.inf else math.inf
         found[name] = Channel(
             name, recording.unit(name), rms, float(values.min()), float(values.max()), how.noise, ratio, band,
-            measured, origin,
+            measured, origin, how.white,
         )  # fmt: skip
     return found
 

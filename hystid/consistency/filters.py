@@ -24,7 +24,9 @@ _CALIBRATION = 0.02  # relative error of a response that a sound chain leaves in
 _PRIOR = math.log(100.0)  # one channel in a hundred has a filter inside the band of the test
 _SURE = math.log(1e3)  # odds beyond: a note on a sound recording costs trust in all others
 _MATTERS = 0.01  # share of the power that a filter takes or moves: a tenth of the size
+_FEIGNED = 0.1  # share of the work taken up that a phase may feign: no test states a damping closer
 _FEWEST = 5  # bands with motion: a form has two unknowns, in size and phase each
+_BEYOND = 10.0  # corner outside of the motion, as a factor: beyond, a first-order filter turns by less than a tenth
 _TAILS = 3.0  # degrees of freedom of the errors of a band, the fewest with a variance
 
 
@@ -45,8 +47,11 @@ class Form:
     odds: float
 
 
-def filtered(recording: Recording, p: Pair) -> Form | None:
-    """The filter between two channels, None where a plain or a late response does as well."""
+def filtered(recording: Recording, p: Pair, inertia: float = 0.0) -> Form | None:
+    """The filter between two channels, None where a plain or a late response does as well.
+
+    inertia: rms of m a over that share of F which does work; 0 where nobody knows it.
+    """
     channels = motion(recording)
     order = ORDER[p.high] - ORDER[p.low]
     found = compare(channels[p.low], channels[p.high], order, recording.dt)
@@ -60,7 +65,9 @@ def filtered(recording: Recording, p: Pair) -> Form | None:
         made += [(*held.best(side, channel, shape), held, sign) for side, channel, shape in _forms(p, held.omega)]
     best, answer, corner, (side, channel), held, sign = max(made, key=lambda item: item[0])
     odds = best - plain - _PRIOR - 0.5 * math.log(len(held.omega))
-    if odds < _SURE or not held.matters(answer, order):
+    if odds < _SURE:
+        return None
+    if not held.matters(answer, order) and not (channel == "a" and inertia * held.damping(answer) > _FEIGNED):
         return None
     return Form(side, channel, corner, held.gain(answer), sign, odds)
 
@@ -130,13 +137,22 @@ class _Held:
         self, side: str, channel: str, shape: Callable[[float], Complex]
     ) -> tuple[float, Complex, float, tuple[str, str]]:
         """Likelihood, response and corner of one form at its best corner, and what it is."""
-        corners = np.geomspace(self.omega[0], self.omega[-1], 60)  # what it passes has to be seen
+        # What it passes has to be seen; its corner need not: the phase of an AC coupling reaches ten times as far.
+        lowest, highest = self.omega[0], self.omega[-1]
+        lowest, highest = (lowest / _BEYOND, highest) if side == "low" else (lowest, highest * _BEYOND)
+        corners = np.geomspace(lowest, highest, 60)
         scores = [self.likelihood(shape(float(c))) for c in corners]
         k = int(np.argmax(scores))
         finer = np.geomspace(corners[max(k - 1, 0)], corners[min(k + 1, 59)], 15)
         more = [self.likelihood(shape(float(c))) for c in finer]
         at = int(np.argmax(more))
         return more[at], shape(float(finer[at])), float(finer[at]), (side, channel)
+
+    def damping(self, form: Complex) -> float:
+        """Work that the turned phase of an acceleration feigns, over rms(a) rms(v)."""
+        share = self.high / float(np.sum(self.high))
+        speed = math.sqrt(float(np.sum(share / self.omega**2)))
+        return abs(float(np.sum(share * form.imag / self.omega))) / speed
 
     def matters(self, form: Complex, order: int) -> bool:
         """Whether the form changes a hundredth of the power, as acceleration or as slow motion."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from itertools import permutations
 
 from hystid.consistency.kinematics import ORDER, Pair
+from hystid.errors import UsageError
 from hystid.units import to_si
 
 CALIBRATION = 0.05  # standard deviation of ln(gain) of sensors that nobody calibrated: makers state 5 to 10 %
@@ -168,7 +169,7 @@ def _units(name: str, units: Sequence[str], situation: Situation) -> Iterator[Sl
     written = situation.written.get(name) or quantity
     try:
         factor = to_si(written, quantity)[0]
-    except Exception:  # a voltage with a sensitivity: its SI unit is as good as any
+    except UsageError:  # a voltage with a sensitivity: its SI unit is as good as any
         written, factor = quantity, 1.0
     for rank, unit in enumerate(units):
         ratio = factor / to_si(unit, quantity)[0]
@@ -181,7 +182,7 @@ def _times(situation: Situation) -> Iterator[Slip]:
     written = situation.written.get("t") or "s"
     try:
         factor = to_si(written, "s")[0]
-    except Exception:
+    except UsageError:  # samples, or a unit of the user: seconds are as good as any
         factor = 1.0
     for unit, size in TIME.items():
         ratio = factor / size

@@ -42,9 +42,9 @@ class Channel:
     """State of one channel.
 
     unit: SI. rms about the mean, smallest and largest value, SI. noise: standard deviation of its white noise, and its
-    level noise_db below the rms [dB]. band: frequencies [Hz] in which the channel counts: above its noise, and where
-    another channel shows the same motion, in accord with that. measured: whether it holds information of its own;
-    origin says how it came about.
+    level noise_db below the rms [dB]. white: whether that noise shows; else these are limits, for the motion hides it.
+    band: frequencies [Hz] in which the channel counts: above its noise, and where another channel shows the same
+    motion, in accord with that. measured: whether it holds information of its own; origin says how it came about.
     """
 
     name: str
@@ -57,6 +57,7 @@ class Channel:
     band: tuple[float, float]
     measured: bool
     origin: str
+    white: bool = True
 
 
 @dataclass(frozen=True)
