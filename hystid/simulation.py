@@ -144,4 +144,5 @@ def _recording(
         origin=origin,
         notes=(*force.notes, note),
         warnings=force.warnings,
+        rotational=force.rotational or driver.model.variable("F").unit == "N.m",
     )

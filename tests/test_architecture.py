@@ -15,7 +15,7 @@ PACKAGE = ROOT / "hystid"
 LAYERS = [
     {"errors"},
     {"files", "leastsquares", "limits", "outputs", "progress", "units", "modelcode"},
-    {"cache", "child"},
+    {"cache", "child", "rotation"},
     {"toolchain"},
     {"results"},
     {"recording"},

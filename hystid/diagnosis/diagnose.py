@@ -27,6 +27,7 @@ from hystid.diagnosis.prepare.recordings import SHORTEST, take
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.tell.conclude import conclude, free_run_only
 from hystid.diagnosis.tell.result import Diagnosis
+from hystid.diagnosis.tell.turned import turned
 from hystid.diagnosis.tell.written import written
 from hystid.errors import UsageError
 from hystid.progress import track
@@ -85,7 +86,7 @@ def diagnose(
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:
         return not_applicable(str(refusal), str(model), given.values, out)
-    return written(answer, extended, out)
+    return written(turned(answer) if taken.tests[0].rotational else answer, extended, out)
 
 
 def not_applicable(

@@ -176,7 +176,8 @@ def _model(trained: Trained, recordings: Sequence[Recording], plan: Plan) -> Two
     }
     rate = max(recording.sample_rate for recording in recordings)
     model = plan.model([start.member for start in trained.chosen], rate, limits)
-    return replace(model, metadata=trained.metadata)
+    turns = {"rotational": True} if recordings[0].rotational else {}
+    return replace(model, metadata={**trained.metadata, **turns})
 
 
 def _compare(models: Mapping[str, TwoNetworkModel], recording: Recording, role: Role) -> Comparison:

@@ -116,6 +116,11 @@ class Identification(Result, report="identification", json="identification.json"
     hybrid: Hybrid | None = None
 
     @property
+    def rotational(self) -> bool:
+        """Whether the rig turns: x in rad, forces in N.m, the mass in kg.m2."""
+        return self.comparisons[0].recording.rotational
+
+    @property
     def judged(self) -> list[Comparison]:
         """The comparisons that count: held-out recordings where there are any."""
         unseen = [comparison for comparison in self.comparisons if comparison.role == "holdout"]

@@ -29,6 +29,7 @@ from hystid.networks.model import TwoNetworkModel
 from hystid.networks.perceptron import Network
 from hystid.networks.ports import FurtherInput, Lag
 from hystid.networks.trust import Spread
+from hystid.rotation import turned_unit
 
 OPERATOR_SET = 17
 IR_VERSION = 8  # read by every runtime since 2022
@@ -59,6 +60,12 @@ class StepDescription:
     lags: tuple[Lag, ...] = ()
     level: Level | None = None
     spread: bool = False
+
+    @property
+    def rotational(self) -> bool:
+        """Whether it is of a rig that turns: x in rad, R in N.m, the mass in kg.m2."""
+        units = json.loads(self.metadata.get("units", "{}"))
+        return isinstance(units, dict) and units.get("R") == "N.m"
 
     @property
     def late(self) -> dict[int, str]:
@@ -94,9 +101,7 @@ def metadata_of(model: TwoNetworkModel) -> dict[str, str]:
     layout += [f"{lag.source}_late[{j + 1}]" for j, lag in enumerate(model.lags)]
     return {
         "hystid_version": _version(),
-        "units": json.dumps(
-            UNITS | ({"R_spread": "N"} if model.spread else {}) | {port.name: port.unit for port in model.inputs}
-        ),
+        "units": json.dumps(_units(model)),
         "inputs": json.dumps([{"name": p.name, "unit": p.unit, "column": p.column} for p in model.inputs]),
         "lags": json.dumps([{"source": lag.source, "time": lag.time} for lag in model.lags]),
         "tail": json.dumps([model.tail.stiffness, model.tail.damping] if model.tail else []),
@@ -120,6 +125,13 @@ def metadata_of(model: TwoNetworkModel) -> dict[str, str]:
         "initial_state": json.dumps([float(value) for value in model.initial_state()]),
         "identification": json.dumps(dict(model.metadata), default=str),
     }
+
+
+def _units(model: TwoNetworkModel) -> dict[str, str]:
+    units = UNITS | ({"R_spread": "N"} if model.spread else {})
+    if model.metadata.get("rotational"):
+        units = {name: turned_unit(unit) for name, unit in units.items()}
+    return units | {port.name: port.unit for port in model.inputs}
 
 
 def _version() -> str:

@@ -39,6 +39,7 @@ def page(diagnosis: Diagnosis, command: str) -> Page:
         command=command,
         verdict=Verdict(_TONES[diagnosis.verdict], _spoken(diagnosis), _advice(diagnosis)),
         facts=_facts(diagnosis),
+        rotational=diagnosis.rotational,
     )
     said = diagnosis.as_dict()
     if said.get("probability"):

@@ -10,9 +10,10 @@ import numpy as np
 from hystid.consistency import Channel, Examination, Examined
 from hystid.recording import Recording
 from hystid.report.curves import T_AXIS, responses
-from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent
+from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent, with_error
 from hystid.report.plots import Axis, Line, Plot
 from hystid.report.text import columns
+from hystid.rotation import turned_text
 
 _SHOWN = 6  # recordings with pictures
 _LINES = 2048  # of a spectrum: resolution enough for a page
@@ -27,9 +28,10 @@ def page(result: Examination, command: str) -> Page:
         verdict=verdict(result),
         facts=[
             Fact("Recordings", f"{count}"),
-            Fact("To be mended", f"{len(result.refusals)}", "no result would mean anything"),
+            Fact("To be mended", f"{len(result.refusals)}", "before anything is computed from them"),
             Fact("Notes", f"{len(result.notes)}", "worth knowing"),
         ],
+        rotational=any(item.rotational for item in result.examined),
     )
     if result.findings:
         made.section("Findings")
@@ -42,7 +44,7 @@ def page(result: Examination, command: str) -> Page:
         if item.balance is not None:
             made.table(Table("Force and motion", ["what", "value"], _balance(item)))
         if item.undecided:
-            made.text("What this recording cannot show, so that nobody checked it:")
+            made.text("What this recording does not show, and was not checked:")
             made.bullets(item.undecided.values())
         recording = next((r for r in result.recordings[:_SHOWN] if r.name == item.recording), None)
         if recording is not None:
@@ -62,14 +64,19 @@ def verdict(result: Examination) -> Verdict:
         return Verdict("bad", f"{first.recording}: {first.sentence}", f"To mend it: {first.mend}.")
     if result.notes:
         first = result.notes[0]
-        return Verdict("warn", f"The channels fit together, with {len(result.notes)} notes", f"{first.sentence}.")
+        return Verdict("warn", f"The channels fit together, with {_notes(len(result.notes))}", f"{first.sentence}.")
     return Verdict("good", "Nothing speaks against using these recordings", "Units, signs and clocks fit together.")
+
+
+def _notes(count: int) -> str:
+    return "one note" if count == 1 else f"{count} notes"
 
 
 def summary(result: Examination) -> str:
     """Channels, relations and findings in plain text."""
-    parts = []
+    parts: list[str] = []
     for item in result.examined:
+        before = len(parts)
         parts.append(f"{item.recording}: {item.samples} samples at {item.sample_rate:.6g} Hz")
         parts.append(columns([tuple(_CHANNEL_HEAD), *(_plain(row) for row in _channels(item))]))
         if item.relations:
@@ -77,6 +84,7 @@ def summary(result: Examination) -> str:
         if item.balance is not None:
             parts.append("; ".join(f"{what}: {value}" for what, value in _balance(item)))
         parts += item.undecided.values()
+        parts[before:] = map(turned_text, parts[before:]) if item.rotational else parts[before:]
     parts += [f"{'mend' if f.severity == 'refuse' else 'note'}: {f}" for f in (*result.refusals, *result.notes)]
     if not result.findings:
         parts.append("nothing speaks against using these recordings")
@@ -87,18 +95,20 @@ def _plain(row: Iterable[str | Cell]) -> tuple[str, ...]:
     return tuple(cell.text if isinstance(cell, Cell) else cell for cell in row)
 
 
-_CHANNEL_HEAD = ["channel", "lowest", "highest", "rms", "noise below it", "counts in", "measured?"]
-_RELATION_HEAD = ["relation", "gain", "sign", "lag", "coherence", "in"]
+_CHANNEL_HEAD = ["channel", "lowest", "highest", "rms", "signal to noise", "usable band", "measured?"]
+_RELATION_HEAD = ["relation", "gain", "sign", "lag", "coherence", "band"]
 _RELATION_NOTE = (
     "Gain 1, sign + and no lag are right. The errors come from the coherence and from sections of the test."
 )
+_ANGULAR = {"F": "F (torque)", "x": "x (angle)"}
 _SLOPES = {("x", "v"): "v over dx/dt", ("x", "a"): "a over d2x/dt2", ("v", "a"): "a over dv/dt"}
 
 
 def _channels(item: Examined) -> list[list[str | Cell]]:
     return [
         [
-            name, number(channel.low, channel.unit, 4), number(channel.high, channel.unit, 4),
+            _ANGULAR.get(name, name) if item.rotational else name,
+            number(channel.low, channel.unit, 4), number(channel.high, channel.unit, 4),
             number(channel.rms, channel.unit, 4), _decibels(channel), _band(channel.band), _origin(channel),
         ]
         for name, channel in item.channels.items()
@@ -106,7 +116,9 @@ def _channels(item: Examined) -> list[list[str | Cell]]:
 
 
 def _decibels(channel: Channel) -> str:
-    return f"{channel.noise_db:.0f} dB" if math.isfinite(channel.noise_db) else "none seen"
+    if not math.isfinite(channel.noise_db):
+        return "no noise seen"
+    return f"{'' if channel.white else 'more than '}{channel.noise_db:.0f} dB"
 
 
 def _band(band: tuple[float, float]) -> str:
@@ -121,9 +133,7 @@ def _relations(item: Examined) -> list[list[str | Cell]]:
     rows: list[list[str | Cell]] = []
     for relation in item.relations:
         gain = f"{relation.gain:.4g} ± {relation.gain * relation.gain_error:.2g}" if relation.gain > 0 else "-"
-        lag = f"{1e3 * relation.lag:.3g} ms"
-        if math.isfinite(relation.lag_error):
-            lag += f" ± {1e3 * relation.lag_error:.2g}"
+        lag = with_error(1e3 * relation.lag, 1e3 * relation.lag_error, "ms")
         sign = Cell("+", "good") if relation.sign > 0 else Cell("-", "bad")
         name = _SLOPES[relation.low, relation.high]
         rows.append([name, gain, sign, lag, percent(relation.coherence), _band(relation.band)])
@@ -134,13 +144,13 @@ def _balance(item: Examined) -> list[tuple[str, str]]:
     balance, unit = item.balance, "kg.m2" if item.rotational else "kg"
     assert balance is not None  # asked for where there is one
     rows = [
-        ("F that a structure explains which takes up energy", percent(balance.passive)),
-        ("the same for the reversed F", percent(balance.reversed)),
+        ("share of F that a passive structure explains", percent(balance.passive)),
+        ("the same share with F reversed", percent(balance.reversed)),
     ]
     if math.isfinite(balance.mass_error):
         low, high = balance.mass_bounds
         word = "inertia" if item.rotational else "mass"
-        rows.append((f"moving {word} that F over a shows", f"between {number(low, unit)} and {number(high, unit)}"))
+        rows.append((f"moving {word} by F over a", f"between {number(low, unit)} and {number(high, unit)}"))
     return rows
 
 

@@ -42,6 +42,7 @@ def page(result: Identification, command: str) -> Page:
         command=command,
         verdict=verdict(result),
         facts=_facts(result),
+        rotational=result.rotational,
     )
     made.toggles(("measured", "measured"), ("model", "surrogate"), ("muted", "linear fit"))
     _errors(made, result)

@@ -7,14 +7,15 @@ long recording is shown in windows of full resolution; the slider moves from one
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hystid.recording import Array
-from hystid.report.plots import Axis, Line, Plot, Points, Role, packed, prefix_for
+from hystid.report.plots import Axis, Line, Plot, Points, Role, packed, prefix_for, turned_axis
+from hystid.rotation import turned_text
 
 _WINDOWS = 7  # stretches of a long recording
 _MOST = 300  # samples in one of them: dense enough for a loop, light enough for a page
@@ -51,6 +52,14 @@ class Linked:
     views: Sequence[View]
     windows: Sequence[slice]
     first: int = 0
+
+    def turned(self) -> Linked:
+        """The views of a rig that turns: of angle and torque."""
+        views = [
+            replace(view, title=turned_text(view.title), x=turned_axis(view.x), y=turned_axis(view.y))
+            for view in self.views
+        ]
+        return replace(self, views=views)
 
     def plots(self) -> list[Plot]:
         """The views of the first window as plain figures."""

@@ -32,8 +32,10 @@ from typing import Literal
 
 from hystid.files import write_text
 from hystid.report.linked import Linked
-from hystid.report.plots import COLOURS, DARK, Plot, Role, compact, prefix_for
+from hystid.report.plots import COLOURS, DARK, Plot, Role, compact, prefix_for, turned_plot
+from hystid.rotation import turned_text
 
+_BESIDE = 3  # columns that fit beside each other on a phone
 Tone = Literal["good", "warn", "bad", "neutral"]
 
 
@@ -131,7 +133,12 @@ class Page:
         command: str = "hystid",
         verdict: Verdict | None = None,
         facts: Sequence[Fact] = (),
+        rotational: bool = False,
     ) -> None:
+        self._rotational = rotational
+        title, subtitle = self._said(title), self._said(subtitle)
+        verdict = self._said_verdict(verdict) if verdict else None
+        facts = [self._said_fact(fact) for fact in facts]
         self.title = title
         self.figures: list[Plot] = []
         self._toggles: list[tuple[Role, str]] = []
@@ -150,8 +157,19 @@ class Page:
         if facts:
             self._head.append(_facts(facts))
 
+    def _said(self, text: str) -> str:
+        """A text of angle and torque where the rig turns."""
+        return turned_text(text) if self._rotational else text
+
+    def _said_verdict(self, verdict: Verdict) -> Verdict:
+        return Verdict(verdict.tone, self._said(verdict.headline), self._said(verdict.detail))
+
+    def _said_fact(self, fact: Fact) -> Fact:
+        return Fact(self._said(fact.label), self._said(fact.value), self._said(fact.hint))
+
     def section(self, title: str, text: str = "") -> None:
         """Start a section; it appears in the list of contents. Blank lines in text part paragraphs."""
+        title = self._said(title)
         self._sections.append(title)
         self._body.append(f'<h2 id="s{len(self._sections)}">{escape(title)}</h2>')
         if text:
@@ -159,16 +177,16 @@ class Page:
 
     def text(self, text: str) -> None:
         """Paragraphs, parted by blank lines."""
-        self._body += [f"<p>{escape(part.strip())}</p>" for part in text.split("\n\n") if part.strip()]
+        self._body += [f"<p>{escape(part.strip())}</p>" for part in self._said(text).split("\n\n") if part.strip()]
 
     def bullets(self, items: Iterable[str]) -> None:
         """A list of sentences."""
-        self._body.append("<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>")
+        self._body.append("<ul>" + "".join(f"<li>{escape(self._said(item))}</li>" for item in items) + "</ul>")
 
     def links(self, items: Iterable[tuple[str, str]]) -> None:
         """Files beside this page: (relative path, what is in it)."""
         listed = "".join(
-            f'<li><a href="{escape(path)}">{escape(path)}</a>: {escape(what)}</li>' for path, what in items
+            f'<li><a href="{escape(path)}">{escape(path)}</a>: {escape(self._said(what))}</li>' for path, what in items
         )
         self._body.append(f"<ul>{listed}</ul>")
 
@@ -178,14 +196,15 @@ class Page:
 
     def facts(self, facts: Sequence[Fact]) -> None:
         """A row of figures."""
-        self._body.append(_facts(facts))
+        self._body.append(_facts([self._said_fact(fact) for fact in facts]))
 
     def verdict(self, verdict: Verdict) -> None:
         """A coloured sentence within the page."""
-        self._body.append(_verdict(verdict))
+        self._body.append(_verdict(self._said_verdict(verdict)))
 
     def plots(self, *plots: Plot, columns: int = 2) -> None:
         """Figures beside each other, ``columns`` (1, 2 or 3) in a row; below each other on a narrow screen."""
+        plots = tuple(map(turned_plot, plots)) if self._rotational else plots
         self.figures += plots
         columns = 1 if len(plots) == 1 else columns
         names = {1: "grid one", 2: "grid", 3: "grid three"}
@@ -193,6 +212,8 @@ class Page:
 
     def linked(self, title: str, linked: Linked) -> None:
         """Views of the same samples with one cursor, and a slider through the windows of a long recording."""
+        title = self._said(title)
+        linked = linked.turned() if self._rotational else linked
         self.figures += linked.plots()
         self._body.append(_linked(title, linked))
 
@@ -205,8 +226,13 @@ class Page:
         self._toggles = list(shown)
 
     def table(self, table: Table) -> None:
-        """A table that scrolls sideways where it is wider than the screen."""
-        self._body.append(_table(table))
+        """A table; on a narrow screen the rows of one with many columns become cards."""
+        rows = [[self._said_cell(cell) for cell in row] for row in table.rows]
+        titles = [self._said(name) for name in table.columns]
+        self._body.append(_table(Table(self._said(table.title), titles, rows, self._said(table.note))))
+
+    def _said_cell(self, cell: str | Cell) -> str | Cell:
+        return Cell(self._said(cell.text), cell.tone) if isinstance(cell, Cell) else self._said(cell)
 
     def reproduce(self, command: str, settings: Mapping[str, str] | None = None) -> None:
         """The last section: the command, what it was given, and the versions that matter."""
@@ -325,21 +351,20 @@ def _table(table: Table) -> str:
         f'<th scope="col"{_class("text" if text else "")}>{escape(name)}</th>'
         for name, text in zip(table.columns, wordy, strict=True)
     )
-    rows = "".join(
-        "<tr>" + "".join(_cell(cell, text) for cell, text in zip(row, wordy, strict=True)) + "</tr>"
-        for row in table.rows
-    )
+    rows = "".join("<tr>" + "".join(map(_cell, row, wordy, table.columns)) + "</tr>" for row in table.rows)
+    stacked = _class("stacked" if len(table.columns) > _BESIDE else "")
     note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
     return (
-        f'<div class="scroll"><table><caption>{escape(table.title)}</caption>'
+        f'<div class="scroll"><table{stacked}><caption>{escape(table.title)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{note}</div>"
     )
 
 
-def _cell(cell: str | Cell, text: bool) -> str:
+def _cell(cell: str | Cell, text: bool, column: str) -> str:
     content, tone = (cell.text, cell.tone) if isinstance(cell, Cell) else (cell, "neutral")
     kind = " ".join(part for part in ("text" if text else "", tone if tone != "neutral" else "") if part)
-    return f"<td{_class(kind)}>{escape(content)}</td>"
+    label = f' data-label="{escape(column)}"' if column else ""
+    return f"<td{_class(kind)}{label}><span>{escape(content)}</span></td>"
 
 
 def _class(name: str) -> str:

@@ -9,13 +9,14 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, cast
 
 import numpy as np
 
 from hystid.errors import UsageError
 from hystid.recording.types import Array
+from hystid.rotation import turned_text, turned_unit
 
 COLOURS = {
     "measured": "#2b3440",
@@ -44,7 +45,7 @@ _CYCLE = ("#1668c7", "#d9730d", "#12805c", "#7b4fc9", "#c8372d", "#0c8599", "#9c
 _NAMED = {colour: f"@{role}" for role, colour in COLOURS.items()} | {"#f7f8fa": "@ground"}
 _MOST_POINTS = 2000  # a screen has fewer columns; more only makes the file heavy
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
-_PREFIXABLE = {"m", "N", "s", "J", "W", "Hz", "m/s", "N/m", "Pa", "V"}
+_PREFIXABLE = {"m", "N", "s", "J", "W", "Hz", "m/s", "N/m", "Pa", "V", "rad", "rad/s", "N.m", "N.m/rad"}
 
 Role = Literal["measured", "reference", "model", "after", "before", "good", "bad", "third", "muted"]
 
@@ -165,6 +166,27 @@ class Plot:
     marks: Sequence[Mark] = field(default_factory=tuple)
     height: int = 340
     square: bool = False
+
+
+def turned_plot(plot: Plot) -> Plot:
+    """The figure of a rig that turns: of angle and torque."""
+    series = tuple(_turned_series(one) for one in plot.series)
+    marks = tuple(replace(mark, text=turned_text(mark.text)) for mark in plot.marks)
+    x, y = turned_axis(plot.x), turned_axis(plot.y)
+    title, caption = turned_text(plot.title), turned_text(plot.caption)
+    return replace(plot, title=title, x=x, y=y, series=series, caption=caption, marks=marks)
+
+
+def turned_axis(axis: Axis) -> Axis:
+    """The axis of a rig that turns."""
+    unit = turned_text(axis.unit) if " " in axis.unit else turned_unit(axis.unit)
+    return replace(axis, label=turned_text(axis.label), unit=unit)
+
+
+def _turned_series(series: Series) -> Series:
+    if isinstance(series, Heat):
+        return replace(series, label=turned_text(series.label), unit=turned_unit(series.unit))
+    return replace(series, name=turned_text(series.name))
 
 
 def figure(plot: Plot) -> dict[str, Any]:

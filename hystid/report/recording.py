@@ -15,7 +15,7 @@ NAMES = {"F": "Force F", "x": "Displacement x", "v": "Velocity v", "a": "Acceler
 
 def page(result: Recording, command: str) -> Page:
     """The report; a pure function of the recording."""
-    made = Page(f"Recording {result.name}", command=command, facts=_facts(result))
+    made = Page(f"Recording {result.name}", command=command, facts=_facts(result), rotational=result.rotational)
     made.section("Channels")
     made.table(Table("Ranges", ["channel", "lowest", "highest", "rms", "origin"], _rows(result)))
     made.plots(*overview(result))

@@ -26,6 +26,7 @@ def page(result: Validation, command: str) -> Page:
         command=command,
         verdict=verdict(result),
         facts=_facts(result),
+        rotational=result.rotational,
     )
     made.toggles(("reference", "reference"), ("model", "surrogate"), ("third", "free run"))
     add_errors(made, result)

@@ -10,6 +10,7 @@ from pathlib import Path
 from hystid.errors import NetworkError, UsageError
 from hystid.modelcode import Experiment, ModelCode, Variable
 from hystid.networks import onnx
+from hystid.rotation import turned_code
 from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
 from hystid.surrogate.emit import functions
@@ -59,7 +60,11 @@ def surrogate_code(path: Path) -> ModelCode:
     code = block_code(
         program, interface_of_surrogate(about), "surrogate", "Restoring force R of an identified structure with memory"
     )
-    return replace(code, resources={NETWORK: Path(path).read_bytes()})
+    return _shown(replace(code, resources={NETWORK: Path(path).read_bytes()}), about)
+
+
+def _shown(code: ModelCode, about: onnx.StepDescription) -> ModelCode:
+    return turned_code(code) if about.rotational else code
 
 
 def middle(about: onnx.StepDescription) -> dict[str, float]:
@@ -92,7 +97,7 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
             f"{path}: an oscillator needs a mass above 0 kg, found {kilograms:g}: pass the mass of the moving part"
         )
     sizes, c_text = _oscillator_text(program, about, kilograms)
-    return block.signed(
+    code = block.signed(
         ModelCode(
             name="oscillator",
             description="Mass on the restoring force of an identified structure with memory: m a = F - R",
@@ -109,6 +114,7 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
             resources={NETWORK: Path(path).read_bytes()},
         )
     )
+    return _shown(code, about)
 
 
 def _oscillator_text(program: Program, about: onnx.StepDescription, mass: float) -> tuple[Block, str]:

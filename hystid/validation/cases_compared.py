@@ -149,6 +149,11 @@ class Validation(Result, report="validation", json="validation.json"):
     inputs: tuple[FurtherInput, ...] = ()
     files: Mapping[str, Path] = field(default_factory=dict)
 
+    @property
+    def rotational(self) -> bool:
+        """Whether the rig turns: x in rad, forces in N.m, the mass in kg.m2."""
+        return self.cases[0].reference.rotational
+
     def figures(self, which: Literal["force_nrmse", "x_nrmse", "R_nrmse"]) -> Array:
         """That error of each case, shape (cases,): infinite where the free run diverged, NaN where there is none."""
         if which == "force_nrmse":

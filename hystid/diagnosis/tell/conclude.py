@@ -62,7 +62,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
         notes,
         {"lags": case.consistency, "delay": last.delay, "weighing": last.weighing},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
-        dependence=depends, catalogue=case.catalogue,
+        dependence=depends, catalogue=case.catalogue, values=refit_values(answer, choice.after),
     )  # fmt: skip
     worded = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
     return worded, runs.text

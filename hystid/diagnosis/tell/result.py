@@ -18,6 +18,7 @@ from hystid.diagnosis.fit.values import Value
 from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.tell.dependence import Dependence
 from hystid.results import Result
+from hystid.rotation import turned_text
 
 Array = NDArray[np.float64]
 _LISTED = 8  # candidates
@@ -123,7 +124,8 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     """The answer. findings: strongest first. unknown: location and laws of a mismatch without a name.
 
     dependence: further columns of the recordings on which what is left depends, the strongest first. catalogue: what
-    the effects declare of themselves.
+    the effects declare of themselves. values: parameters of the baseline in the end, fitted together with what was
+    found. rotational: whether the rig turns, x in rad, forces in N.m and the mass in kg.m2.
     """
 
     verdict: Verdict
@@ -149,6 +151,8 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     folder: Path | None = None
     dependence: tuple[Dependence, ...] = ()
     catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
+    values: Mapping[str, Value] = field(default_factory=dict)
+    rotational: bool = False
 
     def sentence(self) -> str:
         """The verdict and what stands behind it, in one line."""
@@ -169,6 +173,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
                 "noise_floor": self.noise_floor,
             },
             "findings": [finding.as_dict() for finding in self.findings],
+            "final": {"parameters": {name: value.as_dict() for name, value in self.final_values().items()}},
             "unknown": self.unknown.as_dict() if self.unknown else None,
             "fit": {
                 "force_nrmse": {"before": self.force_nrmse[0], "after": self.force_nrmse[1]},
@@ -187,11 +192,17 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
             "notes": list(self.notes),
         }
 
+    def final_values(self) -> dict[str, Value]:
+        """Every parameter of model and findings in the end; those of a finding as ``effect.parameter``."""
+        found = {f"{f.effect}.{name}": value for f in self.findings for name, value in f.parameters.items()}
+        return {**(self.values or self.refit), **found}
+
     def title_of(self, names: Sequence[str]) -> str:
         """Display name of some ids that act together, each under the name of its class."""
         shown = {alike: finding.title for finding in self.findings for alike in finding.alike if finding.title}
         told = (shown.get(name) or self.catalogue.class_title([name, *self._equal(name, names)]) for name in names)
-        return " and ".join(dict.fromkeys(told))
+        joined = " and ".join(dict.fromkeys(told))
+        return turned_text(joined) if self.rotational else joined
 
     def _equal(self, name: str, beside: Sequence[str]) -> tuple[str, ...]:
         return tuple(other for other in self.catalogue.equal(name, beside) if other != name)

@@ -11,7 +11,9 @@ from pathlib import Path
 from hystid.diagnosis.model.adapters import is_fmu
 from hystid.diagnosis.prove.runs import compile_text, write_beside
 from hystid.diagnosis.tell.result import Diagnosis, Traces
+from hystid.diagnosis.tell.turned import turned_model
 from hystid.files import inside, safe_name, write_json, write_text
+from hystid.rotation import turned_code
 
 
 def written(answer: Diagnosis, extended: str | None, out: str | Path | None) -> Diagnosis:
@@ -21,16 +23,20 @@ def written(answer: Diagnosis, extended: str | None, out: str | Path | None) -> 
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     for trace in answer.traces:
-        write_text(inside(folder, f"mismatch_{safe_name(trace.name)}.csv"), _table(trace))
+        write_text(
+            inside(folder, f"mismatch_{safe_name(trace.name)}.csv"), _table(trace, "N.m" if answer.rotational else "N")
+        )
     if extended is not None:
         from hystid.fmu import build
 
-        write_text(folder / "extended.mo", extended)
+        write_text(folder / "extended.mo", turned_model(extended) if answer.rotational else extended)
+        code = compile_text(extended)
+        code = turned_code(code) if answer.rotational else code
         if is_fmu(answer.model):
-            build(compile_text(extended), folder / "effects.fmu")
+            build(code, folder / "effects.fmu")
             write_beside(answer.model, _fmu_settings(answer), folder / "effects.fmu", folder / "extended.ssp")
         else:
-            build(compile_text(extended), folder / "extended.fmu")
+            build(code, folder / "extended.fmu")
     write_json(folder / "diagnosis.json", answer.as_dict())
     return replace(answer, folder=folder)
 
@@ -42,10 +48,10 @@ def _fmu_settings(answer: Diagnosis) -> Mapping[str, float]:
     return answer.problem.baseline.settings(answer.final.hypothesis.parameters())
 
 
-def _table(trace: Traces) -> str:
+def _table(trace: Traces, unit: str) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["t [s]", "residual [N]", "score [-]"])
+    writer.writerow(["t [s]", f"residual [{unit}]", "score [-]"])
     writer.writerows(
         [f"{t:.9g}", f"{r:.7g}", f"{s:.6g}"] for t, r, s in zip(trace.t, trace.residual, trace.score, strict=True)
     )
