@@ -259,5 +259,5 @@ def test_a_class_is_one_candidate_with_one_name(catalogue: Catalogue) -> None:
     told = [(c["title"], round(c["probability"], 9)) for c in said.as_dict()["candidates"]]
     assert told[0] == ("play between two stops", 0.9) and len(told) == 3
     assert said.as_dict()["findings"][0]["title"] == "play between two stops"
-    assert headline(said).startswith("play between two stops: ")
+    assert headline(said).startswith("play between two stops (probability 90 %")
     assert "play between two stops (two_sided_stop, backlash)" in summary(said)

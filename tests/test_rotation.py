@@ -81,6 +81,8 @@ def test_the_diagnosis_is_of_torques(folder: Path) -> None:
     units = {name: value["unit"] for name, value in why.as_dict()["final"]["parameters"].items()}
     assert units["m"] == "kg.m2" and units["Kl"] == "N.m/rad"
     assert {"N.m", "N.m/rad"} & {v.unit for finding in why.findings for v in finding.parameters.values()}
+    law = np.concatenate([trace.effect for trace in why.traces])
+    assert law.min() < -0.5 * SLIP < 0.5 * SLIP < law.max()  # a force with its sign, not its size
     why.report(folder / "why" / "report.html")
     _is_of_angles(folder / "why" / "report.html")
     assert "kg.m2" in (folder / "why" / "extended.mo").read_text()

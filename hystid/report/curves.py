@@ -119,7 +119,7 @@ def responses(records: Sequence[Recording], most: int = 6) -> Plot | None:
             curves.append(Line(frequency, gain, name, width=1.3))
     if not curves:
         return None
-    axes = Axis("Frequency", "Hz", log=True, prefix=False), Axis("|x/F|, m/N", log=True)
+    axes = Axis("Frequency", "Hz", log=True, prefix=False), Axis("|x/F|", "m/N", log=True)
     caption = "By level of force. A linear structure gives one curve; where the curves differ, it is not linear."
     return Plot("Frequency response by level", *axes, curves, caption)
 

@@ -29,6 +29,7 @@ _HARMONICS = 10
 _CANDIDATES = 10
 _LINKED = 2  # recordings that are shown in linked views, and free runs: more make the page long and say little more
 _OVERVIEWS = 6
+_TRIALS = 15
 _TONAL = 0.3  # share of the power in one line above which multiples of it mean something
 
 
@@ -60,24 +61,23 @@ def _after(d: Diagnosis) -> tuple[tuple[Role, str], ...]:
 
 
 def _odds(page: Page, probability: Mapping[str, float]) -> None:
-    """The probabilities of the headline: something is missing, nothing is, or the data cannot say."""
-    names: tuple[tuple[str, str, Tone], ...] = (
-        ("something_missing", "something is missing", "warn"),
-        ("nothing_missing", "nothing is missing", "good"),
-        ("unknown", "these recordings cannot say", "neutral"),
+    """The probabilities of the headline, which add up to 1."""
+    nothing, unknown = float(probability["nothing_missing"]), float(probability["unknown"])
+    shares: tuple[tuple[str, float, Tone], ...] = (
+        ("an effect of the library is missing", max(0.0, 1.0 - nothing - unknown), "warn"),
+        ("nothing is missing", nothing, "good"),
+        ("something is missing that no effect of the library explains", unknown, "neutral"),
     )
-    page.odds([(text, float(probability[key]), tone) for key, text, tone in names if probability.get(key) is not None])
+    page.odds(shares)
 
 
 def summary(result: Diagnosis) -> str:
     """The verdict, each finding with its parameters, and the fit before and after."""
     lines = [f"{result.verdict.replace('_', ' ')}: {result.headline}"]
     for finding in result.findings:
-        values = ", ".join(
-            f"{name} = {with_error(p.value, p.stderr, p.unit)}" for name, p in finding.parameters.items()
-        )
+        values = ", ".join(f"{name} = {_value(finding, name)}" for name in finding.parameters)
         ids = ", ".join(finding.alike)
-        lines.append(f"  {title(finding)} ({ids}), confidence {percent(finding.confidence)}: {values}")
+        lines.append(f"  {title(finding)} ({ids}), probability {percent(finding.confidence)}: {values}")
         lines.append(f"    where: {finding.where.text}")
     rows: list[tuple[str, ...]] = [("free run, x NRMSE", "before", "after")]
     for error in (*result.errors, *result.holdout):
@@ -118,11 +118,10 @@ def _facts(d: Diagnosis) -> list[Fact]:
         text = f"{first} → {last}" if d.findings else first
         facts.append(Fact(label, text, "error of the displacement, NRMSE"))
     if d.findings:
-        strongest = d.findings[0]
-        facts.append(Fact("Probability of the name", percent(strongest.confidence), title(strongest)))
-        share = getattr(strongest, "explained", None)
-        if share is not None:
-            facts.append(Fact("Explained", percent(share), "share of the misfit above the noise"))
+        least = min(finding.confidence for finding in d.findings)
+        facts.append(Fact("Probability", percent(least), " and ".join(title(finding) for finding in d.findings)))
+        if d.choice is not None and d.choice.named:
+            facts.append(Fact("Explained", percent(d.choice.explained), "share of the misfit above the noise"))
     return facts
 
 
@@ -131,18 +130,42 @@ def title(finding: Finding) -> str:
     return finding.title or finding.effect.replace("_", " ")
 
 
+_SIDES = {1.0: "+1 (at positive x)", -1.0: "-1 (at negative x)", 0.0: "0 (on both sides)"}
+
+
+def _value(finding: Finding, name: str) -> str:
+    """A parameter with its error; the side of a one-sided law in words."""
+    value = finding.parameters[name]
+    if name == finding.roles.get("switch") and value.value in _SIDES:
+        return _SIDES[value.value]
+    return with_error(value.value, value.stderr, value.unit)
+
+
+def _meanings(d: Diagnosis, finding: Finding) -> dict[str, str]:
+    """What the block of a finding says of its parameters."""
+    terms = d.final.hypothesis.terms if d.final is not None else ()
+    models = [term.effect.model for term in terms if term.effect.id in finding.alike]
+    known = {v.name: v.description for model in models if model is not None for v in model.code.variables}
+    return {name: known.get(name, "") for name in finding.parameters}
+
+
 def _what(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     page.section("What was found")
     if not d.findings:
         page.text(d.headline + ".")
     for finding in d.findings:
-        rows = [[name, with_error(v.value, v.stderr, v.unit)] for name, v in finding.parameters.items()]
+        rows = [[name, _value(finding, name), text] for name, text in _meanings(d, finding).items()]
         share = getattr(finding, "explained", None)
         where = finding.where.text[:1].upper() + finding.where.text[1:]
         note = f"{where}. " + (f"It explains {percent(share)} of the misfit above the noise." if share else "")
         heading = title(finding)
         page.table(
-            Table(heading[:1].upper() + heading[1:], ["parameter", "value ± standard error"], rows, note.strip())
+            Table(
+                heading[:1].upper() + heading[1:],
+                ["parameter", "value ± standard error", "meaning"],
+                rows,
+                note.strip(),
+            )
         )
     if d.findings:
         page.plots(*(plot for plot in (evidence.force_curve(d), evidence.both_ways(d)) if plot is not None))
@@ -171,9 +194,8 @@ def _candidates(page: Page, said: Mapping[str, Any]) -> None:
 
 def _parameters(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     """Every parameter in the end, and what the refit of the baseline alone had to move."""
-    final = (said.get("final") or {}).get("parameters") or {}
-    if final:
-        rows = [[n, with_error(v["value"], v.get("stderr"), v.get("unit") or "")] for n, v in final.items()]
+    if d.findings:
+        rows = [[name, with_error(v.value, v.stderr, v.unit)] for name, v in d.final_values().items()]
         note = "Baseline and findings, fitted together. These are the values in extended.mo."
         page.table(Table("Final parameters", ["parameter", "value ± standard error"], rows, note))
     moved = []
@@ -297,7 +319,7 @@ def _levels(d: Diagnosis, named: bool) -> Plot:
         *([Points(amplitude, after, "with findings", "after", names)] if named else []),
     )
     axes = Axis("amplitude", "m"), Axis("residual in units of the noise")
-    return Plot("Which recordings it touches", *axes, series, "1 is the noise. Amplitude: rms times 1.41.")
+    return Plot("Residual by recording", *axes, series, "1 is the noise. Amplitude: rms times 1.41.")
 
 
 def _in_time(trace: Traces, named: bool) -> Plot:
@@ -352,25 +374,30 @@ def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     page.section("Evidence", "What each effect leaves when it is added: 1 is the noise. The simpler law wins a tie.")
     choice = d.choice
     if choice is not None and choice.trials:
+        alike = {name for finding in d.findings for name in finding.alike}
+        shown = {
+            (d.catalogue.title(t.name), t.form or "plain", number(t.chi2, digits=4), percent(t.absorbed)): t.name
+            for t in choice.trials[:_TRIALS]
+        }
         rows: list[list[str | Cell]] = [
             [
-                d.catalogue.title(t.name),
-                t.form or "plain",
-                number(t.chi2, digits=4),
-                percent(t.absorbed),
-                Cell("named", "good") if t.name in choice.named else Cell("rejected"),
+                *texts,
+                Cell("named", "good")
+                if name in choice.named
+                else Cell("not distinguishable" if name in alike else "rejected"),
             ]
-            for t in choice.trials[:15]
+            for texts, name in shown.items()
         ]
         columns = ["effect", "form", "mean square left", "collinear with the refit", ""]
         note = (
-            f"The baseline leaves {choice.before.chi2:.4g}, a perfect model would leave {choice.floor_after:.4g}. "
+            f"The baseline leaves {number(choice.before.chi2, digits=4)}, "
+            f"a perfect model would leave {number(choice.floor_after, digits=4)}. "
             f"What is named explains {percent(choice.explained)} of the difference."
         )
         page.table(Table("Effects that were tried first", columns, rows, note))
-    alike = evidence.look_alikes(d)
-    if alike is not None:
-        page.plots(alike, columns=1)
+    likeness = evidence.look_alikes(d)
+    if likeness is not None:
+        page.plots(likeness, columns=1)
     for finding in d.findings:
         if len(finding.alike) > 1:
             members = ", ".join(d.catalogue.title(name) for name in finding.alike)
@@ -381,7 +408,7 @@ def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     if d.unknown:
         page.text(d.unknown.text + ".")
     if d.notes:
-        page.bullets(d.notes)
+        page.bullets(dict.fromkeys(d.notes))
 
 
 def _went_in(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:

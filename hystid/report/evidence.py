@@ -14,6 +14,7 @@ from hystid.diagnosis.prepare.chain import turns
 from hystid.report.curves import response
 from hystid.report.page import number
 from hystid.report.plots import Axis, Bars, Line, Mark, Plot, Points, Role, Series
+from hystid.rotation import turned_unit
 
 Array = NDArray[np.float64]
 _BINS = 30
@@ -71,7 +72,7 @@ def force_curve(d: Diagnosis) -> Plot | None:
     marks = [mark for finding in d.findings for mark in _thresholds(finding, axis.unit)]
     span = float(np.max(np.abs(at)))
     shown = tuple(mark for mark in marks if abs(mark.at) <= span)
-    caption = "Every so manyth sample of all recordings." + (" Dotted: the threshold of the law." if shown else "")
+    caption = f"One sample in {step} of all recordings." + (" Dotted: the threshold of the law." if shown else "")
     return Plot("Force that was missing", axis, Axis("force", "N"), series, caption, marks=shown)
 
 
@@ -84,10 +85,10 @@ def _scatter(at: Array, values: Array) -> float:
 def _thresholds(finding: Finding, unit: str) -> list[Mark]:
     """Marks at the displacement where a law sets in, on the side where it does, or on both."""
     gap = finding.threshold
-    if gap is None or gap.unit != unit:
+    if gap is None or gap.unit not in (unit, turned_unit(unit)):
         return []
     signs = (1.0, -1.0) if finding.side == 0 else (float(np.sign(finding.side)),)
-    return [Mark(sign * gap.value, text=f"threshold {1e3 * gap.value:.4g} mm", role="bad") for sign in signs]
+    return [Mark(sign * gap.value, text=f"threshold {number(gap.value, unit, 4)}", role="bad") for sign in signs]
 
 
 def stiffness(d: Diagnosis) -> Plot | None:
@@ -101,7 +102,7 @@ def stiffness(d: Diagnosis) -> Plot | None:
     ]
     if not curves:
         return None
-    axes = Axis("frequency", "Hz", log=True, prefix=False), Axis("|R/x|, N/m", log=True)
+    axes = Axis("frequency", "Hz", log=True, prefix=False), Axis("|R/x|", "N/m", log=True)
     caption = "By level of motion. A linear structure gives one curve; friction softens and stops stiffen with level."
     return Plot("Frequency response by level", *axes, curves, caption)
 
@@ -155,7 +156,7 @@ def spectrum(trace: Traces, named: bool) -> Plot:
         series.append(Line(frequency[1:], np.sqrt(power[1:]), name, role))
     noise = trace.noise * np.sqrt(2.0 / rate)
     series.append(Line(frequency[[1, -1]], np.full(2, noise), "noise", "muted", "dot"))
-    axes = Axis("frequency", "Hz", log=True, prefix=False), Axis("density, N per root Hz", log=True)
+    axes = Axis("frequency", "Hz", log=True, prefix=False), Axis("density", "N/√Hz", log=True)
     return Plot(f"Spectrum of the residual, {trace.name}", *axes, tuple(series), "White noise is the dotted line.")
 
 

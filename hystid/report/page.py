@@ -109,7 +109,9 @@ def with_error(value: float, stderr: float | None, unit: str = "") -> str:
     value, stderr = value / scale, stderr / scale
     magnitude = math.floor(math.log10(max(abs(value), stderr)))
     digits = min(max(magnitude - math.floor(math.log10(stderr)) + 2, 2), 9)
-    return f"{_significant(value, digits)} ± {_significant(stderr, 2)} {shown}".strip()
+    place = 1 - math.floor(math.log10(stderr))
+    error = f"{stderr:.{place}f}" if 4 <= place < 10 and abs(value) < 1e3 else _significant(stderr, 2)
+    return f"{_significant(value, digits)} ± {error} {shown}".strip()
 
 
 def _significant(value: float, digits: int) -> str:

@@ -217,6 +217,15 @@ class Answer:
             total = [f + g for f, g in zip(total, feigned, strict=True)]
         return total
 
+    def law(self) -> list[Array]:
+        """The force of the laws that were named, added to R, per recording [N]: with its sign, unlike ``acting``."""
+        problem, hypothesis = self.problem, self.choice.after.hypothesis
+        terms = [term for term in hypothesis.terms if term.effect.id not in NUISANCES]
+        return [
+            np.sum([term.effect.force(s, term.values) for term in terms], axis=0) if terms else np.zeros(len(part))
+            for part, s in zip(problem.parts, problem.signals(hypothesis), strict=True)
+        ]
+
     def _feigned(self, fault: Fault) -> list[Array]:
         """The force that a faulty channel feigns: its error times what it is multiplied with in the balance."""
         problem, hypothesis = self.problem, self.choice.after.hypothesis

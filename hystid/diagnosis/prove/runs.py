@@ -123,8 +123,8 @@ def _polished(answer: Answer, skeleton: Skeleton, model: CompiledModel) -> tuple
     covariance = _of_the_run(found.covariance, fit) / max(chi2, 1.0)  # by which standard errors are scaled
     after = replace(fit, hypothesis=found.hypothesis, residual=rows, chi2=chi2, covariance=covariance)
     told = (
-        f"parameters polished on the displacement in free run: its error on the last quarter of the recordings, which "
-        f"was kept back, falls from {100 * found.before:.3g} % to {100 * found.after:.3g} %"
+        f"parameters fitted once more, to the displacement in free run: its error on the last quarter of each "
+        f"recording, which was kept back, falls from {100 * found.before:.3g} % to {100 * found.after:.3g} %"
     )
     return replace(answer, choice=replace(answer.choice, after=after)), (told,)
 

@@ -154,7 +154,7 @@ def _traces(
     problem = case.problem
     mass = choice.after.hypothesis.mass()
     residual, left = (problem.balance(f.hypothesis) for f in (choice.before, choice.after))
-    acting = answer.acting()
+    acting, law = answer.acting(), answer.law()
     made = []
     for i, part in enumerate(problem.parts):
         noise = part.balance_noise(case.baseline.mass)
@@ -163,7 +163,7 @@ def _traces(
         score = locate.score(force, noise) if named else locate.unknown_score(residual[i], noise)
         made.append(
             Traces(
-                part.name, part.t, part.x, part.v, part.F - mass * part.inertia, residual[i], left[i], force, score,
+                part.name, part.t, part.x, part.v, part.F - mass * part.inertia, residual[i], left[i], law[i], score,
                 noise, before[0][i][0], after[0][i][0],
             )
         )  # fmt: skip

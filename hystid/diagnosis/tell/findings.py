@@ -113,7 +113,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def _told(finding: Finding) -> str:
-    return f"{finding.title}: {finding.where.text}, confidence {finding.confidence:.2f}"
+    return f"{finding.title} (probability {100 * finding.confidence:.0f} %, {finding.where.text})"
 
 
 def _better(diagnosis: Diagnosis) -> str:

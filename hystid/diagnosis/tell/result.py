@@ -100,7 +100,8 @@ class Errors:
 class Traces:
     """Signals of one recording for tables and plots, shape (n,) each, SI units.
 
-    residual: what the refitted baseline leaves of the balance; left: what is left in the end; effect: named force.
+    residual: what the refitted baseline leaves of the balance; left: what is left in the end; effect: force of the
+    laws that were named, which with ``left`` is what the baseline of the final fit lacks.
     free_before, free_after: displacement in free run, None where there is none.
     """
 
