@@ -16,7 +16,7 @@ install: $(STAMP) ## make .venv with everything in it (pinned by constraints.txt
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt torch==2.13.0
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,hdf5,uff,tdms,cluster,cross,test,notebook,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train,hdf5,uff,tdms,mdf,parquet,cluster,cross,test,notebook,dev]'
 	@touch $@
 
 demo: install    ## the virtual experiment end to end: Modelica to diagnosis, in ./demo
