@@ -1,11 +1,11 @@
 """Is each slip of a label named, and is nothing said about sound recordings?
 
-    python -m benchmarks.slips [../shared/data] [--show] [--sound-only | --slips-only]
+    python -m benchmarks.slips [../shared/data] [--show] [--sound-only | --slips-only | --commands]
 
 Twenty slips on ten recordings: five rigs simulated here, five of other laboratories. A slip that the channels of a
 recording cannot show (no second channel with that quantity, no mass to weigh the force by) is counted apart, where
 the examination of the sound recording says so beforehand. Then every sound recording: each rig under each force and
-noise, and every file of the data.
+noise, and every file of the data. ``--commands`` runs each slip through every command instead, as a user would.
 """
 
 from __future__ import annotations
@@ -264,7 +264,13 @@ def main() -> None:
     parser.add_argument("--show", action="store_true")
     parser.add_argument("--sound-only", action="store_true")
     parser.add_argument("--slips-only", action="store_true")
+    parser.add_argument("--commands", action="store_true", help="every command on files with each slip")
     given = parser.parse_args()
+    if given.commands:
+        from benchmarks.slips_in_commands import measure_commands
+
+        measure_commands(given.show)
+        return
     if not given.sound_only:
         measure(given.data, given.show)
     if not given.slips_only:

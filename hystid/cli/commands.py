@@ -340,7 +340,8 @@ def diagnose(
 ) -> int:
     """Find where a model and recordings disagree, name the physics that was left out, and fit it.
 
-    Exit code 0: the model explains the data (perhaps after its own refit); 1: something was found.
+    Exit code 0: the model explains the data (perhaps after its own refit); 1: something was found, or a label of a
+    recording cannot be right, such as a unit or a sign.
 
     \b
     Examples:
@@ -364,7 +365,7 @@ def diagnose(
             )
         result.report(folder / "report.html", _command("diagnose"))
     _done(result, out)
-    return 0 if result.verdict in ("consistent", "recalibrated") else 1
+    return 0 if result.verdict in ("consistent", "recalibrated") and not result.misread else 1
 
 
 @app.command()

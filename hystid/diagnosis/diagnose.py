@@ -86,6 +86,7 @@ def diagnose(
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:
         return not_applicable(str(refusal), str(model), given.values, out)
+    answer = replace(answer, misread=taken.misread, doubts=taken.doubts)
     return written(turned(answer) if taken.tests[0].rotational else answer, extended, out)
 
 

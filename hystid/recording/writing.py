@@ -18,7 +18,7 @@ def write_csv(recording: Recording, path: str | Path, *, comments: tuple[str, ..
     """
     present = {name: getattr(recording, name) for name in CHANNELS if getattr(recording, name) is not None}
     time = "t_pseudo" if recording.quasi_static else "t"
-    headers = [f"{time} [s]", *(f"{name} [{CHANNELS[name]}]" for name in present), *_extra_headers(recording)]
+    headers = [f"{time} [s]", *(f"{name} [{recording.unit(name)}]" for name in present), *_extra_headers(recording)]
     columns = [recording.t, *present.values(), *recording.extra.values()]
     derived = [f"{name}: {text}" for name, text in recording.origin.items() if text != "measured"]
     lines = [recording.name, *comments, *recording.notes, *derived]

@@ -38,7 +38,9 @@ def page(diagnosis: Diagnosis, command: str) -> Page:
     made = Page(
         f"Diagnosis of {diagnosis.model}",
         command=command,
-        verdict=Verdict(_TONES[diagnosis.verdict], _spoken(diagnosis), _advice(diagnosis)),
+        verdict=Verdict(
+            "bad" if diagnosis.misread else _TONES[diagnosis.verdict], _spoken(diagnosis), _advice(diagnosis)
+        ),
         facts=_facts(diagnosis),
         rotational=diagnosis.rotational,
     )
@@ -74,6 +76,8 @@ def _odds(page: Page, probability: Mapping[str, float]) -> None:
 def summary(result: Diagnosis) -> str:
     """The verdict, each finding with its parameters, and the fit before and after."""
     lines = [f"{result.verdict.replace('_', ' ')}: {result.headline}"]
+    lines += [f"to be mended: {text}" for text in result.misread]
+    lines += [f"doubtful: {text}" for text in result.doubts]
     for finding in result.findings:
         values = ", ".join(f"{name} = {_value(finding, name)}" for name in finding.parameters)
         ids = ", ".join(finding.alike)
@@ -96,7 +100,9 @@ def _spoken(d: Diagnosis) -> str:
 
 
 def _advice(d: Diagnosis) -> str:
-    return f"Next: {d.next_experiment}" if d.next_experiment else ""
+    told = [f"To be mended in the recordings: {text}." for text in d.misread]
+    told += [f"Doubtful, and it may look like physics: {text}." for text in d.doubts]
+    return " ".join([*told, f"Next: {d.next_experiment}" if d.next_experiment else ""]).strip()
 
 
 def _facts(d: Diagnosis) -> list[Fact]:

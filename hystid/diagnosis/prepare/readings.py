@@ -28,11 +28,17 @@ class Contradiction(RecordingError):
 
 @dataclass(frozen=True)
 class Readings:
-    """Recordings whose channels fit together, with what was read in another way in their notes, and a late force."""
+    """Recordings whose channels fit together, with what was read in another way in their notes, and a late force.
+
+    misread: sentences on labels that were read in another way than the file states; doubts: on filters, drift and
+    clocks of channels, which no other reading mends.
+    """
 
     tests: list[Recording]
     unseen: list[Recording]
     faults: tuple[Fault, ...]
+    misread: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: float | None) -> Readings:
@@ -42,17 +48,23 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
     delay below a sample, which is fitted. mass [kg]: as given, None where it is not known. Raises Contradiction.
     """
     used, held = ([_read(test, mass) for test in group] for group in (tests, unseen))
+    misread = tuple(
+        note
+        for test, (here, _) in zip((*tests, *unseen), (*used, *held), strict=True)
+        for note in here.notes[len(test.notes) :]
+    )
+    doubts = tuple(str(note) for note in examine([here for here, _ in (*used, *held)], mass).notes)
     late = _late_force([lag for _, lag in used]) if len(used) > 1 else None  # one test may be a law that looks late
     groups = [[test for test, _ in group] for group in (used, held)]
     if late is None:
-        return Readings(groups[0], groups[1], ())
+        return Readings(groups[0], groups[1], (), misread, doubts)
     seconds, error = late
     dt = groups[0][0].dt
     groups = [[_aligned(test, seconds) for test in group] for group in groups]
     fault = Fault(DELAY, "F", seconds / dt, error / dt, seconds=seconds)
     first = groups[0][0]
     groups[0][0] = replace(first, notes=(*first.notes, fault.sentence()))
-    return Readings(groups[0], groups[1], (fault,))
+    return Readings(groups[0], groups[1], (fault,), misread, doubts)
 
 
 def _read(test: Recording, mass: float | None) -> tuple[Recording, tuple[float, float] | None]:

@@ -31,7 +31,8 @@ _GOOD_RIG = 2e-3  # noise over spread, 54 dB
 class Taken:
     """Recordings for the fit, those that are held out, what the user knows, and faults of channels found by then.
 
-    clipped: channels that stop at a level, which only the recordings as they were read show.
+    clipped: channels that stop at a level, which only the recordings as they were read show. misread: sentences on
+    labels that were read in another way than the files state; doubts: on filters, drift and clocks of channels.
     """
 
     tests: list[Recording]
@@ -39,6 +40,8 @@ class Taken:
     given: Given
     faults: tuple[Fault, ...] = ()
     clipped: tuple[Fault, ...] | None = None
+    misread: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
@@ -59,7 +62,7 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         [_with_noise(test, i) for i, test in enumerate(where_white([_measured_only(t) for t in _bounded(group)]))]
         for group in (tests, unseen)
     )
-    return Taken(tests, unseen, given, read.faults, clipped)
+    return Taken(tests, unseen, given, read.faults, clipped, read.misread, read.doubts)
 
 
 def inputs_missing(refusal: RecordingError) -> bool:

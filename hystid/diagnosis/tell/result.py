@@ -127,6 +127,8 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     dependence: further columns of the recordings on which what is left depends, the strongest first. catalogue: what
     the effects declare of themselves. values: parameters of the baseline in the end, fitted together with what was
     found. rotational: whether the rig turns, x in rad, forces in N.m and the mass in kg.m2.
+    misread: labels of the recordings that cannot be right, and how they were read instead. doubts: filters,
+    drift and clocks of channels, which may look like physics.
     """
 
     verdict: Verdict
@@ -154,6 +156,8 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
     values: Mapping[str, Value] = field(default_factory=dict)
     rotational: bool = False
+    misread: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def sentence(self) -> str:
         """The verdict and what stands behind it, in one line."""
@@ -190,6 +194,8 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
             "next_experiment": self.next_experiment,
             "chain": dict(self.chain),
             "dependence": [one.as_dict() for one in self.dependence],
+            "misread": list(self.misread),
+            "doubts": list(self.doubts),
             "notes": list(self.notes),
         }
 

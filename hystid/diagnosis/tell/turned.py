@@ -23,6 +23,8 @@ def turned(diagnosis: Diagnosis) -> Diagnosis:
         unknown=_where(diagnosis.unknown) if diagnosis.unknown else None,
         next_experiment=turned_text(diagnosis.next_experiment),
         notes=tuple(map(turned_text, diagnosis.notes)),
+        doubts=tuple(map(turned_text, diagnosis.doubts)),
+        misread=tuple(map(turned_text, diagnosis.misread)),
         rotational=True,
     )
 
