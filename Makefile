@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 LINTED := hystid tests benchmarks examples fmus docs .ci
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test docs graph wheel lint types check concealed clean
+.PHONY: help install demo test docs fuzz kills graph wheel lint types check concealed clean
 
 help:            ## this list
 	@grep -hE '^[a-z]+: .*##|^[a-z]+:  *##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## ?/\t/' | expand -t 14
@@ -29,6 +29,14 @@ concealed: install ## blind benchmark of the diagnosis on fresh cases (about an 
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
 	-$(BIN)/python examples/lab_case.py -o build/concealed/lab_case
 	$(BIN)/python -m benchmarks.concealed.score --cases 153 --hard 80 --without-truth --rivals --jobs 2 -o build/concealed --doc
+
+fuzz: install    ## hostile inputs of every kind for 25 minutes; seeds and findings in build/fuzz
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[fuzz]'
+	$(BIN)/python -m benchmarks.fuzz.run --minutes 25 -o build/fuzz
+
+kills: install   ## kill -9 at 200 random moments of commands, in build/kills
+	rm -rf build/kills
+	$(BIN)/python -m benchmarks.kills --kills 200 -o build/kills
 
 docs: install    ## the documentation as a site, in build/site; catalogue and reference are made from the library itself
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from hystid.errors import UsageError
+from hystid.files import scratch
 from hystid.fmu import About, BuildResult, build_model, build_network
 from hystid.fmu.rebuilt import has_reference, with_reference_of
 
@@ -49,8 +49,8 @@ def build(
 
     if not has_reference(out):
         return made_at(out)
-    with tempfile.TemporaryDirectory(prefix="hystid-") as folder:
-        made = made_at(Path(folder) / out.name)
+    with scratch() as folder:
+        made = made_at(folder / out.name)
         changes = with_reference_of(out, made.path, out)
     return replace(made, path=out, size=out.stat().st_size, changes=changes)
 

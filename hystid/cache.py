@@ -27,7 +27,7 @@ from pathlib import Path
 import platformdirs
 
 from hystid.errors import ToolchainError
-from hystid.files import write_text
+from hystid.files import mark, write_text
 
 _log = logging.getLogger("hystid")
 _LAYOUT = "2"  # of the folder: one that an older version filled is left alone
@@ -118,7 +118,7 @@ def keep(name: str) -> Iterator[Path]:
     ``find`` has it then. Nothing is kept after an error.
     """
     place, suffix = folder(), Path(name).suffix
-    made = place / f".{os.getpid()}-{os.urandom(8).hex()}{suffix}"
+    made = place / f"{mark()}{os.urandom(8).hex()}{suffix}"
     try:
         yield made
         content = place / f"{_digest(made)}{suffix}"
@@ -164,7 +164,7 @@ def clear() -> int:
 @contextmanager
 def workplace() -> Iterator[Path]:
     """A folder beside the entries, to make one in; gone afterwards."""
-    with tempfile.TemporaryDirectory(dir=folder(), prefix=".work-") as made:
+    with tempfile.TemporaryDirectory(dir=folder(), prefix=mark()) as made:
         yield Path(made)
 
 

@@ -58,7 +58,7 @@ def atomic(path: Path) -> Iterator[Path]:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     _sweep(path.parent)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{_mark(os.getpid())}", suffix=path.suffix)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=mark(), suffix=path.suffix)
     os.close(handle)
     beside = Path(name)
     try:
@@ -86,7 +86,7 @@ def scratch_folder() -> Path:
     """
     place = Path(tempfile.gettempdir())
     _sweep(place)
-    return Path(tempfile.mkdtemp(prefix=f".{_mark(os.getpid())}", dir=place))
+    return Path(tempfile.mkdtemp(prefix=mark(), dir=place))
 
 
 def check_regular(path: Path, error: type[HystidError]) -> None:
@@ -125,17 +125,26 @@ def _mark(process: int) -> str:
     return f"hystid-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-{process}-"
 
 
+def mark(kind: str = "") -> str:
+    """Front of a name for what goes with this process; what a killed one leaves is known by it, see ``left``."""
+    return f".{kind}{_mark(os.getpid())}"
+
+
+def left(folder: Path, kind: str = "") -> list[Path]:
+    """Files and folders so marked that processes of this machine left which were killed."""
+    own = f".{kind}{_mark(0).removesuffix('0-')}"
+    named = ((path, path.name.removeprefix(own).partition("-")[0]) for path in folder.glob(f"{own}*"))
+    return [path for path, process in named if process.isdigit() and not _runs(int(process))]
+
+
 @cache
 def _sweep(folder: Path) -> None:
     """Remove what processes of this machine that were killed left half written in a folder; once per process."""
-    own = _mark(0).removesuffix("0-")
-    for path in folder.glob(f".{own}*"):
-        process = path.name.removeprefix(f".{own}").partition("-")[0]
-        if process.isdigit() and not _runs(int(process)):
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink(missing_ok=True)
+    for path in left(folder):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _runs(process: int) -> bool:

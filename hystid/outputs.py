@@ -10,7 +10,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hystid.errors import UsageError
+from hystid.files import left, mark, write_text
 
+_NEW, _OLD = "new-", "old-"  # folders in the making and on their way out
 _MANIFEST = ".hystid"  # names, one a line, of the files that belong to the result in a folder
 
 
@@ -26,7 +28,8 @@ def replaced(folder: Path) -> Iterator[Path]:
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:  # what permissions do not show, such as a name that is too long for this disk, shows here
         folder.mkdir(parents=True, exist_ok=True)
-        new = Path(tempfile.mkdtemp(dir=folder, prefix=".new-"))
+        _resume(folder)
+        new = Path(tempfile.mkdtemp(dir=folder, prefix=mark(_NEW)))
     except OSError as error:
         raise _unwritable(folder, error) from None
     try:
@@ -42,9 +45,10 @@ def replaced(folder: Path) -> Iterator[Path]:
 def _exchange(new: Path, folder: Path) -> None:
     """Old files aside, new files in; back again if anything fails on the way."""
     names = sorted(path.relative_to(new) for path in new.rglob("*") if path.is_file())
-    (new / _MANIFEST).write_text("".join(f"{name.as_posix()}\n" for name in names), encoding="utf-8")
+    aside = _aside(new)
+    aside.mkdir()
+    write_text(new / _MANIFEST, "".join(f"{name.as_posix()}\n" for name in names))
     names.append(Path(_MANIFEST))
-    aside = Path(tempfile.mkdtemp(dir=folder, prefix=".old-"))
     leaving = [name for name in dict.fromkeys((*_listed(folder), *names)) if (folder / name).is_file()]
     steps = [(folder / name, aside / name) for name in leaving] + [(new / name, folder / name) for name in names]
     done: list[tuple[Path, Path]] = []
@@ -62,6 +66,28 @@ def _exchange(new: Path, folder: Path) -> None:
     for emptied in {(folder / name).parent for name in leaving} - {folder}:
         with suppress(OSError):  # not empty: it holds new files, or files of the user
             emptied.rmdir()
+
+
+def _aside(new: Path) -> Path:
+    return new.with_name(new.name.replace(_NEW, _OLD, 1))
+
+
+def _resume(folder: Path) -> None:
+    """Finish what processes that were killed had begun to exchange, and remove what they had not finished making.
+
+    The list of files is written when all of them are there, and moved when all others have been.
+    """
+    for new in left(folder, _NEW):
+        if (new / _MANIFEST).is_file():
+            names = _listed(new)
+            for name in set(_listed(folder)) - set(names):
+                (folder / name).unlink(missing_ok=True)
+            for name in (*names, Path(_MANIFEST)):
+                if (new / name).is_file():
+                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                    (new / name).replace(folder / name)
+        shutil.rmtree(_aside(new), ignore_errors=True)
+        shutil.rmtree(new, ignore_errors=True)
 
 
 def _listed(folder: Path) -> list[Path]:

@@ -14,8 +14,8 @@ PACKAGE = ROOT / "hystid"
 # Lower may not import higher. A name is a module or a package directly below hystid, or a module within a package.
 LAYERS = [
     {"errors"},
-    {"files", "leastsquares", "limits", "outputs", "progress", "units", "modelcode"},
-    {"cache", "child", "rotation"},
+    {"files", "leastsquares", "limits", "progress", "units", "modelcode"},
+    {"cache", "child", "outputs", "rotation"},
     {"toolchain"},
     {"results"},
     {"recording"},

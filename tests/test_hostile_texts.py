@@ -12,6 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hystid.cli.options import parameter_file
+from hystid.diagnosis.prepare.given import given_parameters
 from hystid.errors import HystidError, UsageError
 from hystid.recording import read
 from hystid.recording.problems import RULES
@@ -45,6 +47,16 @@ def test_any_text_is_a_unit_or_refused(text: str) -> None:
     except UsageError:
         return
     assert 0 < unit.factor < math.inf and math.isfinite(unit.offset)
+
+
+@pytest.mark.parametrize("text", ["1" + "0" * 400, "-" + "9" * 3000, "9" * 5000, "1e999", "[" * 20_000, "NaN", '"x"'])
+def test_parameters_of_any_size_are_one_sentence(tmp_path: Path, text: str) -> None:
+    """Whole numbers of JSON have any number of digits; one of 400 was no number for NumPy, and a traceback."""
+    path = tmp_path / "p.json"
+    path.write_text(f'{{"m": {text}}}')
+    for reads in (given_parameters, parameter_file):
+        with pytest.raises(UsageError, match=r"p\.json"):
+            reads(path)
 
 
 _ROWS = [f"{k / 100},{math.sin(k / 5)},{math.sin(k / 5 - 0.1)}" for k in range(60)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hystid.errors import FmuError, UsageError
+from hystid.files import scratch
 from hystid.fmu.build import build
 from hystid.fmu.door import OpenedFmu, open_fmu
 from hystid.fmu.mass import mass_code
@@ -59,13 +59,13 @@ def write_rig(
     """
     block = open_fmu(force)
     experiment = block.model.experiment if step is None else replace(block.model.experiment, step=float(step))
-    with tempfile.TemporaryDirectory() as folder:
-        network = None if apart else _network(Path(force), Path(folder))
+    with scratch() as folder:
+        network = None if apart else _network(Path(force), folder)
         if network is not None:
             code = replace(oscillator_code(network, mass=mass), experiment=experiment)
-            components, connections = {"rig": build(code, Path(folder) / "rig.fmu").path}, list(_TOGETHER)
+            components, connections = {"rig": build(code, folder / "rig.fmu").path}, list(_TOGETHER)
         else:
-            components, connections = _two(block, mass, experiment, Path(folder)), list(_APART)
+            components, connections = _two(block, mass, experiment, folder), list(_APART)
         outputs = ["x", "v", "R"]
         if reference is not None:
             components["reference"] = Path(reference)

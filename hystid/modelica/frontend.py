@@ -11,6 +11,7 @@ import json
 import math
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from hystid.errors import ModelicaError
+from hystid.files import scratch, scratch_folder
 from hystid.limits import COMPILE_SECONDS, counted, wait_until_over
 from hystid.modelica.adapter import Adapter
 from hystid.modelica.annotations import description_of, experiment_of
@@ -96,12 +98,12 @@ def _one_root(library: Sequence[tuple[Source, Path]]) -> Iterator[Path]:
     if all((path := folder / file).is_file() and source.text == read(path).text for source, file in library):
         yield folder
         return
-    with tempfile.TemporaryDirectory(prefix="hystid-") as stage:
+    with scratch() as stage:
         for source, file in library:
-            copy = Path(stage, file)
+            copy = stage / file
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_text(source.text, encoding="utf-8")
-        yield Path(stage)
+        yield stage
 
 
 class FrontEnd:
@@ -116,7 +118,7 @@ class FrontEnd:
         self.name = name
         self.files = files
         self.library = library
-        self._folder = tempfile.TemporaryDirectory(prefix="hystid-")
+        self._folder = scratch_folder()
         self._printed = tempfile.TemporaryFile()  # noqa: SIM115  # closed in __exit__, with the process
         self._process = subprocess.Popen(
             [sys.executable, str(Path(__file__).with_name("worker.py"))],
@@ -124,7 +126,7 @@ class FrontEnd:
             stdout=subprocess.PIPE,
             stderr=self._printed,
             encoding="utf-8",
-            env={**_environment(), "XDG_CACHE_HOME": self._folder.name, "PYTHONIOENCODING": "utf-8"},
+            env={**_environment(), "XDG_CACHE_HOME": str(self._folder), "PYTHONIOENCODING": "utf-8"},
             start_new_session=True,
         )
         self._counted = ExitStack()
@@ -148,7 +150,7 @@ class FrontEnd:
         self._counted.close()
         self._process.communicate()
         self._printed.close()
-        self._folder.cleanup()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
     def flat_dictionary(self, structure: Mapping[str, float]) -> dict[str, Any]:
         """The front end's flat dictionary. Raises ModelicaError for its complaints, and where it does not answer."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 import numpy as np
 
 from hystid.compiled import CompiledModel
 from hystid.errors import RecordingError, UsageError
+from hystid.files import scratch
 from hystid.fmu import Driver
 from hystid.fmu.door import read_entry
 from hystid.networks import FurtherInput, onnx
@@ -155,8 +155,8 @@ def _from_network(path: Path, mass: float | None) -> Surrogate:
 
 
 def _from_surrogate_fmu(path: Path, driver: Driver, mass: float | None) -> Surrogate:
-    with TemporaryDirectory() as folder:
-        network = _network_inside(path, Path(folder))
+    with scratch() as folder:
+        network = _network_inside(path, folder)
         if network is not None:
             note = (
                 "the closed loop runs the network that the FMU carries, integrated with the mass as oscillator.fmu does"
@@ -175,8 +175,8 @@ def _from_oscillator_fmu(path: Path, driver: Driver, mass: float | None) -> Surr
             f"{path}: the mass is needed to compare forces, and the FMU has no parameter m: give it by --mass"
         )
     rate, limits, further = None, {}, _inputs_of(driver)
-    with TemporaryDirectory() as folder:
-        network = _network_inside(path, Path(folder))
+    with scratch() as folder:
+        network = _network_inside(path, folder)
         if network is not None:
             _, about = onnx.read(network)
             rate, limits, further = about.sample_rate, dict(about.training_range), about.inputs

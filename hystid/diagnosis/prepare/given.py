@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from hystid.errors import UsageError
 from hystid.files import json_of
@@ -31,6 +30,16 @@ class Given:
         return self.values.get("m", self.values.get("mass"))
 
 
+def _is_number(value: object) -> bool:
+    """Whether it is a finite number; whole numbers of JSON may have any number of digits."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
 def given_parameters(parameters: str | Path | Mapping[str, Any] | None) -> Given:
     """Parameters from a mapping or a JSON file, name -> number or {"value": number, "fixed": true}. Raises
     UsageError."""
@@ -47,7 +56,7 @@ def given_parameters(parameters: str | Path | Mapping[str, Any] | None) -> Given
     free: set[str] = set()
     for name, entry in parameters.items():
         value = entry.get("value") if isinstance(entry, Mapping) else entry
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        if not _is_number(value):
             raise UsageError(f'{where}: {name} must be a number or {{"value": number, "fixed": true}}, not {entry!r}')
         values[name] = float(value)
         if isinstance(entry, Mapping) and "fixed" in entry:

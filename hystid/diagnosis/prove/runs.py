@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from hystid.diagnosis.prove.extended import CLASS, Skeleton, extended_model, set
 from hystid.diagnosis.prove.freerun import diverges, error, errors
 from hystid.diagnosis.prove.polish import polish
 from hystid.errors import NumericalError
+from hystid.files import scratch
 from hystid.fmu import build
 from hystid.fmu.coupling import simulate_with_effects
 from hystid.fmu.door import OpenedFmu, open_fmu
@@ -84,7 +84,7 @@ def _beside_fmu(
     rig = open_fmu(Path(path))
     if rig.model_exchange is None or samples > _LONGEST:
         return none
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch() as folder:
         build(compile_text(text), Path(folder, "effects.fmu"))
         effects = open_fmu(Path(folder, "effects.fmu"))
         found = []
@@ -145,7 +145,7 @@ def written(answer: Answer, skeleton: Skeleton) -> str:
 
 def compile_text(text: str) -> ModelCode:
     """ModelCode of the class ``Extended`` in a text."""
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch() as folder:
         path = Path(folder, "extended.mo")
         path.write_text(text, encoding="utf-8")
         return compile_model(f"{path}:{CLASS}")

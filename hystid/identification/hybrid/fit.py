@@ -7,16 +7,15 @@ the networks go on from where they were, until such a turn no longer lowers the 
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from hystid.comparison import mse, nrmse
 from hystid.compiled import CompiledModel
 from hystid.errors import NumericalError
+from hystid.files import scratch
 from hystid.identification import data
 from hystid.identification.hybrid.law import Law
 from hystid.identification.hybrid.package import OSCILLATOR, package_text
@@ -175,8 +174,8 @@ def _response(model: TwoNetworkModel, recording: Recording) -> Array:
 
 def compiled(text: str) -> CompiledModel:
     """The oscillator of a package's text, in this process."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "hybrid.mo"
+    with scratch() as folder:
+        file = folder / "hybrid.mo"
         file.write_text(text, encoding="utf-8")
         return CompiledModel(compile_model(f"{file}:{OSCILLATOR}"))
 
