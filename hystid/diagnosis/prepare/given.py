@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from hystid.errors import UsageError
 from hystid.files import json_of
@@ -30,7 +30,7 @@ class Given:
         return self.values.get("m", self.values.get("mass"))
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     """Whether it is a finite number; whole numbers of JSON may have any number of digits."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
