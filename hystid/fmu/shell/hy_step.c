@@ -306,8 +306,10 @@ static int give_up_locating(hy_engine *e, int states_changed)
 
 static int next_target(const hy_engine *e, const stretch *w, double *target)
 {
-    const double next = hy_next_time_event(e);
+    double next;
     *target = w->h;
+    if (!e->model->next_time_event) return 0;
+    next = hy_next_time_event(e);
     if (!hy_is_reached(e, next, w->t_end)) return 0;
     *target = fmin(fmax(next - w->t, w->s), w->h);
     return 1;
@@ -402,7 +404,8 @@ static int advance(hy_engine *e, double h, int n, int stop_at_events, double *re
     *reached = t0;
     if (!e->n_X && !events) n = 1; /* nothing to integrate */
     for (int i = 0; i < n && !outcome; i++) {
-        stretch w = {t0 + h * ((double)i / n), h / n, t0 + h * ((double)(i + 1) / n), 0};
+        stretch w = {t0, h, t0 + h, 0};
+        if (n > 1) w = (stretch){t0 + h * ((double)i / n), h / n, t0 + h * ((double)(i + 1) / n), 0};
         if (!e->n_X && !events)
             place(e, w.t_end, e->X);
         else
@@ -419,7 +422,6 @@ static double next_stop(const hy_engine *e, double end)
 {
     const double sample = e->model->sample, near = 1e-3 * sample;
     double tick = e->status->tick;
-    if (!hy_has_ticks(e)) return end;
     if (tick < e->data.v[0] + near) tick += sample;
     return tick < end - near ? tick : end;
 }
@@ -433,8 +435,10 @@ static int steps_of_part(int n, double part)
 int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reached)
 {
     const double end = e->data.v[0] + h;
-    double part = h, stop = next_stop(e, end);
+    double part = h, stop;
     int outcome = HY_OK;
+    if (!hy_has_ticks(e)) return advance(e, h, n, stop_at_events, reached);
+    stop = next_stop(e, end);
     while (stop < end && !outcome) {
         part = stop - e->data.v[0];
         outcome = advance(e, part, steps_of_part(n, part / h), stop_at_events, reached);
