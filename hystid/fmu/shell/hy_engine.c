@@ -150,26 +150,6 @@ hy_driven *hy_driven_at(const hy_engine *e, int slot)
     return NULL;
 }
 
-void hy_drive(hy_engine *e)
-{
-    const double s = e->data.v[0] - e->status->origin;
-    for (int i = 0; i < e->status->n_driven; i++) {
-        const double *c = e->driven[i].c;
-        e->data.v[e->driven[i].slot] = c[0] + s * (c[1] + s * (c[2] + s * c[3]));
-    }
-}
-
-int hy_settle(hy_engine *e)
-{
-    int outcome = HY_OK;
-    if (e->status->stale == 1) {
-        outcome = e->model->evaluate(&e->data);
-        e->z_stands = 0;
-        if (!outcome) e->status->stale = 0;
-    }
-    return outcome;
-}
-
 static int solve_initial(hy_engine *e)
 {
     const hy_model *m = e->model;

@@ -77,6 +77,28 @@ struct hy_duhem_methods {
 
 enum { HY_EVENT = 3 }; /* hy_advance stopped at an event that it was told not to handle */
 
+/* Driven values at the present time. Here, like the next one, for each stage of each step comes by. */
+static inline void hy_drive(hy_engine *e)
+{
+    const double s = e->data.v[0] - e->status->origin;
+    for (int i = 0; i < e->status->n_driven; i++) {
+        const double *c = e->driven[i].c;
+        e->data.v[e->driven[i].slot] = c[0] + s * (c[1] + s * (c[2] + s * c[3]));
+    }
+}
+
+/* Evaluate, if stale. */
+static inline int hy_settle(hy_engine *e)
+{
+    int outcome = HY_OK;
+    if (e->status->stale == 1) {
+        outcome = e->model->evaluate(&e->data);
+        e->z_stands = 0;
+        if (!outcome) e->status->stale = 0;
+    }
+    return outcome;
+}
+
 int hy_open(hy_engine *e, const hy_model *model, void (*log)(void *, int, const char *), void *owner);
 void hy_close(hy_engine *e);
 void hy_reset(hy_engine *e);                       /* back to start values */
@@ -85,8 +107,6 @@ int hy_clamp_states(hy_engine *e, const int *slots, int n); /* these states are 
 void hy_sensitivity(hy_engine *e, int which);               /* sens := d(everything)/d(parameter), at the present values */
 
 int hy_start(hy_engine *e);                        /* solves the initial equations; event iteration not yet done */
-int hy_settle(hy_engine *e);                       /* evaluate, if stale */
-void hy_drive(hy_engine *e);                       /* driven values at the present time */
 hy_driven *hy_driven_at(const hy_engine *e, int slot); /* NULL where that is not driven */
 int hy_event(hy_engine *e, int *states_changed);   /* event iteration at the present time */
 int hy_is_reached(const hy_engine *e, double instant, double now); /* whether it lies ahead by no more than rounding */

@@ -83,7 +83,7 @@ static int put_row(hy_engine *e, hy_table *t, int row)
 {
     int outcome = hy_settle(e);
     if (!outcome && t->n_seeds) put_gradients(e, t, row);
-    if (!outcome) outcome = hy_completed(e);
+    if (!outcome && e->model->completed_step) outcome = hy_completed(e);
     if (!outcome) put_outputs(e, t, row);
     return outcome;
 }
