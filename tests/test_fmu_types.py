@@ -97,7 +97,7 @@ def test_a_change_of_any_type_is_found(build, broken):
     assert wrong == ["Array[2]" if broken == "Array" else broken]
     line = result.text().splitlines()[1]
     assert line.startswith(f"  {wrong[0]}: ") and "t = 0.6 s" in line, line
-    assert result.picture().count("<polyline") == 2 * 6
+    assert result.picture().count("<polyline") == 3 * 6
     regress(path, update=True)
     assert regress(path).passed
 
