@@ -18,12 +18,30 @@ Variability = Literal["constant", "fixed", "tunable", "discrete", "continuous"]
 
 
 @dataclass(frozen=True)
+class Enumeration:
+    """A type whose values have names; the first item has the value 1."""
+
+    name: str
+    items: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class BuiltInText:
+    """A String that is built into a model: it can be read, but what follows from it was decided by the compiler."""
+
+    name: str
+    content: str
+    description: str = ""
+
+
+@dataclass(frozen=True)
 class Variable:
     """One variable in the words of the FMI standard.
 
     slot is its index in the value block of ``hy_model.h`` and its value reference; aliases share a slot.
     start is None where the standard forbids one. unit is a Modelica unit string ("N.s/m"), "" where there is none.
-    derivative_of is the name of the state that this variable is the derivative of.
+    derivative_of is the name of the state that this variable is the derivative of. enumeration: of an Integer whose
+    values have names.
     """
 
     name: str
@@ -39,6 +57,7 @@ class Variable:
     unit: str = ""
     description: str = ""
     derivative_of: str | None = None
+    enumeration: Enumeration | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -66,6 +85,7 @@ class ModelCode:
     reinit: names of the states that events may set anew; None where that is not known.
     unread: inputs that nothing in the model depends on.
     equations: what the documentation shows of the model, one line each.
+    texts: Strings that are built in.
     token: instantiation token (GUID), a hash of everything above.
     """
 
@@ -89,6 +109,13 @@ class ModelCode:
     reinit: tuple[str, ...] | None = None
     unread: tuple[str, ...] = field(default=(), repr=False)
     equations: tuple[str, ...] = field(default=(), repr=False)
+    texts: tuple[BuiltInText, ...] = field(default=(), repr=False)
+
+    @property
+    def enumerations(self) -> tuple[Enumeration, ...]:
+        """Types of its variables, each once, by name."""
+        found = {v.enumeration for v in self.variables if v.enumeration is not None}
+        return tuple(sorted(found, key=lambda enumeration: enumeration.name))
 
     def variable(self, name: str) -> Variable:
         """The named variable; KeyError when the model has none of that name."""
@@ -108,7 +135,7 @@ def code_of(data: Mapping[str, Any]) -> ModelCode:
     """The model that ``code_data`` was given."""
     reinit = data["reinit"]
     made = {
-        "variables": tuple(Variable(**variable) for variable in data["variables"]),
+        "variables": tuple(map(_variable_of, data["variables"])),
         "states": tuple(data["states"]),
         "dependencies": {name: tuple(known) for name, known in data["dependencies"].items()},
         "experiment": Experiment(**data["experiment"]),
@@ -116,5 +143,11 @@ def code_of(data: Mapping[str, Any]) -> ModelCode:
         "reinit": None if reinit is None else tuple(reinit),
         "unread": tuple(data["unread"]),
         "equations": tuple(data.get("equations", ())),
+        "texts": tuple(BuiltInText(**text) for text in data.get("texts", ())),
     }
     return ModelCode(**{**data, **made})
+
+
+def _variable_of(data: Mapping[str, Any]) -> Variable:
+    named = data.get("enumeration")
+    return Variable(**{**data, "enumeration": named and Enumeration(named["name"], tuple(named["items"]))})

@@ -156,6 +156,8 @@ def _variables(root: Any, version: int) -> list[dict[str, Any]]:
     for index, element in enumerate(root.find("ModelVariables")):
         inner = element[0] if version == 2 else element
         variable = {**element.attrib, **inner.attrib, "type": inner.tag, "index": index + 1}
+        if (text := element.find("Start")) is not None:
+            variable["start"] = text.get("value")
         variable.setdefault("causality", "local")
         variable["aliases"] = [alias.get("name") for alias in element.findall("Alias")] if version == 3 else []
         found.append(variable)
@@ -187,7 +189,7 @@ def _combination(v: dict[str, Any]) -> Iterator[str]:
         yield "a start value is missing" if needs else "a start value is not allowed"
     if causality == "independent" and start is not None:
         yield "the independent variable must have no start value"
-    if start is not None and v["type"] != "Boolean":  # noqa: SIM102
+    if start is not None and v["type"] not in ("Boolean", "String"):  # noqa: SIM102
         if not float(v.get("min", "-inf")) <= float(start) <= float(v.get("max", "inf")):
             yield "start lies outside min and max"
     if "nominal" in v and float(v["nominal"]) <= 0:
@@ -198,7 +200,7 @@ def _combination(v: dict[str, Any]) -> Iterator[str]:
         yield "only variables in continuous time are accessible in intermediate update mode"
     if "derivative" in v and variability != "continuous":
         yield "a derivative must be continuous"
-    if v["type"] in ("Integer", "Int32"):
+    if v["type"] in ("Integer", "Int32", "Enumeration"):
         for key in ("start", "min", "max"):
             if key in v and not (re.fullmatch(r"-?\d+", v[key]) and -(2**31) <= int(v[key]) < 2**31):
                 yield f"{key} {v[key]} is no 32-bit whole number"

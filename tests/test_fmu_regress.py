@@ -11,11 +11,13 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import fmpy
 import fmu_checker
 import numpy as np
 import pytest
 from fmu_models import EVERY, built, effect, jenkins, linear
 from fmu_models import FOLDER as MODELS
+from lxml import etree
 
 import hystid
 from hystid.building import build_afresh
@@ -23,6 +25,8 @@ from hystid.errors import FmuError, HystidError, UsageError
 from hystid.fmu import Driver, build, regress
 from hystid.fmu.platforms import host
 from hystid.fmu.reference import FOLDER, NAMESPACE, read_cells, reference_entries, table_text
+
+SSV_SCHEMA = Path(fmpy.__file__).parent / "ssp" / "schema" / "SystemStructureParameterValues.xsd"
 
 
 def read_table(text):
@@ -44,12 +48,14 @@ def test_the_manifest_is_of_the_layered_standard():
         root = ET.fromstring(archive.read(f"{FOLDER}/fmi-ls-manifest.xml"))
         assert root.tag == "fmiReferences"
         assert root.get(f"{{{NAMESPACE}}}fmi-ls-name") == "org.fmi-standard.fmi-ls-ref"
-        assert root.get(f"{{{NAMESPACE}}}fmi-ls-version") == "1.0.0-alpha.1"
+        assert root.get(f"{{{NAMESPACE}}}fmi-ls-version") == "1.0.0-beta.1"
         related = {e.get("role"): e.get("source") for e in root.iter("Related")}
-        assert (
-            related.pop("document") == "../../documentation/index.html"
-            and "documentation/index.html" in archive.namelist()
-        )
+        for role, place in (("document", "documentation/index.html"), ("model", "sources/model.c")):
+            assert related.pop(role) == f"../../{place}" and place in archive.namelist()
+        values = etree.fromstring(archive.read(f"{FOLDER}/{related.pop('parameter')}"))
+        etree.XMLSchema(file=str(SSV_SCHEMA)).assertValid(values)
+        found = {p.get("name"): float(p[0].get("value")) for p in values.iter("{*}Parameter")}
+        assert found == {v.name: v.start for v in jenkins().variables if v.causality == "parameter"}
         assert related == {"result": "Jenkins_out.csv", "testcase": "Jenkins_in.csv"}
         for source in related.values():
             t, columns = read_table(archive.read(f"{FOLDER}/{source}").decode())

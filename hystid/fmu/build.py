@@ -152,7 +152,7 @@ def _own_sources(model: Interface, version: Version) -> dict[str, str]:
         raise FmuError(f"{model.code.name}: the source file {min(clash)} has the name of a file of the shell")
     named = [name for name in _METHODS if any(name in text for text in model.code.sources.values())]
     more = {_METHODS[name]: shell_text(_METHODS[name]) for name in named}
-    return {**model.code.sources, **more, "hy_variables.c": variables_source(model)}
+    return {**model.code.sources, **more, "hy_variables.c": variables_source(model, version)}
 
 
 def _reference(code: ModelCode, built: Mapping[str, Path]) -> dict[str, bytes]:

@@ -22,7 +22,7 @@ from hystid.files import check_regular, scratch_folder
 from hystid.fmu.platforms import PLATFORMS, host
 from hystid.fmu.signals import Signal, signals_of
 from hystid.limits import FMU_DESCRIPTION, FMU_ELEMENTS, FMU_ENTRIES, FMU_UNPACKED, Limit
-from hystid.modelcode import Experiment, ModelCode, Variable
+from hystid.modelcode import Enumeration, Experiment, ModelCode, Variable
 
 DESCRIPTION = "modelDescription.xml"
 _MB = 1 << 20
@@ -328,7 +328,16 @@ def _variable(v: Any) -> Variable | None:
         unit=v.unit or "",
         description=v.description or "",
         derivative_of=v.derivative.name if v.derivative is not None else None,
+        enumeration=_enumeration(v),
     )
+
+
+def _enumeration(v: Any) -> Enumeration | None:
+    """Names of its values, where these are counted from 1."""
+    items = sorted((int(item.value), item.name) for item in getattr(v.declaredType, "items", None) or ())
+    if v.type != "Enumeration" or not items or [value for value, _ in items] != list(range(1, len(items) + 1)):
+        return None
+    return Enumeration(v.declaredType.name, tuple(name for _, name in items))
 
 
 def _optional(value: Any) -> float | None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from hystid.errors import FmuError
-from hystid.modelcode import Causality, ModelCode, Variability, Variable
+from hystid.modelcode import BuiltInText, Causality, ModelCode, Variability, Variable
 
 _RANK = {"input": 0, "output": 1, "parameter": 2, "calculatedParameter": 3, "local": 4}
 # Sizes of states in structures that vibrate, where a model declares none: too small a value costs a solver steps, too
@@ -66,6 +66,11 @@ class Interface:
         if missing:
             raise FmuError(f"{self.code.name}: no variable is declared as the derivative of state '{missing[0]}'")
         return tuple(by_state[name] for name in self.code.states)
+
+    @property
+    def texts(self) -> Iterator[tuple[int, BuiltInText]]:
+        """Strings that are built in, with the value references that come after those of the event indicators."""
+        return enumerate(self.code.texts, self.code.n_values + self.code.n_indicators)
 
     @property
     def outputs(self) -> tuple[Variable, ...]:
@@ -143,6 +148,8 @@ def _rank(variable: Variable) -> tuple[int, bool]:
 
 
 def _legal(v: Variable) -> Variable:
+    if v.enumeration:
+        v = replace(v, min=1.0, max=float(len(v.enumeration.items)))
     if v.causality == "structuralParameter" or v.variability == "constant":
         causality: Causality = "output" if v.causality == "output" else "local"
         return replace(v, causality=causality, variability="constant", initial="exact", start=_start(v))
@@ -165,7 +172,7 @@ def _fixed_or_tunable(v: Variable) -> Variability:
 
 
 def _start(variable: Variable) -> float:
-    return 0.0 if variable.start is None else variable.start
+    return (variable.min or 0.0 if variable.enumeration else 0.0) if variable.start is None else variable.start
 
 
 def _one_start_per_slot(variables: list[Variable]) -> list[Variable]:

@@ -43,7 +43,13 @@ def with_reference_of(old: Path, new: Path, out: Path) -> tuple[str, ...]:
 def _entries(path: Path, *, of_reference: bool) -> dict[str, bytes]:
     with zipfile.ZipFile(path) as archive:
         names = [name for name in archive.namelist() if not name.endswith("/")]
-        return {name: archive.read(name) for name in names if name.startswith(f"{FOLDER}/") == of_reference}
+        chosen = [name for name in names if _is_reference(name) == of_reference]
+        return {name: archive.read(name) for name in chosen}
+
+
+def _is_reference(name: str) -> bool:
+    """Whether an entry stays the older FMU's; the parameter set beside the reference is the newer one's."""
+    return name.startswith(f"{FOLDER}/") and not name.endswith(".ssv")
 
 
 def _changed_variables(old: Path, new: Path) -> Iterator[str]:

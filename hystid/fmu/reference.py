@@ -1,7 +1,8 @@
-"""Reference results inside an FMU, in the form of the layered standard FMI-LS-REF (1.0.0-alpha.1).
+"""Reference results inside an FMU, in the form of the layered standard FMI-LS-REF (1.0.0-beta.1).
 
-``extra/org.fmi-standard.fmi-ls-ref/`` holds a manifest, ``<Model>_out.csv`` and, for inputs, ``<Model>_in.csv``.
-The result comes from the table runner: fixed step, inputs linear between rows.
+``extra/org.fmi-standard.fmi-ls-ref/`` holds a manifest, ``<Model>_out.csv``, for inputs ``<Model>_in.csv``, and the
+parameters with their start values as a parameter set (SSV). The result comes from the table runner: fixed step, inputs
+linear between rows.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import io
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 from hystid.compiled import CompiledModel, TableRunner
 from hystid.errors import NumericalError
 from hystid.fmu.interface import Interface, interface
+from hystid.fmu.model_description.common import start_text, text_of
 from hystid.modelcode import ModelCode, Variable
 
 Array = NDArray[np.float64]
@@ -26,6 +29,7 @@ Array = NDArray[np.float64]
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _PURPOSE = "Layered Standard providing information on related files included in an FMU."  # wording fixed by its schema
+SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 RESULT_ROLE, INPUT_ROLE = "result", "testcase"
 _MOST_ROWS = 251
 _DIGITS = 7  # of each number: far finer than any tube, and a third of the size
@@ -50,7 +54,7 @@ def reference_entries(code: ModelCode, runner: TableRunner | None = None) -> dic
             )
     except NumericalError:
         return {}
-    return entries(model, t, inputs, results)
+    return _entries(model, t, inputs, results)
 
 
 @contextmanager
@@ -65,14 +69,44 @@ def _unheard() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def entries(model: Interface, t: Array, inputs: Mapping[str, Array], results: Mapping[str, Array]) -> dict[str, bytes]:
-    """The three files of the layered standard."""
+def _entries(model: Interface, t: Array, inputs: Mapping[str, Array], results: Mapping[str, Array]) -> dict[str, bytes]:
+    """The files of the layered standard; those named by ``..`` lie elsewhere in the FMU."""
     stem = model.identifier
-    files = {f"{FOLDER}/{stem}_out.csv": table_text(t, results)}
+    parameters = [v for v in model.variables if v.causality == "parameter"]
+    networks = [name for name in model.code.resources if name.endswith(".onnx")]
+    files = {f"{stem}_out.csv": table_text(t, results)}
+    related = [_Related(f"{stem}_out.csv", "text/csv", RESULT_ROLE, "Output of the default experiment")]
     if inputs:
-        files[f"{FOLDER}/{stem}_in.csv"] = table_text(t, inputs)
-    files[f"{FOLDER}/fmi-ls-manifest.xml"] = _manifest(stem, bool(inputs))
-    return {name: text.encode() for name, text in files.items()}
+        files[f"{stem}_in.csv"] = table_text(t, inputs)
+        what = "Input of the default experiment, linear between rows"
+        related.insert(0, _Related(f"{stem}_in.csv", "text/csv", INPUT_ROLE, what))
+    if parameters:
+        files[f"{stem}.ssv"] = parameter_set(parameters)
+        what = "The parameters with the values that the results were computed with"
+        related.append(_Related(f"{stem}.ssv", "application/x-ssp-parameter-set", "parameter", what))
+    for name in networks:
+        what = "The network that the FMU was made from (ONNX)"
+        related.append(_Related(f"../../resources/{name}", "application/octet-stream", "model", what))
+    related.append(_Related("../../sources/model.c", "text/x-c", "model", "The model's own C source"))
+    what = "The model, its parameters and where it comes from"
+    related.append(_Related("../../documentation/index.html", "text/html", "document", what))
+    files["fmi-ls-manifest.xml"] = _manifest(related)
+    return {f"{FOLDER}/{name}": text.encode() for name, text in files.items()}
+
+
+def parameter_set(parameters: Sequence[Variable]) -> str:
+    """Start values as a parameter set of SSP 1.0 (SSV)."""
+    ET.register_namespace("ssv", SSV)
+    root = ET.Element(f"{{{SSV}}}ParameterSet", {"version": "1.0", "name": "parameters"})
+    listed = ET.SubElement(root, f"{{{SSV}}}Parameters")
+    for v in parameters:
+        cell = ET.SubElement(listed, f"{{{SSV}}}Parameter", {"name": v.name})
+        if v.enumeration:
+            value = {"value": v.enumeration.items[round(v.start or 1) - 1], "name": v.enumeration.name}
+            ET.SubElement(cell, f"{{{SSV}}}Enumeration", value)
+        else:
+            ET.SubElement(cell, f"{{{SSV}}}{v.type}", {"value": start_text(v)})
+    return text_of(root)
 
 
 def reference_times(code: ModelCode) -> Array:
@@ -137,24 +171,24 @@ def read_cells(text: str) -> tuple[Array, dict[str, Sequence[str]]]:
     return np.array([float(x) for x in times]), dict(zip(rows[0][1:], columns, strict=True))
 
 
-def _manifest(stem: str, has_input: bool) -> str:
+@dataclass(frozen=True)
+class _Related:
+    source: str
+    type: str
+    role: str
+    description: str
+
+
+def _manifest(related: Sequence[_Related]) -> str:
     ET.register_namespace("fmi-ls", NAMESPACE)
     root = ET.Element(
         "fmiReferences",
         {
             f"{{{NAMESPACE}}}fmi-ls-name": "org.fmi-standard.fmi-ls-ref",
-            f"{{{NAMESPACE}}}fmi-ls-version": "1.0.0-alpha.1",
+            f"{{{NAMESPACE}}}fmi-ls-version": "1.0.0-beta.1",
             f"{{{NAMESPACE}}}fmi-ls-description": _PURPOSE,
         },
     )
-    for wanted, end, role, description in (
-        (has_input, "in", INPUT_ROLE, "Input of the default experiment, linear between rows"),
-        (True, "out", RESULT_ROLE, "Output of the default experiment"),
-    ):
-        if wanted:
-            related = {"type": "text/csv", "source": f"{stem}_{end}.csv", "role": role, "description": description}
-            ET.SubElement(root, "Related", related)
-    page = {"type": "text/html", "source": "../../documentation/index.html", "role": "document"}
-    ET.SubElement(root, "Related", {**page, "description": "The model, its parameters and where it comes from"})
-    ET.indent(root)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+    for file in related:
+        ET.SubElement(root, "Related", asdict(file))
+    return text_of(root)

@@ -11,12 +11,12 @@ from hystid.errors import FmuError, UsageError
 from hystid.fmu.build import write_zip
 from hystid.fmu.door import OpenedFmu, open_fmu
 from hystid.fmu.model_description.common import number, text_of
-from hystid.modelcode import Experiment, Variable
+from hystid.fmu.reference import SSV as _SSV
+from hystid.modelcode import Enumeration, Experiment, Variable
 from hystid.units import exponents
 
 _SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 _SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
-_SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 _OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 _TOLERANCE = 1e-4  # of OMSimulator's masters, where an experiment states none
 _FMU = "application/x-fmu-sharedlibrary"
@@ -78,6 +78,12 @@ def _ends(
     if start and end and start.type != end.type:
         raise UsageError(
             f"{connection.start} is {start.type}, {connection.end} is {end.type}: they cannot be connected"
+        )
+    if start and end and start.enumeration != end.enumeration:
+        named = [v.enumeration.name if v.enumeration else "a plain number" for v in (start, end)]
+        raise UsageError(
+            f"{connection.start} is {named[0]}, {connection.end} is {named[1]} or has other items: they cannot be "
+            "connected"
         )
     if start and end and start.unit and end.unit and exponents(start.unit) != exponents(end.unit):
         raise UsageError(
@@ -145,6 +151,7 @@ def _description(
     for connection in connections:
         _sub(lines, "Connection", {**_place("start", connection.start), **_place("end", connection.end)})
     _add_master(system, experiment)
+    _add_enumerations(root, opened)
     _add_units(root, units)
     _sub(root, "DefaultExperiment", {"startTime": number(experiment.start), "stopTime": number(experiment.stop)})
     return root
@@ -184,6 +191,9 @@ def _sub(parent: ET.Element, tag: str, attributes: Mapping[str, str] | None = No
 def _add_connector(parent: ET.Element, name: str, kind: str, variable: Variable) -> set[str]:
     """Add a connector; the units that it needs."""
     element = _sub(parent, "Connector", {"name": name, "kind": kind})
+    if variable.enumeration:
+        ET.SubElement(element, f"{{{_SSC}}}Enumeration", {"name": variable.enumeration.name})
+        return set()
     unit = {variable.unit} if variable.type == "Real" and variable.unit else set()
     ET.SubElement(element, f"{{{_SSC}}}{_TYPES[variable.type]}", {"unit": variable.unit} if unit else {})
     return unit
@@ -192,6 +202,21 @@ def _add_connector(parent: ET.Element, name: str, kind: str, variable: Variable)
 def _place(side: str, path: str) -> dict[str, str]:
     component, _, variable = path.partition(".")
     return {f"{side}Element": component, f"{side}Connector": variable} if variable else {f"{side}Connector": path}
+
+
+def _add_enumerations(root: ET.Element, opened: Mapping[str, OpenedFmu]) -> None:
+    """Those of the connectors. Raises UsageError where two FMUs mean different items by one name."""
+    connectors = [v for fmu in opened.values() for v in fmu.model.variables if v.causality in ("input", "output")]
+    found: dict[str, Enumeration] = {}
+    for enumeration in filter(None, (v.enumeration for v in connectors)):
+        if found.setdefault(enumeration.name, enumeration) != enumeration:
+            raise UsageError(f"the enumeration {enumeration.name} has other items in one FMU than in another")
+    definitions = _sub(root, "Enumerations") if found else None
+    for name in sorted(found):
+        assert definitions is not None
+        listed = ET.SubElement(definitions, f"{{{_SSC}}}Enumeration", {"name": name})
+        for value, item in enumerate(found[name].items, 1):
+            ET.SubElement(listed, f"{{{_SSC}}}Item", {"name": item, "value": str(value)})
 
 
 def _add_units(root: ET.Element, units: set[str]) -> None:

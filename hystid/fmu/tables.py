@@ -10,14 +10,16 @@ from hystid.modelcode import Variable
 _TYPES = {"Real": "REAL", "Integer": "INTEGER", "Boolean": "BOOLEAN"}
 
 
-def variables_source(model: Interface) -> str:
-    """Text of ``hy_variables.c``."""
+def variables_source(model: Interface, version: int) -> str:
+    """Text of ``hy_variables.c``. version: of FMI; in FMI 2.0 enumerations are read and set as Integers."""
     count = max(model.code.n_values, 1)
     rows = [
-        f'    [{slot}] = {{{_TYPES[group[0].type]}, {_flags(group)}, "{_escaped(group[0].name)}", {_limits(group)}}},'
+        f"    [{slot}] = {{{_type(group[0], version)}, {_flags(group)}, "
+        f'"{_escaped(group[0].name)}", {_limits(group)}}},'
         for slot, group in sorted(model.groups.items())
     ]
     nominals = [abs(model.named(name).nominal or 1.0) for name in model.code.states] or [1.0]
+    texts = [f'"{_escaped(text.content)}"' for text in model.code.texts] or ["0"]
     return "\n".join(
         (
             "/* The model's variables as FMI sees them, by slot of the value block. */",
@@ -31,13 +33,20 @@ def variables_source(model: Interface) -> str:
             "",
             f"const double hy_nominals[] = {{{', '.join(map(repr, nominals))}}};",
             "",
+            f"const int hy_n_texts = {len(model.code.texts)};",
+            f"const char *const hy_texts[] = {{{', '.join(texts)}}};",
+            "",
         )
     )
 
 
+def _type(v: Variable, version: int) -> str:
+    return "ENUMERATION" if v.enumeration and version == 3 else _TYPES[v.type]
+
+
 def _limits(group: tuple[Variable, ...]) -> str:
     """Least and greatest value of a parameter: what an importer sets is held to them. Inputs come from solvers, whose
-    trial steps may overshoot."""
+    trial steps may overshoot, and from masters that begin with 0."""
     held = [v for v in group if v.causality in ("parameter", "structuralParameter")]
     low = max((v.min for v in held if v.min is not None), default=-math.inf)
     high = min((v.max for v in held if v.max is not None), default=math.inf)

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, NoReturn
 
 from hystid.errors import ModelicaError
+from hystid.modelcode import BuiltInText, Enumeration
 from hystid.modelica.diagnostics import declared_at
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text, balanced_sum
 from hystid.modelica.flat import (
@@ -88,6 +89,7 @@ class Adapter:
             assertions=tuple(self._assertion(a) for a in d["assert_equations"]),
             functions=tuple(self._function(f) for f in d["functions"].values()),
             sections=tuple(self._section(a) for a in d["initial_algorithms"]),
+            texts=tuple(self._built_in(texts)),
         )
 
     # -- places
@@ -156,13 +158,15 @@ class Adapter:
             self._refuse(v, f"stream variable '{name}'", "use plain connectors")
         fixed = v["fixed"]
         variability = _tag(v["variability"])
+        enumeration = self._enumeration(v, d)
+        start = self._attribute(v, "start")
         return FlatVariable(
             name=name,
             type=kind,
             variability="continuous" if variability in ("empty", "continuous") else variability,  # type: ignore[arg-type]
             causality={"input": "input", "output": "output"}.get(_tag(v["causality"]), "local"),  # type: ignore[arg-type]
             dims=tuple(v["dims"]),
-            start=self._attribute(v, "start"),
+            start=ONE if enumeration and start is None else start,
             fixed=fixed[0] if isinstance(fixed, list) and fixed else fixed,
             min=self._attribute(v, "min"),
             max=self._attribute(v, "max"),
@@ -173,8 +177,33 @@ class Adapter:
             final=bool(d["variable_final_flags"].get(name)),
             protected=bool(v["is_protected"]),
             structural=name in structural,
+            enumeration=enumeration,
             place=place,
         )
+
+    def _enumeration(self, v: Mapping[str, Any], d: Mapping[str, Any]) -> Enumeration | None:
+        """The type of a variable whose values have names, by the name that the author has written; None where that
+        names no enumeration, or several."""
+        if v["type_id"] not in d["enumeration_types"]:
+            return None
+        written = d["variable_type_names"].get(v["name"], "")
+        found: dict[str, dict[float, str]] = {}
+        for literal, value in self._enumerations.items():
+            name, _, item = literal.rpartition(".")
+            if not item.startswith("'") and f".{name}".endswith(f".{written}"):
+                found.setdefault(name, {})[value] = item
+        shorter = {name for name in found if any(other.endswith(f".{name}") for other in found)}
+        full = [name for name in found if name not in shorter]
+        if not written or len(full) != 1:
+            return None
+        return Enumeration(full[0], tuple(found[full[0]][value] for value in sorted(found[full[0]])))
+
+    def _built_in(self, texts: Sequence[Mapping[str, Any]]) -> Iterator[BuiltInText]:
+        """The model's own Strings; those of its components name files and the like."""
+        for v in texts:
+            value = self._texts[v["name"]]
+            if "." not in v["name"] and isinstance(value, Text) and not v["is_protected"]:
+                yield BuiltInText(v["name"], value.value, v["description"] or "")
 
     def _is_text(self, v: Mapping[str, Any], d: Mapping[str, Any]) -> bool:
         """Whether it is a String parameter or constant: its value is built in."""

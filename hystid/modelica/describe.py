@@ -49,9 +49,11 @@ def model_code(model: HybridModel) -> ModelCode:
         unread=_unread(model),
         jumps=jumps_without_event(model),
         equations=tuple(equation_text(e.residual) for e in model.flat.equations[:_MOST_EQUATIONS]),
+        texts=model.flat.texts,
     )
+    named = f"{draft.enumerations}{draft.texts}" if draft.enumerations or draft.texts else ""
     text = _c_text(model, layout, _TOKEN)
-    token = hashlib.sha256(f"{text}{draft}".encode()).hexdigest()
+    token = hashlib.sha256(f"{text}{draft}{named}".encode()).hexdigest()
     guid = "{" + "-".join((token[:8], token[8:12], token[12:16], token[16:20], token[20:32])) + "}"
     return replace(draft, sources={"model.c": text.replace(_TOKEN, guid)}, token=guid)
 
@@ -232,6 +234,7 @@ def _variable(name: str, v: ScalarVariable, model: HybridModel, layout: Layout) 
         nominal=v.nominal,
         unit=v.flat.unit if v.flat.type == "Real" else "",
         description=v.flat.description,
+        enumeration=v.flat.enumeration,
     )
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hystid.errors import ModelicaError
-from hystid.modelcode import Experiment
+from hystid.modelcode import BuiltInText, Enumeration, Experiment
 from hystid.modelica.expr import Expr, Num, Op, Ref, Text
 
 SCHEMA = 1
@@ -57,6 +57,7 @@ class FlatVariable:
     final: bool = False
     protected: bool = False
     structural: bool = False
+    enumeration: Enumeration | None = None
     place: Place = Place()
 
 
@@ -171,13 +172,14 @@ class FlatModel:
     functions: tuple[Function, ...] = ()
     sections: tuple[Section, ...] = ()
     experiment: Experiment = field(default_factory=Experiment)
+    texts: tuple[BuiltInText, ...] = ()
 
 
 _CLASSES: dict[str, type] = {
     c.__name__: c
     for c in (
         Place, FlatVariable, Equation, Action, Branch, When, Assertion, FunctionVariable, Statement, Function,
-        Section, FlatModel, Experiment,
+        Section, FlatModel, Experiment, Enumeration, BuiltInText,
     )
 }  # fmt: skip
 
@@ -260,7 +262,7 @@ def _decode(value: Any) -> Any:
 _PLAIN_FIELDS = frozenset(
     {
         "name", "type", "variability", "causality", "fixed", "unit", "description", "final", "protected", "structural",
-        "external", "file", "line", "kind", "level",
+        "external", "file", "line", "kind", "level", "content",
     }
 )  # fmt: skip
 
@@ -268,6 +270,8 @@ _PLAIN_FIELDS = frozenset(
 def _field(name: str, value: Any) -> Any:
     if name in _PLAIN_FIELDS or (name == "target" and isinstance(value, str)):
         return value
+    if name == "items":
+        return tuple(value["items"])
     if name == "dims":
         items = value["items"] if isinstance(value, dict) else value
         return tuple(v if isinstance(v, int) else _decode(v) for v in items)

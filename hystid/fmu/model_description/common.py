@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 from hystid.errors import UsageError
 from hystid.fmu.interface import Interface
-from hystid.modelcode import Variable
+from hystid.modelcode import Enumeration, Variable
 from hystid.units import exponents
 
 _TOLERANCE = 1e-6  # where a model states none: with it CVode is within 0.1 % (benchmarks/fmu/solver_settings.py)
@@ -89,6 +89,27 @@ def add_units(root: ET.Element, model: Interface) -> None:
             shown, times, plus = _DISPLAYED[name]
             more = {"offset": number(plus)} if plus else {}
             add(unit, "DisplayUnit", {"name": shown, "factor": number(times), **more})
+
+
+def add_items(parent: ET.Element, enumeration: Enumeration) -> None:
+    """The items of an enumeration with their values."""
+    for value, item in enumerate(enumeration.items, 1):
+        add(parent, "Item", {"name": item, "value": str(value)})
+
+
+def add_texts(parent: ET.Element, model: Interface, inside: str) -> None:
+    """Strings that are built in, as constants. inside: the element that holds the content, "Start" in FMI 3.0."""
+    for reference, text in model.texts:
+        common: dict[str, str | None] = {
+            "name": text.name,
+            "valueReference": str(reference),
+            "description": one_line(text.description) or None,
+            "causality": "local",
+            "variability": "constant",
+            "initial": "exact",
+        }
+        variable = add(parent, "String" if inside == "Start" else "ScalarVariable", common)
+        add(variable, inside, {"value" if inside == "Start" else "start": text.content})
 
 
 def display_unit(variable: Variable) -> str | None:

@@ -10,7 +10,9 @@ from hystid.fmu.interface import Interface
 from hystid.fmu.model_description.common import (
     add,
     add_experiment,
+    add_items,
     add_log_categories,
+    add_texts,
     add_units,
     display_unit,
     flag,
@@ -29,11 +31,13 @@ def describe(model: Interface, generated: datetime, sources: Sequence[str]) -> E
     root = ET.Element("fmiModelDescription", _attributes(model, generated))
     _add_kinds(root, model, sources)
     add_units(root, model)
+    _add_types(root, model)
     add_log_categories(root)
     add_experiment(root, model)
     variables = add(root, "ModelVariables")
     for variable in model.variables:
         _add_variable(variables, model, variable)
+    add_texts(variables, model, "String")
     _add_structure(root, model)
     return root
 
@@ -71,6 +75,15 @@ def _add_kinds(root: ET.Element, model: Interface, sources: Sequence[str]) -> No
             add(files, "File", {"name": name})
 
 
+def _add_types(root: ET.Element, model: Interface) -> None:
+    if not model.code.enumerations:
+        return
+    definitions = add(root, "TypeDefinitions")
+    for enumeration in model.code.enumerations:
+        listed = add(add(definitions, "SimpleType", {"name": enumeration.name}), "Enumeration")
+        add_items(listed, enumeration)
+
+
 def _index(model: Interface, variable: Variable) -> int:
     return model.variables.index(variable) + 1
 
@@ -103,8 +116,10 @@ def _add_variable(parent: ET.Element, model: Interface, v: Variable) -> None:
         attributes["derivative"] = str(_index(model, model.named(v.derivative_of)))
     if v.name in model.code.states:
         attributes["reinit"] = flag(model.reinitialised(v.name))
-    order = ("unit", "displayUnit", "min", "max", "nominal", "start", "derivative", "reinit")
-    add(element, v.type, {name: attributes.get(name) for name in order})
+    if v.enumeration:
+        attributes["declaredType"] = v.enumeration.name
+    order = ("declaredType", "unit", "displayUnit", "min", "max", "nominal", "start", "derivative", "reinit")
+    add(element, "Enumeration" if v.enumeration else v.type, {name: attributes.get(name) for name in order})
 
 
 def _add_structure(root: ET.Element, model: Interface) -> None:

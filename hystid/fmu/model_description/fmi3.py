@@ -10,7 +10,9 @@ from hystid.fmu.interface import Interface
 from hystid.fmu.model_description.common import (
     add,
     add_experiment,
+    add_items,
     add_log_categories,
+    add_texts,
     add_units,
     display_unit,
     flag,
@@ -31,6 +33,7 @@ def describe(model: Interface, generated: datetime) -> ET.Element:
     root = ET.Element("fmiModelDescription", _attributes(model, generated))
     _add_kinds(root, model)
     add_units(root, model)
+    _add_types(root, model)
     add_log_categories(root)
     add_experiment(root, model)
     variables = add(root, "ModelVariables")
@@ -39,6 +42,7 @@ def describe(model: Interface, generated: datetime) -> ET.Element:
     stem = _free_stem(model, "eventIndicator")
     for i in range(model.code.n_indicators):
         _add_indicator(variables, model, stem, i)
+    add_texts(variables, model, "Start")
     _add_structure(root, model)
     return root
 
@@ -76,6 +80,13 @@ def _add_kinds(root: ET.Element, model: Interface) -> None:
     add(root, "CoSimulation", {**shared, **own})
 
 
+def _add_types(root: ET.Element, model: Interface) -> None:
+    if model.code.enumerations:
+        definitions = add(root, "TypeDefinitions")
+        for enumeration in model.code.enumerations:
+            add_items(add(definitions, "EnumerationType", {"name": enumeration.name}), enumeration)
+
+
 def _add_variable(parent: ET.Element, model: Interface, group: tuple[Variable, ...]) -> None:
     v = group[0]
     attributes: dict[str, str | None] = {
@@ -102,7 +113,9 @@ def _add_variable(parent: ET.Element, model: Interface, group: tuple[Variable, .
         attributes["reinit"] = flag(model.reinitialised(state))
     if v.start is not None and v.causality != "independent":
         attributes["start"] = start_text(v)
-    element = add(parent, _TAG[v.type], attributes)
+    if v.enumeration:
+        attributes["declaredType"] = v.enumeration.name
+    element = add(parent, "Enumeration" if v.enumeration else _TAG[v.type], attributes)
     for alias in _listed_aliases(group):
         add(element, "Alias", {"name": alias.name, "description": one_line(alias.description) or None})
 

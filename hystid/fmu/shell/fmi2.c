@@ -195,9 +195,7 @@ fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t
 fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[])
 {
     CHECK(GET_STRING);
-    (void)vr;
-    (void)value;
-    return n ? status(hy_fail(instance, "fmi2GetString: the model has no string variables")) : fmi2OK;
+    return status(hy_get_texts(instance, "fmi2GetString", vr, n, value));
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
@@ -221,9 +219,8 @@ fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t
 fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String value[])
 {
     CHECK(SET_STRING);
-    (void)vr;
     (void)value;
-    return n ? status(hy_fail(instance, "fmi2SetString: the model has no string variables")) : fmi2OK;
+    return status(hy_set_texts(instance, "fmi2SetString", vr, n));
 }
 
 /* ---- states of the FMU ---- */

@@ -185,60 +185,41 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], 
     return status(hy_set(c, "fmi3SetFloat64", vr, n, REAL, values));
 }
 
-fmi3Status fmi3GetInt32(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Int32 values[], size_t n_values)
-{
-    CHECK(GET_VALUE);
-    if (n != n_values || (n && (!vr || !values))) REFUSE("fmi3GetInt32: %zu variables, room for %zu values", n, n_values);
-    for (size_t i = 0; i < n; i++) {
-        double number;
-        const int code = hy_get(c, "fmi3GetInt32", vr + i, 1, INTEGER, &number);
-        if (code) return status(code);
-        values[i] = (fmi3Int32)lround(number);
+/* Whole numbers of the block as values of a C type, and back. All are checked before the first is set. */
+#define WHOLE_TYPE(Type, kind, FROM_NUMBER) \
+    fmi3Status fmi3Get##Type(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3##Type values[], size_t n_values) \
+    { \
+        CHECK(GET_VALUE); \
+        if (n != n_values || (n && (!vr || !values))) \
+            REFUSE("fmi3Get" #Type ": %zu variables, room for %zu values", n, n_values); \
+        for (size_t i = 0; i < n; i++) { \
+            double number; \
+            const int code = hy_get(c, "fmi3Get" #Type, vr + i, 1, kind, &number); \
+            if (code) return status(code); \
+            values[i] = FROM_NUMBER(number); \
+        } \
+        return fmi3OK; \
+    } \
+    fmi3Status fmi3Set##Type(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3##Type values[], \
+                             size_t n_values) \
+    { \
+        fmi3Status worst = fmi3OK; \
+        CHECK(SET_VALUE); \
+        if (n != n_values || (n && (!vr || !values))) REFUSE("fmi3Set" #Type ": %zu variables, %zu values", n, n_values); \
+        for (size_t i = 0; i < n; i++) \
+            if (!hy_may_set(c, "fmi3Set" #Type, vr[i], kind, (double)values[i])) return fmi3Error; \
+        for (size_t i = 0; i < n && worst <= fmi3Warning; i++) { \
+            const double number = (double)values[i]; \
+            worst = status(hy_set(c, "fmi3Set" #Type, vr + i, 1, kind, &number)); \
+        } \
+        return worst; \
     }
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetInt32(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Int32 values[], size_t n_values)
-{
-    fmi3Status worst = fmi3OK;
-    CHECK(SET_VALUE);
-    if (n != n_values || (n && (!vr || !values))) REFUSE("fmi3SetInt32: %zu variables, %zu values", n, n_values);
-    for (size_t i = 0; i < n; i++)
-        if (!hy_may_set(c, "fmi3SetInt32", vr[i], INTEGER, values[i])) return fmi3Error;
-    for (size_t i = 0; i < n && worst <= fmi3Warning; i++) {
-        const double number = values[i];
-        worst = status(hy_set(c, "fmi3SetInt32", vr + i, 1, INTEGER, &number));
-    }
-    return worst;
-}
-
-fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Boolean values[], size_t n_values)
-{
-    CHECK(GET_VALUE);
-    if (n != n_values || (n && (!vr || !values))) REFUSE("fmi3GetBoolean: %zu variables, room for %zu values", n, n_values);
-    for (size_t i = 0; i < n; i++) {
-        double number;
-        const int code = hy_get(c, "fmi3GetBoolean", vr + i, 1, BOOLEAN, &number);
-        if (code) return status(code);
-        values[i] = number != 0;
-    }
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Boolean values[],
-                          size_t n_values)
-{
-    fmi3Status worst = fmi3OK;
-    CHECK(SET_VALUE);
-    if (n != n_values || (n && (!vr || !values))) REFUSE("fmi3SetBoolean: %zu variables, %zu values", n, n_values);
-    for (size_t i = 0; i < n; i++)
-        if (!hy_may_set(c, "fmi3SetBoolean", vr[i], BOOLEAN, values[i])) return fmi3Error;
-    for (size_t i = 0; i < n && worst <= fmi3Warning; i++) {
-        const double number = values[i];
-        worst = status(hy_set(c, "fmi3SetBoolean", vr + i, 1, BOOLEAN, &number));
-    }
-    return worst;
-}
+#define TO_INT32(number) (fmi3Int32)lround(number)
+#define TO_INT64(number) (fmi3Int64)llround(number)
+#define TO_BOOLEAN(number) ((number) != 0)
+WHOLE_TYPE(Int32, INTEGER, TO_INT32)
+WHOLE_TYPE(Int64, ENUMERATION, TO_INT64)
+WHOLE_TYPE(Boolean, BOOLEAN, TO_BOOLEAN)
 
 /* Types that no variable of ours has: legal to call for no variables at all. */
 #define NO_TYPE(Name, which, const_, Type) \
@@ -256,9 +237,23 @@ NO_TYPES(UInt8)
 NO_TYPES(Int16)
 NO_TYPES(UInt16)
 NO_TYPES(UInt32)
-NO_TYPES(Int64)
 NO_TYPES(UInt64)
-NO_TYPES(String)
+
+fmi3Status fmi3GetString(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3String values[], size_t n_values)
+{
+    CHECK(GET_VALUE);
+    if (n != n_values) REFUSE("fmi3GetString: %zu variables, room for %zu values", n, n_values);
+    return status(hy_get_texts(c, "fmi3GetString", vr, n, values));
+}
+
+fmi3Status fmi3SetString(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3String values[],
+                         size_t n_values)
+{
+    CHECK(SET_VALUE);
+    (void)values;
+    if (n != n_values) REFUSE("fmi3SetString: %zu variables, %zu values", n, n_values);
+    return status(hy_set_texts(c, "fmi3SetString", vr, n));
+}
 
 fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, size_t sizes[], fmi3Binary values[],
                          size_t n_values)

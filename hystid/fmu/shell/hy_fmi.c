@@ -320,6 +320,31 @@ int hy_set(hy_instance *c, const char *call, const unsigned *vr, size_t n, int t
     return hy_fmi_status(c, outcome);
 }
 
+static int is_text(const hy_instance *c, unsigned vr)
+{
+    const hy_model *m = c->engine.model;
+    const unsigned first = (unsigned)(m->n_values + m->n_z);
+    return vr >= first && vr - first < (unsigned)hy_n_texts;
+}
+
+int hy_get_texts(hy_instance *c, const char *call, const unsigned *vr, size_t n, const char **value)
+{
+    const hy_model *m = c->engine.model;
+    if (n && (!vr || !value)) return hy_fail(c, "%s: a NULL array was given for %zu values", call, n);
+    for (size_t i = 0; i < n; i++) {
+        if (!is_text(c, vr[i])) return hy_fail(c, "%s: there is no String with value reference %u", call, vr[i]);
+        value[i] = hy_texts[vr[i] - (unsigned)(m->n_values + m->n_z)];
+    }
+    return FMI_OK;
+}
+
+int hy_set_texts(hy_instance *c, const char *call, const unsigned *vr, size_t n)
+{
+    if (!n) return FMI_OK;
+    if (!vr || !is_text(c, vr[0])) return hy_fail(c, "%s: there is no String with this value reference", call);
+    return hy_fail(c, "%s: the Strings of this model are built in: change them in the model and build it again", call);
+}
+
 int hy_set_time(hy_instance *c, double time)
 {
     if (!isfinite(time)) return hy_fail(c, "time must be finite");

@@ -24,7 +24,7 @@ typedef struct {
 } hy_call;
 
 /* One slot of the block as FMI sees it; generated from the model's variables. */
-enum { NO_VARIABLE = 0, REAL = 1, INTEGER = 2, BOOLEAN = 3 };
+enum { NO_VARIABLE = 0, REAL = 1, INTEGER = 2, BOOLEAN = 3, ENUMERATION = 4 }; /* the last in FMI 3 */
 enum { HAS_START = 1, IS_INPUT = 2, IS_TUNABLE = 4, IS_DISCRETE = 8, IS_OUTPUT = 16 };
 typedef struct {
     unsigned char type, flags;
@@ -33,6 +33,8 @@ typedef struct {
 } hy_variable;
 extern const hy_variable hy_variables[]; /* n_values entries */
 extern const double hy_nominals[];       /* one per continuous state */
+extern const char *const hy_texts[];     /* Strings that are built in: their references follow those of the indicators */
+extern const int hy_n_texts;
 
 typedef struct hy_instance hy_instance;
 typedef void (*hy_logger)(const hy_instance *c, int status, const char *category, const char *text);
@@ -63,6 +65,8 @@ int hy_set_logging(hy_instance *c, int on, size_t n, const char *const *categori
 int hy_get(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, double *value);
 int hy_may_set(hy_instance *c, const char *call, unsigned vr, int type, double value);
 int hy_set(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, const double *value);
+int hy_get_texts(hy_instance *c, const char *call, const unsigned *vr, size_t n, const char **value);
+int hy_set_texts(hy_instance *c, const char *call, const unsigned *vr, size_t n);
 int hy_set_time(hy_instance *c, double time);
 int hy_set_states(hy_instance *c, const double *x, size_t n);
 int hy_get_states(hy_instance *c, double *x, size_t n);
