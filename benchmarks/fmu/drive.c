@@ -1,6 +1,7 @@
 /* One step of co-simulation from plain C: set inputs, step, get an output. Libraries alternate in one run.
  * drive ROUNDS STEPS, then for each library: PATH TOKEN OUTPUT_VR N_IN IN_VR...
- * Prints for each: median over the rounds of the CPU time of a step [ns], and the last output. */
+ * Prints for each: median over the rounds of the CPU time of a step [ns] and of its ratio to the first library's, and the
+ * last output. */
 #include <dlfcn.h>
 #include <math.h>
 #include <stdarg.h>
@@ -17,7 +18,7 @@ typedef struct {
     fmi2DoStepTYPE *step;
     unsigned in[8], out;
     int n_in;
-    double t, last, times[64];
+    double t, last, times[64], ratios[64];
 } client;
 
 static void log_(fmi2ComponentEnvironment e, fmi2String name, fmi2Status s, fmi2String category, fmi2String text, ...)
@@ -90,9 +91,12 @@ int main(int argc, char **argv)
     for (int round = 0; round < rounds; round++)
         for (int i = 0; i < n; i++)
             if (run(all + i, steps, round)) return 3;
+    for (int i = n - 1; i >= 0; i--)
+        for (int round = 0; round < rounds; round++) all[i].ratios[round] = all[i].times[round] / all[0].times[round];
     for (int i = 0; i < n; i++) {
+        qsort(all[i].ratios, (size_t)rounds, sizeof(double), by_size);
         qsort(all[i].times, (size_t)rounds, sizeof(double), by_size);
-        printf("%.3f %.17g\n", all[i].times[rounds / 2], all[i].last);
+        printf("%.3f %.3f %.17g\n", all[i].times[rounds / 2], all[i].ratios[rounds / 2], all[i].last);
     }
     return 0;
 }
