@@ -69,13 +69,14 @@ def outcome(command: str, file: Path, mass: float, folder: Path) -> Outcome:
 
 @contextlib.contextmanager
 def prepared(recording: Recording, mass: float) -> Iterator[Path]:
-    """A folder with a surrogate of the recording as it should be."""
+    """A folder with the recording as it should be, and a surrogate of it."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         write_csv(recording, folder / "sound.csv")
         made = outcome("identify", folder / "sound.csv", mass, folder)
         assert made.code == 0, made.said
-        (folder / "out" / "surrogate.onnx").rename(folder / "surrogate.onnx")
+        for name in ("surrogate.onnx", "oscillator.fmu", "identification.json"):
+            (folder / "out" / name).rename(folder / name)
         yield folder
 
 

@@ -62,7 +62,8 @@ def test_a_slip_is_read_in_the_one_way_that_fits_or_refused(change: dict[str, fl
 def test_a_diagnosis_tells_how_it_read_the_channels() -> None:
     found = diagnose([slipped({"F": -1.0, "a": -1.0}, "xva")], model=LINEAR, parameters={"m": M})
     assert found.verdict in ("consistent", "recalibrated") and found.findings == ()
-    assert sum("read with the other sign" in note for note in found.notes) == 2
+    assert sum("read with the other sign" in text for text in found.misread) == 2
+    assert found.summary().splitlines()[1] == f"to be mended: {found.misread[0]}"  # and the command ends with 1
     assert found.refit["Kl"].value == pytest.approx(K, rel=0.02)  # 40 dB, and 1 % by the mass
 
 
