@@ -9,6 +9,7 @@ import fmu_checker
 import numpy as np
 import pytest
 from fmpy.ssp.simulation import simulate_ssp
+from fmpy.ssp.ssd import read_ssv
 from fmpy.validation import validate_fmu
 from lxml import etree
 from test_fmu_ssp import SCHEMA
@@ -116,6 +117,14 @@ def test_systems_keep_the_items(contacts, tmp_path):
     assert [(item.get("name"), item.get("value")) for item in law] == [(n, str(k)) for k, n in enumerate(LAWS, 1)]
     rows = simulate_ssp(str(path), stop_time=0.01, step_size=1e-3, input={"wanted": lambda t: 3})
     assert rows["now"][-1] == 3
+    given = write_ssp(tmp_path / "p.ssp", "p", {"one": contacts[2]},
+                      [Connection("v", "one.v"), Connection("one.f", "f")],
+                      inputs=["v"], outputs=["f"], parameters={"one.law": 3})  # fmt: skip
+    for values, force in ((read_ssv(str(given), "resources/parameters.ssv"), 1.0), (None, 2.0)):
+        rows = simulate_ssp(
+            str(given), stop_time=0.01, step_size=1e-3, parameter_set=values, input={"v": lambda t: 0.5}
+        )
+        assert rows["f"][-1] == pytest.approx(force)  # viscous where it is handed over, else dry
     with pytest.raises(UsageError, match=r"one\.state is Contact\.State, two\.wanted is Laws\.Law"):
         write_ssp(tmp_path / "t.ssp", "t", {"one": contacts[2], "two": contacts[2]},
                   [Connection("one.state", "two.wanted")])  # fmt: skip

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from hystid.errors import FmuError, UsageError
 from hystid.fmu.build import write_zip
 from hystid.fmu.door import OpenedFmu, open_fmu
-from hystid.fmu.model_description.common import number, text_of
+from hystid.fmu.model_description.common import number, start_text, text_of
 from hystid.fmu.reference import SSV as _SSV
 from hystid.modelcode import Enumeration, Experiment, Variable
 from hystid.units import exponents
@@ -176,11 +176,13 @@ def _values(opened: Mapping[str, OpenedFmu], parameters: Mapping[str, float]) ->
     listed = ET.SubElement(root, f"{{{_SSV}}}Parameters")
     for path, value in parameters.items():
         component, _, name = path.partition(".")
-        known = [v.name for v in opened[component].model.variables] if component in opened else []
+        known = {v.name: v for v in opened[component].model.variables} if component in opened else {}
         if name not in known:
             raise UsageError(f"'{path}' is no variable of a component")
         parameter = ET.SubElement(listed, f"{{{_SSV}}}Parameter", {"name": path})
-        ET.SubElement(parameter, f"{{{_SSV}}}Real", {"value": number(value)})
+        variable = known[name]  # items of enumerations by value: FMPy's runner takes no names
+        text = start_text(replace(variable, start=value))
+        ET.SubElement(parameter, f"{{{_SSV}}}{variable.type}", {"value": text})
     return root
 
 
