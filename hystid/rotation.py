@@ -26,6 +26,7 @@ _WORDS = (
     (r"mass", "inertia"), (r"a velocity", "an angular velocity"), (r"(?<!angular )velocity", "angular velocity"),
     (r"an? acceleration", "an angular acceleration"), (r"(?<!angular )acceleration", "angular acceleration"),
 )  # fmt: skip
+_BRACKETED = re.compile(r"(?<=\[)[^\[\] ]+(?=\])")
 # Not within names of files, options and variables.
 _PATTERNS = [(re.compile(rf"(?<![\w./\-]){old}(?![\w/\-]|\.\w)", re.I), new) for old, new in _WORDS]
 
@@ -58,6 +59,7 @@ def turned_text(text: str) -> str:
     """
     for pattern, new in _PATTERNS:
         text = pattern.sub(partial(_in_case, new), text)
+    text = _BRACKETED.sub(lambda found: turned_unit(found[0]), text)
     return _MEASURED.sub(lambda found: turned_unit(found[1]), text)
 
 

@@ -33,6 +33,7 @@ def test_units_turn_once(unit: str, turned: str) -> None:
         ("Fc = 6.501 ± 0.060 kN", "Fc = 6.501 ± 0.060 kN.m"),
         ("A displacement, a mass of 3 kg", "An angle, an inertia of 3 kg.m2"),
         ("force_2.csv --mass 3 force.csv", "force_2.csv --mass 3 force.csv"),  # names are no words
+        ("force MSE [N²], case [filtered]", "torque MSE [(N.m)²], case [filtered]"),
         ("5 m/s, 12 min, 3 samples", "5 rad/s, 12 min, 3 samples"),
     ],
 )
