@@ -27,7 +27,7 @@ from pathlib import Path
 import platformdirs
 
 from hystid.errors import ToolchainError
-from hystid.files import mark, write_text
+from hystid.files import mark, on_disk_of, write_text
 
 _log = logging.getLogger("hystid")
 _LAYOUT = "2"  # of the folder: one that an older version filled is left alone
@@ -120,9 +120,10 @@ def keep(name: str) -> Iterator[Path]:
     place, suffix = folder(), Path(name).suffix
     made = place / f"{mark()}{os.urandom(8).hex()}{suffix}"
     try:
-        yield made
-        content = place / f"{_digest(made)}{suffix}"
-        made.replace(content)
+        with on_disk_of(place):
+            yield made
+            content = place / f"{_digest(made)}{suffix}"
+            made.replace(content)
         write_text(_key(place, name), content.name)
     finally:
         made.unlink(missing_ok=True)

@@ -6,6 +6,7 @@ folder.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import math
@@ -53,6 +54,17 @@ def inside(folder: Path, name: str) -> Path:
 
 
 @contextmanager
+def on_disk_of(path: Path) -> Iterator[None]:
+    """Errors of a full disk name what was written: the system names the other file of a copy, or none."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise OSError(error.errno, "the disk is full", str(path)) from None
+        raise
+
+
+@contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the same folder; it replaces ``path`` when the block ends without an error."""
     path = Path(path)
@@ -62,9 +74,10 @@ def atomic(path: Path) -> Iterator[Path]:
     os.close(handle)
     beside = Path(name)
     try:
-        yield beside
-        beside.chmod(0o644)
-        beside.replace(path)
+        with on_disk_of(path):
+            yield beside
+            beside.chmod(0o644)
+            beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
 

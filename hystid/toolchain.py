@@ -138,7 +138,8 @@ def _compile(command: Sequence[str], folder: Path) -> None:
     if code:
         lines = printed.decode(errors="replace").splitlines() or [f"it ended with code {code}"]
         if any("No space left on device" in line for line in lines):
-            raise ToolchainError(f"the disk of the cache {store.folder()} or of the temporary folder is full")
+            temporary = os.environ.get("TMPDIR") or tempfile.gettempdir()
+            raise ToolchainError(f"the disk of the cache {store.folder()} or of {temporary} (temporary files) is full")
         first = next((line for line in lines if "error" in line), lines[0])[:_LINE]
         raise ToolchainError(
             f"the C compiler '{command[0]}' failed on generated code (cache {store.folder()}): {first}"
@@ -147,21 +148,23 @@ def _compile(command: Sequence[str], folder: Path) -> None:
 
 def _run(command: Sequence[str], folder: Path) -> tuple[int, bytes]:
     """Exit code of a command, and the first of what it printed."""
-    with tempfile.TemporaryFile() as printed:
-        try:
-            process = subprocess.Popen(
-                command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=printed,
-                start_new_session=True,
-            )  # fmt: skip
-        except OSError as error:
-            raise ToolchainError(
-                f"the C compiler '{command[0]}' cannot be run ({(error.strerror or str(error)).lower()}): set CC to "
-                "one that can, or install gcc or clang"
-            ) from None
-        with counted(process):
-            wait_until_over(process)
-        printed.seek(0)
-        return process.returncode, printed.read(_PRINTED)
+    try:
+        process = subprocess.Popen(
+            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            start_new_session=True,
+        )  # fmt: skip
+    except OSError as error:
+        raise ToolchainError(
+            f"the C compiler '{command[0]}' cannot be run ({(error.strerror or str(error)).lower()}): set CC to "
+            "one that can, or install gcc or clang"
+        ) from None
+    assert process.stderr is not None
+    with process.stderr as words, counted(process):
+        printed = words.read(_PRINTED)
+        while words.read(_PRINTED):  # a compiler that cannot write waits
+            pass
+        wait_until_over(process)
+    return process.returncode, printed
 
 
 @cache

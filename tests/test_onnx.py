@@ -192,3 +192,15 @@ def test_truncation_anywhere_is_noticed(saved: tuple[TwoNetworkModel, Path], tmp
         with pytest.raises(NetworkError) as caught:
             exchange.read(path)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ['{"x": "m", "v" "m/s"}', "[1]", ""])
+def test_units_that_are_no_object_are_one_sentence(
+    tmp_path: Path, saved: tuple[TwoNetworkModel, Path], text: str
+) -> None:
+    """Found by changed bytes: the rig was asked whether it turns, and the answer was a traceback."""
+    proto = onnx.load(str(saved[1]))
+    next(entry for entry in proto.metadata_props if entry.key == "units").value = text
+    onnx.save(proto, tmp_path / "odd.onnx")
+    with pytest.raises(NetworkError, match=r"odd\.onnx: the metadata entry 'units'"):
+        exchange.read(tmp_path / "odd.onnx")

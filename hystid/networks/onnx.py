@@ -345,6 +345,8 @@ def read(path: Path) -> tuple[ModelProto, StepDescription]:
     proto = load(path)
     given = {entry.key: entry.value for entry in proto.metadata_props}
     further = _further(path, given)
+    if "units" in given and not isinstance(_entry(path, given, "units"), dict):
+        raise NetworkError(f"{path}: the metadata entry 'units' must be an object of names and units")
     ports = _ports(path, proto.graph, [port.name for port in further])
     initial = _numbers(path, given, "initial_state")
     for name, (kind, info) in ports.items():
