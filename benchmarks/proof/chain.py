@@ -92,15 +92,17 @@ def record(
     rate = fine / over
     clean, seen = {}, {}
     for c in "Fxva":
-        y = getattr(motion, c).copy()
+        # sensors and filters ran before the recording began
+        past = motion.before.get(c, np.zeros(0))
+        y = np.concatenate([past, getattr(motion, c)])
         if chain.filter:
             y = _causal(bessel(4, 2 * chain.filter * rate / fine, norm="mag", output="sos"), y)
-        clean[c] = y[::over].copy()
+        clean[c] = y[len(past) :: over].copy()
         if "delay" in chain.fault and chain.fault["delay"][0] == c:
             y = _delayed(y, chain.fault["delay"][1] * fine)
         if c == "a" and chain.coupling:
-            y = _causal(butter(1, 2 * chain.coupling / fine, btype="high", output="sos"), y)
-        seen[c] = _sensed(y[::over].copy(), c, chain, level, rng, noisy)
+            y = sosfilt(butter(1, 2 * chain.coupling / fine, btype="high", output="sos"), y)  # at rest before
+        seen[c] = _sensed(y[len(past) :: over].copy(), c, chain, level, rng, noisy)
     t = motion.t[::over]
     out = {c: seen[c] for c in chain.channels}
     if chain.derive:

@@ -8,7 +8,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
@@ -81,11 +81,13 @@ class Motion:
     h: Array
     f: Array
     R: Array
+    before: dict[str, Array] = field(default_factory=dict)  # x, v, a and F of what was cut away at the beginning
 
     def every(self, step: int, start: int = 0) -> Motion:
         """Each ``step``-th sample from ``start`` on; time starts at zero again."""
         cut = [getattr(self, name)[start::step] for name in "xvaFhfR"]
-        return Motion((self.t[start::step] - self.t[start]).copy(), *cut)
+        before = {name: getattr(self, name)[:start] for name in "xvaF"}
+        return Motion((self.t[start::step] - self.t[start]).copy(), *cut, before)
 
 
 class Diverged(ValueError):

@@ -13,7 +13,7 @@ import numpy as np
 from hystid.consistency import words
 from hystid.consistency.filters import Form, filtered
 from hystid.consistency.force import FOURFOLD, Force, examine_force
-from hystid.consistency.kinematics import ORDER, Pair, Spectrum, computed, motion, pairs, spectrum
+from hystid.consistency.kinematics import ORDER, Pair, Spectrum, computed, formula, motion, pairs, spectrum
 from hystid.consistency.slips import PRIOR_SLIP, SURE, Explanation, Situation, doubtful_units, explain
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
 from hystid.recording import Array, Recording, Sources, loaded
@@ -150,19 +150,26 @@ def _best(
     force: Force | None,
     mass: float | None,
 ) -> tuple[Situation, Explanation]:
-    """What the slips are judged by, and the best of them: with gains and signs as filters leave them, if that is more
-    probable than slips without a filter."""
+    """What the slips are judged by, and the best of them: with gains and signs as filters, and formulas that smooth,
+    leave them, if that is more probable than slips without."""
     plain = _situation(recording, compared, force, mass)
     best = _explanation(plain)
-    if not forms or best.sound:
+    if best.sound:
+        return plain, best
+    held = motion(recording)
+    known = {(p.low, p.high): formula(held[p.low], held[p.high], p.order, recording.dt) for p in compared}
+    responses = {pair: response for pair in known if (response := known[pair] or forms.get(pair)) is not None}
+    if not responses:
         return plain, best
     passed = [
-        replace(p, gain=form.gain, sign=form.sign, slope=0.0) if (form := forms.get((p.low, p.high))) else p
+        replace(p, gain=response.gain, sign=response.sign, slope=0.0)
+        if (response := responses.get((p.low, p.high)))
+        else p
         for p in compared
     ]
     other = _situation(recording, passed, force, mass)
     filtered_best = _explanation(other)
-    channels = {form.channel for form in forms.values()}
+    channels = {form.channel for pair, form in forms.items() if known[pair] is None}  # a formula is a fact
     score = filtered_best.score + PRIOR_SLIP * len(channels)
     return (other, filtered_best) if score > best.score + SURE else (plain, best)
 

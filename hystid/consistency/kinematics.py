@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
@@ -18,6 +19,9 @@ _FLAT = 1.0  # exponent of a power spectrum over the highest octave below which 
 _SAME = 0.9  # squared coherence beyond which nine tenths of a channel come from another one
 _SMOOTHED = 1e4  # ratio of noise powers, force over motion, that no chain of one rig shows (40 dB)
 _CLEARLY = 0.1  # share of a misfit that a formula leaves when it is the right one
+_TAPS = 12  # samples on either side from which a formula computes a channel
+_EQUATIONS = 4000  # of it that are looked at
+_DIGITS = 1e-6  # error of a formula over the size of a channel: the last of the digits that text files hold
 _PLATEAU = 1.25  # response over the gain beyond which a filter is at work (2 dB, the usual limit of a sensor's band)
 
 
@@ -271,6 +275,34 @@ def computed(recording: Recording, names: Mapping[str, Array], low: str, high: s
     if float(np.mean(found.coherence > _SAME)) < 0.85 or recording.F is None or not np.any(recording.F):
         return None
     return high if _depth(spectrum(recording.F, recording.dt)) > _SMOOTHED * max(_depth(one), _depth(other)) else None
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A channel that follows from another one to the last digit. gain: of slow motion; where the formula smooths,
+    quick motion has less."""
+
+    gain: float
+    sign: float
+
+
+def formula(low: Array, high: Array, order: int, dt: float) -> Formula | None:
+    """The formula by which ``high`` was computed from ``low`` and its neighbours in time; None where there is none.
+
+    Savitzky and Golay's, and differences of smoothed values, lose quick motion: no unit, and no sensor's factor.
+    """
+    width = 2 * _TAPS + 1
+    if len(low) < 4 * width or not (np.std(low) > 0 and np.std(high) > 0):
+        return None
+    rows = np.lib.stride_tricks.sliding_window_view(low - np.mean(low), width)
+    step = max(1, len(rows) // _EQUATIONS)
+    table, target = rows[::step], high[_TAPS : len(high) - _TAPS : step]
+    scale = float(np.std(low))
+    weights = np.linalg.lstsq(table / scale, target, rcond=1e-13)[0] / scale
+    if float(np.std(target - table @ weights)) > _DIGITS * float(np.std(high)):
+        return None
+    slow = float(weights @ (np.arange(-_TAPS, _TAPS + 1) * dt) ** order) / math.factorial(order)
+    return Formula(abs(slow), math.copysign(1.0, slow))
 
 
 def _depth(held: Spectrum) -> float:

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from hystid.diagnosis.fit.colour import coloured_alike, with_colour
 from hystid.diagnosis.fit.periodic import periodic_forces
 from hystid.diagnosis.fit.problem import Fit, Problem
-from hystid.diagnosis.fit.refit import refit
+from hystid.diagnosis.fit.refit import refit, refit_again
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
 from hystid.diagnosis.model.beginnings import beginning
@@ -90,8 +91,11 @@ def pose(taken: Taken, model: str) -> Case:
     problem = Problem(parts, baseline, scales_of(parts, baseline))
     sized, _ = _starts(parts, code, {n: v for n, v in values.items() if n in {"m", *fixed}}, model, quasi_static=still)
     refitted, valleys, nominal = refit(problem, kept, sized)
+    held = [prepare_part(test, 100 + i) for i, test in enumerate(unseen)]
+    if (coloured := with_colour(problem, refitted)) is not None:
+        problem, held = problem.of(coloured), coloured_alike(held, coloured)
+        refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])
     refitted, lines = periodic_forces(problem, refitted)
-    held = tuple(prepare_part(test, 100 + i) for i, test in enumerate(unseen))
     told += [chain.NO_CLOCK] if still else []
     notes = (
         *sensors.notes,
@@ -104,8 +108,8 @@ def pose(taken: Taken, model: str) -> Case:
         *(note for test in tests for note in test.notes),
     )
     return Case(
-        problem, baseline, refitted, valleys, nominal, (*taken.faults, *sensors.faults), sensors.consistency, held,
-        notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
+        problem, baseline, refitted, valleys, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
+        tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
     )  # fmt: skip
 
 

@@ -362,8 +362,12 @@ class Problem:
     def movements(self, hypothesis: Hypothesis) -> list[Array]:
         """Rows of what draws of the regressors' noise make of the force; zeros where the law has no answer there, as at
         the edge of what it allows."""
+        return [self.reduce(moved) for moved in self.moved(hypothesis)]
+
+    def moved(self, hypothesis: Hypothesis) -> list[list[Array]]:
+        """The same at every sample, per draw and part [N]."""
         here = self.predicted(hypothesis)
-        return [self.reduce(self._moved(hypothesis, draw, here)) for draw in range(DRAWS)]
+        return [self._moved(hypothesis, draw, here) for draw in range(DRAWS)]
 
     def _moved(self, hypothesis: Hypothesis, draw: int, here: list[Array]) -> list[Array]:
         try:

@@ -31,7 +31,6 @@ def refit(
     before = history(kept)
     terms = (Term(before, dict.fromkeys(before.amplitudes, 0.0)),) if kept else ()
     nominal = Hypothesis(dict(problem.baseline.nominal), terms)
-    rows = problem.rows(nominal)
     fits = [made for made in (try_fit(problem, nominal, 25),) if made is not None]
     if fits and not _sits(problem, fits[0]) and (relaxed := from_nominal(problem, fits[0])) is not None:
         fits += [made for h in downhill(problem, relaxed) if (made := try_fit(problem, h, 25)) is not None]
@@ -58,7 +57,21 @@ def refit(
         fits.sort(key=lambda f: f.chi2)
         if fits[0].chi2 > (1 - _APART) * best.chi2:
             break
+    return _without_jumps(problem, fits, nominal)
+
+
+def refit_again(problem: Problem, before: Sequence[Fit]) -> tuple[Fit, tuple[Fit, ...], float]:
+    """The same from fits of another problem with the same recordings, of which the noise is known better now."""
+    made = [one for fit in before if (one := try_fit(problem, fit.hypothesis, 25)) is not None]
+    nominal = Hypothesis(dict(problem.baseline.nominal), before[0].hypothesis.terms)
+    return _without_jumps(problem, sorted(made or before[:1], key=lambda f: f.chi2), nominal)
+
+
+def _without_jumps(problem: Problem, fits: Sequence[Fit], nominal: Hypothesis) -> tuple[Fit, tuple[Fit, ...], float]:
+    """The best fit (they are sorted), other optima, and the mean square at the nominal values, with the rows weighed
+    down in which a law jumps."""
     best, *others = fits
+    rows = problem.rows(nominal)
     for _ in range(_JUMPS):
         weighed = problem.reduce.weighs
         if not problem.distrust(best.hypothesis, nominal) and not weighed:

@@ -11,7 +11,8 @@ as computed if it is not the derivative: the error of its difference quotient wo
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import csd, get_window, welch
 
+from hystid.consistency.kinematics import formula
 from hystid.recording import Recording
 from hystid.smoothing.noise import is_noise_free
 
@@ -30,7 +32,6 @@ _SHARED = 0.5  # coherence of noise at which as much of it is shared as is not
 _OWN = 0.2  # coherence that shared noise cannot have: four fifths of the power would be of its own
 _EXACTLY = 0.01  # misfit of a sum over its steps: rounding, not noise of its own
 _LEAK = 1e-9  # side lobes of the window, 92 dB below the largest line
-_TAPS = 12  # samples on either side from which a computed channel is predicted
 _DIGITS = 1e-6  # prediction error over the size of a channel: the last of the digits that text files hold
 _DERIVATIVE = 1e-3  # error of a derivative that the smoother, which takes v = dx/dt as exact, does not notice
 _MOTION = 0.999  # share of the power of the velocity that counts as motion
@@ -66,6 +67,26 @@ def measurements(recording: Recording) -> Channels:
                     computed.setdefault(other, f"computed from {source}: it repeats the noise of {source}")
     left = replace(recording, **{name: None for name in computed})  # type: ignore[arg-type]  # names of channels
     return Channels(left, tuple(name for name in known if name not in computed), computed)
+
+
+def measured_alike(recordings: Sequence[Recording]) -> list[Channels]:
+    """The same for recordings of one rig: what was computed in half of those that hold it was computed in all of them,
+    as a recording may be too short, or too quiet, to show it. No recording loses its last channel."""
+    each = [measurements(recording) for recording in recordings]
+    held = Counter(name for recording in recordings for name in "xva" if getattr(recording, name) is not None)
+    votes = Counter(name for channels in each for name in channels.computed)
+    why = {name: reason for channels in each for name, reason in channels.computed.items()}
+    common = [name for name in votes if 2 * votes[name] >= held[name]]
+    found = []
+    for channels in each:
+        for name in common:
+            if name in channels.measured and len(channels.measured) > 1:
+                left = tuple(one for one in channels.measured if one != name)
+                without = replace(channels.recording, **{name: None})  # type: ignore[arg-type]  # names of channels
+                told = {**channels.computed, name: f"{why[name]} in the other recordings"}
+                channels = Channels(without, left, told)
+        found.append(channels)
+    return found
 
 
 def _related(low: Array, high: Array, order: int, dt: float) -> str:
@@ -122,14 +143,7 @@ def _above_floor(power: Array, size: float) -> NDArray[np.bool_]:
 
 def _is_exact_but_no_derivative(low: Array, high: Array, order: int, dt: float) -> bool:
     """Whether the higher channel follows from the lower one to the last digit, by weights that are no derivative."""
-    width = 2 * _TAPS + 1
-    rows = np.lib.stride_tricks.sliding_window_view(low - np.mean(low), width)
-    step = max(1, len(rows) // 4000)
-    table, target = rows[::step], high[_TAPS : len(high) - _TAPS : step]
-    scale = float(np.std(low))
-    weights = np.linalg.lstsq(table / scale, target, rcond=1e-13)[0]
-    left = float(np.std(target - table @ weights / scale)) / float(np.std(high))
-    if left > _DIGITS:
+    if formula(low, high, order, dt) is None:
         return False
     from hystid.diagnosis.prepare.segments import FIRST, stencil  # the exact derivative that the balance uses
 

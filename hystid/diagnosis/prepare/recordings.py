@@ -11,7 +11,7 @@ from hystid.diagnosis.prepare.bandwidth import where_white
 from hystid.diagnosis.prepare.chain import Fault, stopped
 from hystid.diagnosis.prepare.decay import is_free, released
 from hystid.diagnosis.prepare.given import Given
-from hystid.diagnosis.prepare.independence import measurements
+from hystid.diagnosis.prepare.independence import measured_alike
 from hystid.diagnosis.prepare.readings import consistent
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.prepare.spikes import without_spikes
@@ -58,9 +58,10 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
     read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
     tests, unseen, given = _with_decays(read.tests, read.unseen, given)
     clipped = stopped(tests)
+    measured = _measured_only([*_bounded(tests), *_bounded(unseen)])
     tests, unseen = (
-        [_with_noise(test, i) for i, test in enumerate(where_white([_measured_only(t) for t in _bounded(group)]))]
-        for group in (tests, unseen)
+        [_with_noise(test, i) for i, test in enumerate(where_white(group))]
+        for group in (measured[: len(tests)], measured[len(tests) :])
     )
     return Taken(tests, unseen, given, read.faults, clipped, read.misread, read.doubts)
 
@@ -98,11 +99,14 @@ def _bounded(tests: list[Recording]) -> list[Recording]:
     return [prepare(test, decimate=factor) for test in tests] if factor > 1 else tests
 
 
-def _measured_only(test: Recording) -> Recording:
-    """A recording without the channels that were computed from others, and a note of what was taken as measured."""
-    found = measurements(test)
-    told = [f"{test.name}: {name} left out, {why}" for name, why in found.computed.items()]
-    return replace(found.recording, notes=(*test.notes, *told))
+def _measured_only(tests: Sequence[Recording]) -> list[Recording]:
+    """Recordings without the channels that were computed from others, and notes of what was left out."""
+    taken = []
+    for channels in measured_alike(tests):
+        name = channels.recording.name
+        told = [f"{name}: {channel} left out, {why}" for channel, why in channels.computed.items()]
+        taken.append(replace(channels.recording, notes=(*channels.recording.notes, *told)))
+    return taken
 
 
 def _with_noise(test: Recording, seed: int) -> Recording:

@@ -55,6 +55,8 @@ class Part:
     past: samples after the first one that are run backwards before it: a law with memory begins as in mid-motion.
     timed: whether time was measured; else it only numbers the samples. extra: further columns of the file, (n,) each.
     sees_x: whether the displacement is known at all frequencies that matter.
+    colour: power of the noise of all channels over its white part, times the frequency [cycles per sample], and times
+    its square: 1/f noise, and a wandering zero.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia; in single
     precision, as they are many.
     """
@@ -77,6 +79,7 @@ class Part:
     extra: Mapping[str, Array] = field(repr=False, default_factory=dict)
     jitter: tuple[tuple[Single, ...], ...] = field(repr=False, default=())
     sees_x: bool = True
+    colour: tuple[float, float] = (0.0, 0.0)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -251,11 +254,16 @@ class Reduction:
         rows = np.concatenate([self.plain(i, column) * self._weights[i] for i, column in enumerate(made)])
         return rows if self._trust is None else rows * self._trust
 
+    def whitened(self, columns: Sequence[Array]) -> list[Array]:
+        """One column per part at all its samples, (n,), in units of the white noise."""
+        noises = [np.sqrt(self.block) / weight for weight in self._weights]
+        return [column / noise for column, noise in zip(self._whitened(columns), noises, strict=True)]
+
     def _whitened(self, columns: Sequence[Array]) -> Sequence[Array]:
         """Columns of all parts after their filters, in one transform where the parts are of one length."""
         if self._together is not None:
-            return list(_filtered(np.stack(columns), self._together))
-        return [c if filt is None else _filtered(c, filt) for c, filt in zip(columns, self._filters, strict=True)]
+            return list(filtered(np.stack(columns), self._together))
+        return [c if filt is None else filtered(c, filt) for c, filt in zip(columns, self._filters, strict=True)]
 
     def distrust(self, draws: Sequence[Array], filtered: Array) -> None:
         """Weigh down the rows in which the noise of the regressors moves the force by more than its own noise.
@@ -341,7 +349,8 @@ def _slowly(part: Part) -> int:
 def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
     """Frequency response that makes the noise of the balance white; None where it is white already."""
     derived = part.inertia_order > 0 and mass != 0.0
-    if not derived and not part.lowest:
+    coloured = any(part.colour) and not part.lowest
+    if not derived and not part.lowest and not coloured:
         return None
     n = 2 * len(part)
     omega = 2 * np.pi * np.arange(n // 2 + 1) / n
@@ -350,6 +359,8 @@ def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
         weights, name = (SECOND, "x") if part.inertia_order == 2 else (FIRST, "v")
         gain = _response(weights, omega) / part.dt**part.inertia_order * part.noise[name]
         power += (mass * gain / part.noise["F"]) ** 2
+    if coloured:
+        power /= colouring(len(part), part.colour) ** 2
     if part.lowest:
         turn = omega**2 + (BELOW["v" if "v" in part.noise else "a"] * part.first) ** 2
         high = (omega / part.first) ** 8
@@ -357,6 +368,13 @@ def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
         power += (stiffness * drift / part.balance_noise(mass)) ** 2
         return np.asarray(np.sqrt(high / (1.0 + high) / power))
     return np.asarray(1.0 / np.sqrt(power))
+
+
+def colouring(samples: int, colour: tuple[float, float]) -> Array:
+    """Frequency response that makes noise of this colour white."""
+    n = 2 * samples
+    cycles = np.maximum(np.arange(n // 2 + 1), 1) / n
+    return np.asarray(1 / np.sqrt(1 + colour[0] / cycles + colour[1] / cycles**2))
 
 
 def _trim(samples: int, response: Array | None, first: float) -> int:
@@ -382,7 +400,7 @@ def _response(weights: Array, omega: Array) -> Array:
     return np.asarray(np.abs(np.exp(1j * np.outer(omega, shift)) @ weights))
 
 
-def _filtered(column: Array, response: Array) -> Array:
+def filtered(column: Array, response: Array) -> Array:
     """Zero-phase filter along the last axis; its mirror image continues the column, hence the cosine transform."""
     return np.asarray(idct(dct(column) * response[..., :-1]))
 

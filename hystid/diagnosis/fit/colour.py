@@ -1,0 +1,105 @@
+"""Noise that grows towards low frequencies: 1/f noise of amplifiers, zeros that wander.
+
+The noise level of a channel is read where nothing moves, high above the motion. Noise of amplifiers is louder at low
+frequencies than it is there, as 1/f, and a wandering zero as 1/f^2. Taken for white, it would be a mismatch in the band
+of the motion. It is measured below that band, in what the refit leaves, after all that follows the state of the
+motion is taken out, and then the force balance is whitened by it (generalised least squares).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from hystid.diagnosis.fit.problem import Fit, Problem
+from hystid.diagnosis.prepare.segments import Part, band, colouring, filtered
+
+Array = NDArray[np.float64]
+_ROWS = 16_000  # of one recording; more are averaged in blocks
+_CELLS = 5  # of the phase plane along x and along v, as the criterion counts states
+_POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of their own
+_FIRST = 3  # line of the spectrum from which the polynomial and the window leave it alone
+_BELOW = 0.5  # share of the lowest frequency of the motion below which the window leaks nothing of it
+_FEWEST = 10  # lines from which a colour can be told
+_ROUNDS = 20  # of reweighting
+
+
+def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
+    """The parts of a problem with the colour of their noise; None where it is white as far as can be seen.
+
+    One colour for all channels and recordings, relative to their white noise: they come from the same amplifiers.
+    """
+    rests = problem.reduce.whitened(problem.balance(fitted.hypothesis))
+    moved = [problem.reduce.whitened(draw) for draw in problem.moved(fitted.hypothesis)]
+    found = [_below(part, rests[i], [draw[i] for draw in moved]) for i, part in enumerate(problem.parts)]
+    frequency, power, dt = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    if len(power) < _FEWEST:
+        return None
+    pink, red = _fitted(frequency, power, dt)
+    return [_coloured(part, (pink, red * part.dt)) for part in problem.parts] if pink or red else None
+
+
+def _coloured(part: Part, colour: tuple[float, float]) -> Part:
+    """A part with the colour of its noise, and so the draws of what noise does to its motion."""
+    response = 1 / colouring(len(part), colour)
+    jitter = tuple(tuple(filtered(u, response).astype(np.float32) for u in draw) for draw in part.jitter)
+    return replace(part, colour=colour, jitter=jitter)
+
+
+def _below(part: Part, rest: Array, moved: Sequence[Array]) -> tuple[Array, Array, Array]:
+    """Lines of the spectrum below the motion: frequency [cycles per sample], power over that of white noise, dt [s].
+
+    moved: what white noise of the motion does to the force.
+    """
+    block = max(1, len(rest) // _ROWS)
+    rows = len(rest) // block
+    # lines that a filter has taken out, or a gap fills with anything, say nothing
+    last = 0 if part.lowest or part.valid is not None else int(_BELOW * band(part)[0] * rows * block * part.dt)
+    if last <= _FIRST:
+        return np.empty(0), np.empty(0), np.empty(0)
+    x, v, left, *noises = (u[: rows * block].reshape(rows, block).mean(axis=1) for u in (part.x, part.v, rest, *moved))
+    known = np.column_stack([_cells(x, v), np.vander(np.linspace(-1, 1, rows), _POLYNOMIAL)])
+    window = np.hanning(rows)
+
+    def lines(u: Array) -> Array:
+        u = u - known @ np.linalg.lstsq(known, u, rcond=None)[0]
+        return np.asarray(block * np.abs(np.fft.rfft(u * window)[_FIRST:last]) ** 2 / float(window @ window))
+
+    white = 1 + float(np.mean([lines(noise) for noise in noises]))
+    return np.arange(_FIRST, last) / (rows * block), lines(left) / white, np.full(last - _FIRST, part.dt)
+
+
+def _cells(x: Array, v: Array) -> Array:
+    """One column per cell of the phase plane: 1 inside of it, 0 outside."""
+
+    def place(u: Array) -> NDArray[np.int64]:
+        low, high = float(np.min(u)), float(np.max(u))
+        return np.clip(((u - low) / ((high - low) / _CELLS or 1.0)).astype(np.int64), 0, _CELLS - 1)
+
+    cell = place(x) * _CELLS + place(v)
+    return np.asarray(cell[:, None] == np.unique(cell), dtype=np.float64)
+
+
+def _fitted(frequency: Array, power: Array, dt: Array) -> tuple[float, float]:
+    """Coefficients of 1/f and dt/f^2 beside a white noise of 1, by Whittle's likelihood; 0 where they are not worth
+    their place (Schwarz 1978)."""
+    shapes = np.column_stack([1 / frequency, dt / frequency**2])
+    size = np.linalg.norm(shapes, axis=0)
+    coefficients = np.zeros(2)
+    for _ in range(_ROUNDS):
+        expected = 1 + shapes @ coefficients
+        coefficients = nnls(shapes / size / expected[:, None], (power - 1) / expected)[0] / size
+    expected = 1 + shapes @ coefficients
+    gain = float(np.sum(power - power / expected - np.log(expected)))
+    price = 0.5 * np.count_nonzero(coefficients) * np.log(len(power))
+    return (float(coefficients[0]), float(coefficients[1])) if gain > price else (0.0, 0.0)
+
+
+def coloured_alike(parts: Sequence[Part], like: Sequence[Part]) -> list[Part]:
+    """Further recordings of the same sensors, with the colour of their noise."""
+    pink, red = like[0].colour
+    return [_coloured(part, (pink, red * part.dt / like[0].dt)) for part in parts]
