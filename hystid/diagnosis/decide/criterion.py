@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from hystid.diagnosis.decide.lawfree import CURVE
+from hystid.diagnosis.fit.curves import CURVE
 from hystid.diagnosis.fit.problem import Fit, Problem
 
 Array = NDArray[np.float64]

@@ -10,14 +10,12 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 
+from hystid.diagnosis.fit.curves import CURVE, curves
 from hystid.diagnosis.fit.problem import Fit, Problem
 from hystid.diagnosis.fit.search import complement
 
 Array = NDArray[np.float64]
-CURVE = 8  # coefficients of a cubic spline: five intervals, as the phase plane has cells
-_DEGREE = 3
 _SAME = 1e-6  # relative singular value below which a curve is what the baseline gives already
 
 
@@ -27,12 +25,9 @@ def free_curves(problem: Problem, baseline: Fit) -> Iterator[float]:
     rest = outside(baseline.residual)
     for name in ("x", "v"):
         values = [getattr(part, name) for part in problem.parts]
-        low, high = min(float(np.min(u)) for u in values), max(float(np.max(u)) for u in values)
-        if not high > low:
+        tables = curves(values)
+        if not tables:
             continue
-        inner = np.linspace(low, high, CURVE - _DEGREE + 1)
-        knots = np.concatenate([[low] * _DEGREE, inner, [high] * _DEGREE])
-        tables = [BSpline.design_matrix(np.clip(u, low, high), knots, _DEGREE).toarray() for u in values]
         columns = np.stack([problem.reduce([table[:, k] for table in tables]) for k in range(CURVE)], axis=1)
         norms = np.linalg.norm(columns, axis=0)
         left, size, _ = np.linalg.svd(outside(columns[:, norms > 0] / norms[norms > 0]), full_matrices=False)

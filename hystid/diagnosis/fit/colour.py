@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from hystid.diagnosis.fit.curves import curves
 from hystid.diagnosis.fit.problem import Fit, Problem
 from hystid.diagnosis.prepare.segments import Part, band, colouring, filtered
 
@@ -62,7 +63,8 @@ def _below(part: Part, rest: Array, moved: Sequence[Array]) -> tuple[Array, Arra
     if last <= _FIRST:
         return np.empty(0), np.empty(0), np.empty(0)
     x, v, left, *noises = (u[: rows * block].reshape(rows, block).mean(axis=1) for u in (part.x, part.v, rest, *moved))
-    known = np.column_stack([_cells(x, v), np.vander(np.linspace(-1, 1, rows), _POLYNOMIAL)])
+    follows = [table for u in (x, v) for table in curves([u])]
+    known = np.column_stack([_cells(x, v), *follows, np.vander(np.linspace(-1, 1, rows), _POLYNOMIAL)])
     window = np.hanning(rows)
 
     def lines(u: Array) -> Array:
