@@ -156,7 +156,11 @@ class Criterion:
 
     def is_reached(self, misfit: float) -> bool:
         """Whether noise, and the error of the preparation, are all that is left."""
-        return self.likelihood(0.0) - self.likelihood(misfit - self.slack) < self.price(1, 0.0)
+        return not self.is_worth(misfit - self.slack)
+
+    def is_worth(self, misfit: float) -> bool:
+        """Whether an effect that takes all of a misfit would earn its place."""
+        return self.likelihood(0.0) - self.likelihood(misfit) >= self.price(1, 0.0)
 
     def price(self, size: int, misfit: float) -> float:
         """What a further effect of so many parameters must gain."""
