@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear
 
 from hystid.diagnosis.fit.curves import curves
 from hystid.diagnosis.fit.problem import Fit, Problem
@@ -25,7 +25,8 @@ _CELLS = 5  # of the phase plane along x and along v, as the criterion counts st
 _POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of their own
 _FIRST = 3  # line of the spectrum from which the polynomial and the window leave it alone
 _BELOW = 0.5  # share of the lowest frequency of the motion below which the window leaks nothing of it
-_FEWEST = 10  # lines from which a colour can be told
+_ABOVE = 4.0  # times the highest frequency of the motion, from which the spectrum holds little but noise
+_FEWEST, _MANY = 10, 200  # lines from which a colour can be told, and bounded
 _ROUNDS = 20  # of reweighting
 
 
@@ -40,7 +41,7 @@ def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
     frequency, power, dt = (np.concatenate(columns) for columns in zip(*found, strict=True))
     if len(power) < _FEWEST:
         return None
-    pink, red = _fitted(frequency, power, dt)
+    pink, red = _fitted(frequency, power, dt, _most(problem.parts, rests))
     return [_coloured(part, (pink, red * part.dt)) for part in problem.parts] if pink or red else None
 
 
@@ -86,18 +87,49 @@ def _cells(x: Array, v: Array) -> Array:
     return np.asarray(cell[:, None] == np.unique(cell), dtype=np.float64)
 
 
-def _fitted(frequency: Array, power: Array, dt: Array) -> tuple[float, float]:
-    """Coefficients of 1/f and dt/f^2 beside a white noise of 1, by Whittle's likelihood; 0 where they are not worth
-    their place (Schwarz 1978)."""
+def _most(parts: Sequence[Part], rests: Sequence[Array]) -> float:
+    """Largest coefficient of 1/f that the noise above the motion allows, two standard errors beyond the likeliest.
+
+    What moves the structure there adds to it: a bound from above, and no estimate.
+    """
+    found = [_above(part, rest) for part, rest in zip(parts, rests, strict=True)]
+    frequency, power = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    if len(power) < _MANY:
+        return np.inf
+    shapes = np.column_stack([np.ones_like(frequency), 1 / frequency])
+    expected = np.full_like(power, float(np.mean(power)))
+    for _ in range(_ROUNDS):
+        weighted = shapes / expected[:, None]
+        level, slope = np.linalg.lstsq(weighted, power / expected, rcond=None)[0]
+        expected = np.maximum(shapes @ [level, slope], 0.1 * float(np.mean(power)))
+    error = float(np.sqrt(np.linalg.inv(weighted.T @ weighted)[1, 1]))
+    return float(max(slope + 2 * error, 0.0) / max(level, 1e-3)) if level > 0 else np.inf
+
+
+def _above(part: Part, rest: Array) -> tuple[Array, Array]:
+    """Lines of the spectrum above the motion: frequency [cycles per sample], and power over that of white noise."""
+    first, last = (int(share * len(rest)) for share in (_ABOVE * band(part)[1] * part.dt, 0.49))
+    if part.valid is not None or last <= first:
+        return np.empty(0), np.empty(0)
+    window = np.hanning(len(rest))
+    power = np.abs(np.fft.rfft(rest * window)[first:last]) ** 2 / float(window @ window)
+    return np.arange(first, last) / len(rest), np.asarray(power)
+
+
+def _fitted(frequency: Array, power: Array, dt: Array, most: float) -> tuple[float, float]:
+    """Coefficients of 1/f, at most so large, and dt/f^2 beside a white noise of 1, by Whittle's likelihood; 0 where
+    they are not worth their place (Schwarz 1978)."""
     shapes = np.column_stack([1 / frequency, dt / frequency**2])
     size = np.linalg.norm(shapes, axis=0)
+    highest = np.maximum(size * [most, np.inf], 1e-12)
     coefficients = np.zeros(2)
     for _ in range(_ROUNDS):
         expected = 1 + shapes @ coefficients
-        coefficients = nnls(shapes / size / expected[:, None], (power - 1) / expected)[0] / size
+        scaled, over = shapes / size / expected[:, None], (power - 1) / expected
+        coefficients = lsq_linear(scaled, over, (0, highest)).x / size
     expected = 1 + shapes @ coefficients
     gain = float(np.sum(power - power / expected - np.log(expected)))
-    price = 0.5 * np.count_nonzero(coefficients) * np.log(len(power))
+    price = 0.5 * np.count_nonzero(coefficients * size > 1e-9) * np.log(len(power))
     return (float(coefficients[0]), float(coefficients[1])) if gain > price else (0.0, 0.0)
 
 

@@ -35,7 +35,7 @@ def refit(
     if fits and not _sits(problem, fits[0]) and (relaxed := from_nominal(problem, fits[0])) is not None:
         fits += [made for h in downhill(problem, relaxed) if (made := try_fit(problem, h, 25)) is not None]
     if sized and fits and problem.baseline.shapes and not _sits(problem, min(fits, key=lambda f: f.chi2)):
-        own = {name: value for name, value in sized.items() if name in nominal.values}
+        own = {name: value for name, value in sized.items() if name in problem.baseline.free}  # others are held
         made = try_fit(problem, Hypothesis({**nominal.values, **own}, terms), 25)
         fits += [made] if made is not None else []
     for factor in _STARTS if problem.baseline.shapes else ():
