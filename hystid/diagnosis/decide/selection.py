@@ -170,7 +170,8 @@ class _Search:
 
         Where an effect takes what the noise level leaves open, it says itself how much of the rest is noise.
         """
-        most = max((c.gain for c in self.candidates), default=0.0) / len(self.baseline.residual)
+        seen = (c.gain for c in self.candidates if c.absorbed <= ABSORBED)
+        most = max(seen, default=0.0) / len(self.baseline.residual)
         there = max(self.excess - self.criterion.slack, most)
         return most > 0 and self.criterion.is_worth(min(there, 2 * most))
 

@@ -25,7 +25,7 @@ _CELLS = 5  # of the phase plane along x and along v, as the criterion counts st
 _POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of their own
 _FIRST = 3  # line of the spectrum from which the polynomial and the window leave it alone
 _BELOW = 0.5  # share of the lowest frequency of the motion below which the window leaks nothing of it
-_ABOVE = 4.0  # times the highest frequency of the motion, from which the spectrum holds little but noise
+_ABOVE = 2.0  # times the highest frequency of the motion, from which the spectrum holds little but noise
 _FEWEST, _MANY = 10, 200  # lines from which a colour can be told, and bounded
 _ROUNDS = 20  # of reweighting
 
@@ -41,7 +41,8 @@ def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
     frequency, power, dt = (np.concatenate(columns) for columns in zip(*found, strict=True))
     if len(power) < _FEWEST:
         return None
-    pink, red = _fitted(frequency, power, dt, _most(problem.parts, rests))
+    lowest = min(band(part)[0] * part.dt for part in problem.parts)
+    pink, red = _fitted(frequency, power, dt, _most(problem.parts, rests), lowest)
     return [_coloured(part, (pink, red * part.dt)) for part in problem.parts] if pink or red else None
 
 
@@ -95,7 +96,7 @@ def _most(parts: Sequence[Part], rests: Sequence[Array]) -> float:
     found = [_above(part, rest) for part, rest in zip(parts, rests, strict=True)]
     frequency, power = (np.concatenate(columns) for columns in zip(*found, strict=True))
     if len(power) < _MANY:
-        return np.inf
+        return 0.0
     shapes = np.column_stack([np.ones_like(frequency), 1 / frequency])
     expected = np.full_like(power, float(np.mean(power)))
     for _ in range(_ROUNDS):
@@ -103,7 +104,7 @@ def _most(parts: Sequence[Part], rests: Sequence[Array]) -> float:
         level, slope = np.linalg.lstsq(weighted, power / expected, rcond=None)[0]
         expected = np.maximum(shapes @ [level, slope], 0.1 * float(np.mean(power)))
     error = float(np.sqrt(np.linalg.inv(weighted.T @ weighted)[1, 1]))
-    return float(max(slope + 2 * error, 0.0) / max(level, 1e-3)) if level > 0 else np.inf
+    return float(max(slope + 2 * error, 0.0) / level) if level > 0 else 0.0
 
 
 def _above(part: Part, rest: Array) -> tuple[Array, Array]:
@@ -116,17 +117,21 @@ def _above(part: Part, rest: Array) -> tuple[Array, Array]:
     return np.arange(first, last) / len(rest), np.asarray(power)
 
 
-def _fitted(frequency: Array, power: Array, dt: Array, most: float) -> tuple[float, float]:
+def _fitted(frequency: Array, power: Array, dt: Array, most: float, lowest: float) -> tuple[float, float]:
     """Coefficients of 1/f, at most so large, and dt/f^2 beside a white noise of 1, by Whittle's likelihood; 0 where
-    they are not worth their place (Schwarz 1978)."""
+    they are not worth their place (Schwarz 1978).
+
+    lowest: frequency of the motion [cycles per sample], from which on 1/f^2 may add no more than all other noise: what
+    is slow in a force that nobody has modelled must not pass for noise of the motion's own frequencies.
+    """
     shapes = np.column_stack([1 / frequency, dt / frequency**2])
     size = np.linalg.norm(shapes, axis=0)
-    highest = np.maximum(size * [most, np.inf], 1e-12)
     coefficients = np.zeros(2)
     for _ in range(_ROUNDS):
         expected = 1 + shapes @ coefficients
         scaled, over = shapes / size / expected[:, None], (power - 1) / expected
-        coefficients = lsq_linear(scaled, over, (0, highest)).x / size
+        highest = size * [most, (1 + coefficients[0] / lowest) * lowest**2 / float(np.max(dt))]
+        coefficients = lsq_linear(scaled, over, (0, np.maximum(highest, 1e-12))).x / size
     expected = 1 + shapes @ coefficients
     gain = float(np.sum(power - power / expected - np.log(expected)))
     price = 0.5 * np.count_nonzero(coefficients * size > 1e-9) * np.log(len(power))

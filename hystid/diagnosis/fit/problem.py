@@ -357,7 +357,7 @@ class Problem:
         for draw, moved in enumerate(self.movements(hypothesis)):
             balance = self.reduce([mass * part.jitter[draw][3].astype(float) for part in self.parts])
             added.append(float(np.mean(moved * (moved + 2 * balance))))
-        return self.reduce.level + float(np.mean(added))
+        return self.reduce.level_at(mass) + float(np.mean(added))
 
     def movements(self, hypothesis: Hypothesis) -> list[Array]:
         """Rows of what draws of the regressors' noise make of the force; zeros where the law has no answer there, as at

@@ -234,7 +234,7 @@ class Reduction:
     """
 
     def __init__(self, parts: Sequence[Part], mass: float) -> None:
-        self.parts = tuple(parts)
+        self.parts, self._mass = tuple(parts), mass
         total = sum(len(part) for part in parts)
         self.block = max(1, min(total // _ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
         self._trust: Array | None = None
@@ -302,6 +302,11 @@ class Reduction:
         seen = float(np.average([self._seen(part) for part in self.parts], weights=[len(part) for part in self.parts]))
         return seen if self._trust is None else seen * float(np.mean(self._trust**2))
 
+    def level_at(self, mass: float) -> float:
+        """The same where the inertia is that of another mass, and so is what the noise of the acceleration does."""
+        ratio = [_noise_over(part, mass, self._mass) for part in self.parts]
+        return self.level * float(np.average(ratio, weights=[len(part) for part in self.parts]))
+
     def _seen(self, part: Part) -> float:
         """Share of the band of the rows in which the motion of a part can be seen."""
         if not part.lowest:
@@ -346,6 +351,20 @@ def _slowly(part: Part) -> int:
     return int(1 / (_SLOW * part.dt * max(band(part)[1], 1 / (len(part) * part.dt))))
 
 
+def _derived_noise(part: Part, omega: Array) -> Array:
+    """Noise of an acceleration that was derived, over angular frequencies [rad per sample], (n,) [m/s2]."""
+    weights, name = (SECOND, "x") if part.inertia_order == 2 else (FIRST, "v")
+    return _response(weights, omega) / part.dt**part.inertia_order * part.noise[name]
+
+
+def _noise_over(part: Part, mass: float, other: float) -> float:
+    """Mean power of the noise of the balance with one mass over that with another one."""
+    if part.inertia_order == 0:
+        return (part.balance_noise(mass) / part.balance_noise(other)) ** 2
+    noise = (_derived_noise(part, np.linspace(0, np.pi, 257)) / part.noise["F"]) ** 2
+    return float(np.mean((1 + mass**2 * noise) / (1 + other**2 * noise)))
+
+
 def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
     """Frequency response that makes the noise of the balance white; None where it is white already."""
     derived = part.inertia_order > 0 and mass != 0.0
@@ -356,9 +375,7 @@ def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
     omega = 2 * np.pi * np.arange(n // 2 + 1) / n
     power = np.ones_like(omega)
     if derived:
-        weights, name = (SECOND, "x") if part.inertia_order == 2 else (FIRST, "v")
-        gain = _response(weights, omega) / part.dt**part.inertia_order * part.noise[name]
-        power += (mass * gain / part.noise["F"]) ** 2
+        power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2
     if coloured:
         power /= colouring(len(part), part.colour) ** 2
     if part.lowest:
