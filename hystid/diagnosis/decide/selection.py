@@ -45,7 +45,7 @@ _CHANCE = 1e-3  # probability below which a hypothesis is not looked at more clo
 _ALIKE = 0.05  # of the probability of what leads: less is told apart, unless it fits better with more parameters
 _WORK = 15_000_000  # rows of residuals after which no further set is begun: some ten seconds, counted and not timed
 _FINISHED = 4  # effects that are fitted to the end beside the leading one
-_WINDOWS = 2  # laws that are fitted in each window
+_WINDOWS, _FORMS = 3, 6  # laws that are fitted to the end in each window, and forms that are tried
 
 
 @dataclass(frozen=True)
@@ -219,11 +219,15 @@ class _Search:
         unlike = {id(t): t for t in leading}.values()
         near = [t for t in unlike if t.chi2 - self.floor < usual and not self._is_reached(t)]
         for trial in near[:_FINISHED]:
-            made = try_fit(self.problem, trial.fit.hypothesis, LAST) or trial.fit
-            fits = [try_fit(self.problem, start, LAST) for start in downhill(self.problem, made)]
-            best = min([made, *(f for f in fits if f is not None)], key=lambda f: f.chi2)
+            best = self._fitted_on(trial.fit)
             if best.chi2 < trial.chi2:
                 yield replace(trial, fit=best, others=())
+
+    def _fitted_on(self, fit: Fit) -> Fit:
+        """A fit continued, also over the ridges between side valleys."""
+        made = try_fit(self.problem, fit.hypothesis, LAST) or fit
+        fits = [try_fit(self.problem, start, LAST) for start in downhill(self.problem, made)]
+        return min([made, *(f for f in fits if f is not None)], key=lambda f: f.chi2)
 
     def _is_reached(self, trial: Trial) -> bool:
         return self.criterion.is_reached(self.criterion.misfit(trial.fit, float("nan")))
@@ -251,14 +255,19 @@ class _Search:
         lasting = [effect for effect in self.effects if not effect.is_over_time]
         for window, start in windows_of(self.problem, self.baseline, self.floor):
             scanned = scan(self.problem, start, [windowed(effect, window) for effect in lasting])
-            for candidate in _one_per_id(scanned)[:_WINDOWS]:
-                fit = try_term(self.problem, start, candidate.term)
-                if fit is None or not has_edges(fit) or not are_reached(self.problem, fit):
+            tried = {id(c): c for c in (*_one_per_id(scanned)[:_WINDOWS], *scanned[:_FORMS])}
+            fits = [fit for c in tried.values() if (fit := try_term(self.problem, start, c.term)) is not None]
+            leading: dict[str, Fit] = {}
+            for fit in sorted(fits, key=lambda fit: fit.chi2):
+                leading.setdefault(fit.hypothesis.terms[-1].effect.id, fit)
+            for begun in list(leading.values())[:_WINDOWS]:
+                fit = self._fitted_on(begun)
+                effect = fit.hypothesis.terms[-1].effect
+                if not has_edges(fit) or not are_reached(self.problem, fit):
                     continue
                 if is_off_outside(fit.hypothesis.terms[-1], self.problem.signals(fit.hypothesis)):
-                    effect = candidate.effect
                     fit = settled(self.problem, fit)
-                    yield self._hypothesis((effect.id,), effect.size + 3, fit, windowed=True)
+                    yield self._hypothesis((effect.id,), effect.size, fit, windowed=True)
 
     def _sets(self) -> list[Hypothesis]:
         """Two or three effects: forward from the leading singles, then members exchanged for others."""

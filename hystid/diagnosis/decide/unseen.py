@@ -9,7 +9,7 @@ import numpy as np
 
 from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, standing
-from hystid.diagnosis.fit.windows import for_recording
+from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
@@ -42,10 +42,25 @@ def _judged(problem: Problem, before: Fit) -> tuple[Criterion, float]:
 
 def _likelihood(problem: Problem, criterion: Criterion, hypothesis: Hypothesis) -> float:
     try:
-        fit = standing(problem, _without_channel(for_recording(hypothesis)))
+        told = [_one(problem, criterion, _without_channel(variant)) for variant in _variants(hypothesis)]
     except NumericalError:
         return -np.inf
+    return float(np.logaddexp.reduce(told) - np.log(len(told)))
+
+
+def _one(problem: Problem, criterion: Criterion, hypothesis: Hypothesis) -> float:
+    fit = standing(problem, hypothesis)
     return criterion.likelihood(criterion.misfit(fit, criterion.floor)) if np.isfinite(fit.chi2) else -np.inf
+
+
+def _variants(hypothesis: Hypothesis) -> list[Hypothesis]:
+    """A hypothesis as it may stand in a recording of which nothing is known: what acts for a part of the time may act
+    then as long as ever, never, or always."""
+    if not has_windows(hypothesis):
+        return [hypothesis]
+    never = tuple(term for term in hypothesis.terms if term.law.effect is term.effect)
+    always = tuple(term.law for term in hypothesis.terms)
+    return [for_recording(hypothesis), replace(hypothesis, terms=never), replace(hypothesis, terms=always)]
 
 
 def _without_channel(hypothesis: Hypothesis) -> Hypothesis:

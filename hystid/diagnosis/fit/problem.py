@@ -177,7 +177,6 @@ class Problem:
         self.turns = False  # whether the law turns within a small part of the speeds, in a way that is seen
         self._held = [self._hold(p, p.x, p.v) for p in self.parts]
         self._laws, self._forces, self._columns, self._grids = (Memory(most) for most in _KEPT)
-        self._largest = int(np.argmax([np.max(np.abs(p.x)) for p in self.parts]))
         self._last: tuple[Hypothesis, list[Array]] | None = None
         self._slopes: list[tuple[tuple[float, ...], dict[str, _Slope]]] = []
         self.work = 0  # rows of residuals that were evaluated: what a search has cost, on any machine
@@ -284,8 +283,7 @@ class Problem:
     def columns(self, effect: Effect, shapes: Mapping[str, float], signals: Sequence[Signals]) -> Columns | None:
         """What an effect adds to the rows; None where it never acts, or is not finite.
 
-        A threshold that the largest motion does not reach is reached by none. What depends on the motion alone is the
-        same in every scan, and remembered.
+        What depends on the motion alone is the same in every scan, and remembered.
         """
         if effect.law is not effect and self.reduce.is_local:
             always = self.columns(effect.law, effect.law_values(shapes), signals)
@@ -300,7 +298,7 @@ class Problem:
                 raw = [self._law_force(Term(effect, at), signals, self._grids) for at in effect.units_at(shapes)]
             except NumericalError:
                 return ()
-            acts = any(np.any(column[self._largest]) for column in raw)
+            acts = any(np.any(f) for column in raw for f in column)
             finite = all(np.max(np.abs(f)) < 1e100 for column in raw for f in column)
             return _scaled(np.stack([self.reduce(column) for column in raw], axis=1)) if acts and finite else ()
 

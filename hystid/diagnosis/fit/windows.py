@@ -28,6 +28,7 @@ _FLAT = (0.02, 0.03)  # mean square, and share of the excess, that may be left o
 _CONTRAST = 0.5  # excess per row inside a window, over the mean excess of a refit without one, at least
 _TELLING = 2.0  # excess inside a window over that outside that makes it worth a closer look
 _NEVER = (2e9, 2.1e9, 1.0)  # s: a window that no recording reaches
+_BY_CHANCE = 4.0  # standard deviations of the mean square of noise in a block, of which there are a hundred or two
 _ROUNDS = 8  # of marking the blocks in which something acts
 _RAMP = 0.02  # of the longest recording, as a start
 _SEEN = 2.0  # noise levels beyond which the force of an effect is seen in a sample
@@ -240,9 +241,10 @@ def _own_windows(problem: Problem, before: Fit, floor: float) -> Windows | None:
     place = np.concatenate([b + i * _BLOCKS for i, b in enumerate(blocks)])
     rows = np.bincount(place, minlength=len(spans) * _BLOCKS)
     rest, marked = before.residual, np.zeros(len(rows), dtype=bool)
+    bar = floor + np.maximum(0.5 * excess, _BY_CHANCE * floor * np.sqrt(2 / np.maximum(rows, 1)))
     for _ in range(_ROUNDS):
         level = np.bincount(place, weights=rest**2, minlength=len(rows)) / np.maximum(rows, 1)
-        now = np.concatenate([_hull(part > floor + 0.5 * excess) for part in level.reshape(-1, _BLOCKS)])
+        now = np.concatenate([_hull(on) for on in (level > bar).reshape(-1, _BLOCKS)])
         outside = ~now[place]
         if np.mean(outside) < _LEAST_OUT or np.mean(outside) > 1 - _LEAST_IN / 2:
             return None
