@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct, idct
+from scipy.fft import dct, idct, next_fast_len
 from scipy.ndimage import maximum_filter1d
 from scipy.special import factorial
 
@@ -371,7 +371,7 @@ def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
     coloured = any(part.colour) and not part.lowest
     if not derived and not part.lowest and not coloured:
         return None
-    n = 2 * len(part)
+    n = 2 * _quick(len(part))
     omega = 2 * np.pi * np.arange(n // 2 + 1) / n
     power = np.ones_like(omega)
     if derived:
@@ -389,7 +389,7 @@ def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
 
 def colouring(samples: int, colour: tuple[float, float]) -> Array:
     """Frequency response that makes noise of this colour white."""
-    n = 2 * samples
+    n = 2 * _quick(samples)
     cycles = np.maximum(np.arange(n // 2 + 1), 1) / n
     return np.asarray(1 / np.sqrt(1 + colour[0] / cycles + colour[1] / cycles**2))
 
@@ -418,8 +418,19 @@ def _response(weights: Array, omega: Array) -> Array:
 
 
 def filtered(column: Array, response: Array) -> Array:
-    """Zero-phase filter along the last axis; its mirror image continues the column, hence the cosine transform."""
-    return np.asarray(idct(dct(column) * response[..., :-1]))
+    """Zero-phase filter along the last axis; its mirror image continues the column, hence the cosine transform.
+
+    response: shape (..., m + 1) for a length m that transforms quickly, at least that of the column.
+    """
+    samples, length = column.shape[-1], response.shape[-1] - 1
+    if length > samples:
+        column = np.pad(column, [(0, 0)] * (column.ndim - 1) + [(0, length - samples)], mode="symmetric")
+    return np.asarray(idct(dct(column) * response[..., :-1])[..., :samples])
+
+
+def _quick(samples: int) -> int:
+    """Length of a transform: a prime number takes ten times as long as one of small factors."""
+    return int(next_fast_len(samples, real=True))
 
 
 def _means(blocks: Array) -> Array:
