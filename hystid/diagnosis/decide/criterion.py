@@ -261,7 +261,7 @@ class Criterion:
 def _product(share: float, effects: int) -> float:
     """Probability that a product of uniform shares, one per effect, is below a share."""
     share = min(max(share, 1e-300), 1.0)
-    return share * sum((-np.log(share)) ** k / math.factorial(k) for k in range(effects))
+    return share * sum((-math.log(share)) ** k / math.factorial(k) for k in range(effects))
 
 
 def zero_probability(share: float) -> float:

@@ -28,6 +28,7 @@ _BELOW = 0.5  # share of the lowest frequency of the motion below which the wind
 _ABOVE = 2.0  # times the highest frequency of the motion, from which the spectrum holds little but noise
 _FEWEST, _MANY = 10, 200  # lines from which a colour can be told, and bounded
 _ROUNDS = 20  # of reweighting
+_NOTHING = 1e-9  # share of the noise that is none: bounds of a search must lie apart
 
 
 def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
@@ -49,7 +50,7 @@ def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
 def _coloured(part: Part, colour: tuple[float, float]) -> Part:
     """A part with the colour of its noise, and so the draws of what noise does to its motion."""
     response = 1 / colouring(len(part), colour)
-    jitter = tuple(tuple(filtered(u, response).astype(np.float32) for u in draw) for draw in part.jitter)
+    jitter = tuple(tuple(filtered(u.astype(float), response).astype(np.float32) for u in draw) for draw in part.jitter)
     return replace(part, colour=colour, jitter=jitter)
 
 
@@ -89,7 +90,8 @@ def _cells(x: Array, v: Array) -> Array:
 
 
 def _most(parts: Sequence[Part], rests: Sequence[Array]) -> float:
-    """Largest coefficient of 1/f that the noise above the motion allows, two standard errors beyond the likeliest.
+    """Largest coefficient of 1/f that the noise above the motion allows, two standard errors beyond the likeliest; 0
+    where none is seen there.
 
     What moves the structure there adds to it: a bound from above, and no estimate.
     """
@@ -104,7 +106,7 @@ def _most(parts: Sequence[Part], rests: Sequence[Array]) -> float:
         level, slope = np.linalg.lstsq(weighted, power / expected, rcond=None)[0]
         expected = np.maximum(shapes @ [level, slope], 0.1 * float(np.mean(power)))
     error = float(np.sqrt(np.linalg.inv(weighted.T @ weighted)[1, 1]))
-    return float(max(slope + 2 * error, 0.0) / level) if level > 0 else 0.0
+    return float((slope + 2 * error) / level) if level > 0 and slope > 2 * error else 0.0
 
 
 def _above(part: Part, rest: Array) -> tuple[Array, Array]:
@@ -121,8 +123,8 @@ def _fitted(frequency: Array, power: Array, dt: Array, most: float, lowest: floa
     """Coefficients of 1/f, at most so large, and dt/f^2 beside a white noise of 1, by Whittle's likelihood; 0 where
     they are not worth their place (Schwarz 1978).
 
-    lowest: frequency of the motion [cycles per sample], from which on 1/f^2 may add no more than all other noise: what
-    is slow in a force that nobody has modelled must not pass for noise of the motion's own frequencies.
+    lowest: frequency of the motion [cycles per sample], from which on 1/f^2 may add no more than 1/f: what is slow in a
+    force that nobody has modelled must not pass for noise of the motion's own frequencies.
     """
     shapes = np.column_stack([1 / frequency, dt / frequency**2])
     size = np.linalg.norm(shapes, axis=0)
@@ -130,12 +132,13 @@ def _fitted(frequency: Array, power: Array, dt: Array, most: float, lowest: floa
     for _ in range(_ROUNDS):
         expected = 1 + shapes @ coefficients
         scaled, over = shapes / size / expected[:, None], (power - 1) / expected
-        highest = size * [most, (1 + coefficients[0] / lowest) * lowest**2 / float(np.max(dt))]
-        coefficients = lsq_linear(scaled, over, (0, np.maximum(highest, 1e-12))).x / size
+        highest = size * [most, coefficients[0] * lowest / float(np.max(dt))]
+        coefficients = lsq_linear(scaled, over, (0, np.maximum(highest, _NOTHING))).x / size
     expected = 1 + shapes @ coefficients
     gain = float(np.sum(power - power / expected - np.log(expected)))
-    price = 0.5 * np.count_nonzero(coefficients * size > 1e-9) * np.log(len(power))
-    return (float(coefficients[0]), float(coefficients[1])) if gain > price else (0.0, 0.0)
+    counted = np.where(coefficients * size > _NOTHING, coefficients, 0.0)
+    worth = gain > 0.5 * np.count_nonzero(counted) * np.log(len(power))
+    return (float(counted[0]), float(counted[1])) if worth else (0.0, 0.0)
 
 
 def coloured_alike(parts: Sequence[Part], like: Sequence[Part]) -> list[Part]:
