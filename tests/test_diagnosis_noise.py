@@ -37,7 +37,7 @@ def test_coloured_noise_is_no_mismatch(tmp_path: Path) -> None:
     place, _ = case(tmp_path, spec("decoy", ("coloured_noise",), LINEAR), 73)
     found = run(place)
     assert found.verdict in ("consistent", "recalibrated")
-    assert found.choice is not None and found.choice.before.chi2 < 2  # 6 as if it were white
+    assert found.choice is not None and found.choice.before.chi2 > 5  # far above the level that white noise would have
 
 
 def test_a_gain_of_the_force_channel_is_in_the_free_run(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from hystid.consistency import words
 from hystid.consistency.filters import Form, filtered
 from hystid.consistency.force import FOURFOLD, Force, examine_force
-from hystid.consistency.kinematics import ORDER, Pair, Spectrum, computed, formula, motion, pairs, spectrum
+from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, computed, formula, motion, pairs, spectrum
 from hystid.consistency.slips import PRIOR_SLIP, SURE, Explanation, Situation, doubtful_units, explain
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
 from hystid.recording import Array, Recording, Sources, loaded
@@ -156,8 +156,7 @@ def _best(
     best = _explanation(plain)
     if best.sound:
         return plain, best
-    held = motion(recording)
-    known = {(p.low, p.high): formula(held[p.low], held[p.high], p.order, recording.dt) for p in compared}
+    known = _formulas(recording, compared)
     responses = {pair: response for pair in known if (response := known[pair] or forms.get(pair)) is not None}
     if not responses:
         return plain, best
@@ -172,6 +171,16 @@ def _best(
     channels = {form.channel for pair, form in forms.items() if known[pair] is None}  # a formula is a fact
     score = filtered_best.score + PRIOR_SLIP * len(channels)
     return (other, filtered_best) if score > best.score + SURE else (plain, best)
+
+
+def _formulas(recording: Recording, compared: Sequence[Pair]) -> dict[tuple[str, str], Formula | None]:
+    """The formula of each pair by which one of it, or both of a third channel, were computed; None where none was."""
+    held = motion(recording)
+    found = {(p.low, p.high): formula(held[p.low], held[p.high], p.order, recording.dt) for p in compared}
+    one, other = found.get(("x", "v")), found.get(("x", "a"))
+    if one is not None and other is not None and found.get(("v", "a"), one) is None:
+        found["v", "a"] = Formula(other.gain / one.gain, other.sign * one.sign)
+    return found
 
 
 def _explanation(situation: Situation) -> Explanation:
