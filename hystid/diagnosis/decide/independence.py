@@ -17,7 +17,6 @@ from hystid.diagnosis.fit.problem import Fit, Problem
 Array = NDArray[np.float64]
 _SHIFTS = 40  # circular shifts of the rest against the motion: what independent noise of the same colour shows
 _CELLS = 7  # bins per axis
-_STRETCHES, _LEAST = 16, 200  # of time over which noise may change its level; rows in each: power known to a tenth
 _KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it where most of the rest is excess:
 # mismatches of 0.08 of the floor show 0.05 and more, larger ones 0.1 to 1
 _LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
@@ -27,8 +26,7 @@ _RARE, _LITTLE = 3.8, 0.05  # standard deviations, and share of the power beyond
 
 
 def is_noise(problem: Problem, fitted: Fit) -> bool:
-    """Whether the rest of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks; its
-    level may change in time."""
+    """Whether the rest of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks."""
     signals = problem.signals(fitted.hypothesis)
     motion = [
         [problem.reduce.plain(i, column) for column in (s.x, s.v, s.a, s.h, problem.parts[i].t)]
@@ -36,22 +34,13 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     ]
     ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
     residual = problem.reduce.evenly(fitted.residual)  # weights that follow the motion would make any noise follow it
-    rests = [_levelled(rest) for rest in np.split(residual, ends)]
+    rests = [(rest - np.mean(rest)) / (float(np.std(rest)) or 1.0) for rest in np.split(residual, ends)]
     if any(_has_shocks(rest) or _has_line(rest) for rest in rests):
         return False
     pairs = ((0, 1), (1, 2), (3, 1), (4, 0))
     excess = max(0.0, 1.0 - problem.reduce.level / fitted.chi2)
     known = _KNOWN[0] + _KNOWN[1] * excess
     return all(_independent(rests, [_cells(m[one], m[other]) for m in motion], known) for one, other in pairs)
-
-
-def _levelled(rest: Array) -> Array:
-    """A rest with mean 0 and power 1 in each of a few stretches of time: noise may be louder for a while, as when a
-    truck passes; a force that knows the motion is so within each stretch."""
-    rest = rest - np.mean(rest)
-    place = np.arange(len(rest)) * min(_STRETCHES, max(1, len(rest) // _LEAST)) // max(1, len(rest))
-    power = np.bincount(place, weights=rest**2) / np.bincount(place)
-    return np.asarray(rest / np.sqrt(np.where(power > 0, power, 1.0))[place])
 
 
 def _cells(one: Array, other: Array) -> NDArray[np.int64]:

@@ -47,14 +47,14 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
     A force on another clock is moved by whole samples where every recording says so, by the same time; the rest is a
     delay below a sample, which is fitted. mass [kg]: as given, None where it is not known. Raises Contradiction.
     """
-    used, held = ([_read(test, mass, single=len(tests) == 1) for test in group] for group in (tests, unseen))
+    used, held = ([_read(test, mass) for test in group] for group in (tests, unseen))
     misread = tuple(
         note
         for test, (here, _) in zip((*tests, *unseen), (*used, *held), strict=True)
         for note in here.notes[len(test.notes) :]
     )
     doubts = tuple(str(note) for note in examine([here for here, _ in (*used, *held)], mass).notes)
-    late = _late_force([lag for _, lag in used])
+    late = _late_force([lag for _, lag in used]) if len(used) > 1 else None  # one test may be a law that looks late
     groups = [[test for test, _ in group] for group in (used, held)]
     if late is None:
         return Readings(groups[0], groups[1], (), misread, doubts)
@@ -67,21 +67,17 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
     return Readings(groups[0], groups[1], (fault,), misread, doubts)
 
 
-def _read(test: Recording, mass: float | None, *, single: bool) -> tuple[Recording, tuple[float, float] | None]:
-    """A recording in its consistent reading, and how late its force is [s], with the error; None where it is not.
-
-    single: whether it is the only one."""
+def _read(test: Recording, mass: float | None) -> tuple[Recording, tuple[float, float] | None]:
+    """A recording in its consistent reading, and how late its force is [s], with the error; None where it is not."""
     here = test
     for _ in range(_ROUNDS):
         found = examine([here], mass)
         wrong = [item for item in found.refusals if item.slip in _NEVER - here.accepted]
         if not wrong:
-            lags = {item.channel: item for item in found.findings if item.slip == "lag"}
+            lags = {item.channel: item.seen for item in found.findings if item.slip == "lag"}
             slowed = any("lost above" in item.seen for item in found.findings)  # a low-pass is late as well
             alone = set(lags) == {"F"} and not slowed  # with motion late, a force looks early against it
-            if alone and single and lags["F"].severity != "refuse":
-                return here, None  # a single test may show a law that looks late, but none turns the motion so far
-            return here, (lags["F"].seen["lag"], lags["F"].seen["lag_error"]) if alone else None
+            return here, (lags["F"]["lag"], lags["F"]["lag_error"]) if alone else None
         if any(not _has_one_reading(item) for item in wrong):
             break
         for item in wrong:
