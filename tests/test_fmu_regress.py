@@ -255,7 +255,7 @@ def test_a_reference_of_another_fmu_a_folder_or_a_table(tmp_path):
     with pytest.raises(UsageError, match="which is another FMU"):
         regress(new, reference=old, update=True)
     assert old.read_bytes() == before
-    for reference, sentence in ((tmp_path / "none.fmu", "there is no such file or folder"),
+    for reference, sentence in ((tmp_path / "none.fmu", "there is no such file"),
                                 (tmp_path / "new" / "old.fmu", None), (Path(__file__), "must be an FMU, a folder"),
                                 (MODELS, "it holds neither old_out.csv nor old.fmu")):  # fmt: skip
         if sentence:
