@@ -12,12 +12,11 @@ ratio, where the model error rules it is the ratio of the misfits to the power M
 
 A name is earned by form: a right law leaves what textbook laws leave on structures, a share of the misfit with a
 log-normal distribution (``FORM``). Of a law that is in no catalogue the best of the effects imitates any share, small
-or large, and a second one any share of the rest. docs/decisions.md lists the constants.
+or large. docs/decisions.md lists the constants.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -157,11 +156,7 @@ class Criterion:
 
     def is_reached(self, misfit: float) -> bool:
         """Whether noise, and the error of the preparation, are all that is left."""
-        return not self.is_worth(misfit - self.slack)
-
-    def is_worth(self, misfit: float) -> bool:
-        """Whether an effect that takes all of a misfit would earn its place."""
-        return self.likelihood(0.0) - self.likelihood(misfit) >= self.price(1, 0.0)
+        return self.likelihood(0.0) - self.likelihood(misfit - self.slack) < self.price(1, 0.0)
 
     def price(self, size: int, misfit: float) -> float:
         """What a further effect of so many parameters must gain."""
@@ -172,9 +167,8 @@ class Criterion:
         """Mean square that a wrong noise level feigns."""
         return NOISE_ERROR * self.floor
 
-    def form(self, misfit: float, whole: float, *, exact: bool = False, effects: int = 1) -> float:
-        """Logarithm of the density of what right laws leave, as a share of the misfit, over that of what several
-        effects leave of an unknown law: each of them any share of what the others left.
+    def form(self, misfit: float, whole: float, *, exact: bool = False) -> float:
+        """Logarithm of the density of what a right law leaves, as a share of the misfit; that of an unknown law is 0.
 
         What the noise level leaves open counts as left: a small misfit says little about forms.
         """
@@ -182,8 +176,7 @@ class Criterion:
         least, most = (min(m / (max(whole, 0.0) + open_), 1.0) for m in (max(misfit, 0.0), max(misfit, 0.0) + open_))
         median, spread = EXACT if exact else FORM
         below = norm.cdf(np.log(np.sqrt(np.maximum([least, most], 1e-12)) / median) / spread)
-        by_chance = _product(max(most, least + 1e-12), effects) - _product(least, effects)
-        return float(np.log(max(below[1] - below[0], 1e-300) / max(by_chance, 1e-12)))
+        return float(np.log(max(below[1] - below[0], 1e-300) / max(most - least, 1e-12)))
 
     @property
     def usual(self) -> float:
@@ -215,7 +208,7 @@ class Criterion:
             for h, m in zip(found, misfits, strict=True)
         ]
         scores = [
-            p + self.form(m, whole, exact=h.exact, effects=len(h.names)) + self.prior(len(h.names), windowed=h.windowed)
+            p + self.form(m, whole, exact=h.exact) + self.prior(len(h.names), windowed=h.windowed)
             for h, p, m in zip(found, plain, misfits, strict=True)
         ]
         error = 0.0 if is_noise else max(whole, 0.0) / self.force
@@ -256,12 +249,6 @@ class Criterion:
         apart = float(np.mean((one.fit.residual - other.fit.residual) ** 2))
         explained = float(np.mean((self.baseline.residual - other.fit.residual) ** 2))
         return apart > FORM[0] * explained + self.least / self.each
-
-
-def _product(share: float, effects: int) -> float:
-    """Probability that a product of uniform shares, one per effect, is below a share."""
-    share = min(max(share, 1e-300), 1.0)
-    return share * sum((-math.log(share)) ** k / math.factorial(k) for k in range(effects))
 
 
 def zero_probability(share: float) -> float:

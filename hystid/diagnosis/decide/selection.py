@@ -166,14 +166,10 @@ class _Search:
         )
 
     def _may_gain(self) -> bool:
-        """Whether any effect could be worth its price, as the scan sees it; scans are linear, hence the factor.
-
-        Where an effect takes what the noise level leaves open, it says itself how much of the rest is noise.
-        """
-        seen = (c.gain for c in self.candidates if c.absorbed <= ABSORBED)
-        most = max(seen, default=0.0) / len(self.baseline.residual)
-        there = max(self.excess - self.criterion.slack, most)
-        return most > 0 and self.criterion.is_worth(min(there, 2 * most))
+        """Whether any effect could be worth its price, as the scan sees it; scans are linear, hence the factor."""
+        most = max((c.gain for c in self.candidates), default=0.0) / len(self.baseline.residual)
+        there = self.excess - self.criterion.slack
+        return most > 0 and not self.criterion.is_reached(max(min(there, 2 * most), 0.0))
 
     def formed(self, names: Sequence[str]) -> float:
         """Misfit that is left to those effects of a set that have a form, which may be a little wrong."""

@@ -119,7 +119,7 @@ def _colour(problem: Problem, refitted: Fit) -> list[Part] | None:
     Measured twice: a constant force that is missing leads the first refit astray, and the way it does is slow. A refit
     that gives little for slow forces does not follow it.
     """
-    first = with_colour(problem, refitted)
+    first = with_colour(problem, refitted) if problem.timed else None
     return None if first is None else with_colour(problem, refit_again(problem.of(first), [refitted])[0])
 
 
