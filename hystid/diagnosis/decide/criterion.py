@@ -12,11 +12,13 @@ ratio, where the model error rules it is the ratio of the misfits to the power M
 
 A name is earned by form: a right law leaves what textbook laws leave on structures, a share of the misfit with a
 log-normal distribution (``FORM``). Of a law that is in no catalogue the best of the effects imitates any share, small
-or large. docs/decisions.md lists the constants.
+or large; where several are curves of one and the same signal, each imitates any share of what the others left.
+docs/decisions.md lists the constants.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -52,7 +54,8 @@ NAME = 0.5  # probability from which a name is told: a wrong name costs as much 
 class Hypothesis:
     """A set of effects as fitted. names: ids, strongest first, none for the baseline alone. size: parameters.
 
-    windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel.
+    windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel. curves: most of its
+    effects that are curves of one and the same signal.
     floor: mean square that noise alone leaves; NaN where it is not known yet. constant: the name that is a constant
     force, "" for none; zero: probability that it is the zero of a sensor and no force.
     """
@@ -66,6 +69,7 @@ class Hypothesis:
     unseen: float = 0.0
     constant: str = ""
     zero: float = 0.0
+    curves: int = 1
 
 
 @dataclass(frozen=True)
@@ -167,8 +171,9 @@ class Criterion:
         """Mean square that a wrong noise level feigns."""
         return NOISE_ERROR * self.floor
 
-    def form(self, misfit: float, whole: float, *, exact: bool = False) -> float:
-        """Logarithm of the density of what a right law leaves, as a share of the misfit; that of an unknown law is 0.
+    def form(self, misfit: float, whole: float, *, exact: bool = False, curves: int = 1) -> float:
+        """Logarithm of the density of what right laws leave, as a share of the misfit, over that of what curves of one
+        signal leave of an unknown law: each of them any share of what the others left.
 
         What the noise level leaves open counts as left: a small misfit says little about forms.
         """
@@ -176,7 +181,8 @@ class Criterion:
         least, most = (min(m / (max(whole, 0.0) + open_), 1.0) for m in (max(misfit, 0.0), max(misfit, 0.0) + open_))
         median, spread = EXACT if exact else FORM
         below = norm.cdf(np.log(np.sqrt(np.maximum([least, most], 1e-12)) / median) / spread)
-        return float(np.log(max(below[1] - below[0], 1e-300) / max(most - least, 1e-12)))
+        by_chance = _product(max(most, least + 1e-12), curves) - _product(least, curves)
+        return float(np.log(max(below[1] - below[0], 1e-300) / max(by_chance, 1e-12)))
 
     @property
     def usual(self) -> float:
@@ -208,7 +214,7 @@ class Criterion:
             for h, m in zip(found, misfits, strict=True)
         ]
         scores = [
-            p + self.form(m, whole, exact=h.exact) + self.prior(len(h.names), windowed=h.windowed)
+            p + self.form(m, whole, exact=h.exact, curves=h.curves) + self.prior(len(h.names), windowed=h.windowed)
             for h, p, m in zip(found, plain, misfits, strict=True)
         ]
         error = 0.0 if is_noise else max(whole, 0.0) / self.force
@@ -249,6 +255,12 @@ class Criterion:
         apart = float(np.mean((one.fit.residual - other.fit.residual) ** 2))
         explained = float(np.mean((self.baseline.residual - other.fit.residual) ** 2))
         return apart > FORM[0] * explained + self.least / self.each
+
+
+def _product(share: float, factors: int) -> float:
+    """Probability that a product of uniform shares is below a share."""
+    share = min(max(share, 1e-300), 1.0)
+    return share * sum((-math.log(share)) ** k / math.factorial(k) for k in range(factors))
 
 
 def zero_probability(share: float) -> float:

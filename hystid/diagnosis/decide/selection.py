@@ -6,6 +6,7 @@ together, only where the best single leaves what a further effect could still ea
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -244,7 +245,8 @@ class _Search:
         floor = self.problem.floor(fit.hypothesis) if near else self.floor
         terms = {term.effect.id: term.effect for term in fit.hypothesis.terms}
         exact = all(name not in terms or _is_exact(terms[name]) for name in names)
-        return Hypothesis(names, size, fit, windowed, exact, floor)
+        curves = Counter(effect.curve_of for effect in terms.values() if effect.curve_of)
+        return Hypothesis(names, size, fit, windowed, exact, floor, curves=max(curves.values(), default=1))
 
     def _in_windows(self) -> Iterator[Hypothesis]:
         """Effects that act for a part of the time."""

@@ -115,6 +115,11 @@ class Effect:
         return _INPUTS & found
 
     @property
+    def curve_of(self) -> str:
+        """The signal that the force is a curve of; "" where there are several, or a memory, or time itself."""
+        return "" if self.remembers or self.is_over_time or len(self.reads) != 1 else next(iter(self.reads))
+
+    @property
     def needs_clock(self) -> bool:
         """Whether the force depends on the time itself: where time only numbers the samples, such a law means nothing.
 
