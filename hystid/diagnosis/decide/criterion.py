@@ -26,12 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from hystid.diagnosis.fit.curves import CURVE
+from hystid.diagnosis.fit.curves import CELLS, CURVE, cells
 from hystid.diagnosis.fit.problem import Fit, Problem
 
 Array = NDArray[np.float64]
 
-CELLS = 5  # of the phase plane along x and along v: states closer than a fifth of the range share their model error
 ACCURACY = 0.002  # of the force: what smoothing, interpolation and integration leave (measured without noise)
 SOUND = 0.005  # of the force: model error of a structure from which nothing is missing (matched sensors: 0.5 %)
 NOISE_ERROR = 0.05  # relative error of the noise power that is estimated from a recording
@@ -292,11 +291,5 @@ def effective_states(problem: Problem) -> float:
         np.concatenate([problem.reduce.plain(i, getattr(part, name)) for i, part in enumerate(problem.parts)])
         for name in ("x", "v")
     )
-    count = np.bincount(_cell(x) * CELLS + _cell(v), minlength=CELLS * CELLS)
+    count = np.bincount(cells(x, v), minlength=CELLS**2)
     return float(np.count_nonzero(count > _VISITED * len(x)))
-
-
-def _cell(values: Array) -> NDArray[np.int64]:
-    low, high = float(np.min(values)), float(np.max(values))
-    width = (high - low) / CELLS or 1.0
-    return np.asarray(np.clip(((values - low) / width).astype(np.int64), 0, CELLS - 1))

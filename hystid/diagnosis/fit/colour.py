@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from hystid.diagnosis.fit.curves import curves
+from hystid.diagnosis.fit.curves import cells, curves
 from hystid.diagnosis.fit.problem import Fit, Problem
 from hystid.diagnosis.prepare.segments import Part, band, colouring, filtered
 
 Array = NDArray[np.float64]
 _ROWS = 16_000  # of one recording; more are averaged in blocks
-_CELLS = 5  # of the phase plane along x and along v, as the criterion counts states
 _POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of their own
 _FIRST = 3  # line of the spectrum from which the polynomial and the window leave it alone
 _BELOW = 0.5  # share of the lowest frequency of the motion below which the window leaks nothing of it
@@ -67,7 +66,9 @@ def _below(part: Part, rest: Array, moved: Sequence[Array]) -> tuple[Array, Arra
         return np.empty(0), np.empty(0), np.empty(0)
     x, v, left, *noises = (u[: rows * block].reshape(rows, block).mean(axis=1) for u in (part.x, part.v, rest, *moved))
     follows = [table for u in (x, v) for table in curves([u])]
-    known = np.column_stack([_cells(x, v), *follows, np.vander(np.linspace(-1, 1, rows), _POLYNOMIAL)])
+    cell = cells(x, v)
+    inside = cell[:, None] == np.unique(cell)
+    known = np.column_stack([inside, *follows, np.vander(np.linspace(-1, 1, rows), _POLYNOMIAL)])
     window = np.hanning(rows)
 
     def lines(u: Array) -> Array:
@@ -76,17 +77,6 @@ def _below(part: Part, rest: Array, moved: Sequence[Array]) -> tuple[Array, Arra
 
     white = 1 + float(np.mean([lines(noise) for noise in noises]))
     return np.arange(_FIRST, last) / (rows * block), lines(left) / white, np.full(last - _FIRST, part.dt)
-
-
-def _cells(x: Array, v: Array) -> Array:
-    """One column per cell of the phase plane: 1 inside of it, 0 outside."""
-
-    def place(u: Array) -> NDArray[np.int64]:
-        low, high = float(np.min(u)), float(np.max(u))
-        return np.clip(((u - low) / ((high - low) / _CELLS or 1.0)).astype(np.int64), 0, _CELLS - 1)
-
-    cell = place(x) * _CELLS + place(v)
-    return np.asarray(cell[:, None] == np.unique(cell), dtype=np.float64)
 
 
 def _most(parts: Sequence[Part], rests: Sequence[Array]) -> float:
