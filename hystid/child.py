@@ -368,7 +368,7 @@ def _exactly(file: IO[bytes], n: int) -> bytearray:
     data = bytearray(n)
     view = memoryview(data)
     while view:
-        count = file.readinto(view)  # type: ignore[attr-defined]
+        count = file.readinto(view)  # type: ignore[attr-defined]  # binary pipes have it
         if not count:
             raise EOFError
         view = view[count:]

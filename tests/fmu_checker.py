@@ -189,7 +189,7 @@ def _combination(v: dict[str, Any]) -> Iterator[str]:
         yield "a start value is missing" if needs else "a start value is not allowed"
     if causality == "independent" and start is not None:
         yield "the independent variable must have no start value"
-    if start is not None and v["type"] not in ("Boolean", "String"):  # noqa: SIM102
+    if start is not None and v["type"] not in ("Boolean", "String"):  # noqa: SIM102  # one rule a line
         if not float(v.get("min", "-inf")) <= float(start) <= float(v.get("max", "inf")):
             yield "start lies outside min and max"
     if "nominal" in v and float(v["nominal"]) <= 0:

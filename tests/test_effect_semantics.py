@@ -133,7 +133,7 @@ def problem_of(x: np.ndarray) -> Problem:
     part = SimpleNamespace(x=x, v=v, dt=1e-3)
     signals = [Signals(x, v, np.gradient(v, 1e-3), np.zeros(len(x)), 1e-3)]
     scales = SimpleNamespace(x=np.sort(np.abs(x)), v=np.sort(np.abs(v)))
-    return SimpleNamespace(parts=(part,), scales=scales, signals=lambda h: signals)  # type: ignore[return-value]
+    return SimpleNamespace(parts=(part,), scales=scales, signals=lambda h: signals)  # type: ignore[return-value]  # what is asked of a problem here
 
 
 def test_a_parameter_is_a_threshold_only_where_it_is_declared(tmp_path: Path) -> None:
@@ -225,7 +225,7 @@ def answered(
     where = Where("", (0, 0), (0, 0), {}, {}, "")
     found = tuple(Finding(c[0], c, 0.9, {}, where, {}, title=catalogue.class_title(c)) for c in classes)
     problem = shaken(np.cumsum(motions()[1]), force)
-    return Diagnosis(verdict, "", "", {}, {}, found, catalogue=catalogue, problem=problem, **more)  # type: ignore[arg-type]
+    return Diagnosis(verdict, "", "", {}, {}, found, catalogue=catalogue, problem=problem, **more)  # type: ignore[arg-type]  # fields by name
 
 
 def test_the_next_experiment_can_be_done_and_tells_something(catalogue: Catalogue) -> None:

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from benchmarks.fuzz import engine, orders  # noqa: E402  (beside the package, not in it)
-from benchmarks.fuzz.targets import CORPUS, TARGETS  # noqa: E402
+from benchmarks.fuzz.targets import CORPUS, TARGETS  # noqa: E402  (the same)
 
 # Inputs of each kind: seconds for all of them together. Modelica is left to the long run, a second for each input.
 SHORT = {"unit": 300, "parameters": 200, "csv": 100, "mat": 30, "hdf5": 30, "uff": 30, "tdms": 30, "fmu": 60,

@@ -112,7 +112,7 @@ def linear_model(fit: LinearFit, sample_rate: float, inputs: Sequence[FurtherInp
     """The linear fit in the form of a two-network model without hidden layers, so that both run through one code."""
     width = 3 + len(inputs)
     plain = {"input_offset": np.zeros(width), "input_gain": np.ones(width), "output_offset": 0.0, "output_gain": 1.0}
-    nothing = Network(((np.zeros((1, width)), np.zeros(1)),), **plain)  # type: ignore[arg-type]
+    nothing = Network(((np.zeros((1, width)), np.zeros(1)),), **plain)  # type: ignore[arg-type]  # all normalisations
     slopes = np.array([[fit.Kl, fit.B, 0.0, *fit.slopes]])
-    law = Network(((slopes, np.array([fit.offset])),), **plain)  # type: ignore[arg-type]
+    law = Network(((slopes, np.array([fit.offset])),), **plain)  # type: ignore[arg-type]  # the same
     return TwoNetworkModel((Member(nothing, law),), fit.mass, sample_rate, {}, inputs=tuple(inputs))

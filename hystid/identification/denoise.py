@@ -62,7 +62,7 @@ def smooth(recording: Recording) -> Recording:
     channels = dict(zip(_UNITS, problem.motion(penalty), strict=True))
     origin = {**recording.origin, **dict.fromkeys(_UNITS, f"joint smoothing of {sources}")}
     force = {} if _is_measured(recording, "R") else {"R": None}
-    return replace(recording, origin=origin, notes=(*recording.notes, note), **channels, **force)  # type: ignore[arg-type]
+    return replace(recording, origin=origin, notes=(*recording.notes, note), **channels, **force)  # type: ignore[arg-type]  # names of channels
 
 
 def _is_measured(recording: Recording, name: str) -> bool:

@@ -163,8 +163,8 @@ class Adapter:
         return FlatVariable(
             name=name,
             type=kind,
-            variability="continuous" if variability in ("empty", "continuous") else variability,  # type: ignore[arg-type]
-            causality={"input": "input", "output": "output"}.get(_tag(v["causality"]), "local"),  # type: ignore[arg-type]
+            variability="continuous" if variability in ("empty", "continuous") else variability,  # type: ignore[arg-type]  # one of the words of Modelica
+            causality={"input": "input", "output": "output"}.get(_tag(v["causality"]), "local"),  # type: ignore[arg-type]  # the same
             dims=tuple(v["dims"]),
             start=ONE if enumeration and start is None else start,
             fixed=fixed[0] if isinstance(fixed, list) and fixed else fixed,

@@ -74,7 +74,7 @@ def _without_aliases(events: EventModel) -> tuple[EventModel, dict[str, str]]:
 
     def free(name: str) -> bool:
         v = variables.get(name)
-        return bool(v) and v.kind == "unknown" and name not in keep and name not in fixed  # type: ignore[union-attr]
+        return bool(v) and v.kind == "unknown" and name not in keep and name not in fixed  # type: ignore[union-attr]  # v is none where bool(v) is false
 
     rest = []
     for e in events.equations:
@@ -166,7 +166,7 @@ def _derivatives(events: EventModel, aliases: Mapping[str, str]) -> tuple[Step, 
     owner, left = matching(options, unknowns)
     if left or len(owner) < len(unknowns):
         raise _singular(events, equations, left, [u for u in unknowns if u not in owner])
-    return tuple(solve_order(equations, owner))  # type: ignore[arg-type]
+    return tuple(solve_order(equations, owner))  # type: ignore[arg-type]  # all have an owner
 
 
 def _running(e: ScalarEquation) -> ScalarEquation:
@@ -381,7 +381,7 @@ class _Start:
                 f"{v.place if v else self.events.scalar.flat.name}: nothing determines '{missing[0]}' at the start: "
                 "give it a start value with fixed=true, or an initial equation"
             )
-        return owner, equations, defaults  # type: ignore[return-value]
+        return owner, equations, defaults  # type: ignore[return-value]  # the same
 
     def _options(self, e: ScalarEquation, unknowns: set[str], running: bool) -> list[str]:
         """A discrete variable is determined by the equation that defines it or states it at the start, by no other."""

@@ -224,10 +224,10 @@ def _variable(name: str, v: ScalarVariable, model: HybridModel, layout: Layout) 
     return Variable(
         name=name,
         slot=layout.slots[name],
-        causality=causality,  # type: ignore[arg-type]
-        variability=variability,  # type: ignore[arg-type]
+        causality=causality,  # type: ignore[arg-type]  # words of FMI, from _role
+        variability=variability,  # type: ignore[arg-type]  # the same
         type=v.flat.type,
-        initial=initial,  # type: ignore[arg-type]
+        initial=initial,  # type: ignore[arg-type]  # the same
         start=start,
         min=v.min,
         max=v.max,

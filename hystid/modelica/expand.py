@@ -169,7 +169,7 @@ class Expander:
     def _broadcast(self, name: str, args: list[Value]) -> Value:
         shapes = [a.shape for a in args if isinstance(a, np.ndarray)]
         if not shapes:
-            return self._quiet(op(name, *args))  # type: ignore[arg-type]
+            return self._quiet(op(name, *args))  # type: ignore[arg-type]  # no arrays are left
         if len(set(shapes)) > 1:
             self.refuse(f"the sizes {' and '.join(map(str, shapes))} do not fit in '{name}'")
         self.spend(int(np.prod(shapes[0])))

@@ -32,10 +32,10 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
         unknowns = unknowns_of(events, aliases)
         options = [preference(e, set(unknowns)) for e in events.equations]
         owner, left = matching(options, unknowns)
-        tie = _tie(events.equations, options, owner, left[0], {*events.states, *former}) if left else None  # type: ignore[arg-type]
+        tie = _tie(events.equations, options, owner, left[0], {*events.states, *former}) if left else None  # type: ignore[arg-type]  # lists are invariant
         if tie is not None and not (refs(tie.left) | refs(tie.right)) & {*events.states}:
             # only such as were states: what determines them leads to those that still are
-            tie = _tie(events.equations, options, owner, left[0], {*events.states})  # type: ignore[arg-type]
+            tie = _tie(events.equations, options, owner, left[0], {*events.states})  # type: ignore[arg-type]  # the same
         if tie is None:
             return events
         reduced = _with_one_state_less(events, tie, former)

@@ -59,7 +59,7 @@ def merge(condition: Expr, a: Value, b: Value) -> Value:
         x, y = np.broadcast_arrays(boxed(a), boxed(b))
         made = [op("if", condition, p, q) for p, q in zip(x.flat, y.flat, strict=True)]
         return array(made).reshape(x.shape)
-    return a if a is b else op("if", condition, a, b)  # type: ignore[arg-type]
+    return a if a is b else op("if", condition, a, b)  # type: ignore[arg-type]  # arrays went above
 
 
 def filled_in(condition: Expr, last: Value, before: Value) -> Value:
