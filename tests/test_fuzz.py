@@ -17,15 +17,16 @@ from benchmarks.fuzz import engine, orders  # noqa: E402  (beside the package, n
 from benchmarks.fuzz.targets import CORPUS, TARGETS  # noqa: E402  (the same)
 
 # Inputs of each kind: seconds for all of them together. Modelica is left to the long run, a second for each input.
-SHORT = {"unit": 300, "parameters": 200, "csv": 100, "mat": 30, "hdf5": 30, "uff": 30, "tdms": 30, "fmu": 60,
-         "description": 60, "onnx": 40}  # fmt: skip
+SHORT = {"unit": 300, "parameters": 200, "csv": 100, "mat": 30, "hdf5": 30, "uff": 30, "tdms": 30, "mdf": 30,
+         "parquet": 30, "fmu": 60, "description": 60, "onnx": 40}  # fmt: skip
+PACKAGES = {"hdf5": "h5py", "uff": "pyuff", "tdms": "nptdms", "mdf": "asammdf", "parquet": "pyarrow"}
 
 
 @pytest.mark.parametrize("kind", SHORT)
 def test_inputs_are_answered_or_refused(tmp_path: Path, kind: str) -> None:
     command = [sys.executable, "-m", "benchmarks.fuzz.engine", kind, "--plain", "--inputs", str(SHORT[kind])]
-    for needed in {"hdf5": ["h5py"], "uff": ["pyuff"], "tdms": ["nptdms"]}.get(kind, []):
-        pytest.importorskip(needed, reason=f"needs the extra {kind}")
+    if kind in PACKAGES:
+        pytest.importorskip(PACKAGES[kind], reason=f"needs the extra {kind}")
     done = subprocess.run([*command, "--seed", "11", "-o", tmp_path], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     tried, tracebacks, outside = engine.COUNTS.unpack((tmp_path / f"{kind}.counts").read_bytes())

@@ -86,6 +86,8 @@ TARGETS = {
     "hdf5": Target(".h5", _recording),
     "uff": Target(".uff", _recording),
     "tdms": Target(".tdms", _recording),
+    "mdf": Target(".mf4", _recording),
+    "parquet": Target(".parquet", _recording),
     "unit": Target(".txt", _unit),
     "parameters": Target(".json", _parameters),
     "fmu": Target(".fmu", _fmu),
