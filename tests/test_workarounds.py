@@ -94,6 +94,49 @@ model A
 end A;""",
         "y", 2.0, "function",
     ),
+    "model_algorithms": (
+        """
+model A
+  Real x(start = 1, fixed = true), y, z;
+algorithm
+  z := 0;
+  for k in 1:3 loop
+    z := z + k;
+  end for;
+  y := z/2;
+equation
+  der(x) = -x;
+end A;""",
+        "y", 3.0, "algorithm",
+    ),
+    "nested_conditions": (
+        """
+connector In = input Real;
+connector Out = output Real;
+block B
+  parameter Boolean a = true, b = true;
+  In u if b;
+  Out y;
+equation
+  if a then
+    if b then
+      connect(u, y);
+    else
+      y = 7;
+    end if;
+  else
+    y = 1;
+  end if;
+end B;
+model A
+  B b1, b2(b = false), b3(a = false, b = false);
+  Out s = 3*time;
+  Real y = b1.y + 10*b2.y + 100*b3.y;
+equation
+  connect(s, b1.u);
+end A;""",
+        "y", 173.0, "nested if-equation",
+    ),
     "derivatives_in_loops": (
         """
 record C

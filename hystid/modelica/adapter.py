@@ -26,6 +26,7 @@ from hystid.modelica.flat import (
     Statement,
     When,
 )
+from hystid.modelica.sections import Carried
 from hystid.modelica.sources import Source
 from hystid.modelica.tables import is_table_object
 
@@ -60,7 +61,8 @@ class Adapter:
         self._origin: dict[int, Source | None] = {}
         self._enumerations: dict[str, float] = {}
         self._pieces: dict[int, dict[tuple[int, int], str]] = {}
-        self._records: frozenset[str] = frozenset()
+        self._records: Mapping[str, Any] = {}
+        self._record_types: Mapping[int, Any] = {}
         self._texts: dict[str, Expr] = {}
         self._here: Place | None = None
 
@@ -68,7 +70,8 @@ class Adapter:
         """The flat model. Raises ModelicaError for what the subset leaves out."""
         self._note_pieces(d)
         self._enumerations = {k: float(v) for k, v in d["enum_literal_ordinals"].items()}
-        self._records = frozenset(d["record_instances"])
+        self._records = d["record_instances"]
+        self._record_types = {int(k): r for k, r in d["record_types"].items()}
         self._refuse_sections(d)
         structural = _structural(d)
         texts = [v for v in d["variables"].values() if self._is_text(v, d)]
@@ -78,18 +81,20 @@ class Adapter:
         for v in objects:
             self._here = self._place(v)
             self._texts[v["name"]] = self.expr(v["binding"])
-        gone = {v["name"] for v in (*texts, *objects)}
+        gone = {v["name"] for v in (*texts, *objects)} | _unconnected(d)
+        carried = Carried(self, d)
         return FlatModel(
             name=self.name,
             description="",
             variables=tuple(self._variable(v, d, structural) for v in d["variables"].values() if v["name"] not in gone),
-            equations=self._equations(d["equations"], d["structured_equations"]),
+            equations=carried.others(self._equations(d["equations"], d["structured_equations"])),
             initial=self._equations(d["initial_equations"], d["initial_structured_equations"]),
-            whens=tuple(self._when(w) for w in d["when_chains"]),
-            assertions=tuple(self._assertion(a) for a in d["assert_equations"]),
-            functions=tuple(self._function(f) for f in d["functions"].values()),
+            whens=tuple(self._when(w) for w in carried.chains),
+            assertions=tuple(self._assertion(a) for a in carried.assertions),
+            functions=self._functions(d),
             sections=tuple(self._section(a) for a in d["initial_algorithms"]),
             texts=tuple(self._built_in(texts)),
+            algorithms=tuple(carried.sections),
         )
 
     # -- places
@@ -135,7 +140,10 @@ class Adapter:
 
     def _refuse_sections(self, d: Mapping[str, Any]) -> None:
         table = {
-            "algorithms": ("an algorithm section in a model", "write equations, or put the algorithm into a function"),
+            "algorithms": (
+                "this algorithm section in a model (while, return, break, terminate or a when inside an if or a loop)",
+                "write equations, or put it into a function",
+            ),
             "initial_assert_equations": ("assert in an initial equation", "put the assert among the equations"),
             "branches": ("an overconstrained connector", "use plain connectors"),
         }
@@ -176,7 +184,7 @@ class Adapter:
             binding=self._attribute(v, "binding"),
             final=bool(d["variable_final_flags"].get(name)),
             protected=bool(v["is_protected"]),
-            structural=name in structural,
+            structural=name in structural and variability in ("parameter", "constant"),
             enumeration=enumeration,
             place=place,
         )
@@ -247,7 +255,7 @@ class Adapter:
         return tuple(result)
 
     def _equation(self, residual: Any, item: Mapping[str, Any]) -> Equation:
-        self._here = self._equation_place(item)
+        self._here = self.place(item)
         return Equation(_without_zero(self.expr(residual)), self._here)
 
     def _rows(self, family: Mapping[str, Any]) -> Iterator[Equation]:
@@ -263,18 +271,24 @@ class Adapter:
             values = dict(zip(names, (Num(float(k)) for k in point), strict=True))
             yield from (replace(e, residual=_at(e.residual, values)) for e in templates)
 
-    def _equation_place(self, item: Mapping[str, Any]) -> Place:
+    def place(self, item: Mapping[str, Any]) -> Place:
         """The first line of an equation; connections report the line of a connected variable."""
         known = (n for n in _spans(item) if self._source(n["span"]["source"]) is not None)
         first = next(known, None)
         return self._declaration if first is None else self._place(first)
 
-    def _assertion(self, a: Mapping[str, Any]) -> Assertion:
-        place = self._equation_place(a)
-        self._here = place
-        return Assertion(self.expr(a["condition"]), self.expr(a["message"]), self._level(a["level"]), place)
+    def at(self, item: Mapping[str, Any]) -> Place:
+        """Where an equation stands; complaints about what is read next name it."""
+        self._here = self.place(item)
+        return self._here
 
-    def _level(self, node: Any) -> str:
+    def _assertion(self, a: Mapping[str, Any]) -> Assertion:
+        place = self.place(a)
+        self._here = place
+        return Assertion(self.expr(a["condition"]), self.expr(a["message"]), self.level(a["level"]), place)
+
+    def level(self, node: Any) -> str:
+        """Level of an assertion."""
         level = self.expr(node) if node is not None else Num(2.0)
         return "warning" if level == Num(self._enumerations["AssertionLevel.warning"]) else "error"
 
@@ -282,7 +296,7 @@ class Adapter:
         return When(tuple(self._branch(b) for b in [chain["first"], *chain["else_when"]]))
 
     def _branch(self, b: Mapping[str, Any]) -> Branch:
-        place = self._equation_place(b)
+        place = self.place(b)
         self._here = place
         condition = self.expr(b["condition"])
         several = condition.args if isinstance(condition, Op) and condition.name == "{}" else (condition,)
@@ -291,14 +305,14 @@ class Adapter:
     def _actions(self, items: Sequence[Mapping[str, Any]], guard: Expr | None) -> Iterator[Action]:
         for item in items:
             kind, body = next(iter(item.items()))
-            place = self._equation_place(body)
+            place = self.place(body)
             self._here = place
             if kind == "Assign":
                 yield Action("assign", body["target"], self.expr(body["value"]), place, guard)
             elif kind == "Reinit":
                 yield Action("reinit", body["state"], self.expr(body["value"]), place, guard)
             elif kind == "Assert":
-                message, level = self.expr(body["message"]), self._level(body.get("level"))
+                message, level = self.expr(body["message"]), self.level(body.get("level"))
                 yield Action("assert", "", self.expr(body["condition"]), place, guard, message, level)
             elif kind == "Conditional":
                 yield from self._conditional(body, guard)
@@ -315,6 +329,13 @@ class Adapter:
             so_far = _both(so_far, Op("not", (condition,)))
 
     # -- functions
+
+    def _functions(self, d: Mapping[str, Any]) -> tuple[Function, ...]:
+        """Names in functions are their own: one may be that of a record of the model."""
+        outside, self._records = self._records, {}
+        made = tuple(self._function(f) for f in d["functions"].values())
+        self._records = outside
+        return made
 
     def _function(self, f: Mapping[str, Any]) -> Function:
         place = self._place(f["inputs"][0] if f["inputs"] else f)
@@ -334,15 +355,27 @@ class Adapter:
         )
 
     def _section(self, a: Mapping[str, Any]) -> Section:
-        return Section(self._statements(a["statements"]), self._equation_place(a))
+        return Section(self._statements(a["statements"]), self.place(a))
 
     def _function_variable(self, v: Mapping[str, Any]) -> FunctionVariable:
         dims = tuple(Num(-1.0) if "Colon" in s else self._subscript(s) for s in v["shape_expr"])
-        return FunctionVariable(v["name"], v["type_name"], dims, self.expr(v["default"]) if v["default"] else None)
+        default = self.expr(v["default"]) if v["default"] else None
+        return FunctionVariable(v["name"], v["type_name"], dims, default, self._fields(v["name"], v))
+
+    def _fields(self, name: str, v: Mapping[str, Any]) -> tuple[FunctionVariable, ...]:
+        """The variables of a record."""
+        kind = self._record_types.get(v["type_def_id"]) if v["type_class"] == "Record" else None
+        if kind is None:
+            return ()
+        if v["shape_expr"]:
+            self._refuse(v, f"the array of records '{name}' in a function", "arrays of numbers")
+        return tuple(
+            FunctionVariable(f"{name}.{f['name']}", "", tuple(Num(float(n)) for n in f["dims"])) for f in kind["fields"]
+        )
 
     def _statement(self, item: Mapping[str, Any]) -> Iterator[Statement]:
         kind, body = next(iter(item.items())) if isinstance(item, dict) else (str(item), {})
-        place = self._equation_place(body)
+        place = self.place(body)
         self._here = place
         if kind == "Assignment":
             yield Statement("assign", place, (self._target(body["comp"]),), self.expr(body["value"]))
@@ -416,10 +449,29 @@ class Adapter:
         if name in self._texts:
             return self._texts[name]
         if name in self._records:
-            self._refuse(b, f"the record '{name}' as a whole", "use its fields, in equations and as arguments")
+            return self._record(b, name)
         if not b["subscripts"]:
             return Ref(name)
         return Op("[]", (Ref(name), *(self._subscript(s) for s in b["subscripts"])))
+
+    def _record(self, b: Mapping[str, Any], name: str) -> Expr:
+        """The fields of a record that stands as a whole."""
+        instance = self._records[name]
+        kind = self._record_types.get(instance["type_def_id"])
+        if kind is None or instance["dims"] or b["subscripts"]:
+            self._refuse(b, f"the record '{name}' as a whole", "use its fields, in equations and as arguments")
+        fields = [f["name"] for f in kind["fields"]]
+        parts = (self._record(b, n) if n in self._records else Ref(n) for n in (f"{name}.{f}" for f in fields))
+        return Op("record", tuple(p for f, value in zip(fields, parts, strict=True) for p in (Text(f), value)))
+
+    def _constructed(self, b: Mapping[str, Any], name: str) -> Expr:
+        """A record constructor with a value for each field."""
+        kinds = [k for k in self._record_types.values() if f".{k['name']}".endswith(f".{name}")]
+        args = [self.expr(a) for a in b["args"]]
+        if len(kinds) != 1 or len(kinds[0]["fields"]) != len(args):
+            self._refuse(b, f"record constructor '{name}' without a value for each field", "give all of them, in order")
+        names = (Text(f["name"]) for f in kinds[0]["fields"])
+        return Op("record", tuple(p for pair in zip(names, args, strict=True) for p in pair))
 
     def _subscript(self, s: Mapping[str, Any]) -> Expr:
         kind, body = next(iter(s.items()))
@@ -484,7 +536,7 @@ class Adapter:
     def _read_FunctionCall(self, b: Mapping[str, Any]) -> Expr:
         name = b["name"]["name"] if isinstance(b["name"], dict) else b["name"]
         if b.get("is_constructor"):
-            self._refuse(b, f"record constructor '{name}'", "declare its fields as variables or parameters")
+            return self._constructed(b, name)
         if name in _REFUSED:
             self._refuse(b, f"{name}()", _REFUSED[name])
         return Op("call " + name, tuple(self.expr(a) for a in b["args"]))
@@ -545,6 +597,29 @@ def _without_zero(residual: Expr) -> Expr:
         return Op("if", (first, *(_without_zero(branch) for branch in rest)))
     inner = isinstance(first, Op) and first.name == "if" and rest == [ZERO]
     return _without_zero(first) if inner else residual
+
+
+def _unconnected(d: Mapping[str, Any]) -> set[str]:
+    """Variables of expandable connectors that nothing speaks of: they are not there (specification, section 9.1.3)."""
+    offered = {v["name"] for v in d["variables"].values() if v["from_expandable_connector"]}
+    if not offered:
+        return set()
+    bindings = [v["binding"] for v in d["variables"].values()]
+    spoken = [bindings, *(d[k] for k in ("equations", "initial_equations", "when_chains", "assert_equations"))]
+    named = {name.partition("[")[0] if name not in offered else name for name in _variable_names(spoken)}
+    assigned = {a["target"] for c in d["when_chains"] for a in _assignments(c)}
+    return offered - named - assigned
+
+
+def _assignments(node: Any) -> Iterator[Mapping[str, Any]]:
+    if isinstance(node, dict):
+        if "Assign" in node:
+            yield node["Assign"]
+        for value in node.values():
+            yield from _assignments(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from _assignments(value)
 
 
 def _tag(value: Any) -> str:

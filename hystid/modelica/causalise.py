@@ -10,9 +10,7 @@ from hystid.errors import ModelicaError
 from hystid.modelica.blocks import (
     Assign,
     Step,
-    augment,
     components,
-    matching,
     preference,
     solve_order,
     sources,
@@ -23,6 +21,7 @@ from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, rebuild, refs, s
 from hystid.modelica.flat import Assertion, FlatModel, Place
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.index import reduce_index
+from hystid.modelica.matching import augment, matching
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable, scalarise
 from hystid.modelica.silence import silenced
 

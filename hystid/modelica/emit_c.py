@@ -320,13 +320,14 @@ class Emitter:
 
     def _sweeps(self) -> list[str]:
         """Relations, discrete and continuous equations until they agree, while pre() stays: only then may pre() move on
-        (Modelica specification 3.6, appendix B). Else dry friction would judge by a force of the mode before. A
-        when-clause acts in the first sweep; one that comes true later, in the next pass."""
+        (Modelica specification 3.6, appendix B). Else dry friction would judge by a force of the mode before.
+        When-clauses join in when the others agree; change(y) would be missed before y has changed. One that takes away
+        the reason for itself has acted: an odd number of sweeps ends with that."""
         body: list[str] = []
         for step in self.model.event:
             text = self.steps([step])
             clocked = isinstance(step, Assign) and step.variable in self.model.clocked
-            body += ["if (sweep == 0) {", *indented(text), "}"] if clocked else text
+            body += ["if (phase == 1) {", *indented(text), "}"] if clocked else text
         count, d, n = self.layout.count("d"), self.layout.first("d"), len(self.model.relations)
         inside = [
             "int moved = 0;",
@@ -336,9 +337,10 @@ class Emitter:
             *body,
             f"for (int i = 0; i < {count}; i++) moved |= v[{d} + i] != before[i];",
             "changed |= moved;",
-            "if (!moved) break;",
+            "sweep++;",
+            f"if (!moved || sweep >= {_TOGETHER + 4 * n + 4 | 1}) phase++, sweep = 0;",
         ]
-        return [f"for (int sweep = 0; sweep < {_TOGETHER + 4 * n + 4}; sweep++) {{", *indented(inside), "}"]
+        return ["for (int phase = 0, sweep = 0; phase < 3;) {", *indented(inside), "}"]
 
     def _relations_in_turn(self) -> list[str]:
         """All relations at once in the first sweeps. Where these go round in circles, one at a time, first those that

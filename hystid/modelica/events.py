@@ -6,12 +6,13 @@ assigned in when-clauses become discrete variables with one defining equation ea
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass, field, replace
 
 from hystid.errors import ModelicaError
 from hystid.modelica.expr import ONE, RELATIONS, ZERO, Expr, Op, Ref, nodes, op, rebuild, refs
 from hystid.modelica.flat import Action, Assertion, Branch, Place
+from hystid.modelica.matching import matching
 from hystid.modelica.scalar import ScalarEquation, ScalarModel
 
 _ROUNDING = frozenset({"floor", "ceil", "integer", "div", "mod", "rem"})
@@ -95,6 +96,8 @@ class _Namer:
         self.variables = scalar.variables
         self.states = tuple(sorted(self._find_states(), key=list(self.variables).index))
         self.assigned = {a.target for w in scalar.whens for b in w.branches for a in b.actions if a.kind == "assign"}
+        self.assigned |= {e.left.name for e in scalar.held if isinstance(e.left, Ref)}
+        self.hidden: dict[str, ScalarEquation] = {}
         self.relations: dict[Expr, Relation] = {}
         self.samplers: dict[Expr, Sampler] = {}
         self.memos: dict[bool, dict[Expr, Expr]] = {True: {}, False: {}}
@@ -145,7 +148,7 @@ class _Namer:
 
     def run(self) -> EventModel:
         discrete, continuous = self._split()
-        hidden: dict[str, ScalarEquation] = {}
+        hidden = self.hidden
         from_when, reinits, checks = self._whens(hidden)
         equations = tuple(self._named_equation(e) for e in continuous)
         defined = {name: self._named_equation(e) for name, e in discrete.items()}
@@ -173,14 +176,15 @@ class _Namer:
         """Equations that state a discrete variable, and the others."""
         wanted = self.discrete_names - self.assigned
         discrete: dict[str, ScalarEquation] = {}
-        continuous = []
-        for e in self.scalar.equations:
-            name = next((n for n in _stated(e) if n in wanted and n not in discrete), None)
-            if name is None:
-                continuous.append(e)
-            else:
-                other = e.right if isinstance(e.left, Ref) and e.left.name == name else e.left
-                discrete[name] = ScalarEquation(Ref(name), other, e.place)
+        equations = self.scalar.equations
+        owner, _ = matching([self._may_state(e, wanted) for e in equations], sorted(wanted))
+        taken = {k: name for name, k in owner.items()}
+        continuous = [e for k, e in enumerate(equations) if k not in taken]
+        for k, name in sorted(taken.items()):
+            e = equations[k]
+            assert isinstance(name, str)
+            other = e.right if isinstance(e.left, Ref) and e.left.name == name else e.left
+            discrete[name] = ScalarEquation(Ref(name), other, e.place)
         missing = sorted(wanted - set(discrete))
         if missing:
             v = self.variables[missing[0]]
@@ -189,6 +193,17 @@ class _Namer:
                 "and no when-clause assigns it: write one"
             )
         return discrete, continuous
+
+    def _may_state(self, e: ScalarEquation, wanted: Set[str]) -> list[str]:
+        """Discrete variables that an equation may determine; v = n with a continuous v determines v."""
+        found = []
+        for name in _stated(e):
+            other = e.right if isinstance(e.left, Ref) and e.left.name == name else e.left
+            v = self.variables.get(other.name) if isinstance(other, Ref) else None
+            running = v is not None and v.kind == "unknown" and v.name not in self.discrete_names
+            if name in wanted and not running:
+                found.append(name)
+        return found
 
     # -- when-clauses
 
@@ -215,6 +230,14 @@ class _Namer:
                         f"{places[name]}: '{name}' is assigned in two when-clauses: join them by elsewhen"
                     )
                 values[name] = _cases(cases, Ref(pre(name)))
+        for e in self.scalar.held:
+            assert isinstance(e.left, Ref)
+            if e.left.name in values:
+                raise ModelicaError(
+                    f"{e.place}: '{e.left.name}' is assigned in an algorithm and in a when-clause: keep one of them"
+                )
+            self.place = places[e.left.name] = e.place
+            values[e.left.name] = self._named(e.right)
         return {n: ScalarEquation(Ref(n), v, places[n]) for n, v in values.items()}, reinits, checks
 
     def _fires(self, branch: Branch, label: str, hidden: dict[str, ScalarEquation]) -> Expr:
@@ -297,6 +320,10 @@ class _Namer:
 
     def _of_variable(self, node: Op) -> Expr:
         argument = node.args[0]
+        if node.name == "edge" and not isinstance(argument, Ref):
+            name = f"$edge{len(self.hidden) + 1}"
+            self.hidden[name] = ScalarEquation(Ref(name), self._named(argument), self.place)
+            return op("and", Ref(name), op("not", Ref(pre(name))))
         if not isinstance(argument, Ref):
             raise ModelicaError(
                 f"{self.place}: {node.name}() takes one variable: give the operand a name, Boolean b = <condition>"

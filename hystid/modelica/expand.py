@@ -7,7 +7,8 @@ algorithm on expressions, where an ``if`` statement merges the values of its bra
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, NoReturn
 
 import numpy as np
@@ -29,9 +30,9 @@ from hystid.modelica.expr import (
     refs,
 )
 from hystid.modelica.flat import Function, Place
-from hystid.modelica.inlining import Call
+from hystid.modelica.inlining import NO_NUMBER, Call
 from hystid.modelica.tables import is_table_function, looked_up
-from hystid.modelica.values import Array, Value, array, flattened, mapped, matrix, merge, rows, stacked, summed
+from hystid.modelica.values import Array, Record, Value, array, flattened, mapped, matrix, merge, rows, stacked, summed
 
 _KEPT = frozenset({"der", "pre", "edge", "change", "sample", "initial", "terminal", "String"})
 _ELEMENTWISE = {".*": "*", "./": "/", ".^": "^"}
@@ -138,6 +139,9 @@ class Expander:
             return local[name]
         if name in self.constants:
             return self.constants[name]
+        fields = [n for n in local if n.startswith(f"{name}.")]
+        if fields:
+            return Record.of((n.removeprefix(f"{name}.") for n in fields), (local[n] for n in fields))
         dims = self.dims.get(name)
         if not dims:
             return Ref(name)
@@ -177,6 +181,15 @@ class Expander:
         made = [self._quiet(op(name, *row)) for row in zip(*columns, strict=False)]
         return array(made).reshape(shapes[0])
 
+    @contextmanager
+    def without_events(self) -> Iterator[None]:
+        """What is evaluated meanwhile makes no event."""
+        self._depth += 1
+        try:
+            yield
+        finally:
+            self._depth -= 1
+
     def _quiet(self, expr: Expr) -> Expr:
         """Inside a function nothing makes an event."""
         loud = self._depth and isinstance(expr, Op) and expr.name in _EVENTS
@@ -208,7 +221,12 @@ class Expander:
         self.refuse("'^' of an array needs a positive whole exponent; use '.^' for each element")
 
     def _field(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        """A variable of a component whose subscripts are computed: b[i + 1].x."""
+        """A variable of a component whose subscripts are computed, b[i + 1].x, or a field of a record, f(x).re."""
+        made = args[0] if isinstance(args[0], Op) and args[0].name not in ("[]", "field") else None
+        whole = self.value(made, local) if made is not None else None
+        if isinstance(whole, Record) and isinstance(args[1], Text) and args[1].value in whole.names:
+            found: Value = whole.field(args[1].value)
+            return found
         return self._variable(self._path(Op("field", args), local), local)
 
     def _path(self, expr: Expr, local: Mapping[str, Value]) -> str:
@@ -227,29 +245,54 @@ class Expander:
         base = self.value(args[0], local)
         if not isinstance(base, np.ndarray):
             self.refuse("a scalar is subscripted")
-        if len(args) == 2 and base.ndim == 1 and (varying := self._varying(args[1], local)) is not None:
-            return self._chosen(base, varying)
-        index = tuple(self.index(s, n, local) for s, n in zip(args[1:], base.shape, strict=False))
+        return self._part(base, args[1:], local)
+
+    def _part(self, base: Value, subscripts: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
+        if not isinstance(base, np.ndarray) or not subscripts:
+            return base
+        for axis, s in enumerate(subscripts):
+            varying = self.varying(s, local)
+            if varying is not None and axis < base.ndim:
+                rest = (*subscripts[:axis], *subscripts[axis + 1 :])
+                return self._chosen([self._part(b, rest, local) for b in np.moveaxis(base, axis, 0)], varying)
+        index = tuple(self.index(s, n, local) for s, n in zip(subscripts, base.shape, strict=False))
         result = base
         for axis in reversed(range(len(index))):
             result = np.take(result, index[axis], axis=axis) if index[axis] is not None else result
         return result
 
-    def _varying(self, s: Expr, local: Mapping[str, Value]) -> Expr | None:
+    def varying(self, s: Expr, local: Mapping[str, Value]) -> Expr | None:
         """A subscript that changes during the simulation; None for one that is known, or may be made known."""
         value = None if isinstance(s, Op) and s.name == ":" else self.value(s, local)
         if value is None or isinstance(value, np.ndarray | tuple | Num) or refs(value) <= self.parameters:
             return None
         return value
 
-    def _chosen(self, base: Array, subscript: Expr) -> Expr:
-        """The element of a vector (n,) at a subscript that changes; outside 1..n no number, which ends the run."""
-        self.spend(base.size)
-        result: Expr = Op("sqrt", (Num(-1.0),))
-        for k in reversed(range(base.size)):
-            same = Op("noEvent", (op("==", subscript, Num(k + 1.0)),))
-            result = op("if", same, base[k], result)
+    def _chosen(self, parts: Sequence[Value], subscript: Expr) -> Value:
+        """The part at a subscript that changes; outside of 1..n no number, which ends the run."""
+        result: Value = mapped(lambda _: NO_NUMBER, parts[0])
+        for k in reversed(range(len(parts))):
+            self.spend(len(flattened(parts[k])))
+            result = merge(self._is(subscript, k), parts[k], result)
         return result
+
+    def _is(self, subscript: Expr, k: int) -> Expr:
+        """Whether it means the element with offset k; no event, as what it is made of makes them."""
+        return Op("noEvent", (op("==", subscript, Num(k + 1.0)),))
+
+    def replaced(self, base: Array, subscript: Expr, value: Expr) -> Array:
+        """A vector with one element changed, at a subscript that changes; outside of 1..n no number anywhere."""
+        self.spend(base.size)
+        outside = op("or", op("<", subscript, ONE), op(">", subscript, Num(float(base.size))))
+        ends = Op("noEvent", (outside,))
+        changed = [op("if", self._is(subscript, k), value, e) for k, e in enumerate(flattened(base))]
+        return array([op("if", ends, NO_NUMBER, e) for e in changed])
+
+    def ask_for(self, condition: Expr) -> None:
+        """Makes the parameters known that alone decide a condition."""
+        names = frozenset(n if n in self.parameters else n.rpartition("[")[0] for n in refs(condition))
+        if names and names <= self.parameters | self.arrays:
+            raise NeededNow(names)
 
     def index(self, s: Expr, size: int, local: Mapping[str, Value]) -> Any:
         if isinstance(s, Op) and s.name == ":":
@@ -390,6 +433,10 @@ class Expander:
     def _tuple(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         return tuple(self.value(a, local) for a in args)
 
+    def _record(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
+        names = [n.value for n in args[::2] if isinstance(n, Text)]
+        return Record.of(names, (self.value(a, local) for a in args[1::2]))
+
     def _semi_linear(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         x, up, down = (self.scalar(a, local) for a in args)
         return op("if", op("noEvent", op(">=", x, ZERO)), op("*", up, x), op("*", down, x))
@@ -450,4 +497,6 @@ _SPECIAL: dict[str, Callable[..., Value]] = {
     "vector": Expander._vector,
     "scalar": Expander._scalar_of,
     "semiLinear": Expander._semi_linear,
+    "record": Expander._record,
+    "outside": lambda self, args, local: self.value(args[0], {}),
 }

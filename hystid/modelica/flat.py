@@ -114,22 +114,28 @@ class Assertion:
 
 @dataclass(frozen=True)
 class FunctionVariable:
-    """Input, output or local of a function; dims holds -1 for a size that the call decides."""
+    """Input, output or local of a function; dims holds -1 for a size that the call decides.
+
+    fields: of a record, its variables by their names in the function ("z.re").
+    """
 
     name: str
     type: str
     dims: tuple[Expr, ...] = ()
     default: Expr | None = None
+    fields: tuple[FunctionVariable, ...] = ()
 
 
 @dataclass(frozen=True)
 class Statement:
     """kind "assign": targets := value. "if": branches (condition, statements), last condition Num(1) for else.
 
-    "for": name runs over value in the body of branches[0]. "assert" is dropped by the front end.
+    "for": name runs over value in the body of branches[0]. In algorithm sections of models also "when": branches
+    (conditions, statements); "assert": value, its message in targets, its level in name; "reinit": name := value.
+    In functions "assert" is dropped by the front end.
     """
 
-    kind: Literal["assign", "if", "for"]
+    kind: Literal["assign", "if", "for", "when", "assert", "reinit"]
     place: Place
     targets: tuple[Expr | None, ...] = ()
     value: Expr | None = None
@@ -152,7 +158,7 @@ class Function:
 
 @dataclass(frozen=True)
 class Section:
-    """An initial algorithm: what it assigns holds at the start."""
+    """An initial algorithm, whose values hold at the start, or an algorithm of the model."""
 
     statements: tuple[Statement, ...]
     place: Place = Place()
@@ -173,6 +179,7 @@ class FlatModel:
     sections: tuple[Section, ...] = ()
     experiment: Experiment = field(default_factory=Experiment)
     texts: tuple[BuiltInText, ...] = ()
+    algorithms: tuple[Section, ...] = ()
 
 
 _CLASSES: dict[str, type] = {

@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 
 from hystid.errors import ModelicaError
-from hystid.modelica.blocks import Assign, isolate, matching, preference, solve_order
+from hystid.modelica.blocks import Assign, isolate, preference, solve_order
 from hystid.modelica.events import EventModel, der
 from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Num, Ref, evaluate, op, refs, substitute
+from hystid.modelica.matching import matching
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable
 
 Unknowns = Callable[[EventModel, Mapping[str, str]], list[str]]

@@ -7,12 +7,25 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
-from hystid.modelica.expr import Expr, Num, Op, Ref, op
+from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, nodes, op, rebuild
 from hystid.modelica.flat import Function, FunctionVariable, Statement
-from hystid.modelica.values import UNSET, Interpreter, Value, array, filled_in, flattened, is_unset, merge
+from hystid.modelica.values import (
+    UNSET,
+    Interpreter,
+    Record,
+    Value,
+    array,
+    filled_in,
+    flattened,
+    is_unset,
+    mapped,
+    merge,
+)
 from hystid.modelica.workarounds.function_bodies import ELSE, NOTHING, STOP, WHILE
 
 _WHILE_LIMIT = 10_000
+_ROUNDS = 100  # of a while-loop whose condition depends on variables
+NO_NUMBER = Op("sqrt", (Num(-1.0),))  # ends the run
 _STATEMENT_COST = 3  # in operations on scalars
 
 
@@ -32,12 +45,21 @@ class Call:
     def run(self) -> list[Value]:
         """Values of the outputs."""
         for variable in (*self.function.outputs, *self.function.locals):
-            self.values[variable.name] = self._initial(variable)
+            for part in variable.fields or (variable,):
+                self.values[part.name] = self._initial(part)
+            if variable.fields and variable.default is not None:
+                self._set(Ref(variable.name), self.expander.value(variable.default, self.values))
         self._statements(self.function.body)
-        results = [self.values[v.name] for v in self.function.outputs]
+        results = [self._result(v) for v in self.function.outputs]
         if any(is_unset(e) for r in results for e in flattened(r)):
             self.expander.refuse(f"function '{self.function.name}' leaves an output without a value on some path")
         return results
+
+    def _result(self, variable: FunctionVariable) -> Value:
+        if not variable.fields:
+            return self.values[variable.name]
+        names = [f.name.removeprefix(variable.name + ".") for f in variable.fields]
+        return Record.of(names, (self.values[f.name] for f in variable.fields))
 
     def section(self, start: Mapping[str, Value]) -> dict[str, Value]:
         """Values after the statements of an algorithm section; start: those before it, of what it assigns."""
@@ -77,7 +99,9 @@ class Call:
             self._set(target, part)
 
     def _set(self, target: Expr | None, value: Value) -> None:
-        if isinstance(target, Ref):
+        if isinstance(target, Ref) and isinstance(value, Record):
+            self.values.update((f"{target.name}.{field}", value.field(field)) for field in value.names)
+        elif isinstance(target, Ref):
             self.values[target.name] = value
         elif isinstance(target, Op) and target.name == "[]" and isinstance(target.args[0], Ref):
             name = target.args[0].name
@@ -85,6 +109,10 @@ class Call:
             assert isinstance(base, np.ndarray)
             changed = base.copy()
             pairs = zip(target.args[1:], base.shape, strict=True)
+            varying = self.expander.varying(target.args[1], self.values) if len(target.args) == 2 else None
+            if varying is not None and not isinstance(value, np.ndarray | tuple):
+                self.values[name] = self.expander.replaced(base, varying, value)
+                return
             index = [self.expander.index(s, n, self.values) for s, n in pairs]
             changed[tuple(slice(None) if i is None else i for i in index)] = value
             self.values[name] = changed
@@ -110,9 +138,10 @@ class Call:
             return
         before = dict(self.values)
         self._undecided.append(condition)
+        self.values = {k: _where(v, condition, ONE) for k, v in before.items()}
         self._statements(branches[0][1])
         self._undecided[-1] = op("not", condition)
-        taken, self.values = self.values, before
+        taken, self.values = self.values, {k: _where(v, condition, ZERO) for k, v in before.items()}
         self._choose(branches[1:])
         self._undecided.pop()
         last = isinstance(branches[0][0], Ref) and branches[0][0].name.startswith(ELSE)
@@ -143,17 +172,78 @@ class Call:
             self._assign(body[0])
             condition = self.expander.scalar(test, self.values)
             if not isinstance(condition, Num):
-                self.expander.refuse(
-                    "the condition of a while-loop depends on a variable, which cannot be written out: let it count by "
-                    "numbers, or use for and if"
-                )
+                self.expander.ask_for(condition)
+                self._unrolled(condition, body, test)
+                return
             if not condition.value:
                 return
             self._statements(body[1:])
         self.expander.refuse(f"a while-loop takes more than {_WHILE_LIMIT} steps, which cannot be written out")
 
+    def _unrolled(self, condition: Expr, body: tuple[Statement, ...], test: Ref) -> None:
+        """Rounds while a condition on variables holds; where it still does after the last, no number is the answer."""
+        active = condition
+        for _ in range(self._rounds(body, test)):
+            before = self.values
+            self.values = {k: _where(v, active, ONE) for k, v in before.items()}
+            self._undecided.append(active)
+            self._statements(body[1:])
+            self._assign(body[0])
+            self._undecided.pop()
+            goes_on = self.expander.scalar(test, self.values)
+            self.values = {k: merge(active, self.values.get(k, v), v) for k, v in before.items()}
+            active = op("and", active, goes_on)
+            if active == ZERO:
+                return
+        changed = {name for name in assigned(body) if name in self.values and name != test.name}
+        for name in changed:
+            endless = mapped(lambda e: e if is_unset(e) else op("if", active, NO_NUMBER, e), self.values[name])
+            self.values[name] = endless
 
-_RUN: dict[str, Callable[[Call, Statement], None]] = {"assign": Call._assign, "if": Call._branch, "for": Call._loop}
+    def _rounds(self, body: tuple[Statement, ...], test: Ref) -> int:
+        """How many rounds are written out: those to the end of what is counted, if one is in sight."""
+        counted = {
+            s.targets[0]
+            for s in body
+            if s.kind == "assign" and isinstance(s.targets[0], Ref) and s.value == Op("+", (s.targets[0], ONE))
+        }
+        bounds = []
+        for node in nodes(body[0].value or ZERO):
+            if isinstance(node, Op) and node.name in ("<", "<=") and node.args[0] in counted:
+                bound = self.expander.scalar(node.args[1], self.values)
+                bounds += [int(bound.value) + 2] if isinstance(bound, Num) and bound.value > 0 else []
+        return min([_ROUNDS, *bounds])
+
+    def when(self, s: Statement) -> None:
+        """A when-clause, of an algorithm section."""
+        self.expander.refuse("a when-clause stands in models only")
+
+    def check(self, s: Statement) -> None:
+        """An assertion; those of functions are not looked at."""
+
+    def renew(self, s: Statement) -> None:
+        """A reinit, of an algorithm section."""
+        self.expander.refuse("reinit() stands in when-clauses only")
+
+
+_RUN: dict[str, Callable[[Call, Statement], None]] = {
+    "assign": Call._assign,
+    "if": Call._branch,
+    "for": Call._loop,
+    "when": lambda call, s: call.when(s),
+    "assert": lambda call, s: call.check(s),
+    "reinit": lambda call, s: call.renew(s),
+}
+
+
+def _where(value: Value, condition: Expr, holds: Num) -> Value:
+    """A value that some path has not set, where a condition is known to hold or not."""
+    if not any(is_unset(e) for e in flattened(value)):
+        return value
+    known: dict[Expr, Expr] = {condition: holds}
+    if isinstance(condition, Op) and condition.name == "not":
+        known[condition.args[0]] = ONE if holds == ZERO else ZERO
+    return mapped(lambda e: rebuild(e, known.get), value)
 
 
 def assigned(statements: Iterable[Statement]) -> Iterator[str]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from hystid.errors import ModelicaError
+from hystid.modelica.algorithms import run_section
 from hystid.modelica.expand import Expander, NeededNow, elements
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, refs
 from hystid.modelica.flat import (
@@ -72,6 +73,7 @@ class ScalarModel:
     initial: tuple[ScalarEquation, ...]
     whens: tuple[When, ...]
     assertions: tuple[Assertion, ...]
+    held: tuple[ScalarEquation, ...] = ()  # of variables that algorithm sections assign in when-clauses
 
 
 def scalarise(flat: FlatModel, parameters: Mapping[str, float]) -> ScalarModel:
@@ -109,13 +111,24 @@ def _scalarise(flat: FlatModel) -> ScalarModel:
     ]
     starts, others = _starts_before(initial, variables)
     variables |= {name: replace(variables[name], start=value) for name, value in starts.items()}
+    outcomes = [(section.place, run_section(section, flat, expander)) for section in flat.algorithms]
+    stated = [
+        (ScalarEquation(Ref(n), value, place), n in o.held) for place, o in outcomes for n, value in o.values.items()
+    ]
     return ScalarModel(
         flat,
         variables,
-        tuple([*(s for e in flat.equations for s in _equations(e, expander)), *bound]),
+        tuple(
+            [
+                *(s for e in flat.equations for s in _equations(e, expander)),
+                *(e for e, held in stated if not held),
+                *bound,
+            ]
+        ),
         tuple(others),
-        tuple(_when(w, expander) for w in flat.whens),
-        tuple(_assertion(a, expander) for a in flat.assertions),
+        (*(_when(w, expander) for w in flat.whens), *(w for _, o in outcomes for w in o.whens)),
+        tuple(_assertion(a, expander) for a in [*flat.assertions, *(a for _, o in outcomes for a in o.assertions)]),
+        tuple(e for e, held in stated if held),
     )
 
 

@@ -16,6 +16,23 @@ Value = Expr | Array | tuple[Any, ...]
 UNSET = Op("unset", ())
 
 
+class Record(tuple[Any, ...]):
+    """Values of the fields of a record."""
+
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, names: Iterable[str], values: Iterable[Any]) -> Record:
+        """The record whose fields have these names and values."""
+        made = cls(values)
+        made.names = tuple(names)
+        return made
+
+    def field(self, name: str) -> Any:
+        """Value of a field."""
+        return self[self.names.index(name)]
+
+
 class Interpreter(Protocol):
     """What functions and tables need of the interpreter that calls them, see ``expand.Expander``."""
 
@@ -42,19 +59,29 @@ class Interpreter(Protocol):
     def outputs(self, call: Op, local: Mapping[str, Value]) -> list[Value]:
         """Values of all outputs of a function call."""
 
+    def ask_for(self, condition: Expr) -> None:
+        """Makes the parameters known that alone decide a condition."""
+
+    def varying(self, s: Expr, local: Mapping[str, Value]) -> Expr | None:
+        """A subscript that changes during the simulation, None for others."""
+
+    def replaced(self, base: Array, subscript: Expr, value: Expr) -> Array:
+        """A vector with one element changed, at a subscript that changes during the simulation."""
+
     def index(self, s: Expr, size: int, local: Mapping[str, Value]) -> Any:
         """Offsets that a subscript means, None for all."""
 
 
 def is_unset(expr: Expr) -> bool:
     """Whether a part of it was never given a value."""
-    return any(node is UNSET for node in nodes(expr))
+    return any(node == UNSET for node in nodes(expr))
 
 
 def merge(condition: Expr, a: Value, b: Value) -> Value:
     """if condition then a else b, element by element."""
     if isinstance(a, tuple) and isinstance(b, tuple):
-        return tuple(merge(condition, x, y) for x, y in zip(a, b, strict=True))
+        merged = (merge(condition, x, y) for x, y in zip(a, b, strict=True))
+        return Record.of(a.names, merged) if isinstance(a, Record) else tuple(merged)
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         x, y = np.broadcast_arrays(boxed(a), boxed(b))
         made = [op("if", condition, p, q) for p, q in zip(x.flat, y.flat, strict=True)]
@@ -72,7 +99,7 @@ def filled_in(condition: Expr, last: Value, before: Value) -> Value:
 
 
 def _instead_of_nothing(value: Expr) -> Callable[[Expr], Expr | None]:
-    return lambda node: value if node is UNSET else None
+    return lambda node: value if node == UNSET else None
 
 
 def stacked(parts: list[Value]) -> Array:

@@ -86,7 +86,7 @@ class _Statement:
         return inner - {"break"} if self.kind in ("for", "while") else inner | ({self.kind} & {"return", "break"})
 
 
-class _Unreadable(Exception):
+class Unreadable(Exception):
     """The statements are not understood here; the front end has its say about them."""
 
 
@@ -109,7 +109,7 @@ def _without_calls(owner: Class) -> Iterator[Edit]:
     for section in _INITIAL.finditer(plain, owner.body, owner.end):
         try:
             statements, _ = _statements(plain, section.end())
-        except _Unreadable:
+        except Unreadable:
             continue
         if statements and all(s.kind == "call" for s in statements):  # it takes no empty one either
             start, end = section.start(), statements[-1].end
@@ -133,14 +133,14 @@ def _rewritten(owner: Class, found: Sequence[Class], numbers: Iterator[int]) -> 
         return
     try:
         statements, end = _statements(plain, section.end())
-    except _Unreadable:
+    except Unreadable:
         return
     if not any(s.refused for s in statements):
         return
     writer = _Writer(owner.source.text, numbers, _real(owner, found))
     try:
         body = writer.function(statements, section.end(), end)
-    except _Unreadable:
+    except Unreadable:
         return
     names = f"Boolean {', '.join(writer.names)}; " if writer.names else ""
     start = f"protected {names}{_NOTHING} algorithm {' '.join(_unset(owner, found))}"
@@ -174,7 +174,7 @@ def _unset(owner: Class, found: Sequence[Class]) -> Iterator[str]:
 # -- reading
 
 
-def _word(plain: str, at: int) -> tuple[str, int]:
+def word_at(plain: str, at: int) -> tuple[str, int]:
     """The word at an offset, white space skipped, and where it begins; "" for anything else."""
     start = at + len(plain[at:]) - len(plain[at:].lstrip())
     found = _WORD.match(plain, start)
@@ -185,13 +185,13 @@ def _statements(plain: str, at: int) -> tuple[tuple[_Statement, ...], int]:
     """Statements up to an ``end``, ``else`` or ``elseif``, and the offset of that."""
     found: list[_Statement] = []
     while True:
-        word, start = _word(plain, at)
+        word, start = word_at(plain, at)
         if word in _ENDS or start >= len(plain):
             return tuple(found), start
         if word in ("if", "for", "while"):
             statement = _compound(plain, word, start)
         elif word == "when":
-            raise _Unreadable
+            raise Unreadable
         else:
             statement = _plain(plain, word, start)
         found.append(statement)
@@ -199,7 +199,7 @@ def _statements(plain: str, at: int) -> tuple[tuple[_Statement, ...], int]:
 
 
 def _plain(plain: str, word: str, start: int) -> _Statement:
-    stop = _until(plain, ";", start) + 1
+    stop = until(plain, ";", start) + 1
     if word in ("return", "break"):
         return _Statement(word, start, stop)
     called = _CALL.match(plain, start)
@@ -212,21 +212,21 @@ def _compound(plain: str, kind: str, start: int) -> _Statement:
     branches: list[_Branch] = []
     at = start
     while True:
-        word, at = _word(plain, at)
+        word, at = word_at(plain, at)
         if word == "end":
             stop = plain.index(";", at) + 1
             return _Statement(kind, start, stop, tuple(branches))
         behind = at + len(word)
         condition = None
         if word != "else":
-            close = _until(plain, "then" if kind == "if" else "loop", behind)
+            close = until(plain, "then" if kind == "if" else "loop", behind)
             condition, behind = (behind, close), close + 4
         body, end = _statements(plain, behind)
         branches.append(_Branch(at, condition, body, end))
         at = end
 
 
-def _until(plain: str, mark: str, at: int) -> int:
+def until(plain: str, mark: str, at: int) -> int:
     """Offset of the next keyword or semicolon that belongs to the statement itself, not to an if-expression in it."""
     depth = pending = 0
     for found in _UNIT.finditer(plain, at):
@@ -237,7 +237,7 @@ def _until(plain: str, mark: str, at: int) -> int:
         pending += (unit == "if") - (unit == "then")
         if unit == ";":
             pending = 0
-    raise _Unreadable
+    raise Unreadable
 
 
 # -- writing
@@ -299,13 +299,13 @@ class _Writer:
         if s.kind == "call":
             return (self._error() if re.match(r"(?:[\w.]*\.)?error\b", text) else "") + gap
         if not self._flags.get(s.kind):
-            raise _Unreadable
+            raise Unreadable
         return f"{self._flags[s.kind][-1]} := true;{gap}"
 
     def _error(self) -> str:
         """The front end drops a branch that sets nothing of use, so that a result takes the mark."""
         if not self.result:
-            raise _Unreadable
+            raise Unreadable
         return f"{self.result} := {STOP};"
 
     def _loop(self, s: _Statement, guard: str) -> str:

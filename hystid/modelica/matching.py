@@ -1,0 +1,59 @@
+"""Which equation determines which unknown."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
+
+
+def matching(
+    candidates: Sequence[Sequence[Hashable]], unknowns: Iterable[Hashable]
+) -> tuple[dict[Hashable, int], list[int]]:
+    """Largest assignment of one unknown to each equation.
+
+    candidates: for each equation the unknowns that it may determine, most wanted first.
+    Returns unknown -> equation and the equations that got none. The first choices are taken where they are free, then
+    augmenting paths (breadth first) make room.
+    """
+    owner: dict[Hashable, int] = {}
+    known = set(unknowns)
+    waiting = []
+    for equation, options in enumerate(candidates):
+        first = next((u for u in options if u in known and u not in owner), None)
+        if first is None:
+            waiting.append(equation)
+        else:
+            owner[first] = equation
+    left = [e for e in waiting if not augment(e, candidates, known, owner)]
+    return owner, left
+
+
+def augment(
+    equation: int, candidates: Sequence[Sequence[Hashable]], known: Set[Hashable], owner: dict[Hashable, int]
+) -> bool:
+    """Give ``equation`` an unknown by moving others along an augmenting path; False where there is none."""
+    parent: dict[Hashable, int] = {}
+    queue = deque([equation])
+    while queue:
+        e = queue.popleft()
+        for u in candidates[e]:
+            if u not in known or u in parent:
+                continue
+            parent[u] = e
+            if u not in owner:
+                _flip(u, equation, parent, owner)
+                return True
+            queue.append(owner[u])
+    return False
+
+
+def _flip(end: Hashable, equation: int, parent: Mapping[Hashable, int], owner: dict[Hashable, int]) -> None:
+    owned_by = {e: u for u, e in owner.items()}
+    u = end
+    while True:
+        e = parent[u]
+        before = owned_by.get(e)
+        owner[u] = e
+        if e == equation or before is None:
+            return
+        u = before
