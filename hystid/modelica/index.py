@@ -29,16 +29,18 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
     tied in a way that needs more than this.
     """
     former: set[str] = set()  # were states, have a derivative still
+    used: set[ScalarEquation] = set()
     for _ in range(len(events.states)):
         unknowns = unknowns_of(events, aliases)
         options = [preference(e, set(unknowns)) for e in events.equations]
         owner, left = matching(options, unknowns)
         tie = _tie(events.equations, options, owner, left[0], {*events.states, *former}) if left else None  # type: ignore[arg-type]  # lists are invariant
-        if tie is not None and not (refs(tie.left) | refs(tie.right)) & {*events.states}:
-            # only such as were states: what determines them leads to those that still are
+        if tie is not None and (tie in used or not (refs(tie.left) | refs(tie.right)) & {*events.states}):
+            # known, or only such as were states: what determines them leads to those that still are
             tie = _tie(events.equations, options, owner, left[0], {*events.states})  # type: ignore[arg-type]  # the same
-        if tie is None:
+        if tie is None or tie in used:
             return events
+        used.add(tie)
         reduced = _with_one_state_less(events, tie, former)
         former |= {*events.states} - {*reduced.states}
         events = reduced

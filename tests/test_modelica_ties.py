@@ -1,0 +1,90 @@
+"""States that are tied more than once over the same variables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from hystid.compiled import CompiledModel
+from hystid.modelica import compile_model
+
+GEAR = """
+package Rig
+  connector Flange
+    Real phi;
+    flow Real tau;
+  end Flange;
+  model Inertia
+    Flange a, b;
+    parameter Real J = 1;
+    Real phi(start = 0), w(start = 0), acc;
+  equation
+    phi = a.phi;
+    phi = b.phi;
+    w = der(phi);
+    acc = der(w);
+    J*acc = a.tau + b.tau;
+  end Inertia;
+  model Gear "with the power at its flanges and a loss that follows the speed"
+    Flange a, b, support;
+    parameter Real ratio = 2, d = 0.3;
+    Real phi_a, phi_b, w_a, a_a, loss, power;
+  equation
+    phi_a = a.phi - support.phi;
+    phi_b = b.phi - support.phi;
+    phi_a = ratio*phi_b;
+    0 = b.tau + ratio*(a.tau - loss);
+    0 = a.tau + b.tau + support.tau;
+    w_a = der(phi_a);
+    a_a = der(w_a);
+    loss = d*w_a;
+    power = a.tau*der(a.phi);
+  end Gear;
+  model Fixed
+    Flange f;
+    parameter Real phi0 = 0.5;
+  equation
+    f.phi = phi0;
+  end Fixed;
+  model Torque
+    Flange f, support;
+    Real phi_support;
+  equation
+    phi_support = support.phi;
+    f.tau = -sin(time);
+    f.tau + support.tau = 0;
+  end Torque;
+  model A
+    Inertia one(J = 1, phi(start = 0.5)), two(J = 1.5);
+    Gear gear;
+    Fixed fixed, other;
+    Torque torque;
+  equation
+    connect(torque.f, one.a);
+    connect(torque.support, other.f);
+    connect(one.b, gear.a);
+    connect(gear.b, two.a);
+    connect(gear.support, fixed.f);
+  end A;
+end Rig;
+"""
+
+
+def test_a_gear_that_looks_at_the_speed_of_its_flange(tmp_path: Path) -> None:
+    file = tmp_path / "rig.mo"
+    file.write_text(GEAR)
+    t = 0.01 * np.arange(301)
+    names = ["one.w", "two.w", "gear.power", "two.phi"]
+    got = CompiledModel(compile_model(f"{file}:Rig.A")).simulate({}, 0.01, rows=len(t), outputs=names, substeps=4)
+
+    def rates(at: float, y: np.ndarray) -> list[float]:
+        return [y[1], (np.sin(at) - 0.3 * y[1]) / (1 + 1.5 / 4)]
+
+    turned = solve_ivp(rates, (0, 3), [0, 0], rtol=1e-11, atol=1e-13, t_eval=t).y
+    through = np.array([np.sin(s) - rates(s, y)[1] for s, y in zip(t, turned.T, strict=True)])  # torque at flange a
+    wanted = {"one.w": turned[1], "two.w": turned[1] / 2, "two.phi": 0.5 + turned[0] / 2}
+    for name, values in wanted.items():
+        assert np.abs(got[name] - values).max() < 1e-8, name  # Runge-Kutta with 2.5 ms
+    assert np.abs(got["gear.power"] - through * turned[1]).max() < 1e-8
