@@ -1,8 +1,8 @@
 """kill -9 at random moments: ``python -m benchmarks.kills --kills 200 -o build/kills``.
 
 Each command runs in a process of its own, forked from this one, and is killed at a random moment of the time that it
-takes. After each kill every file that can be seen is whole. In the end the command runs through, gives what it gave
-without a kill, and leaves nothing of the killed ones. Times and dates are no part of a result.
+takes. After each kill every file that can be seen is whole. After a few kills the command runs through, gives what it
+gives without a kill, and leaves nothing of the killed ones. Times and dates are no part of a result.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import json
 import os
 import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -37,6 +38,7 @@ COMMANDS = {
 SHARES = {"build": 40, "identify": 40, "study": 40, "study on Dask, worker killed": 10, "diagnose": 25,
           "regress --update": 40, "demo": 5}  # fmt: skip
 _TIMES = re.compile(r"second|time|cpu|duration|date|created|path|folder|files")
+_ROUND = 8  # kills before a command runs through
 _SCHEDULER = "tcp://127.0.0.1:8797"
 _RIG = """model Rig
   parameter Real k = 100;
@@ -52,19 +54,24 @@ end Rig;
 
 @dataclass
 class Found:
-    """What came of the kills of one command. early, late: kills before it wrote anything, and after it was through."""
+    """What came of the kills of one command.
+
+    kills: of a command at work. late: it had ended before its kill. compared: results after kills, other_results: those
+    that are not what the command gives alone.
+    """
 
     command: str
     kills: int = 0
     late: int = 0
     half_written: int = 0
+    compared: int = 0
     other_results: int = 0
     left_behind: int = 0
 
     def __str__(self) -> str:
         return (
-            f"| `{self.command}` | {self.kills} | {self.late} | {self.half_written} | {self.other_results} | "
-            f"{self.left_behind} |"
+            f"| `{self.command}` | {self.kills} | {self.late} | {self.half_written} | {self.compared} | "
+            f"{self.other_results} | {self.left_behind} |"
         )
 
 
@@ -73,6 +80,8 @@ def forked(text: str) -> int:
     sys.stdout.flush()
     child = os.fork()
     if child:
+        with contextlib.suppress(OSError):  # the child has done it already, or is over
+            os.setpgid(child, child)  # here as well, for it may be killed before it does
         return child
     os.setpgid(0, 0)
     silent = os.open(os.devnull, os.O_WRONLY)
@@ -170,30 +179,51 @@ def _timeless(value: object) -> object:
 
 
 def killed(name: str, kills: int, place: Path, dice: random.Random, longest: float) -> Found:
-    """Kill a command so many times, and compare what it gives then with what it gives alone."""
+    """Kill a command so many times, and compare what it gives after every few kills with what it gives alone.
+
+    A command that has ended before its kill is not counted as a kill, and is compared too. A study and a cache go on
+    where they were killed, so that a folder is used for a few kills and then cleared.
+    """
     found = Found(name)
     text, alone, out = COMMANDS[name], place / "alone", place / "out"
-    for folder in (alone, out):
-        folder.mkdir(parents=True)
-        if name == "regress --update":
-            forked_to_end(f"build rig.mo -o {folder}/rig.fmu")
+    _fresh(name, alone)
     begin = time.monotonic()
     whole = ended(forked(text.format(alone)), longest)
     lasted = time.monotonic() - begin
-    if whole not in (0, 1, None):
-        raise RuntimeError(f"{text}: exit code {whole}")
-    for _ in range(kills):
-        if name == "build":  # the next one starts with an empty cache, and compiles again
-            os.environ["HYSTID_CACHE"] = str(place / f"cache{dice.randrange(4)}")
-        process = forked(text.format(out))
-        found.late += ended(process, dice.uniform(0, lasted)) is not None
-        found.kills += 1
-        found.half_written += bool(broken(out))
-    again = ended(forked(text.format(out)), max(longest, 10 * lasted))
-    if whole is not None:
-        found.other_results = int(again != whole or result(alone) != result(out))
-    found.left_behind = len([path for path in place.rglob(".*") if path.name != ".hystid"])
+    if whole not in (0, 1):
+        raise RuntimeError(f"{text}: exit code {whole} after {lasted:.0f} s")
+    while found.kills < kills:
+        _fresh(name, out)
+        for k in range(min(_ROUND, kills - found.kills)):
+            begin = time.monotonic()
+            again = ended(forked(text.format(out)), dice.uniform(0, lasted))
+            found.half_written += bool(broken(out))
+            if again is not None:
+                found.late += 1
+                if not k:  # later ones go on where others were killed
+                    lasted = (lasted + time.monotonic() - begin) / 2
+                break
+            found.kills += 1
+        else:
+            again = ended(forked(text.format(out)), max(longest, 10 * lasted))
+        found.compared += 1
+        found.other_results += again != whole or result(alone) != result(out)
+        found.left_behind += len([path for path in place.rglob(".*") if path.name != ".hystid"])
+        if found.late > 10 * kills:
+            raise RuntimeError(f"{text}: it always ends before it is killed")
     return found
+
+
+def _fresh(name: str, folder: Path) -> None:
+    """An empty folder, with what the command needs there."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    if name == "regress --update":
+        forked_to_end(f"build rig.mo -o {folder}/rig.fmu")
+    if name == "build":  # with an empty cache it compiles again
+        cache = folder.parent / "cache"
+        shutil.rmtree(cache, ignore_errors=True)
+        os.environ["HYSTID_CACHE"] = str(cache)
 
 
 def forked_to_end(text: str) -> None:
@@ -203,35 +233,41 @@ def forked_to_end(text: str) -> None:
 
 
 def killed_workers(kills: int, place: Path, dice: random.Random) -> Found:
-    """A study on a Dask cluster of two workers, one of which is killed again and again, and started anew."""
+    """Studies on a Dask cluster of two workers, one of which is killed again and again, and started anew.
+
+    Each study has a folder of its own; the first one is not disturbed, and says how long a study lasts.
+    """
     name = "study on Dask, worker killed"
-    found = Found(name)
-    forked_to_end(COMMANDS["study"].format(place / "alone"))
+    found, alone, out = Found(name), place / "alone", place / "out"
+    _fresh(name, alone)
+    forked_to_end(COMMANDS["study"].format(alone))
     environment = {**os.environ, "PYTHONWARNINGS": "ignore"}
-    dask = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--port",
-        _SCHEDULER.rpartition(":")[2],
-        "--no-dashboard",
-    ]
+    port = _SCHEDULER.rpartition(":")[2]
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", port, "--no-dashboard"]
     scheduler = subprocess.Popen(dask, stderr=subprocess.DEVNULL, env=environment)
     work = [sys.executable, "-m", "distributed.cli.dask_worker", _SCHEDULER, "--nthreads", "1", "--no-nanny"]
     work.append("--no-dashboard")
     workers = [subprocess.Popen(work, stderr=subprocess.DEVNULL, env=environment) for _ in range(2)]
     try:
+        lasted = 0.0
         while found.kills < kills:
-            study = forked(COMMANDS[name].format(place / "out", scheduler=_SCHEDULER))
-            while found.kills < kills and ended_yet(study) is None:
-                time.sleep(dice.uniform(1, 6))
+            _fresh(name, out)
+            begin = time.monotonic()
+            study = forked(COMMANDS[name].format(out, scheduler=_SCHEDULER))
+            while lasted and found.kills < kills:
+                time.sleep(dice.uniform(0, lasted))
+                if ended_yet(study):
+                    found.late += 1
+                    break
                 workers[0].kill()
                 workers[0].wait()
                 found.kills += 1
-                found.half_written += bool(broken(place / "out"))
+                found.half_written += bool(broken(out))
                 workers = [workers[1], subprocess.Popen(work, stderr=subprocess.DEVNULL, env=environment)]
-            if ended(study, 300) == 0:
-                found.other_results += result(place / "alone") != result(place / "out")
+            code = ended(study, 300)
+            lasted = lasted or time.monotonic() - begin
+            found.compared += 1
+            found.other_results += code != 0 or result(alone) != result(out)
     finally:
         for process in (*workers, scheduler):
             process.kill()
@@ -240,9 +276,9 @@ def killed_workers(kills: int, place: Path, dice: random.Random) -> Found:
     return found
 
 
-def ended_yet(process: int) -> int | None:
+def ended_yet(process: int) -> bool:
     """Whether a process is over, without taking note of it."""
-    return None if os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None else 0
+    return os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
 def inputs() -> None:
@@ -260,7 +296,7 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--commands", nargs="*", default=list(SHARES))
-    parser.add_argument("--longest", type=float, default=300, help="s of a longer command in which it is killed")
+    parser.add_argument("--longest", type=float, default=900, help="s after which a command has failed")
     parser.add_argument("-o", "--out", type=Path, default=Path("build/kills"))
     given = parser.parse_args()
     given.out.mkdir(parents=True)
@@ -280,12 +316,13 @@ def main() -> int:
     import hystid.study  # noqa: F401  (imported once, so that kills meet the work and not the imports)
 
     inputs()
-    print("| command | kills | of which after its end | half-written | other results | left behind |")
-    print("|---|---|---|---|---|---|")
+    print("| command | kills | ended before | half-written | compared | other results | left behind |")
+    print("|---|---|---|---|---|---|---|")
     bad = 0
     for name in given.commands:
         n, dice = max(round(given.kills * SHARES[name] / sum(SHARES.values())), 1), random.Random(given.seed)
         place = here / re.sub(r"\W+", "-", name)
+        os.environ["HYSTID_CACHE"] = str(here / "cache")
         by_worker = "Dask" in name
         found = killed_workers(n, place, dice) if by_worker else killed(name, n, place, dice, given.longest)
         print(found, flush=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -66,3 +68,19 @@ def test_calls_in_any_order_break_nothing(tmp_path: Path, model: str, version: i
     found = orders.orders(made, 77_000, 3_000)
     assert (found.inputs, found.crashes, found.hangs) == (3_000, 0, 0), found.failures
     assert found.calls > 20 * found.inputs
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_ball_that_comes_to_rest_ends_its_run_with_the_reason(tmp_path: Path, version: int) -> None:
+    """100,000 steps of 1e-4 s go past the accumulation of its impacts; up to there every step succeeds."""
+    rest = math.sqrt(2 / 9.81) * (1 + 2 * 0.8 / (1 - 0.8))  # s; restitution 0.8: a geometric series of free flights
+    made = orders.program(orders.code_of(orders.MODELS["events (BouncingBall)"]), version, tmp_path, orders.PLAIN)
+    before, beyond = (
+        subprocess.run(made.command("steps", 1, n), capture_output=True, text=True)
+        for n in (int(rest / 1e-4) - 1, 100_000)  # 13 impacts within one step begin at most 1.06 steps before the rest
+    )
+    assert (before.returncode, before.stderr) == (0, "")
+    assert beyond.returncode == 2
+    found = re.search(r"Zeno: events accumulate at t = ([0-9.]+) s", beyond.stderr)
+    assert found and abs(float(found[1]) - rest) < 2e-4, beyond.stderr

@@ -13,10 +13,9 @@ import pytest
 
 from benchmarks.slips import RIGS, simulated, slips
 from benchmarks.slips_in_commands import COMMANDS, outcome, prepared
-from hystid.diagnosis.model.adapters import FmuModel
-from hystid.diagnosis.prepare.segments import prepare_part
-from hystid.diagnosis.prove.freerun import errors
+from hystid import build, diagnose, simulate
 from hystid.recording import Recording, read, write_csv
+from hystid.report.page import percent
 from hystid.validation import validate
 
 MASS = RIGS["Jenkins"]["m"]
@@ -51,12 +50,30 @@ def test_a_wrong_label_is_refused(name: str, command: str, sound: Recording, fol
 
 
 def test_three_commands_see_one_error(folder: Path) -> None:
-    """The same FMU and recording. A diagnosis begins with the memory at rest, not with the first measured force."""
+    """The same FMU and recording, nothing fitted; to rounding, as ``identify`` runs the networks without an FMU."""
     metrics = json.loads((folder / "identification.json").read_text(encoding="utf-8"))["metrics"]["recordings"][0]
     recording = read(folder / "sound.csv")
     (validated,) = validate(folder / "oscillator.fmu", recording).cases
+    answer = diagnose(folder / "sound.csv", model=folder / "oscillator.fmu", parameters={"m": MASS}, out=folder / "d")
+    written = json.loads((folder / "d" / "diagnosis.json").read_text(encoding="utf-8"))
+    (diagnosed,) = written["baseline"]["as_given"]
     assert validated.free_run is not None
-    assert validated.force_nrmse == pytest.approx(metrics["force_nrmse"], rel=1e-9)
-    assert validated.free_run.x_nrmse == pytest.approx(metrics["free_run"]["x_nrmse"], rel=1e-9)
-    ((_, diagnosed),) = errors(FmuModel(str(folder / "oscillator.fmu")), [prepare_part(recording, 0)], {"m": MASS})
-    assert diagnosed == pytest.approx(metrics["free_run"]["x_nrmse"], rel=0.05)
+    for found in (
+        (validated.force_nrmse, validated.free_run.x_nrmse),
+        (diagnosed["force_nrmse"], diagnosed["free_run_x_nrmse"]),
+    ):
+        assert found == pytest.approx((metrics["force_nrmse"], metrics["free_run"]["x_nrmse"]), rel=1e-9)
+    assert "as given" in answer.summary() and percent(diagnosed["free_run_x_nrmse"]) in answer.summary()
+
+
+@pytest.mark.parametrize("noise", [None, 45.0])
+def test_parameters_that_are_given_count_in_both(tmp_path: Path, noise: float | None) -> None:
+    """A wrong spring, and a recording with noise and without, to which a diagnosis adds some: as given it has none."""
+    rig = build("HystId.Oscillators.Jenkins", tmp_path / "rig.fmu")
+    recording = simulate(rig, "chirp:2-40Hz@60N,1s", dt=1e-3, noise_snr=noise, parameters={"Kl": 1.2e4})
+    (validated,) = validate(rig.path, recording).cases
+    soft = diagnose(recording, model=rig.path, parameters={"Kl": {"value": 1.2e4, "fixed": True}, "m": 1.0})
+    (hard,) = diagnose(recording, model=rig.path).as_given
+    assert validated.free_run is not None and hard.free_run is not None
+    assert (hard.force, hard.free_run) == pytest.approx((validated.force_nrmse, validated.free_run.x_nrmse), rel=1e-12)
+    assert soft.as_given[0].free_run is not None and soft.as_given[0].free_run < 0.2 * hard.free_run

@@ -7,6 +7,13 @@ static void quiet(fmi3InstanceEnvironment e, fmi3Status status, fmi3String categ
     (void)e, (void)status, (void)category, (void)text;
 }
 
+/* Long runs: why a call failed, in the words of the FMU. */
+static void tell(fmi3InstanceEnvironment e, fmi3Status status, fmi3String category, fmi3String text)
+{
+    (void)e, (void)category;
+    if (status > fmi3Warning) fprintf(stderr, "%s\n", text);
+}
+
 typedef struct {
     dice *d;
     fmi3Instance c;
@@ -220,8 +227,8 @@ static int steps(int co_simulation, int n)
     double t = 0;
     fmi3Boolean flags[3];
     fmi3Instance c = co_simulation
-        ? fmi3InstantiateCoSimulation("one", the_token, NULL, false, false, false, false, NULL, 0, NULL, quiet, NULL)
-        : fmi3InstantiateModelExchange("one", the_token, NULL, false, false, NULL, quiet);
+        ? fmi3InstantiateCoSimulation("one", the_token, NULL, false, false, false, false, NULL, 0, NULL, tell, NULL)
+        : fmi3InstantiateModelExchange("one", the_token, NULL, false, false, NULL, tell);
     if (!c || fmi3EnterInitializationMode(c, false, 0, 0, false, 0) || fmi3ExitInitializationMode(c)) return 1;
     if (!co_simulation) code = exchanged(c, n);
     for (int k = 0; co_simulation && k < n && !code; k++)

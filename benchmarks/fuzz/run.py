@@ -22,7 +22,7 @@ from benchmarks.fuzz.targets import TARGETS
 
 # Inputs of the long run. Calls cost microseconds, files milliseconds, Modelica a second: each kind has its share.
 INPUTS = {
-    "orders": 950_000, "unit": 20_000, "parameters": 10_000, "csv": 5_000, "mat": 1_500, "hdf5": 1_500, "uff": 1_500,
+    "orders": 1_200_000, "unit": 20_000, "parameters": 10_000, "csv": 5_000, "mat": 1_500, "hdf5": 1_500, "uff": 1_500,
     "tdms": 1_500, "mdf": 1_500, "parquet": 1_500, "fmu": 4_000, "description": 4_000, "onnx": 2_000, "modelica": 100,
 }  # fmt: skip
 _SILENT = 300.0  # s of one input without an answer

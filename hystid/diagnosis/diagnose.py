@@ -25,6 +25,7 @@ from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import SHORTEST, take
 from hystid.diagnosis.prepare.refused import NotDiagnosable
+from hystid.diagnosis.prove.unchanged import unchanged
 from hystid.diagnosis.tell.conclude import conclude, free_run_only
 from hystid.diagnosis.tell.result import Diagnosis
 from hystid.diagnosis.tell.turned import turned
@@ -70,6 +71,7 @@ def diagnose(
         # matrices are small here: threads of a BLAS mostly wait for each other, and take three times the time
         with threadpool_limits(1, "blas"), track("diagnosis", 100) as step, _quiet_models():
             taken = take(recordings, holdout, given)
+            as_given = unchanged(Path(model), taken.read, given.values) if is_fmu(model) else ()
             if is_fmu(model) and not (fmu := FmuModel(model)).holds:
                 answer, extended = free_run_only(fmu, taken, str(model)), None
             else:
@@ -86,7 +88,7 @@ def diagnose(
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:
         return not_applicable(str(refusal), str(model), given.values, out)
-    answer = replace(answer, misread=taken.misread, doubts=taken.doubts)
+    answer = replace(answer, misread=taken.misread, doubts=taken.doubts, as_given=as_given)
     return written(turned(answer) if taken.tests[0].rotational else answer, extended, out)
 
 

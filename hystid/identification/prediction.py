@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from hystid.comparison import mse, nrmse
 from hystid.errors import NumericalError
 from hystid.identification.inputs import columns_of
 from hystid.identification.result import Prediction
 from hystid.networks import TwoNetworkModel
 from hystid.recording import Array, Recording
+from hystid.validation.judged import force_error, run_errors, start_of
 
 
 def respond(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array]:
@@ -30,25 +30,25 @@ def begin(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array, d
     """x, v, further inputs of a recording, and the state of the model before its first sample."""
     x, v = recording.channel("x"), recording.channel("v")
     further = columns_of(recording, model.inputs)
-    first = {"x": float(x[0]), "v": float(v[0])} | {name: float(values[0]) for name, values in further.items()}
-    return x, v, further, model.initial_state(float(recording.channel("R")[0]), first)
+    start = start_of(recording)
+    first = {"x": start["x"], "v": start["v"]} | {name: float(values[0]) for name, values in further.items()}
+    return x, v, further, model.initial_state(start["R"], first)
 
 
 def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
     """The model on one recording: R on the measured motion, and the free run where there is a mass."""
     x, v, further, start = begin(model, recording)
-    R = recording.channel("R")
     force, each, _ = at_rate(model, recording).members_response(x, v, start, further)
     spread = None if model.spread is None else model.spread.of(each)
-    open_loop = Prediction(force, nrmse(force, R), spread=spread)
+    open_loop = Prediction(force, force_error(recording, force), spread=spread)
     if not model.mass:
         return open_loop
     try:
         run = model.free_run(recording.channel("F"), recording.dt, float(x[0]), float(v[0]), start, further)
     except NumericalError as error:
         return replace(open_loop, diverged=str(error))
-    errors = {"x_nrmse": nrmse(run["x"], x), "R_nrmse": nrmse(run["R"], R), "R_mse": mse(run["R"], R)}
-    return replace(open_loop, free_run=run, **errors)  # type: ignore[arg-type]  # the keys are fields
+    found = run_errors(recording, run)
+    return replace(open_loop, free_run=run, x_nrmse=found["x_nrmse"], R_nrmse=found["R_nrmse"], R_mse=found["R_mse"])
 
 
 def drift(prediction: Prediction) -> float:

@@ -83,10 +83,12 @@ def summary(result: Diagnosis) -> str:
         ids = ", ".join(finding.alike)
         lines.append(f"  {title(finding)} ({ids}), probability {percent(finding.confidence)}: {values}")
         lines.append(f"    where: {finding.where.text}")
-    rows: list[tuple[str, ...]] = [("free run, x NRMSE", "before", "after")]
+    given = {one.name: percent(one.free_run) for one in result.as_given}
+    rows: list[tuple[str, ...]] = [("free run, x NRMSE", *(["as given"] if given else []), "before", "after")]
     for error in (*result.errors, *result.holdout):
         if error.free_run[0] is not None:
-            rows.append((error.name, percent(error.free_run[0]), percent(error.free_run[1])))
+            first = [given.get(error.name, "-")] if given else []
+            rows.append((error.name, *first, percent(error.free_run[0]), percent(error.free_run[1])))
     if len(rows) > 1:
         lines.append(columns(rows))
     if result.next_experiment:
@@ -345,6 +347,10 @@ def _how_good(page: Page, d: Diagnosis) -> None:
     ]
     columns = ["recording", "", "force before", "force after", "free run before", "free run after"]
     page.table(Table("Errors (NRMSE)", columns, rows, "Before: the baseline after its own refit."))
+    if d.as_given:
+        told = [[one.name, percent(one.force), percent(one.free_run)] for one in d.as_given]
+        same = "Nothing is fitted: `hystid validate` reports the same."
+        page.table(Table("The FMU as given (NRMSE)", ["recording", "force", "free run"], told, same))
     runs = [t for t in d.traces if t.free_before is not None and t.free_after is not None]
     held = [t for t in runs if t.held_out]
     for trace in (held or runs)[:_LINKED]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hystid.comparison import harmonics, mse, nrmse
+from hystid.comparison import harmonics, mse
 from hystid.consistency import admit
 from hystid.errors import HystidError, NumericalError, RecordingError, UsageError
 from hystid.excitation import is_specification, parse
@@ -18,6 +18,7 @@ from hystid.processing import Band, prepare
 from hystid.recording import Array, Recording, Sources, loaded
 from hystid.simulation import force_of, simulate
 from hystid.validation.cases_compared import Case, FreeRun, Levels, Validation
+from hystid.validation.judged import force_error, run_errors
 from hystid.validation.stability import stability
 from hystid.validation.surrogate import Surrogate, open_surrogate
 
@@ -99,7 +100,7 @@ def compare(model: Surrogate, record: Recording) -> Case:
         record.name,
         record,
         force,
-        _nrmse(record, force, "R"),
+        force_error(record, force),
         mse(force, R),
         outside=_outside(model, record),
         notes=notes,
@@ -113,16 +114,8 @@ def compare(model: Surrogate, record: Recording) -> Case:
         _watch(found["x"], record)
     except NumericalError as error:
         return _with_levels(replace(case, diverged=str(error)))
-    x = record.channel("x")
-    errors = (_nrmse(record, found["x"], "x"), _nrmse(record, found["R"], "R"), mse(found["x"], x), mse(found["R"], R))
-    return _with_levels(replace(case, free_run=FreeRun(found["x"], found["v"], found["a"], found["R"], *errors)))
-
-
-def _nrmse(record: Recording, values: Array, channel: str) -> float:
-    try:
-        return nrmse(values, record.channel(channel))
-    except NumericalError as error:
-        raise RecordingError(f"{record.name}: channel {channel}: {error}") from error
+    run = FreeRun(*(found[name] for name in ("x", "v", "a", "R")), **run_errors(record, found))
+    return _with_levels(replace(case, free_run=run))
 
 
 def _check(model: Surrogate, record: Recording) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from hystid.recording import Array, Recording
 from hystid.simulation import driven
 from hystid.surrogate import oscillator_code, surrogate_code
 from hystid.surrogate.restoring_force import NETWORK, force_slots
+from hystid.validation.judged import start_of
 
 Kind = Literal["onnx", "surrogate", "oscillator"]
 
@@ -29,7 +30,7 @@ class Surrogate:
     """force_block: inputs x, v; oscillator: input F. Either may be missing, not both. inputs: the further ones of both;
     for a block that does not tell, the column of a recording has the name of the input. late: states of the force block
     that follow v or a further input late; they begin settled. level: of the force, by which the states that remember
-    it are scaled."""
+    it are scaled. parameters: of an oscillator, by its names, in place of its own values."""
 
     kind: Kind
     mass: float
@@ -42,6 +43,7 @@ class Surrogate:
     inputs: tuple[FurtherInput, ...] = ()
     late: Mapping[str, str] = field(default_factory=dict)
     level: Level | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
     def further(self, record: Recording) -> dict[str, Array]:
         """Values of the further inputs, by their names. Raises RecordingError where the recording has no such column,
@@ -91,8 +93,8 @@ class Surrogate:
         """Parameters that put the oscillator where the record starts, as far as it has them."""
         assert self.oscillator is not None
         known = {variable.name for variable in _variables(self.oscillator)}
-        starts = {f"{name}_start": float(record.channel(name)[0]) for name in ("x", "v", "R")} | {"m": self.mass}
-        return {name: value for name, value in starts.items() if name in known}
+        starts = {f"{name}_start": value for name, value in start_of(record).items()} | {"m": self.mass}
+        return {name: value for name, value in {**starts, **self.parameters}.items() if name in known}
 
 
 def _variables(block: CompiledModel | Driver) -> Sequence[Any]:

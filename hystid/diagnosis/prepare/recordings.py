@@ -33,6 +33,7 @@ class Taken:
 
     clipped: channels that stop at a level, which only the recordings as they were read show. misread: sentences on
     labels that were read in another way than the files state; doubts: on filters, drift and clocks of channels.
+    read: those for the fit as they are after the door, before anything is prepared for it.
     """
 
     tests: list[Recording]
@@ -42,6 +43,7 @@ class Taken:
     clipped: tuple[Fault, ...] | None = None
     misread: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    read: tuple[Recording, ...] = ()
 
 
 def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
@@ -63,7 +65,7 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         [_with_noise(test, i) for i, test in enumerate(where_white(group))]
         for group in (measured[: len(tests)], measured[len(tests) :])
     )
-    return Taken(tests, unseen, given, read.faults, clipped, read.misread, read.doubts)
+    return Taken(tests, unseen, given, read.faults, clipped, read.misread, read.doubts, tuple(read.tests))
 
 
 def inputs_missing(refusal: RecordingError) -> bool:

@@ -17,7 +17,7 @@ from hystid.diagnosis.prepare.segments import Part, advanced
 from hystid.diagnosis.prove.extended import CLASS, Skeleton, extended_model, settings_of
 from hystid.diagnosis.prove.freerun import diverges, error, errors
 from hystid.diagnosis.prove.polish import polish
-from hystid.errors import NumericalError
+from hystid.errors import FmuError, NumericalError
 from hystid.files import scratch
 from hystid.fmu import build
 from hystid.fmu.coupling import simulate_with_effects
@@ -101,7 +101,7 @@ def _coupled_run(
     start = float(part.x[0]), float(part.v[0])
     try:
         x = simulate_with_effects(rig, effects, force, part.dt, parameters=values, start=start)
-    except NumericalError:
+    except (NumericalError, FmuError):  # of a run that runs away, the FMU refuses what overflows first
         return None
     return None if diverges(x, part) else x
 

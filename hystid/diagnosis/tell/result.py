@@ -16,6 +16,7 @@ from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.problem import Fit, Problem
 from hystid.diagnosis.fit.values import Value
 from hystid.diagnosis.model.catalogue import Catalogue
+from hystid.diagnosis.prove.unchanged import Unchanged
 from hystid.diagnosis.tell.dependence import Dependence
 from hystid.results import Result
 from hystid.rotation import turned_text
@@ -129,6 +130,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     found. rotational: whether the rig turns, x in rad, forces in N.m and the mass in kg.m2.
     misread: labels of the recordings that cannot be right, and how they were read instead. doubts: filters,
     drift and clocks of channels, which may look like physics.
+    as_given: errors of an FMU before anything is fitted, those of ``validate``.
     """
 
     verdict: Verdict
@@ -158,6 +160,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     rotational: bool = False
     misread: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    as_given: tuple[Unchanged, ...] = ()
 
     def sentence(self) -> str:
         """The verdict and what stands behind it, in one line."""
@@ -176,6 +179,10 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
                 "refit": {name: value.as_dict() for name, value in self.refit.items()},
                 "force_nrmse": self.force_nrmse[0],
                 "noise_floor": self.noise_floor,
+                "as_given": [
+                    {"name": one.name, "force_nrmse": one.force, "free_run_x_nrmse": one.free_run}
+                    for one in self.as_given
+                ],
             },
             "findings": [finding.as_dict() for finding in self.findings],
             "final": {"parameters": {name: value.as_dict() for name, value in self.final_values().items()}},
