@@ -1,7 +1,8 @@
 """Every command on files with each slip: does a wrong label end in a name, in a crash, or in exit code 0?
 
-Run by ``python -m benchmarks.slips --commands``. The files are those of ``benchmarks.slips``; the commands run as on
-the command line. What a recording cannot show (see there) is counted apart.
+Run by ``python -m benchmarks.slips --commands``: 400 runs, a quarter of an hour. The rigs and slips are those of
+``benchmarks.slips``, the recordings two seconds long; the commands run as on the command line. What a recording cannot
+show (see there) is counted apart.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.slips import FORCES, RIGS, SIMULATED, Slip, simulated, slips
+from benchmarks.slips import RIGS, SIMULATED, Slip, simulated, slips
 from hystid.cli.run import run
 from hystid.consistency import examine
 from hystid.recording import Recording, write_csv
 
 COMMANDS = ("check", "identify", "validate", "diagnose")
+SHORT = ("multisine:2-80Hz@40Nrms,2s", "chirp:1-60Hz@60N,2s")  # the forces of SIMULATED, with a fourth of the samples
 LABELS = ("wrong_unit", "swapped_sign", "swapped_channels", "wrong_mass")  # the others are flaws of a sensor or a clock
 
 
@@ -38,12 +40,13 @@ class Outcome:
 
     def harmless(self, slip: Slip) -> bool:
         """A label: no exit code 0, and no name but with the label read rightly and that said on top. A flaw of a sensor
-        or a clock: said."""
+        or a clock: said; and a late force has no name."""
         if self.crashed:
             return False
+        mended = not self.named or "to be mended: " in self.said
         if slip.rule in LABELS:
-            return self.code != 0 and (not self.named or "to be mended: " in self.said)
-        return f"[{slip.rule}]" in self.said or self.code == 2
+            return self.code != 0 and mended
+        return (f"[{slip.rule}]" in self.said or self.code == 2) and (mended or slip.rule != "lag")
 
 
 def outcome(command: str, file: Path, mass: float, folder: Path) -> Outcome:
@@ -85,7 +88,7 @@ def measure_commands(show: bool) -> None:
     harmless = {slip.name: dict.fromkeys(COMMANDS, 0) for slip in slips()}
     hidden = dict.fromkeys(harmless, 0)
     for name, force, snr in SIMULATED:
-        recording, mass = simulated(name, FORCES[force], snr), RIGS[name]["m"]
+        recording, mass = simulated(name, SHORT[force], snr), RIGS[name]["m"]
         told = examine([recording], mass).examined[0].undecided
         with prepared(recording, mass) as folder:
             for slip in slips():

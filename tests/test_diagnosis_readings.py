@@ -86,6 +86,44 @@ def test_a_force_on_another_clock_is_moved(late: float) -> None:
     assert np.std(lfilter(*noise, left)) < 0.05 * np.std(sound.F)
 
 
+def late(test: Recording, seconds: float) -> Recording:
+    return replace(test, F=np.roll(np.asarray(test.F), round(seconds / DT)))
+
+
+@pytest.mark.parametrize("others", [0, 1, 2])
+def test_a_force_far_off_its_motion_in_one_recording_is_refused(others: int) -> None:
+    """It is no law, which would look late in all of them; alone, only the user knows whether it is."""
+    moved = late(record(3), -0.05)
+    tests = [moved, *(record(4 + k) for k in range(others))]
+    with pytest.raises(Contradiction, match=r"test3.*50 ms earlier.*--align F \[lag\]"):
+        consistent(tests, [], M)
+    with pytest.raises(Contradiction, match="test3"):
+        consistent([record(4)], [moved], M)  # held out
+    accepted = consistent([replace(moved, accepted=frozenset({"lag"})), *tests[1:]], [], M)
+    assert accepted.faults == () and accepted.tests[0].F is moved.F
+
+
+def coupled(test: Recording) -> Recording:
+    """An acceleration behind a high-pass of first order at 10 Hz, within the band of the test."""
+    return replace(test, a=lfilter(*butter(1, 10.0, "high", fs=1 / DT), np.asarray(test.a)))
+
+
+def test_an_acceleration_that_loses_slow_motion_is_left_out() -> None:
+    """Its turned phase would be a resonance, or damping; the mended answer is that of the sound recordings."""
+    found = diagnose([coupled(record(1)), coupled(record(2))], model=LINEAR, parameters={"m": M})
+    assert found.verdict in ("consistent", "recalibrated") and found.findings == ()
+    assert len(found.misread) == 2 and all("a is left out" in text and "[filtered]" in text for text in found.misread)
+    assert found.refit["B"].value == pytest.approx(B, rel=0.05)
+
+
+@pytest.mark.parametrize("accepts", [True, False])
+def test_an_acceleration_is_left_out_where_another_channel_shows_the_motion(accepts: bool) -> None:
+    test = replace(coupled(record(1)), accepted=frozenset({"filtered"} if accepts else ()))
+    assert (consistent([test], [], M).tests[0].a is test.a) == accepts
+    alone = replace(test, x=None, v=None)
+    assert consistent([alone], [], M).tests[0].a is test.a
+
+
 def test_what_no_reading_brings_together_is_refused() -> None:
     """A given mass that is four thousand times too large is no unit of the force that a note could repair."""
     with pytest.raises(Contradiction, match="mass"):

@@ -121,6 +121,12 @@ def identify(
     if method == "refined" and (why := _unsteady(comparisons)):
         trained, networks = replace(plain, notes=(*plain.notes, why)), models["published"]
         comparisons = [replace(item, network=_given(item.published), published=None) for item in comparisons]
+    if method == "refined":
+        raw = [replace(recipe, smoothing=False).apply(recording) for recording in (*recordings, *holdout)]
+        comparisons = [
+            replace(item, recorded=predict(networks, recording))
+            for item, recording in zip(comparisons, raw, strict=True)
+        ]
     settings: dict[str, Any] = {"layers": list(layers), "ensemble": ensemble, "mode": mode, "method": method}
     settings |= {"seed": seed, "samples": len(trained.samples.x), "precision": precision, "decimate": decimate}
     settings["band"] = list(band) if band else None

@@ -50,6 +50,7 @@ class Comparison:
     """One recording as it was used, with the answers of the model, of the linear fit, and of the published method.
 
     published is None where the model itself is the published one. All are fed with the same motion and force.
+    recorded: the model on the channels as they were recorded, as ``validate`` judges it; None where none was smoothed.
     """
 
     recording: Recording
@@ -57,6 +58,7 @@ class Comparison:
     network: Prediction
     linear: Prediction
     published: Prediction | None = None
+    recorded: Prediction | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Entry of ``metrics.recordings`` in identification.json."""
@@ -65,6 +67,7 @@ class Comparison:
             "role": self.role,
             **_errors(self.network),
             "within_band": self.network.within(self.recording.channel("R")),
+            "as_recorded": _errors(self.recorded or self.network),
             "linear": _errors(self.linear),
             **({"published": _errors(self.published)} if self.published else {}),
             "notes": list(self.recording.notes),

@@ -151,6 +151,7 @@ def _errors(page: Page, result: Identification) -> None:
             "NRMSE: rms of the error over the standard deviation of the reference. Band: R +/- 1.64 R_spread.",
         )
     )
+    _as_recorded(page, result)
     names = [comparison.recording.name for comparison in result.comparisons]
     bars = [
         Bars(names, np.array([100 * c.network.force_nrmse for c in result.comparisons]), "surrogate", "model"),
@@ -165,6 +166,17 @@ def _errors(page: Page, result: Identification) -> None:
             "Shorter is better.",
         )
     )
+
+
+def _as_recorded(page: Page, result: Identification) -> None:
+    rows = [
+        [c.recording.name, percent(c.recorded.force_nrmse), percent(c.recorded.x_nrmse)]
+        for c in result.comparisons
+        if c.recorded
+    ]
+    if rows:
+        told = "Above, x, v and a are smoothed; here they keep their noise. `hystid validate` reports the same."
+        page.table(Table("NRMSE on the channels as recorded", ["recording", "force", "free run, x"], rows, told))
 
 
 def _row(comparison: Comparison, published: bool, mass: bool) -> list[str | Cell]:

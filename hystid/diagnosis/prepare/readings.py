@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hystid.consistency import Finding, examine
+from hystid.consistency import Examination, Finding, examine
 from hystid.diagnosis.prepare.chain import DELAY, Fault
 from hystid.diagnosis.prepare.pairs import agreed
 from hystid.errors import RecordingError
@@ -45,18 +45,21 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
     """Read the channels so that force and motion fit together.
 
     A force on another clock is moved by whole samples where every recording says so, by the same time; the rest is a
-    delay below a sample, which is fitted. mass [kg]: as given, None where it is not known. Raises Contradiction.
+    delay below a sample, which is fitted. A force that is far off its motion in some recordings only, or in the only
+    one, belongs to no law: it is refused. mass [kg]: as given, None where it is not known. Raises Contradiction.
     """
     used, held = ([_read(test, mass) for test in group] for group in (tests, unseen))
     misread = tuple(
         note
-        for test, (here, _) in zip((*tests, *unseen), (*used, *held), strict=True)
+        for test, (here, _, _) in zip((*tests, *unseen), (*used, *held), strict=True)
         for note in here.notes[len(test.notes) :]
     )
-    doubts = tuple(str(note) for note in examine([here for here, _ in (*used, *held)], mass).notes)
-    late = _late_force([lag for _, lag in used]) if len(used) > 1 else None  # one test may be a law that looks late
-    groups = [[test for test, _ in group] for group in (used, held)]
+    doubts = tuple(str(note) for note in examine([here for here, _, _ in (*used, *held)], mass).notes)
+    late = _late_force([lag for _, lag, _ in used]) if len(used) > 1 else None  # one test may be a law that looks late
+    groups = [[test for test, _, _ in group] for group in (used, held)]
     if late is None:
+        if apart := [str(item) for _, _, item in (*used, *held) if item is not None]:
+            raise Contradiction("; ".join(apart))
         return Readings(groups[0], groups[1], (), misread, doubts)
     seconds, error = late
     dt = groups[0][0].dt
@@ -67,22 +70,44 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
     return Readings(groups[0], groups[1], (fault,), misread, doubts)
 
 
-def _read(test: Recording, mass: float | None) -> tuple[Recording, tuple[float, float] | None]:
-    """A recording in its consistent reading, and how late its force is [s], with the error; None where it is not."""
+def _read(test: Recording, mass: float | None) -> tuple[Recording, tuple[float, float] | None, Finding | None]:
+    """A recording in its consistent reading, how late its force is [s], with the error (None where it is not), and what
+    the door says of a force that is too late to be used as it is."""
     here = test
     for _ in range(_ROUNDS):
         found = examine([here], mass)
         wrong = [item for item in found.refusals if item.slip in _NEVER - here.accepted]
         if not wrong:
-            lags = {item.channel: item.seen for item in found.findings if item.slip == "lag"}
-            slowed = any("lost above" in item.seen for item in found.findings)  # a low-pass is late as well
-            alone = set(lags) == {"F"} and not slowed  # with motion late, a force looks early against it
-            return here, (lags["F"]["lag"], lags["F"]["lag_error"]) if alone else None
+            here, coupled = _without_coupled(here, found)
+            return here, *_late(here, examine([here], mass) if coupled else found)
         if any(not _has_one_reading(item) for item in wrong):
             break
         for item in wrong:
             here = _mended(here, item)
     raise Contradiction("; ".join(str(item) for item in wrong))
+
+
+def _late(here: Recording, found: Examination) -> tuple[tuple[float, float] | None, Finding | None]:
+    lags = {item.channel: item for item in found.findings if item.slip == "lag"}
+    slowed = any("lost above" in item.seen for item in found.findings)  # a low-pass is late as well
+    if set(lags) != {"F"} or slowed:  # with motion late, a force looks early against it
+        return None, None
+    force = lags["F"]
+    severe = force.severity == "refuse" and "lag" not in here.accepted
+    return (force.seen["lag"], force.seen["lag_error"]), force if severe else None
+
+
+def _without_coupled(test: Recording, found: Examination) -> tuple[Recording, bool]:
+    """The recording without an acceleration that loses slow motion, where another channel shows the motion.
+
+    Its turned phase is damping, or a resonance, that no structure has.
+    """
+    for item in found.findings:
+        lossy = item.slip == "filtered" and item.channel == "a" and "lost below" in item.seen
+        if lossy and "filtered" not in test.accepted and (test.x is not None or test.v is not None):
+            told = f"{test.name}: channel a is left out, as {item.sentence} [filtered]"
+            return replace(test, a=None, notes=(*test.notes, told)), True
+    return test, False
 
 
 def _has_one_reading(item: Finding) -> bool:
