@@ -89,7 +89,7 @@ def measure_commands(show: bool) -> None:
     hidden = dict.fromkeys(harmless, 0)
     for name, force, snr in SIMULATED:
         recording, mass = simulated(name, SHORT[force], snr), RIGS[name]["m"]
-        told = examine([recording], mass).examined[0].undecided
+        told, before = examine([recording], mass).examined[0].undecided, _sum(harmless)
         with prepared(recording, mass) as folder:
             for slip in slips():
                 file = folder / "slip.csv"
@@ -103,9 +103,14 @@ def measure_commands(show: bool) -> None:
                     if show and not well:
                         print(f"{command}: {slip.name} on {name}: {found.code} {found.named} {found.said[-300:]}")
                 hidden[slip.name] += bool(wrong and slip.undecided(told))
+        print(f"{name}: {_sum(harmless) - before} of {len(harmless) * len(COMMANDS)} runs ended well", flush=True)
     print(f"| slip | {' | '.join(COMMANDS)} | said beforehand not to show |\n|---|{'---|' * 5}")
     for name, counts in harmless.items():
         cells = " | ".join(f"{counts[command]} of {len(SIMULATED)}" for command in COMMANDS)
         print(f"| {name} | {cells} | {hidden[name] or ''} |")
     total = len(harmless) * len(SIMULATED) * len(COMMANDS)
-    print(f"runs that ended well: {sum(sum(c.values()) for c in harmless.values())} of {total}")
+    print(f"runs that ended well: {_sum(harmless)} of {total}")
+
+
+def _sum(counts: dict[str, dict[str, int]]) -> int:
+    return sum(sum(row.values()) for row in counts.values())
