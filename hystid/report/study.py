@@ -13,6 +13,8 @@ from hystid.report.text import columns
 from hystid.study import GridResult, MassResult
 from hystid.study.cells import Cell
 
+_USELESS = 0.5  # NRMSE: a displacement of zero has 1
+
 
 def page(result: GridResult | MassResult, command: str) -> Page:
     """The report; a pure function of the result. command: what the reader can run to get it again."""
@@ -36,7 +38,7 @@ def _grid_page(result: GridResult, command: str) -> Page:
         "Which network structure",
         subtitle=f"{len(result.cells)} structures, {starts} starts each, tested on held-out recordings",
         command=command,
-        verdict=Verdict("neutral", f"Choose {best.name} hidden neurons", _sentence(result.reason)),
+        verdict=_chosen(result),
         facts=[
             Fact("Chosen structure", best.name, f"{best.parameters} weights in both networks"),
             Fact("Force NRMSE, median start", percent(best.force.median), "held-out recordings"),
@@ -60,6 +62,17 @@ def _grid_page(result: GridResult, command: str) -> Page:
     page.table(_endings(result.cells))
     page.reproduce(command, {name: str(value) for name, value in result.settings.items()})
     return page
+
+
+def _chosen(result: GridResult) -> Verdict:
+    """The choice, or that none of the structures is of use."""
+    best, free = result.best, not np.isnan(result.best.free_run.median)
+    error = best.free_run.median if free else best.force.median
+    if error < _USELESS:
+        return Verdict("neutral", f"Choose {best.name} hidden neurons", _sentence(result.reason))
+    what = "free-run displacement" if free else "force"
+    told = "Other recordings help more than other structures: they must cover the motion of the held-out ones."
+    return Verdict("bad", f"No structure is of use: the {what} is off by {_share(error)} at best", told)
 
 
 def _mass_page(result: MassResult, command: str) -> Page:
@@ -133,10 +146,9 @@ def _ensembles(cells: Sequence[Cell]) -> Plot:
         Points(single, mean, "structures", "model", labels=[cell.name for cell in cells]),
     ]
     what = "Free-run displacement" if key == "x_nrmse" else "Force"
-    axes = (Axis(f"Best single network: {what} NRMSE", "%"), Axis("Ensemble: NRMSE", "%"))
-    return Plot(
-        f"{what} error", *axes, points, "Below the dotted line the ensemble is better. Point for the structure."
-    )
+    axes = Axis("Best single network", "%"), Axis("Ensemble", "%")
+    caption = "Below the dotted line the ensemble is better. One point per structure."
+    return Plot(f"{what} error, NRMSE", *axes, points, caption)
 
 
 def _over_mass(result: MassResult, rows: dict[tuple[int, ...], list[Cell]], kind: str, title: str) -> Plot:

@@ -154,10 +154,15 @@ def choose(cells: Sequence[Cell]) -> tuple[int, str]:
     chosen = min(near, key=lambda k: (cells[k].parameters, k)) if near else least
     what = f"median {kind} NRMSE over the starts"
     if chosen == least:
-        text = f"{cells[chosen].name}: least {what} ({medians[least]:.4g}), and no smaller structure within 10 % of it"
+        found = _percent(medians[least])
+        text = f"{cells[chosen].name}: least {what} ({found}), and no smaller structure within 10 % of it"
     else:
         text = (
             f"{cells[chosen].name}: the smallest of {len(near)} structures whose {what} lies within 10 % of the least "
-            f"({medians[least]:.4g} with {cells[least].name}); its own is {medians[chosen]:.4g}"
+            f"({_percent(medians[least])} with {cells[least].name}); its own is {_percent(medians[chosen])}"
         )
     return chosen, text
+
+
+def _percent(fraction: float) -> str:
+    return f"{100 * fraction:.3g} %" if np.isfinite(fraction) else "none finite"
