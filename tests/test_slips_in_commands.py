@@ -6,6 +6,7 @@ A few of the slips of ``benchmarks/slips.py``; ``python -m benchmarks.slips --co
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,6 +49,16 @@ def test_a_wrong_label_is_refused(name: str, command: str, sound: Recording, fol
     found = outcome(command, folder / "slip.csv", MASS * slip.mass, folder)
     assert found.code == (1 if command == "check" else 2), found.said
     assert f"[{slip.rule}]" in found.said and not found.named and not found.crashed
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_late_force_is_refused(command: str, folder: Path, tmp_path: Path) -> None:
+    """On a recording that shows it: 12 ms, more than half a radian of the main motion."""
+    write_csv(SLIPS["F late"].make(simulated("Linear", "multisine:2-80Hz@40Nrms,1s", 40.0)), tmp_path / "late.csv")
+    shutil.copy(folder / "surrogate.onnx", tmp_path)
+    found = outcome(command, tmp_path / "late.csv", RIGS["Linear"]["m"], tmp_path)
+    assert found.code == (1 if command == "check" else 2), found.said
+    assert "[lag]" in found.said and "--align F" in found.said and not found.named and not found.crashed
 
 
 @pytest.mark.parametrize("method", ["published", "refined"])

@@ -316,8 +316,6 @@ def _axis(axis: Axis, title: str, scale: float) -> dict[str, Any]:
     settings: dict[str, Any] = {"title": {"text": title}}
     if axis.log:
         settings["type"] = "log"
-    if axis.log and axis.unit == "%":
-        settings |= {"dtick": "D2", "exponentformat": "none"}  # 1, 2, 5, 10: errors in percent span few decades
     if axis.bounds:
         low, high = (bound / scale for bound in axis.bounds)
         settings["range"] = [math.log10(low), math.log10(high)] if axis.log else [low, high]

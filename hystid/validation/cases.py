@@ -114,8 +114,9 @@ def compare(model: Surrogate, record: Recording) -> Case:
         _watch(found["x"], record)
     except NumericalError as error:
         return _with_levels(replace(case, diverged=str(error)))
-    run = FreeRun(*(found[name] for name in ("x", "v", "a", "R")), **run_errors(record, found))
-    return _with_levels(replace(case, free_run=run))
+    errors = run_errors(record, found)
+    ends = (errors["x_nrmse"], errors["R_nrmse"], errors["x_mse"], errors["R_mse"])
+    return _with_levels(replace(case, free_run=FreeRun(found["x"], found["v"], found["a"], found["R"], *ends)))
 
 
 def _check(model: Surrogate, record: Recording) -> tuple[str, ...]:

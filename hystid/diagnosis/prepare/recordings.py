@@ -22,7 +22,7 @@ from hystid.smoothing.noise import is_noise_free
 
 SHORTEST = 200  # samples: below this nothing can be told from noise
 # faults that the diagnosis names instead of refusing them
-TOLERATED = ("clipped", "lag", "missing_force", "not_one_motion")
+TOLERATED = ("clipped", "missing_force", "not_one_motion")
 _MOST = 1_200_000  # samples of all recordings together: memory stays below 1 GB
 _GOOD_RIG = 2e-3  # noise over spread, 54 dB
 
