@@ -123,3 +123,13 @@ def test_dark_ground_and_paper(report: Path, tmp_path: Path) -> None:
     light = look(report, script, tmp_path)
     assert dark["screen"] == dark["again"] != dark["paper"]
     assert dark["paper"] == light["screen"] == light["paper"] == ["#ffffff", "#2b3440"]
+
+
+def test_tables_stay_tables_on_paper(report: Path, tmp_path: Path) -> None:
+    """A sheet is narrower than many screens; cards are for phones."""
+    script = """
+      var rules = Array.from(document.styleSheets).flatMap(function (sheet) { return Array.from(sheet.cssRules); });
+      return rules.filter(function (rule) { return rule.media && rule.cssText.includes(".stacked"); })
+        .map(function (rule) { return rule.media.mediaText; });
+    """
+    assert look(report, script, tmp_path) == ["screen and (max-width: 760px)"]

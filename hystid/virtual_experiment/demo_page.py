@@ -89,9 +89,10 @@ def _targets(page: Page, outcome: Outcome) -> None:
 def _experiment(page: Page, study: ReferenceStudy) -> None:
     page.section(
         "1  A virtual rig from Modelica",
-        f"{MODEL} is one mass on a spring, a damper and a contact that sticks and slips: m a + R = F. It was compiled"
-        f" from Modelica to an FMU and shaken by {len(CHIRPS)} chirps of 0 to 100 Hz. F, x, v and a were recorded every"
-        f" {DT * 1e3:g} ms with {NOISE_DB:g} dB of noise. Nothing else goes into the training.",
+        f"{MODEL} is one mass on a spring, a damper and a contact that sticks and slips:"
+        f" m\u00a0a\u00a0+\u00a0R\u00a0=\u00a0F. It was compiled from Modelica to an FMU and shaken by {len(CHIRPS)}"
+        f" chirps of 0 to 100 Hz. F, x, v and a were recorded every {DT * 1e3:g} ms with"
+        f" {NOISE_DB:g} dB of noise. Nothing else goes into the training.",
     )
     chirps = [
         over_time(
