@@ -106,12 +106,23 @@ def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[l
         told = "  // The FMU is a closed binary that Modelica cannot extend: connect F_rig to its input F."
         return [told, *_SIGNALS], _PORTS, [f"  f = {sums or 0};", "  F_rig = F - f;"]
     named = {baseline.mass if name == "m" else name: value for name, value in refit.items()}
-    changes = [f"{name} = {_number(value.value)}" for name, value in named.items() if name]
+    changes = _nested({name: _number(value.value) for name, value in named.items() if name})
     mass = f"rig.{baseline.mass}" if baseline.mass else _number(baseline.inner_mass)
     head = [*_RIG, f"  {_class(baseline.name)} rig(", *_joined(changes, "    "), "  );"]
     effects = f" - ({sums})" if sums else ""
     equations = [f"  rig.F = F{effects};", "  x = rig.x;", "  v = rig.v;", "  a = der(rig.v);", f"  {mass}*a + R = F;"]
     return head, (*_PORTS[:3], ("h", "0")), equations
+
+
+def _nested(values: Mapping[str, str]) -> list[str]:
+    """Modifiers; what belongs to a component stands in its parentheses: mass(m = 2, L = 0)."""
+    own = [f"{name} = {value}" for name, value in values.items() if "." not in name]
+    inside: dict[str, dict[str, str]] = {}
+    for name, value in values.items():
+        component, _, rest = name.partition(".")
+        if rest:
+            inside.setdefault(component, {})[rest] = value
+    return own + [f"{component}({', '.join(_nested(rest))})" for component, rest in inside.items()]
 
 
 Ports = tuple[tuple[str, str], ...]
