@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from hystid.compiled import CompiledModel
@@ -88,3 +89,51 @@ def test_a_gear_that_looks_at_the_speed_of_its_flange(tmp_path: Path) -> None:
     for name, values in wanted.items():
         assert np.abs(got[name] - values).max() < 1e-8, name  # Runge-Kutta with 2.5 ms
     assert np.abs(got["gear.power"] - through * turned[1]).max() < 1e-8
+
+
+TWO = """
+model A
+  Real s1(start = 0, fixed = true), v1(start = 1, fixed = true);
+  Real s2(start = 1, fixed = true), v2(start = 0, fixed = true);
+  Real s_rel{prefer}, v_rel{prefer}, f;
+  Boolean stopped(start = false, fixed = true);
+equation
+  der(s1) = v1;
+  der(s2) = v2;
+  s_rel = s2 - s1;
+  v_rel = der(s_rel);
+  f = 30*(s_rel - 1) + 0.5*v_rel;
+  der(v1) = if stopped then 0 else f;
+  2*der(v2) = -f;
+  when s1 > 0.25 then
+    reinit(v1, 0);
+    stopped = true;
+  end when;
+end A;
+"""
+
+
+@pytest.mark.parametrize("preferred", [True, False])
+def test_what_an_event_sets_anew_leaves_other_states_as_they_are(preferred: bool, tmp_path: Path) -> None:
+    """The states are v1 and v_rel where the author prefers that, else v1 and v2 (specification 3.6, section 4.9.8)."""
+    file = tmp_path / "rig.mo"
+    file.write_text(TWO.replace("{prefer}", "(stateSelect = StateSelect.prefer)" if preferred else ""))
+    t = 0.01 * np.arange(101)
+    got = CompiledModel(compile_model(f"{file}:A")).simulate({}, 0.01, rows=101, outputs=["v1", "v2"], substeps=8)
+
+    def rates(_: float, y: np.ndarray, held: bool = False) -> list[float]:
+        f = 30 * (y[2] - y[0] - 1) + 0.5 * (y[3] - y[1])
+        return [y[1], 0 if held else f, y[3], -f / 2]
+
+    def reached(_: float, y: np.ndarray) -> float:
+        return float(y[0] - 0.25)
+
+    reached.terminal = True  # type: ignore[attr-defined]  # scipy's way
+    tight = {"rtol": 1e-11, "atol": 1e-13}
+    before = solve_ivp(rates, (0, 1), [0, 1, 1, 0], events=reached, dense_output=True, **tight)
+    at, (s1, v1, s2, v2) = before.t[-1], before.y[:, -1]
+    start = [s1, 0, s2, v2 - v1 if preferred else v2]
+    after = solve_ivp(lambda s, y: rates(s, y, True), (at, 1), start, dense_output=True, **tight)
+    wanted = np.where(t < at, before.sol(np.minimum(t, at))[3], after.sol(np.maximum(t, at))[3])
+    assert 0.1 < at < 0.9
+    assert np.abs(got["v2"] - wanted).max() < 1e-6

@@ -187,6 +187,7 @@ class Adapter:
             structural=name in structural and variability in ("parameter", "constant"),
             enumeration=enumeration,
             place=place,
+            preferred=_tag(v["state_select"]) in ("prefer", "always"),
         )
 
     def _enumeration(self, v: Mapping[str, Any], d: Mapping[str, Any]) -> Enumeration | None:

@@ -59,6 +59,7 @@ class FlatVariable:
     structural: bool = False
     enumeration: Enumeration | None = None
     place: Place = Place()
+    preferred: bool = False  # as a state, by its author
 
 
 @dataclass(frozen=True)
@@ -269,7 +270,7 @@ def _decode(value: Any) -> Any:
 _PLAIN_FIELDS = frozenset(
     {
         "name", "type", "variability", "causality", "fixed", "unit", "description", "final", "protected", "structural",
-        "external", "file", "line", "kind", "level", "content",
+        "preferred", "external", "file", "line", "kind", "level", "content",
     }
 )  # fmt: skip
 

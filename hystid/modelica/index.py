@@ -28,6 +28,7 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
     unknowns_of(events, aliases) lists derivatives and algebraic variables. Raises ModelicaError where the states are
     tied in a way that needs more than this.
     """
+    events = _with_preferred_velocities(events)
     former: set[str] = set()  # were states, have a derivative still
     used: set[ScalarEquation] = set()
     for _ in range(len(events.states)):
@@ -45,6 +46,22 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
         former |= {*events.states} - {*reduced.states}
         events = reduced
     return events
+
+
+def _with_preferred_velocities(events: EventModel) -> EventModel:
+    """Velocities that their author prefers as states, v_rel = der(s_rel), become states where an event sets another
+    velocity anew: what is a state keeps its value then, and what follows from states jumps."""
+    variables = events.scalar.variables
+    if not events.reinits:
+        return events
+    more: dict[str, None] = {}
+    for e in events.equations:
+        for a, b in ((e.left, e.right), (e.right, e.left)):
+            rate = isinstance(a, Ref) and a.name.startswith("der(")
+            v = variables.get(b.name) if isinstance(b, Ref) else None
+            if rate and v is not None and v.kind == "unknown" and v.flat.preferred and v.name not in events.states:
+                more[v.name] = None
+    return replace(events, states=(*events.states, *more))
 
 
 def _tie(
@@ -105,13 +122,20 @@ def _dependent_state(events: EventModel, tie: ScalarEquation, former: Set[str]) 
             "set by reinit): leave one of them without, it follows from the others"
         )
 
-    def rank(s: str) -> tuple[bool, bool, bool, bool, float, int, int]:
+    # what an event sets anew takes the others along that are no states; which, says their author
+    jumps = bool(renewed & (refs(tie.left) | refs(tie.right)))
+
+    def rank(s: str) -> tuple[bool, bool, bool, bool, bool, float, int, int]:
         position = velocities.get(s)
         stated = isolate(tie, s) is not None
         plain = variables[s].start in (None, ZERO)  # the front end gives 0 where no start is stated
         pivot = abs(evaluate(Derivative(s)(op("-", tie.left, tie.right)), starts) or 0.0)
-        return position in former, position is not None, stated, plain, pivot, s.count("."), -events.states.index(s)
+        may_go = not (jumps and variables[s].flat.preferred)
+        order = s.count("."), -events.states.index(s)
+        return may_go, position in former, position is not None, stated, plain, pivot, *order
 
+    if jumps and any(variables[s].flat.preferred for s in free):
+        free = tied  # a start value that is fixed holds for what is no state, too
     return max(free, key=rank)
 
 
