@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from hystid.compiled import CompiledModel
 from hystid.modelica import compile_model
@@ -137,3 +138,32 @@ def test_what_an_event_sets_anew_leaves_other_states_as_they_are(preferred: bool
     wanted = np.where(t < at, before.sol(np.minimum(t, at))[3], after.sol(np.maximum(t, at))[3])
     assert 0.1 < at < 0.9
     assert np.abs(got["v2"] - wanted).max() < 1e-6
+
+
+def test_a_coil_on_a_nonlinear_core_with_its_current_given(tmp_path: Path) -> None:
+    """The flux follows from the current through equations that no formula solves; the voltage is its derivative."""
+    file = tmp_path / "rig.mo"
+    file.write_text("""
+model A
+  Real phi, i, u, iron, gap;
+  discrete Real gain(start = 1, fixed = true);
+equation
+  i = gain*sin(3*time);
+  i = iron + gap;
+  phi = iron + iron^3;
+  phi = 2*gap + gap^3;
+  u = der(phi);
+  when time > 0.505 then
+    gain = 2;
+  end when;
+end A;
+""")
+    t = 0.01 * np.arange(101)
+    got = CompiledModel(compile_model(f"{file}:A")).simulate({}, 0.01, rows=101, outputs=["phi", "u"], substeps=2)
+    gain = np.where(t > 0.505, 2, 1)
+    current, change = gain * np.sin(3 * t), 3 * gain * np.cos(3 * t)
+    iron = np.array([brentq(lambda a, c=c: a + a**3 - 2 * (c - a) - (c - a) ** 3, -3, 3, xtol=1e-14) for c in current])
+    phi = iron + iron**3
+    u = change / (1 / (1 + 3 * iron**2) + 1 / (2 + 3 * (current - iron) ** 2))
+    assert np.abs(got["phi"] - phi).max() < 1e-9
+    assert np.abs(got["u"] - u).max() < 1e-9

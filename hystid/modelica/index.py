@@ -40,7 +40,12 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
             # known, or only such as were states: what determines them leads to those that still are
             tie = _tie(events.equations, options, owner, left[0], {*events.states})  # type: ignore[arg-type]  # the same
         if tie is None or tie in used:
-            return events
+            further = _with_slopes(events, options, owner, left[0], former) if left else None  # type: ignore[arg-type]  # lists are invariant
+            if further is None:
+                return events
+            former |= {*events.states} - {*further.states}
+            events = further
+            continue
         used.add(tie)
         reduced = _with_one_state_less(events, tie, former)
         former |= {*events.states} - {*reduced.states}
@@ -72,6 +77,50 @@ def _tie(
     states: Set[str],
 ) -> ScalarEquation | None:
     """The equation between states alone that the over-determined set around ``extra`` implies; None without one."""
+    _, inside = _around(options, owner, extra, states)
+    steps = solve_order(equations, inside)
+    left, right = equations[extra].left, equations[extra].right
+    for step in reversed(steps):
+        if not isinstance(step, Assign):
+            return None
+        left, right = (substitute(side, {step.variable: step.value}) for side in (left, right))
+    tied = (refs(left) | refs(right)) & states
+    return ScalarEquation(left, right, equations[extra].place) if tied else None
+
+
+def _with_slopes(
+    events: EventModel, options: Sequence[Sequence[str]], owner: Mapping[str, int], extra: int, former: Set[str]
+) -> EventModel | None:
+    """Where the set around ``extra`` cannot be solved for a tie, as with nonlinear loops in it: each of its equations
+    is differentiated, its variables get derivatives, and one of its states goes (Pantelides 1988). None without one."""
+    variables = events.scalar.variables
+    members, inside = _around(options, owner, extra, {*events.states})
+    known = {*events.states, *former, *inside}
+    if any(name.startswith("der(") for name in inside):
+        return None
+    equations = [events.equations[k] for k in sorted(members)]
+    speaks = frozenset(n for e in equations for n in refs(e.left) | refs(e.right))
+    renewed = {r.state for r in events.reinits}
+    free = [s for s in events.states if s in speaks and s not in renewed and not variables[s].fixed]
+    if not free:
+        return None
+    chosen = max(free, key=lambda s: (variables[s].start in (None, ZERO), s.count("."), s))
+    slopes = [ScalarEquation(_rate(op("-", e.left, e.right), events, e, known), ZERO, e.place) for e in equations]
+    more = {der(n): _slope_variable(variables[n]) for n in (*inside, chosen) if n in variables}
+    if len(more) != len(inside) + 1 or set(more) & set(variables):
+        return None
+    return replace(
+        events,
+        scalar=replace(events.scalar, variables={**variables, **more}),
+        states=tuple(s for s in events.states if s != chosen),
+        equations=(*events.equations, *slopes),
+    )
+
+
+def _around(
+    options: Sequence[Sequence[str]], owner: Mapping[str, int], extra: int, states: Set[str]
+) -> tuple[set[int], dict[str, int]]:
+    """Numbers of the over-determined equations around ``extra``, and the variables that they determine."""
     members, inside = {extra}, {}
     queue = deque([extra])
     while queue:
@@ -81,14 +130,7 @@ def _tie(
                 members.add(k)
                 inside[name] = k
                 queue.append(k)
-    steps = solve_order(equations, inside)
-    left, right = equations[extra].left, equations[extra].right
-    for step in reversed(steps):
-        if not isinstance(step, Assign):
-            return None
-        left, right = (substitute(side, {step.variable: step.value}) for side in (left, right))
-    tied = (refs(left) | refs(right)) & states
-    return ScalarEquation(left, right, equations[extra].place) if tied else None
+    return members, inside
 
 
 def _with_one_state_less(events: EventModel, tie: ScalarEquation, former: Set[str]) -> EventModel:
@@ -164,6 +206,8 @@ def _rate(constraint: Expr, events: EventModel, tie: ScalarEquation, former: Set
         v = variables.get(name)
         if partial == ZERO or (v is not None and v.kind in ("parameter", "dependent", "constant", "free")):
             continue
+        if name in events.discrete or name in events.from_when:
+            continue  # it rests between events
         if name != "time" and name not in events.states and name not in former:
             kind = "the input" if v is not None and v.kind == "input" else "the variable"
             raise ModelicaError(
