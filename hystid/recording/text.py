@@ -120,9 +120,9 @@ def _is_row(line: str, separator: str | None) -> int:
     cells = _cells(line, separator)
     while len(cells) > 1 and cells[-1] == "":
         cells.pop()
-    numbers = sum(_is_number(cell) for cell in cells)
-    allowed = all(_is_number(cell) or cell.lower() in _MISSING for cell in cells)
-    return len(cells) if allowed and numbers else 0
+    numbers = [_is_number(cell) for cell in cells]
+    allowed = all(number or cell.lower() in _MISSING for number, cell in zip(numbers, cells, strict=True))
+    return len(cells) if allowed and any(numbers) else 0
 
 
 def _is_number(cell: str) -> bool:
@@ -139,9 +139,15 @@ def _first_row(lines: Sequence[Line], separator: str | None) -> int:
     if not lengths:
         return next((k for k, (_, line) in enumerate(lines) if k and _is_data_like(line, separator)), len(lines))
     usual = lengths.most_common(1)[0][0]
-    rows = [_is_row(line, separator) == usual for _, line in lines]
-    starts = (k for k, row in enumerate(rows) if row and 2 * sum(rows[k : k + 10]) >= len(rows[k : k + 10]))
-    return next(starts, rows.index(True))
+    rows: list[bool] = []  # as far as it had to be looked: to the tenth row after the first, mostly
+    alone = None
+    for k in range(len(lines)):
+        rows += [_is_row(line, separator) == usual for _, line in lines[len(rows) : k + 10]]
+        if rows[k] and 2 * sum(rows[k : k + 10]) >= len(rows[k : k + 10]):
+            return k
+        alone = k if rows[k] and alone is None else alone
+    assert alone is not None  # lines of the usual length are there
+    return alone
 
 
 def _is_data_like(line: str, separator: str | None) -> bool:
