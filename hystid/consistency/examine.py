@@ -21,6 +21,7 @@ from hystid.recording import Array, Recording, Sources, loaded
 _log = logging.getLogger("hystid")
 _SHORTEST = 64  # samples below which spectra say nothing
 _CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
+_SOUND = 0.005**2  # share of the power of the force that sensors leave which match to 0.5 %: less tells no sign
 _SIGMAS = 5.0  # standard errors of a lag
 _PHASE = 0.5  # radians of the main motion beyond which a lag spoils the balance: an eighth of the force moves over
 _LOST = 0.7  # response over the gain below which a channel does not count (3 dB)
@@ -274,7 +275,7 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
     found = []
     shifted = _is_late(recording, force)
     share, other = (force.lag_share, force.lag_reversed) if shifted else (force.share, force.reversed_share)
-    odds = 0.5 * force.samples * math.log(max(1 - other, 1e-6) / max(1 - share, 1e-6))
+    odds = 0.5 * force.samples * math.log(max(1 - other, _SOUND) / max(1 - share, _SOUND))
     elastic = recording.quasi_static or "a" not in names
     if elastic and abs(force.correlation) > 0.9 and abs(odds) < 20 * _CLEAR:  # the slope of a spring says it
         odds += _CLEAR * 2 * math.copysign(1.0, force.correlation) if recording.quasi_static else 0.0

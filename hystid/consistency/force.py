@@ -23,6 +23,7 @@ _FURTHEST = 20_000  # samples that two clocks may be apart
 _MEMORY = 5  # knots of the curve of the way since the last turn
 _ALIKE = 1.3  # times the smallest unexplained share, up to which a smaller shift is preferred: a sine repeats itself
 _HALF = 0.5
+_FEWEST = 64  # samples of a force that can be compared with a motion
 FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
 
 
@@ -35,7 +36,8 @@ class Force:
     power: mean of F v over the product of their rms (positive: the structure takes energy up).
     stiffness: slope of F over x [N/m]; correlation of the two. lag [s]: how much later the force is, with its error;
     free_share and free_lag_share: what any law explains before and after that shift; lag_share, lag_reversed: a
-    passive one after it. samples: number of independent samples, from the correlation time of what is left.
+    passive one after it. samples: number of independent samples that tell the sign, from the correlation time of what is
+    left.
     law: relative error of the mass from laws that the free ones do not follow. hidden_lag [s]: shifts of the force that
     leave less than fourfold of what the best one leaves: a law that looks late may be behind them.
     """
@@ -90,6 +92,10 @@ def examine_force(recording: Recording) -> Force | None:
     now, flipped = (max(fit.passive(k, sign) for k in _NEAR) for sign in (1.0, -1.0))
     shift = fit.best_shift()
     there, back = (max(fit.passive(shift + k, s) for k in _NEAR if abs(shift + k) <= limit) for s in (1.0, -1.0))
+    first = 0 if recording.quasi_static else _settled(columns.signed[:, 1])
+    if first:
+        now, flipped = _passive_from(columns, first, 0)
+        there, back = _passive_from(columns, first, shift)
     mass, error, law = _mass(columns, recording.quasi_static)
     left = _left(columns)
     F, v, x = columns.F - np.mean(columns.F), columns.signed[:, 1], columns.x - np.mean(columns.x)
@@ -99,8 +105,34 @@ def examine_force(recording: Recording) -> Force | None:
     return Force(
         now, flipped, mass, error, power, float(F @ x) / max(float(x @ x), 1e-300), float(F @ x) / size,
         lag * recording.dt, lag_error * recording.dt, fit.freely(0), fit.freely(shift), there, back,
-        len(left) / max(_memory(left), 1.0), law, fit.hidden(shift) * recording.dt,
+        (1 - first / len(F)) * len(left) / max(_memory(left), 1.0), law, fit.hidden(shift) * recording.dt,
     )  # fmt: skip
+
+
+def _settled(v: Array) -> int:
+    """First sample from which on the motion has no more energy than at the end.
+
+    Before, the structure gives out what it had stored: a decay whose exciter drags along has a negative power and the
+    right sign.
+    """
+    crossings = int(np.count_nonzero(np.signbit(v[1:]) != np.signbit(v[:-1])))
+    period = int(np.clip(2 * len(v) / max(crossings, 1), 2, len(v) // 2))
+    energy = np.convolve(v**2, np.full(period, 1.0 / period), mode="valid")
+    return int(np.argmax(energy <= energy[-1]))
+
+
+def _passive_from(columns: _Columns, first: int, shift: int) -> tuple[float, float]:
+    """Shares that a passive structure explains of the force, and of the reversed one, from a sample on.
+
+    Both are alike where nothing is left that could tell.
+    """
+    later = columns.part(slice(first, None))
+    limit = abs(shift) + 1
+    if len(later.F) < _FEWEST + 2 * limit or not np.ptp(later.F):
+        return 0.0, 0.0
+    fit = _Fit(later, limit)
+    now, flipped = (max(fit.passive(shift + k, sign) for k in _NEAR) for sign in (1.0, -1.0))
+    return now, flipped
 
 
 class _Fit:
@@ -173,7 +205,7 @@ def _columns(recording: Recording) -> _Columns | None:
             source = max(sources, key=lambda name: ORDER[name])
             found[target] = derived(names[source], target - ORDER[source], dt, width)
     force = derived(recording.F, 0, dt, width)
-    if len(force) < 64:
+    if len(force) < _FEWEST:
         return None
     return _assembled(recording, found, force, width)
 
@@ -238,7 +270,7 @@ def _fine(columns: _Columns, fit: _Fit, shift: int) -> tuple[float, float]:
     for part in np.array_split(np.arange(len(columns.F)), 4):
         one = columns.part(slice(part[0], part[-1] + 1))
         reach = min(abs(shift) + 8, len(part) // 3)
-        if len(part) >= 64 and np.ptp(one.F) > 0.1 * np.ptp(columns.F) and reach > abs(shift):
+        if len(part) >= _FEWEST and np.ptp(one.F) > 0.1 * np.ptp(columns.F) and reach > abs(shift):
             own = _Fit(one, reach)
             near = [k for k in range(shift - 8, shift + 9) if abs(k) <= reach]
             found.append(near[int(np.argmax([own.passive(k, sign) for k in near]))])
