@@ -332,6 +332,17 @@ class Problem:
             for i, (part, force) in enumerate(zip(self.parts, self.predicted(hypothesis), strict=True))
         ]
 
+    def balance_shown(self, hypothesis: Hypothesis) -> list[Array]:
+        """The balance for people [N]: with the smoothed acceleration where it was derived, whose noise hides the rest.
+
+        A fit whitens that noise instead, which no eye does.
+        """
+        mass = hypothesis.mass()
+        return [
+            rest + mass * (part.inertia - part.shown_acceleration)
+            for rest, part in zip(self.balance(hypothesis), self.parts, strict=True)
+        ]
+
     def force_at(self, index: int, delay: float) -> Array:
         """Measured force, moved earlier by a number of samples."""
         if delay == 0.0:

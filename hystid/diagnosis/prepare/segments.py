@@ -95,6 +95,11 @@ class Part:
         return self.lowest * self.dt
 
     @property
+    def shown_acceleration(self) -> Array:
+        """The acceleration as people want to see it: measured, or smoothed where it was derived."""
+        return self.inertia if self.inertia_order == 0 else self.a
+
+    @property
     def first_Hz(self) -> float:
         """The same in Hz."""
         return self.first / (2 * np.pi * self.dt)

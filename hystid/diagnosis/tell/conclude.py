@@ -51,7 +51,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     notes = (*case.notes, *runs.notes, *told, *remains, *masses, *(one.sentence() for one in depends))
     unknown = None
     if verdict == "unknown_physics":
-        rest = case.problem.balance(choice.after.hypothesis)
+        rest = case.problem.balance_shown(choice.after.hypothesis)
         unknown = locate.where_unknown(case.problem, rest, _noise(case))
     last = choice.after.hypothesis
     named = {name for finding in found for name in finding.alike}  # another form of the same id may be absorbed
@@ -141,7 +141,7 @@ def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]]
     unseen = for_recording(choice.after.hypothesis)
     groups = [(problem, choice.after.hypothesis), *([(problem.of(case.unseen), unseen)] if case.unseen else [])]
     for group, last in groups:
-        rests = [group.balance(h) for h in (choice.before.hypothesis, last)]
+        rests = [group.balance_shown(h) for h in (choice.before.hypothesis, last)]
         mass = choice.after.hypothesis.mass()
         spread = [float(np.std(p.F - mass * p.a)) or 1.0 for p in group.parts]
         found.append([(float(np.std(b)) / s, float(np.std(a)) / s) for b, a, s in zip(*rests, spread, strict=True)])
@@ -153,7 +153,7 @@ def _traces(
 ) -> tuple[Traces, ...]:
     problem = case.problem
     mass = choice.after.hypothesis.mass()
-    residual, left = (problem.balance(f.hypothesis) for f in (choice.before, choice.after))
+    residual, left = (problem.balance_shown(f.hypothesis) for f in (choice.before, choice.after))
     acting, law = answer.acting(), answer.law()
     made = []
     for i, part in enumerate(problem.parts):
@@ -163,7 +163,7 @@ def _traces(
         score = locate.score(force, noise) if named else locate.unknown_score(residual[i], noise)
         made.append(
             Traces(
-                part.name, part.t, part.x, part.v, part.F - mass * part.inertia, residual[i], left[i], law[i], score,
+                part.name, part.t, part.x, part.v, part.F - mass * part.shown_acceleration, residual[i], left[i], law[i], score,
                 noise, before[0][i][0], after[0][i][0],
             )
         )  # fmt: skip
