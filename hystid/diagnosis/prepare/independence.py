@@ -2,10 +2,13 @@
 
 A channel that was computed repeats the noise of its source, at every frequency at which its filter lets that pass. A
 measured one has noise of its own. So the coherence of the two decides, where there is noise and no motion: near 1 for
-a computed channel, near 0 for a measured one, however small the difference of their values is.
+a computed channel, near 0 for a measured one, however small the difference of their values is. Motion is coherent as
+well; it is told from noise by its slope: the spectrum of a mass falls as 1/f^4 in x and 1/f^2 in v, that of noise is
+flat.
 
 Where no noise is to be seen (simulations, 24 bit), a channel that follows from the other one to the last digit counts
-as computed if it is not the derivative: the error of its difference quotient would be taken for noise.
+as computed if it is not the derivative: the error of its difference quotient would be taken for noise. A sum over the
+other channel is exact as a sum, a measured one is nearer to the integral.
 """
 
 from __future__ import annotations
@@ -34,6 +37,8 @@ _EXACTLY = 0.01  # misfit of a sum over its steps: rounding, not noise of its ow
 _LEAK = 1e-9  # side lobes of the window, 92 dB below the largest line
 _DIGITS = 1e-6  # prediction error over the size of a channel: the last of the digits that text files hold
 _DERIVATIVE = 1e-3  # error of a derivative that the smoother, which takes v = dx/dt as exact, does not notice
+_OCTAVE = np.sqrt(2)  # half of the band, as a ratio of frequencies, in which the slope of a spectrum is taken
+_LINES = 8  # lines of a spectrum at least that show a slope
 _MOTION = 0.999  # share of the power of the velocity that counts as motion
 
 
@@ -60,7 +65,7 @@ def measurements(recording: Recording) -> Channels:
     computed = {name: "computed when it was read" for name in found if found[name] is not None and name not in known}
     for low, high in (("x", "v"), ("v", "a"), ("x", "a")):
         if low in known and high in known:
-            told = _related(known[low], known[high], _ORDER[high] - _ORDER[low], recording.dt)
+            told = _related(known[low], known[high], (_ORDER[low], _ORDER[high]), recording.dt)
             if told:
                 source, other = (low, high) if told == "higher" else (high, low)
                 if source not in computed or len(known) - len(computed) > 1:
@@ -89,12 +94,18 @@ def measured_alike(recordings: Sequence[Recording]) -> list[Channels]:
     return found
 
 
-def _related(low: Array, high: Array, order: int, dt: float) -> str:
-    """Which of two channels was computed from the other one: "higher" or "lower" derivative; "" for neither."""
+def _related(low: Array, high: Array, orders: tuple[int, int], dt: float) -> str:
+    """Which of two channels was computed from the other one: "higher" or "lower" derivative; "" for neither.
+
+    orders: of their derivatives of the displacement.
+    """
+    order = orders[1] - orders[0]
     if len(low) < 4 * _SEGMENTS or not (np.std(low) > 0 and np.std(high) > 0):
         return ""
     if _is_exact_but_no_derivative(low, high, order, dt):
         return "higher"
+    if _is_sum(low, high, order, dt):  # of a simulation each sums up to the other
+        return "" if is_noise_free(low) and is_noise_free(high) else "lower"
     steep = np.diff(low, order)  # a filter changes no coherence; of two slopes alike, the window leaks least
     other_steep = high[order:]
     length = int(2 ** np.floor(np.log2(2 * len(steep) / (_SEGMENTS + 1))))
@@ -105,29 +116,45 @@ def _related(low: Array, high: Array, order: int, dt: float) -> str:
     cross = np.abs(csd(steep, other_steep, fs=2 * np.pi, **options)[1]) ** 2
     first = _end_of_motion(omega, np.minimum(one, other * np.max(one) / np.max(other)))
     seen = _above_floor(one, float(np.std(low))) & _above_floor(other, float(np.std(high)))
+    own = one[1:] / (2 * np.sin(omega[1:] / 2)) ** (2 * order)  # spectrum of the lower channel itself
+    seen[1:] &= _is_flat(omega[1:], own, 2 * (_ORDER["a"] - orders[0]))
     edges = np.linspace(first, len(omega), _BANDS + 1).astype(int)
     shared = []
     for begin, end in itertools.pairwise(edges):
         inside = slice(begin, end)
         if end - begin >= 2 and np.all(seen[inside]):
             shared.append(float(np.median(cross[inside] / (one[inside] * other[inside]))))
-    if not shared or min(shared) < _OWN or float(np.median(shared)) < _SHARED:
-        return ""
-    if not _is_integral(low, high, order, dt):
-        return "higher"
-    return "" if is_noise_free(low) and is_noise_free(high) else "lower"  # a simulation: each sums up to the other
+    return "higher" if shared and min(shared) >= _OWN and float(np.median(shared)) >= _SHARED else ""
 
 
-def _is_integral(low: Array, high: Array, order: int, dt: float) -> bool:
-    """Whether the lower channel is the sum of the higher one, by trapezoids or rectangles: a derivative taken of the
-    lower one would have smoothed the steps between its samples, or spread them. What a user filtered out of the sum
-    below the motion does not count, hence second differences."""
-    steps = np.diff(low, order)
-    sums = [high[order - 1 : -1], high[order:], 0.5 * (high[order - 1 : -1] + high[order:])]
-    if order == 2:  # trapezoids twice
-        sums.append(0.25 * (high[:-2] + 2 * high[1:-1] + high[2:]))
-    rough = float(np.std(np.diff(steps, 2)))
-    return any(float(np.std(np.diff(steps - dt**order * one[-len(steps) :], 2))) < _EXACTLY * rough for one in sums)
+def _is_flat(omega: Array, power: Array, falls: float) -> NDArray[np.bool_]:
+    """Where a spectrum is rather that of noise, which is flat, than of a motion.
+
+    falls: power of the frequency with which that of a motion falls at least.
+    """
+    flat = np.zeros(len(omega), dtype=bool)
+    height, place = np.log(np.maximum(power, 1e-300)), np.log(omega)
+    for at in np.geomspace(omega[0], omega[-1], 4 * _BANDS):
+        near = (omega >= at / _OCTAVE) & (omega <= at * _OCTAVE)
+        if np.count_nonzero(near) >= _LINES:
+            flat[near] |= np.polyfit(place[near], height[near], 1)[0] > -falls / 2
+    return flat
+
+
+def _is_sum(low: Array, high: Array, order: int, dt: float) -> bool:
+    """Whether the lower channel is the sum of the higher one, by trapezoids or rectangles, and not its integral: a
+    derivative taken of the lower one would have smoothed the steps between its samples, or spread them. What a user
+    filtered out of the sum below the motion does not count, hence second differences."""
+    steps = np.diff(low, order)[1:-1]
+    before, here, after, beyond = (high[k : len(high) - 3 + k] for k in range(4))
+    if order == 1:
+        sums, integral = [here, after, 0.5 * (here + after)], (13 * (here + after) - before - beyond) / 24
+    else:
+        steps, trapezoids = np.diff(low, order)[: len(here)], 0.25 * (before + 2 * here + after)
+        sums, integral = [before, here, after, 0.5 * (here + after), trapezoids], (before + 10 * here + after) / 12
+    misfits = [float(np.std(np.diff(steps - dt**order * one, 2))) for one in sums]
+    as_integral = float(np.std(np.diff(steps - dt**order * integral, 2)))
+    return min(misfits) < min(_EXACTLY * float(np.std(np.diff(steps, 2))), as_integral)
 
 
 def _end_of_motion(omega: Array, power: Array) -> int:
