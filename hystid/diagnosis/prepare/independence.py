@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -51,10 +51,10 @@ class Channels:
     computed: Mapping[str, str]
 
 
-def measurements(recording: Recording) -> Channels:
+def measurements(recording: Recording, doubtful: Collection[str] = "xva") -> Channels:
     """Sort the channels of the motion into measured and computed ones; computed ones are taken out of the recording.
 
-    Two channels that share their noise are one measurement: the source is the one whose own noise is the whiter.
+    doubtful: channels that may be computed. Two channels that share their noise are one measurement: the source is the one whose own noise is the whiter.
     """
     found = {name: getattr(recording, name) for name in "xva"}
     known = {
@@ -66,8 +66,8 @@ def measurements(recording: Recording) -> Channels:
     for low, high in (("x", "v"), ("v", "a"), ("x", "a")):
         if low in known and high in known:
             told = _related(known[low], known[high], (_ORDER[low], _ORDER[high]), recording.dt)
-            if told:
-                source, other = (low, high) if told == "higher" else (high, low)
+            source, other = (low, high) if told == "higher" else (high, low)
+            if told and other in doubtful:
                 if source not in computed or len(known) - len(computed) > 1:
                     computed.setdefault(other, f"computed from {source}: it repeats the noise of {source}")
     left = replace(recording, **{name: None for name in computed})  # type: ignore[arg-type]  # names of channels
@@ -76,12 +76,15 @@ def measurements(recording: Recording) -> Channels:
 
 def measured_alike(recordings: Sequence[Recording]) -> list[Channels]:
     """The same for recordings of one rig: what was computed in half of those that hold it was computed in all of them,
-    as a recording may be too short, or too quiet, to show it. No recording loses its last channel."""
+    as a recording may be too short, or too quiet, to show it; in fewer, in none. No recording loses its last
+    channel."""
     each = [measurements(recording) for recording in recordings]
     held = Counter(name for recording in recordings for name in "xva" if getattr(recording, name) is not None)
     votes = Counter(name for channels in each for name in channels.computed)
     why = {name: reason for channels in each for name, reason in channels.computed.items()}
     common = [name for name in votes if 2 * votes[name] >= held[name]]
+    if set(votes) - set(common):
+        each = [measurements(recording, common) for recording in recordings]
     found = []
     for channels in each:
         for name in common:
