@@ -36,10 +36,9 @@ class Force:
     power: mean of F v over the product of their rms (positive: the structure takes energy up).
     stiffness: slope of F over x [N/m]; correlation of the two. lag [s]: how much later the force is, with its error;
     free_share and free_lag_share: what any law explains before and after that shift; lag_share, lag_reversed: a
-    passive one after it. samples: number of independent samples that tell the sign, from the correlation time of what is
-    left.
-    law: relative error of the mass from laws that the free ones do not follow. hidden_lag [s]: shifts of the force that
-    leave less than fourfold of what the best one leaves: a law that looks late may be behind them.
+    passive one after it. samples: number of independent samples that tell the sign, from the correlation time of what
+    is left. law: relative error of the mass from laws that the free ones do not follow. hidden_lag [s]: shifts of the
+    force that leave less than fourfold of what the best one leaves: a law that looks late may be behind them.
     """
 
     share: float

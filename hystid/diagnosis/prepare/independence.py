@@ -54,7 +54,9 @@ class Channels:
 def measurements(recording: Recording, doubtful: Collection[str] = "xva") -> Channels:
     """Sort the channels of the motion into measured and computed ones; computed ones are taken out of the recording.
 
-    doubtful: channels that may be computed. Two channels that share their noise are one measurement: the source is the one whose own noise is the whiter.
+    doubtful: channels that may be computed.
+
+    Two channels that share their noise are one measurement: the source is the one whose own noise is the whiter.
     """
     found = {name: getattr(recording, name) for name in "xva"}
     known = {
@@ -67,9 +69,8 @@ def measurements(recording: Recording, doubtful: Collection[str] = "xva") -> Cha
         if low in known and high in known:
             told = _related(known[low], known[high], (_ORDER[low], _ORDER[high]), recording.dt)
             source, other = (low, high) if told == "higher" else (high, low)
-            if told and other in doubtful:
-                if source not in computed or len(known) - len(computed) > 1:
-                    computed.setdefault(other, f"computed from {source}: it repeats the noise of {source}")
+            if told and other in doubtful and (source not in computed or len(known) - len(computed) > 1):
+                computed.setdefault(other, f"computed from {source}: it repeats the noise of {source}")
     left = replace(recording, **{name: None for name in computed})  # type: ignore[arg-type]  # names of channels
     return Channels(left, tuple(name for name in known if name not in computed), computed)
 

@@ -163,8 +163,8 @@ def _traces(
         score = locate.score(force, noise) if named else locate.unknown_score(residual[i], noise)
         made.append(
             Traces(
-                part.name, part.t, part.x, part.v, part.F - mass * part.shown_acceleration, residual[i], left[i], law[i], score,
-                noise, before[0][i][0], after[0][i][0],
+                part.name, part.t, part.x, part.v, part.F - mass * part.shown_acceleration,
+                residual[i], left[i], law[i], score, noise, before[0][i][0], after[0][i][0],
             )
         )  # fmt: skip
     return tuple(made)
