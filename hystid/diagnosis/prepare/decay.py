@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.recording import Recording
-from hystid.smoothing.noise import noise_level
+from hystid.smoothing.noise import is_noise_free, noise_level
 
 Array = NDArray[np.float64]
 PER_MASS = (
@@ -27,6 +27,8 @@ _PLATEAU = 0.97  # share of the largest size at which a driven motion still is: 
 _FALLEN = 0.7  # share of the first size below which a motion has decayed at all
 _THIRD, _SHORTEST = 1 / 3, 400  # fall of the motion over one piece, and its samples: twice what a diagnosis needs
 _RISEN, _CLEAR = 1.5, 5.0  # times the smallest size so far, and times the noise, from which it was pushed again
+_GONE = 0.01  # share of the first size below which a motion is creep, or rounding
+GOOD_RIG = 2e-3  # noise of the channels of a good rig (54 dB)
 _MODEL_ERROR = 5e-4  # share of the inertia that integration and interpolation leave of a force of zero; besides, a
 # force of zero is known no better than what the noise of the motion makes of it: sensors drift below the motion
 
@@ -55,11 +57,12 @@ def released(tests: Sequence[Recording], mass: float | None) -> Released:
     mass [kg]: as given; None for 1 where no recording has a force. Raises NoDecay.
     """
     unscaled = mass is None and all(is_free(test) for test in tests)
-    made = [_decay(test, mass or 1.0, i) if is_free(test) else [test] for i, test in enumerate(tests)]
+    driven = not all(is_free(test) for test in tests)  # these know the zero of x; friction may hold it off its zero
+    made = [_decay(test, mass or 1.0, i, driven) if is_free(test) else [test] for i, test in enumerate(tests)]
     return Released([piece for pieces in made for piece in pieces], unscaled, (PER_MASS,) if unscaled else ())
 
 
-def _decay(test: Recording, mass: float, seed: int) -> list[Recording]:
+def _decay(test: Recording, mass: float, seed: int, driven: bool) -> list[Recording]:
     """The part of a recording in which the motion dies away, in pieces over each of which it falls to a third.
 
     Pieces, because the motion is smoothed and weighed by one level of noise against one size of the motion each.
@@ -67,6 +70,7 @@ def _decay(test: Recording, mass: float, seed: int) -> list[Recording]:
     name = next(name for name in "xva" if getattr(test, name) is not None)
     values = np.asarray(getattr(test, name))
     power = np.abs(np.fft.rfft((values - np.mean(values)) * np.hanning(len(values)))) ** 2
+    power = power * np.arange(len(power)) ** (0 if name == "a" else 2)  # creep to a place of rest is no oscillation
     line = int(np.argmax(power[1:])) + 1
     omega, noise = 2 * np.pi * line / (len(values) * test.dt), noise_level(values)
     window = int(np.clip(_PERIODS * len(values) / line, 16, len(values) // 4))
@@ -81,7 +85,8 @@ def _decay(test: Recording, mass: float, seed: int) -> list[Recording]:
             "recorded; record F, or give the free decay alone"
         )
     least = np.minimum.accumulate(falling)
-    ends = np.flatnonzero((falling < _CLEAR * noise) | (falling > _RISEN * least))  # gone, or pushed again
+    gone = falling < max(_CLEAR * noise, _GONE * falling[0])
+    ends = np.flatnonzero(gone | (falling > _RISEN * least))  # gone, or pushed again
     end = int(ends[0]) if len(ends) else len(falling)
     edges = [0]
     for k in range(1, end):
@@ -89,22 +94,32 @@ def _decay(test: Recording, mass: float, seed: int) -> list[Recording]:
         if long and falling[k] < _THIRD * falling[edges[-1]]:
             edges.append(k)
     places = [(first + k) * window for k in (*edges, max(end, edges[-1] + 1))]
-    zero = float(np.mean(values[-window:])) if name == "x" else 0.0  # it rests where no force is
+    zero = float(np.mean(values[-window:])) if name == "x" and not driven else 0.0  # it rests where no force is
     told = (
         f"{test.name}: free decay, the force is zero; used from {test.t[places[0]]:.4g} s to "
         f"{test.t[min(places[-1], len(test) - 1)]:.4g} s, where the motion dies away"
         + (f", in {len(edges)} pieces" if len(edges) > 1 else "")
     )
-    made = []
+    made, quiet = [], is_noise_free(values)
     for number, (begin, stop) in enumerate(pairwise(places)):
         piece = _cut(test, slice(begin, stop))
-        level = float(np.hypot(_MODEL_ERROR * np.std(values[begin:stop]), noise))
+        piece = with_noise(piece, seed + number) if quiet else piece
+        level = float(np.hypot((GOOD_RIG if quiet else _MODEL_ERROR) * np.std(values[begin:stop]), noise))
         draw = np.random.default_rng((seed, number)).standard_normal(len(piece))
         force = mass * omega ** (2 - "xva".index(name)) * level * draw
         x = None if piece.x is None else piece.x - zero
         title = f"{test.name}-{number + 1}" if len(edges) > 1 else test.name
         made.append(replace(piece, name=title, F=force, x=x, notes=(told, *test.notes) if not number else ()))
     return made
+
+
+def with_noise(test: Recording, seed: int) -> Recording:
+    """A simulated recording gets the noise of a good rig: else errors of integration would be named as physics."""
+    channels = {name: getattr(test, name) for name in "Fxva" if getattr(test, name) is not None}
+    rng = np.random.default_rng(seed)
+    noisy = {k: u + GOOD_RIG * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in channels.items()}
+    note = f"{test.name} holds no noise: white noise of {100 * GOOD_RIG:g} % of each channel is added"
+    return replace(test, notes=(*test.notes, note), **noisy)
 
 
 def _cut(test: Recording, kept: slice) -> Recording:

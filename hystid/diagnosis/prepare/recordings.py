@@ -9,7 +9,7 @@ import numpy as np
 
 from hystid.diagnosis.prepare.bandwidth import where_white
 from hystid.diagnosis.prepare.chain import Fault, stopped
-from hystid.diagnosis.prepare.decay import is_free, released
+from hystid.diagnosis.prepare.decay import is_free, released, with_noise
 from hystid.diagnosis.prepare.given import Given
 from hystid.diagnosis.prepare.independence import measured_alike
 from hystid.diagnosis.prepare.readings import consistent
@@ -24,7 +24,6 @@ SHORTEST = 200  # samples: below this nothing can be told from noise
 # faults that the diagnosis names instead of refusing them
 TOLERATED = ("clipped", "missing_force", "not_one_motion")
 _MOST = 1_200_000  # samples of all recordings together: memory stays below 1 GB
-_GOOD_RIG = 2e-3  # noise over spread, 54 dB
 
 
 @dataclass(frozen=True)
@@ -112,14 +111,11 @@ def _measured_only(tests: Sequence[Recording]) -> list[Recording]:
 
 
 def _with_noise(test: Recording, seed: int) -> Recording:
-    """A simulated recording gets the noise of a good rig: else errors of integration would be named as physics."""
+    """A recording, one without any noise with that of a good rig."""
     channels = {name: getattr(test, name) for name in "Fxva" if getattr(test, name) is not None}
     if not all(is_noise_free(values) for values in channels.values()):
         return test
-    rng = np.random.default_rng(seed)
-    noisy = {k: u + _GOOD_RIG * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in channels.items()}
-    note = f"{test.name} holds no noise: white noise of {100 * _GOOD_RIG:g} % of each channel is added"
-    return replace(test, notes=(*test.notes, note), **noisy)
+    return with_noise(test, seed)
 
 
 def _with_decays(
