@@ -112,7 +112,7 @@ class Criterion:
     def __init__(self, problem: Problem, baseline: Fit, ids: int) -> None:
         self.problem, self.baseline, self.ids = problem, baseline, max(ids, 1)
         self.rows = len(baseline.residual)
-        self.states = effective_states(problem)
+        self.states = effective_states([problem])
         mass = baseline.hypothesis.mass()
         force = problem.reduce([part.F for part in problem.parts])
         restoring = problem.reduce([part.F - mass * part.inertia for part in problem.parts])
@@ -123,7 +123,12 @@ class Criterion:
     @property
     def least(self) -> float:
         """Variance of an average where nothing but noise and the error of the preparation is left."""
-        return 1.0 + self.each * ACCURACY**2 * self.force
+        return 1.0 + self.each * self.accuracy
+
+    @property
+    def accuracy(self) -> float:
+        """Mean square that the error of the preparation leaves."""
+        return ACCURACY**2 * self.force
 
     def misfit(self, fit: Fit, floor: float) -> float:
         """Mean square above the noise."""
@@ -282,13 +287,19 @@ def _split(
         yield h.names, h, m, float(w) * (1 - h.zero)
 
 
-def effective_states(problem: Problem) -> float:
+def effective_states(problems: Sequence[Problem]) -> float:
     """Number of states that the motion visits: cells of the phase plane with at least a thousandth of all rows.
 
     A recording that is given twice, or goes on in the same way, visits no further state.
     """
     x, v = (
-        np.concatenate([problem.reduce.plain(i, getattr(part, name)) for i, part in enumerate(problem.parts)])
+        np.concatenate(
+            [
+                problem.reduce.plain(i, getattr(part, name))
+                for problem in problems
+                for i, part in enumerate(problem.parts)
+            ]
+        )
         for name in ("x", "v")
     )
     count = np.bincount(cells(x, v), minlength=CELLS**2)

@@ -37,6 +37,7 @@ from hystid.diagnosis.fit.zeros import zero_of_term
 from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drift
 from hystid.diagnosis.model.effects import Effect
 
+_LEAP = 0.5  # share of the misfit that is left by a start from nominal values, from which the refit was stuck
 _ROUNDS = 3  # of looking for a better local minimum of what leads
 _STARTS = 3  # singles from which sets of effects grow
 _TRIED = 6  # forms that are fitted as a further member of a set
@@ -198,7 +199,10 @@ class _Search:
             self.candidates = scan(problem, freed, self.library)
             return self._trials()
         if not self._is_reached(first[0]):
+            stuck = first[0].chi2
             first = also_from_nominal(problem, first, self.baseline, self.library)
+            if first[0].chi2 - self.floor < _LEAP * (stuck - self.floor):  # nothing was fitted from there yet
+                first = exchanged(problem, first, self.baseline, self.library)
         if not self._is_reached(first[0]):
             first = searched_again(problem, first, self.baseline, self.floor, self.valleys)
         for _ in range(_ROUNDS):
@@ -353,8 +357,8 @@ class _Search:
 
 
 def _is_exact(effect: Effect) -> bool:
-    """Whether an effect has no form to be wrong: a fault of a channel, or a force that depends on nothing."""
-    return isinstance(effect, ChannelEffect) or not effect.reads
+    """Whether an effect has no form to be wrong: a fault of a channel, a force that depends on nothing, or mass."""
+    return isinstance(effect, ChannelEffect) or not effect.reads or is_mass(effect)
 
 
 def _one_per_id(scanned: Sequence[Scanned]) -> list[Scanned]:

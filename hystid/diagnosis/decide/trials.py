@@ -189,11 +189,13 @@ def searched_again(
     return ranked(problem, again)
 
 
-def exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Trial]:
+def exchanged(
+    problem: Problem, found: Sequence[Trial], before: Fit, library: Sequence[Effect] | None = None
+) -> list[Trial]:
     """Look-alikes of the best trial, fitted again from where its baseline stands.
 
     The refit without any effect leans to one side, and a fit that starts there may never come to where the best one is:
-    it would lose for that and not for its law.
+    it would lose for that and not for its law. library: what may look alike, None for what has come near.
     """
     best = found[0]
     here = best.fit.hypothesis
@@ -204,13 +206,14 @@ def exchanged(problem: Problem, found: Sequence[Trial], before: Fit) -> list[Tri
     forms.pop(here.terms[-1].effect.class_name, None)
     bare = replace(here, terms=here.terms[:-1])
     start = standing(problem, bare)
-    effects = [t.form_of for t in forms.values() if t.form_of]
+    effects = library if library is not None else [t.form_of for t in forms.values() if t.form_of]
     again, law = list(found), here.terms[-1]
     shapes = {name: value for name, value in law.values.items() if name not in law.effect.amplitudes}
     for candidate in _rivals(scan(problem, start, effects, near=shapes), law.effect.size):
         made = try_term(problem, start, candidate.term, bar=best.chi2)
-        if made is not None and made.chi2 < forms[candidate.effect.class_name].chi2:
-            again.append(replace(forms[candidate.effect.class_name], fit=made, others=()))
+        known = forms.get(candidate.effect.class_name)
+        if made is not None and (known is None or made.chi2 < known.chi2):
+            again.append(replace(_trial(candidate, made), others=()))
     return ranked(problem, again)
 
 

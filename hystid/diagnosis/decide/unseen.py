@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hystid.diagnosis.decide.criterion import Criterion
+from hystid.diagnosis.decide.criterion import Criterion, effective_states
 from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, standing
 from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.model.channel_effects import ChannelEffect
@@ -18,39 +18,54 @@ ANOTHER_STATE = 0.1  # probability that a held-out recording is of another state
 
 
 def unseen_likelihood(problem: Problem, unseen: Sequence[Part]) -> Callable[[Fit, Fit], float]:
-    """A function of the baseline and of a fit: logarithm of the likelihood of the unseen recordings under the fit, over
-    that under the baseline. A recording alone can make a fit ten times less probable, never impossible."""
+    """A function of the baseline and of a fit: logarithm of the likelihood that unseen recordings add to a fit, over
+    what they add to the baseline. A recording alone can make a fit ten times less probable, never impossible."""
     alone = [problem.of([part]) for part in unseen]
-    known: dict[int, list[tuple[Criterion, float]]] = {}
+    known: dict[int, list[_Judge]] = {}
 
     def told(before: Fit, after: Fit) -> float:
         if id(before) not in known:
-            known[id(before)] = [_judged(one, before) for one in alone]
+            trained = Criterion(problem, before, 1)
+            known[id(before)] = [_Judge(trained, one, before) for one in alone]
         total = 0.0
-        for one, (criterion, without) in zip(alone, known[id(before)], strict=True):
-            gain = _likelihood(one, criterion, after.hypothesis) - without
+        for judge in known[id(before)]:
+            gain = judge.added(after) - judge.added(before)
             total += float(np.logaddexp(np.log(1 - ANOTHER_STATE) + gain, np.log(ANOTHER_STATE) + max(gain, 0.0)))
         return total
 
     return told
 
 
-def _judged(problem: Problem, before: Fit) -> tuple[Criterion, float]:
-    criterion = Criterion(problem, standing(problem, _without_channel(before.hypothesis)), 1)
-    return criterion, _likelihood(problem, criterion, before.hypothesis)
+class _Judge:
+    """One unseen recording beside those that were used.
 
+    A law that is a little wrong is so wherever the motion comes back to the same state. States that the recordings in
+    use have shown already say nothing anew about its form: the likelihood is that of all rows over all states, less
+    that of the rows in use.
+    """
 
-def _likelihood(problem: Problem, criterion: Criterion, hypothesis: Hypothesis) -> float:
-    try:
-        told = [_one(problem, criterion, _without_channel(variant)) for variant in _variants(hypothesis)]
-    except NumericalError:
-        return -np.inf
-    return float(np.logaddexp.reduce(told) - np.log(len(told)))
+    def __init__(self, trained: Criterion, alone: Problem, before: Fit) -> None:
+        self.trained, self.alone = trained, alone
+        self.seen = Criterion(alone, standing(alone, _without_channel(before.hypothesis)), 1)
+        self.rows = trained.rows + self.seen.rows
+        self.states = effective_states([trained.problem, alone])
 
+    def added(self, fit: Fit) -> float:
+        """What the recording adds to the logarithm of the likelihood of a fit."""
+        used = self.trained.misfit(fit, float("nan"))
+        try:
+            told = [self._joined(used, _without_channel(variant)) for variant in _variants(fit.hypothesis)]
+        except NumericalError:
+            return -np.inf
+        return float(np.logaddexp.reduce(told) - np.log(len(told))) - self.trained.likelihood(used)
 
-def _one(problem: Problem, criterion: Criterion, hypothesis: Hypothesis) -> float:
-    fit = standing(problem, hypothesis)
-    return criterion.likelihood(criterion.misfit(fit, criterion.floor)) if np.isfinite(fit.chi2) else -np.inf
+    def _joined(self, used: float, hypothesis: Hypothesis) -> float:
+        fit = standing(self.alone, hypothesis)
+        if not np.isfinite(fit.chi2):
+            return -np.inf
+        excesses = (used, self.trained), (self.seen.misfit(fit, self.seen.floor), self.seen)
+        square = sum(c.rows * (max(misfit, 0.0) + c.accuracy) for misfit, c in excesses)
+        return -0.5 * self.states * float(np.log1p(square / self.states))
 
 
 def _variants(hypothesis: Hypothesis) -> list[Hypothesis]:
