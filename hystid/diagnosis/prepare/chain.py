@@ -293,8 +293,10 @@ def zero_of(test: Recording, name: str, sources: str) -> Estimate | None:
 def _late_channel(found: Sequence[Pair]) -> Fault | None:
     """The one channel of the motion whose shift explains the lags; None where they are not believed.
 
-    Of two channels the later one is at fault: chains delay and never hurry.
+    A clock that is late changes no amplitude: where sections or halves of the band do not agree on the gain, it is a
+    filter. Of two channels the later one is at fault: chains delay and never hurry.
     """
+    found = [pair for pair in found if pair.gain.stderr < CALIBRATION]
     if not any(pair.lag.agrees for pair in found):
         return None
     dt = found[0].dt
