@@ -6,7 +6,7 @@ In: recordings as taken and the model. Out: everything that the decision works o
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,7 @@ def pose(taken: Taken, model: str) -> Case:
     rate_law = not baseline_of(model, code, values, frozenset(fixed), model=runs).reads_x()
     parts, hidden = without_x(parts) if rate_law else visible(parts, values.get("m", 0.0))
     parts, rests = without_rest(parts)
+    parts = [replace(part, pace=parts[0].dt / part.dt) for part in parts]
     length = max(float(np.max(np.abs(part.x))) for part in parts)
 
     def begun(values: Mapping[str, float]) -> tuple[Baseline, list[str]]:
@@ -91,7 +92,7 @@ def pose(taken: Taken, model: str) -> Case:
     problem = Problem(parts, baseline, scales_of(parts, baseline))
     sized, _ = _starts(parts, code, {n: v for n, v in values.items() if n in {"m", *fixed}}, model, quasi_static=still)
     refitted, valleys, nominal = refit(problem, kept, sized)
-    held = [prepare_part(test, 100 + i) for i, test in enumerate(unseen)]
+    held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
     if (coloured := _colour(problem, refitted)) is not None:
         problem, held = problem.of(coloured), coloured_alike(held, coloured)
         refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])

@@ -344,7 +344,7 @@ class Problem:
         ]
 
     def force_at(self, index: int, delay: float) -> Array:
-        """Measured force, moved earlier by a number of samples."""
+        """Measured force, moved earlier by a number of samples of the first recording."""
         if delay == 0.0:
             return self.parts[index].F
         key = (index, round(delay, 6))
@@ -353,7 +353,7 @@ class Problem:
                 self._shifted.clear()
             if index not in self._movable:
                 self._movable[index] = Advanced(self.parts[index].F)
-            self._shifted[key] = self._movable[index](delay)
+            self._shifted[key] = self._movable[index](delay * self.parts[index].pace)
         return self._shifted[key]
 
     def floor(self, hypothesis: Hypothesis) -> float:
@@ -507,7 +507,7 @@ class Problem:
             return self._law_rows(hypothesis, name, signals) * factor
         if unknown.key == ("chain", "delay"):
             mass = hypothesis.mass()
-            columns = [-np.gradient(mass * p.a + f) for p, f in zip(self.parts, here, strict=True)]
+            columns = [-p.pace * np.gradient(mass * p.a + f) for p, f in zip(self.parts, here, strict=True)]
         elif self._is_read(hypothesis, int(kind)):
             columns = self._source_column(hypothesis, unknown, here)
         elif unknown.linear:

@@ -56,7 +56,7 @@ class Part:
     timed: whether time was measured; else it only numbers the samples. extra: further columns of the file, (n,) each.
     sees_x: whether the displacement is known at all frequencies that matter.
     colour: power of the noise of all channels over its white part, times the frequency [cycles per sample], and times
-    its square: 1/f noise, and a wandering zero.
+    its square: 1/f noise, and a wandering zero. pace: samples in the time of one of the first recording.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia; in single
     precision, as they are many.
     """
@@ -80,6 +80,7 @@ class Part:
     jitter: tuple[tuple[Single, ...], ...] = field(repr=False, default=())
     sees_x: bool = True
     colour: tuple[float, float] = (0.0, 0.0)
+    pace: float = 1.0
 
     def __len__(self) -> int:
         return len(self.t)
@@ -93,6 +94,10 @@ class Part:
     def first(self) -> float:
         """Lowest visible frequency [rad per sample]."""
         return self.lowest * self.dt
+
+    def force_advanced(self, delay: float) -> Array:
+        """The force, earlier by a number of samples of the first recording: a clock is late by a time."""
+        return advanced(self.F, delay * self.pace) if delay else self.F
 
     @property
     def shown_acceleration(self) -> Array:

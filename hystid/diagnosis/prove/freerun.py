@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.model.adapters import Model
-from hystid.diagnosis.prepare.segments import Part, advanced
+from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ def run_from(
     model: Model, part: Part, values: Mapping[str, float], delay: float = 0.0, periods: int = 1
 ) -> Array | None:
     """The last of a number of passes through a recording; None where it diverges."""
-    force = advanced(part.F, delay) if delay else part.F
+    force = part.force_advanced(delay)
     settings = {**start_of(model, part), **values}
     inputs = {"F": np.tile(force, periods)}
     try:
@@ -75,7 +75,7 @@ def driven(
     substeps: int = SUBSTEPS,
 ) -> Motion:
     """The force of ``run_from``, made ready for many runs: of the first ``rows`` samples, for so many passes."""
-    force = np.tile((advanced(part.F, delay) if delay else part.F)[:rows], periods)
+    force = np.tile(part.force_advanced(delay)[:rows], periods)
     return model.motion({}, {"F": force}, part.dt, interpolation="cubic", substeps=substeps)
 
 

@@ -13,7 +13,7 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis.decide.answer import Answer, refit_values
 from hystid.diagnosis.fit.problem import Fit, Hypothesis
 from hystid.diagnosis.fit.windows import for_recording, has_own_windows
-from hystid.diagnosis.prepare.segments import Part, advanced
+from hystid.diagnosis.prepare.segments import Part
 from hystid.diagnosis.prove.extended import CLASS, Skeleton, extended_model, settings_of
 from hystid.diagnosis.prove.freerun import diverges, error, errors
 from hystid.diagnosis.prove.polish import polish
@@ -97,7 +97,7 @@ def _beside_fmu(
 def _coupled_run(
     rig: OpenedFmu, effects: OpenedFmu, part: Part, values: Mapping[str, float], delay: float
 ) -> Array | None:
-    force = advanced(part.F, delay) if delay else part.F
+    force = part.force_advanced(delay)
     start = float(part.x[0]), float(part.v[0])
     try:
         x = simulate_with_effects(rig, effects, force, part.dt, parameters=values, start=start)
