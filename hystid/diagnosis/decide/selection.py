@@ -40,7 +40,7 @@ from hystid.diagnosis.model.effects import Effect
 _LEAP = 0.5  # share of the misfit that is left by a start from nominal values, from which the refit was stuck
 _ROUNDS = 3  # of looking for a better local minimum of what leads
 _STARTS = 3  # singles from which sets of effects grow
-_TRIED = 6  # forms that are fitted as a further member of a set
+_TRIED, _LAWS = 6, 4  # forms that are fitted as a further member of a set, and laws among them
 _MEMBERS = 3  # effects of a set at most
 _REPLACED = 4  # other effects that are tried in the place of each member of the leading set
 _CHANCE = 1e-3  # probability below which a hypothesis is not looked at more closely
@@ -314,6 +314,8 @@ class _Search:
         """The best further effects of a set, one per id. fits: how many forms are fitted."""
         end, used = line[-1], {trial.name for trial in line}
         scanned = [c for c in scan(self.problem, end.fit, library) if c.effect.id not in used]
+        best = _one_per_id(scanned)[:_LAWS]  # forms of one law fit alike, and would take the places of simpler laws
+        scanned = [*best, *(c for c in scanned if not any(c is one for one in best))]
         left = end.chi2 - self.floor
         extra = chain_trials(self.problem, end.fit, self.effects)
         found = trials(self.problem, end.fit, scanned, left, extra, most=fits)

@@ -481,7 +481,11 @@ class Problem:
             lowest = dict(term.effect.lowest)
             if is_mass(term.effect):  # what moves in the end has a mass
                 lowest |= {term.effect.semantics.mass: -base.mass}
-            found += [Unknown((str(i), n), low=lowest.get(n, -np.inf), linear=True) for n in term.effect.amplitudes]
+            highest = term.effect.highest
+            found += [
+                Unknown((str(i), n), low=lowest.get(n, -np.inf), high=highest.get(n, np.inf), linear=True)
+                for n in term.effect.amplitudes
+            ]
             for shape in term.effect.shapes:
                 low, high = term.effect.bounds(shape, self.scales)
                 found.append(Unknown((str(i), shape.name), low > 0, low, high))

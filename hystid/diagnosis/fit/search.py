@@ -114,7 +114,8 @@ def _points(
         allowed = np.array([effect.lowest.get(name, -np.inf) for name in effect.amplitudes])
         made = _score(columns, beside, allowed)
         if made is not None:
-            values = {**shapes, **dict(zip(effect.amplitudes, map(float, made[2]), strict=True))}
+            found = zip(effect.amplitudes, map(float, made[2]), strict=True)  # in the joint fit others may move
+            values = {**shapes, **{name: min(value, effect.highest.get(name, np.inf)) for name, value in found}}
             points.append(Candidate(Term(effect, values), made[0], made[1]))
     return sorted(points, key=lambda point: -point.gain)
 

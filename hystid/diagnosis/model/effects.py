@@ -75,8 +75,9 @@ class Effect:
     """One form of one candidate effect.
 
     id: snake case, form: "" or what follows the double underscore. amplitudes: names in which f is linear. shapes: the
-    other continuous parameters. choices: integer parameters and their values. lowest: least values that the block
-    allows. remembers: has inner states. uses_h: depends on the hysteretic force; per_h: in proportion, at each sample.
+    other continuous parameters. choices: integer parameters and their values. lowest, highest: least and largest
+    values that the block allows. remembers: has inner states. uses_h: depends on the hysteretic force; per_h: in
+    proportion, at each sample.
     semantics: what the block declares of itself.
     """
 
@@ -89,6 +90,7 @@ class Effect:
     choices: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     lowest: Mapping[str, float] = field(default_factory=dict)
+    highest: Mapping[str, float] = field(default_factory=dict)
     remembers: bool = False
     uses_h: bool = False
     per_h: bool = False
@@ -247,7 +249,8 @@ def effect_of(class_name: str, code: ModelCode) -> Effect:
         ident, form, class_name, bare.model, linear,
         tuple(variable for variable in reals if variable.name not in linear), choices,
         {variable.name: variable.unit for variable in parameters},
-        {variable.name: float(variable.min) for variable in reals if variable.min is not None}, bool(code.states),
+        {variable.name: float(variable.min) for variable in reals if variable.min is not None},
+        {variable.name: float(variable.max) for variable in reals if variable.max is not None}, bool(code.states),
         _reads_h(bare, linear), _is_per_h(bare, linear),
     )  # fmt: skip
 

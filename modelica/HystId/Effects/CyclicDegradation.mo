@@ -1,7 +1,7 @@
 within HystId.Effects;
 block CyclicDegradation "The hysteretic force weakens with the path travelled"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real share(unit="1", min = 0) = 0 "Share of the hysteretic force that is lost in the end";
+  parameter Real share(unit="1", min = 0, max = 1) = 0 "Share of the hysteretic force that is lost in the end";
   parameter Real path_c(unit="m", min = 0) = 1 "Path over which most of the change happens";
 protected
   Real s(unit = "m", start = 0, fixed = true) "Path travelled";

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block CyclicDegradation__Energy "The hysteretic force weakens with the energy that passed through it"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real share(unit="1", min = 0) = 0 "Share of the hysteretic force that is lost in the end";
+  parameter Real share(unit="1", min = 0, max = 1) = 0 "Share of the hysteretic force that is lost in the end";
   parameter Real E_c(unit="J", min = 0) = 1 "Energy over which most of the change happens";
 protected
   Real E(unit = "J", start = 0, fixed = true) "Energy that passed through the hysteretic element";

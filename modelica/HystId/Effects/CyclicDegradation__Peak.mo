@@ -1,7 +1,7 @@
 within HystId.Effects;
 block CyclicDegradation__Peak "The hysteretic force weakens with the largest displacement so far"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real share(unit="1", min = 0) = 0 "Share of the hysteretic force that is lost in the end";
+  parameter Real share(unit="1", min = 0, max = 1) = 0 "Share of the hysteretic force that is lost in the end";
   parameter Real x_d(unit="m", min = 0) = 0.001 "Displacement within which most of the change happens";
 protected
   Real reach(unit = "m") "Largest displacement so far, either way";

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block Pinching "The hysteretic force is reduced around the middle of the stroke"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real share(unit="1", min = 0) = 0 "Share of the hysteretic force that is missing at x = 0";
+  parameter Real share(unit="1", min = 0, max = 1) = 0 "Share of the hysteretic force that is missing at x = 0";
   parameter Real w(unit="m", min = 0) = 0.001 "Half width of the pinched region";
 equation
   f = -share*h*exp(-(x/w)^2);

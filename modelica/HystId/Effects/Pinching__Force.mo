@@ -1,7 +1,7 @@
 within HystId.Effects;
 block Pinching__Force "The hysteretic force is reduced where it is small"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real share(unit="1", min = 0) = 0 "Share of the hysteretic force that is missing at h = 0";
+  parameter Real share(unit="1", min = 0, max = 1) = 0 "Share of the hysteretic force that is missing at h = 0";
   parameter Real h_c(unit="N", min = 0) = 1 "Hysteretic force at which pinching ends";
 equation
   f = -share*h*exp(-(h/h_c)^2);

@@ -1,7 +1,7 @@
 within HystId.Effects;
 block Pinching__Peak "The hysteretic force is reduced around the middle, the wider the further the motion has been"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real share(unit="1", min = 0) = 0 "Share of the hysteretic force that is missing at x = 0";
+  parameter Real share(unit="1", min = 0, max = 1) = 0 "Share of the hysteretic force that is missing at x = 0";
   parameter Real width(unit="1", min = 0.05, max = 1) = 0.4 "Half width of the pinched region over the largest displacement so far";
 protected
   Real up(unit = "m") "Largest displacement so far";

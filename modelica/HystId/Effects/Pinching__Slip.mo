@@ -1,7 +1,7 @@
 within HystId.Effects;
 block Pinching__Slip "The hysteretic force is reduced after each change of its sign, until a slip is used up"
   extends HystId.Interfaces.PartialEffect;
-  parameter Real share(unit="1", min = 0) = 0 "Share of the hysteretic force that is missing where the slip begins";
+  parameter Real share(unit="1", min = 0, max = 1) = 0 "Share of the hysteretic force that is missing where the slip begins";
   parameter Real width(unit="1", min = 0.02, max = 0.7) = 0.2 "Slip over the largest stroke so far, from peak to peak";
 protected
   Real reach(unit = "m") "Largest displacement so far, either way";
