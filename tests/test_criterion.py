@@ -104,7 +104,7 @@ def test_the_same_recording_twice_makes_nothing_more_certain() -> None:
     again = replace(once, name="again", t=once.t + 1e-9)
     single, double = answer([once]), answer([once, again])
     assert single.problem is not None and double.problem is not None
-    assert effective_states(double.problem) == effective_states(single.problem)
+    assert effective_states([double.problem]) == effective_states([single.problem])
     assert single.verdict == double.verdict
     assert single.posterior is not None and double.posterior is not None
     # what the criterion cannot know is that the noise is the same; the price of a parameter grows with its logarithm

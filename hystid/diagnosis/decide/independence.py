@@ -26,8 +26,12 @@ _RARE, _LITTLE = 3.8, 0.05  # standard deviations, and share of the power beyond
 # louder than its level says, so is that of the motion, and a law that jumps is off by a sample here and there
 
 
-def is_noise(problem: Problem, fitted: Fit) -> bool:
-    """Whether the rest of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks."""
+def is_noise(problem: Problem, fitted: Fit, *, shown: bool = True) -> bool:
+    """Whether the rest of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks.
+
+    shown: whether that must be shown; else it is enough that nothing speaks against it. A rest that is slow beside its
+    recording has few independent samples, and shows nothing.
+    """
     signals = problem.signals(fitted.hypothesis)
     motion = [
         [problem.reduce.plain(i, column) for column in (s.x, s.v, s.a, s.h, problem.parts[i].t)]
@@ -41,7 +45,7 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     pairs = ((0, 1), (1, 2), (3, 1), (4, 0), (4, 1))
     excess = max(0.0, 1.0 - problem.reduce.level / fitted.chi2)
     known = _KNOWN[0] + _KNOWN[1] * excess
-    return all(_independent(rests, [_cells(m[one], m[other]) for m in motion], known) for one, other in pairs)
+    return all(_independent(rests, [_cells(m[a], m[b]) for m in motion], known, shown=shown) for a, b in pairs)
 
 
 def _cells(one: Array, other: Array) -> NDArray[np.int64]:
@@ -61,11 +65,10 @@ def _ranks(values: Array, bins: int) -> NDArray[np.int64]:
     return found
 
 
-def _independent(rests: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float) -> bool:
+def _independent(rests: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float, *, shown: bool) -> bool:
     """Whether mean and power of the rest differ between the cells no more than when the rest is moved in time.
 
-    A rest that is slow beside its recording has few independent samples: what moved ones show scatters, and where that
-    hides as much as counts as known, nothing is shown.
+    shown: and what moved ones show scatters by less than counts as known.
     """
     shares = np.random.default_rng(0).uniform(0.05, 0.95, (_SHIFTS, len(rests)))
     for powers in (rests, [rest**2 - 1.0 for rest in rests]):
@@ -74,7 +77,8 @@ def _independent(rests: Sequence[Array], cells: Sequence[NDArray[np.int64]], kno
             for row in shares
         ]
         limit = known * sum(map(len, rests))
-        if _between(powers, cells) - float(np.median(moved)) > limit or _TWO_SIDED * float(np.std(moved)) > limit:
+        scatter = _TWO_SIDED * float(np.std(moved)) if shown else 0.0
+        if _between(powers, cells) - float(np.median(moved)) > limit or scatter > limit:
             return False
     return True
 

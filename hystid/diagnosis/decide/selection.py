@@ -418,7 +418,7 @@ def _level(search: _Search, found: Sequence[Hypothesis]) -> float:
     if search.is_noise or not found:
         return np.inf
     misfit, fit = min(((search.criterion.misfit(h.fit, h.floor), h.fit) for h in found), key=lambda pair: pair[0])
-    return misfit if misfit > search.criterion.slack and is_noise(search.problem, fit) else np.inf
+    return misfit if misfit > search.criterion.slack and is_noise(search.problem, fit, shown=False) else np.inf
 
 
 def _told(criterion: Criterion, posterior: Posterior) -> tuple[Candidate, tuple[str, ...]] | None:

@@ -29,16 +29,18 @@ def fit(
     iterations: int = 25,
     tolerance: float = 1e-4,
     bar: float = 0.0,
+    most: bool = False,
 ) -> Fit:
     """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
 
     bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
+    most: whether amplitudes keep to the largest values that their blocks allow.
     Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row. The
     covariance is that of the last point at which derivatives were taken: a step that ends the fit is too small to
     matter, or the fit is given up.
     Raises NumericalError when the start itself has no finite residual.
     """
-    unknowns = problem.unknowns(start)
+    unknowns = problem.unknowns(start, most=most)
     here = _clip(start, unknowns)
     rows = problem.rows(here)
     cost = float(rows @ rows)

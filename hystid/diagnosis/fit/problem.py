@@ -142,6 +142,16 @@ def is_mass(effect: Effect) -> bool:
     return bool(effect.semantics.mass)
 
 
+def is_allowed(hypothesis: Hypothesis) -> bool:
+    """Whether no amplitude is larger than its block allows."""
+    return all(
+        term.values[name] <= highest
+        for term in hypothesis.terms
+        for name, highest in term.effect.highest.items()
+        if name in term.effect.amplitudes
+    )
+
+
 def get(hypothesis: Hypothesis, key: Key) -> float:
     """Value of an unknown."""
     kind, name = key
@@ -468,8 +478,8 @@ class Problem:
         self.work += len(rows)
         return rows
 
-    def unknowns(self, hypothesis: Hypothesis) -> tuple[Unknown, ...]:
-        """What is fitted for a hypothesis."""
+    def unknowns(self, hypothesis: Hypothesis, *, most: bool = False) -> tuple[Unknown, ...]:
+        """What is fitted for a hypothesis. most: amplitudes have the largest values that their blocks allow."""
         base = self.baseline
         found = [self._base_unknown(name) for name in base.free]
         if base.mass:
@@ -481,7 +491,7 @@ class Problem:
             lowest = dict(term.effect.lowest)
             if is_mass(term.effect):  # what moves in the end has a mass
                 lowest |= {term.effect.semantics.mass: -base.mass}
-            highest = term.effect.highest
+            highest = term.effect.highest if most else {}
             found += [
                 Unknown((str(i), n), low=lowest.get(n, -np.inf), high=highest.get(n, np.inf), linear=True)
                 for n in term.effect.amplitudes

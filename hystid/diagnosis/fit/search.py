@@ -12,7 +12,19 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from hystid.diagnosis.fit.descent import fit
-from hystid.diagnosis.fit.problem import Columns, Fit, Hypothesis, Key, Problem, Term, Unknown, get, put, standing
+from hystid.diagnosis.fit.problem import (
+    Columns,
+    Fit,
+    Hypothesis,
+    Key,
+    Problem,
+    Term,
+    Unknown,
+    get,
+    is_allowed,
+    put,
+    standing,
+)
 from hystid.diagnosis.model.effects import Effect, Signals
 from hystid.errors import NumericalError
 
@@ -114,8 +126,8 @@ def _points(
         allowed = np.array([effect.lowest.get(name, -np.inf) for name in effect.amplitudes])
         made = _score(columns, beside, allowed)
         if made is not None:
-            found = zip(effect.amplitudes, map(float, made[2]), strict=True)  # in the joint fit others may move
-            values = {**shapes, **{name: min(value, effect.highest.get(name, np.inf)) for name, value in found}}
+            found = zip(effect.amplitudes, map(float, made[2]), strict=True)
+            values = {**shapes, **dict(found)}
             points.append(Candidate(Term(effect, values), made[0], made[1]))
     return sorted(points, key=lambda point: -point.gain)
 
@@ -148,9 +160,14 @@ def try_term(problem: Problem, fitted: Fit, term: Term, iterations: int = 12, ba
 
 
 def try_fit(problem: Problem, start: Hypothesis, iterations: int = 12, bar: float = 0.0) -> Fit | None:
-    """``fit``, or None where it has no finite answer."""
+    """``fit``, or None where it has no finite answer.
+
+    The way to a share of less than all may lead over more, as other forces are still too small: the largest amplitudes
+    that blocks allow hold for where a fit ends.
+    """
     try:
-        return fit(problem, start, iterations=iterations, bar=bar)
+        made = fit(problem, start, iterations=iterations, bar=bar)
+        return made if is_allowed(made.hypothesis) else fit(problem, made.hypothesis, iterations=iterations, most=True)
     except (NumericalError, np.linalg.LinAlgError):
         return None
 
