@@ -42,7 +42,7 @@ def is_noise(problem: Problem, fitted: Fit, *, shown: bool = True) -> bool:
     rests = [(rest - np.mean(rest)) / (float(np.std(rest)) or 1.0) for rest in np.split(residual, ends)]
     if any(_has_shocks(rest) or _has_line(rest) for rest in rests):
         return False
-    pairs = ((0, 1), (1, 2), (3, 1), (4, 0), (4, 1))
+    pairs = [(0, 1), (1, 2), (3, 1), (4, 0), *([(4, 1)] if shown else [])]
     excess = max(0.0, 1.0 - problem.reduce.level / fitted.chi2)
     known = _KNOWN[0] + _KNOWN[1] * excess
     return all(_independent(rests, [_cells(m[a], m[b]) for m in motion], known, shown=shown) for a, b in pairs)
