@@ -11,7 +11,10 @@ import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.decide.criterion import ACCURACY, ZERO, Criterion, Hypothesis, effective_states, zero_probability
-from hystid.diagnosis.fit.problem import Fit
+from hystid.diagnosis.decide.independence import _cells, _independent
+from hystid.diagnosis.decide.unseen import unseen_likelihood
+from hystid.diagnosis.fit.problem import Fit, Term, is_allowed
+from hystid.diagnosis.model.library import load_effects
 from hystid.recording import Recording
 
 MODEL = "HystId.Oscillators.Linear"
@@ -111,6 +114,18 @@ def test_the_same_recording_twice_makes_nothing_more_certain() -> None:
     assert double.posterior.something <= single.posterior.something + 0.1
 
 
+def test_a_held_out_recording_of_the_same_states_proves_no_form(stiffening: Diagnosis) -> None:
+    """It repeats the model error that the recordings in use have shown; what it adds to both hypotheses is alike."""
+    assert stiffening.choice is not None and stiffening.problem is not None
+    problem, before, after = stiffening.problem, stiffening.choice.before, stiffening.choice.after
+    criterion = Criterion(problem, before, 20)
+    floor = criterion.floor
+    seen = criterion.likelihood(after.chi2 - floor) - criterion.likelihood(before.chi2 - floor)
+    told = unseen_likelihood(problem, problem.parts[1:])(before, after)
+    assert seen > 20.0
+    assert 0.0 < told < 0.25 * seen  # what is new is that its largest motion counts for more of all rows
+
+
 @pytest.mark.parametrize("snr", [20.0, 34.0, 60.0, 80.0, 100.0, None])
 def test_nothing_is_missing_at_any_noise(snr: float | None) -> None:
     found = answer([rig(3, 20.0, 0.0, snr=snr), rig(4, 35.0, 0.0, snr=snr)])
@@ -191,3 +206,26 @@ def test_a_small_law_beside_one_that_explains_nearly_all_is_told() -> None:
     assert first in {"contact_loss", "impact"} and second.endswith("friction")
     share = [finding.explained for finding in found.findings]
     assert share[0] > 0.9 and share[1] < 0.1  # else the case would show nothing
+
+
+@pytest.mark.parametrize(("slow", "shown"), [(1, True), (400, False)])
+def test_a_rest_of_few_independent_samples_shows_nothing(slow: int, shown: bool) -> None:
+    """White noise is shown to be independent of the motion; noise of which ten values are independent is not."""
+    rng = np.random.default_rng(5)
+    t = np.arange(4000) * 1e-3
+    rest = np.convolve(rng.standard_normal(len(t) + slow), np.ones(slow), mode="same")[: len(t)]
+    rest = (rest - np.mean(rest)) / np.std(rest)
+    cells = _cells(np.sin(9 * t), np.cos(9 * t))
+    assert _independent([rest], [cells], 0.08, shown=True) == shown
+
+
+def test_no_share_of_a_force_is_more_than_all_of_it() -> None:
+    """A fit may pass through larger shares, and ends within what the block allows."""
+    found = answer([rig(7, 30.0, 0.0, beside=lambda x, v: 6.0 * np.tanh(v / 0.005))])
+    assert found.problem is not None and found.choice is not None
+    weakening = next(e for e in load_effects([]) if e.id == "cyclic_degradation" and e.form == "Energy")
+    assert weakening.highest == {"share": 1.0}
+    start = replace(found.choice.before.hypothesis, terms=(Term(weakening, {"share": 3.0, "E_c": 1.0}),))
+    unknowns = {u.key: u for u in found.problem.unknowns(start, most=True)}
+    assert unknowns["0", "share"].high == 1.0 and found.problem.unknowns(start)[-2].high > 1.0
+    assert not is_allowed(start)

@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import butter, lfilter
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 from hystid.diagnosis.prepare.chain import DEAD, DELAY, GAIN, SATURATION, ZERO, examined, stopped
+from hystid.diagnosis.prepare.independence import measured_alike
 from hystid.diagnosis.prepare.pairs import agreed, pairs
 from hystid.recording import Recording
 
@@ -137,3 +139,46 @@ def test_a_clipped_channel_that_rests_at_zero_stops_at_a_level() -> None:
     clipped = replace(record, t=t, x=np.concatenate([rest, np.clip(x, -level, level)]), **resting)
     assert [(f.id, f.channel) for f in stopped([clipped])] == [(SATURATION, "x")]
     assert stopped([replace(clipped, x=np.concatenate([rest, x]))]) == ()
+
+
+def broadband(snr: float | None, seed: int) -> Recording:
+    """A mass on a spring under a force of all frequencies: its motion stands above quiet noise everywhere."""
+    rng = np.random.default_rng(seed)
+    n, dt = 6000, 1e-3
+    omega = 2 * np.pi * np.arange(1, n // 2) / (n * dt)
+    line = rng.standard_normal(len(omega)) * np.exp(2j * np.pi * rng.uniform(size=len(omega)))
+    line /= 1 + (omega / (2 * np.pi * 350)) ** 16  # anti-aliasing
+    spectra = {k: line / (4e4 - 2.5 * omega**2 + 30j * omega) * (1j * omega) ** k for k in range(3)}
+    x, v, a = (np.fft.irfft(np.concatenate([[0], spectra[k], [0]])) for k in range(3))
+    level = 0.0 if snr is None else 10 ** (-snr / 20)
+    held = {name: u + level * np.std(u) * rng.standard_normal(n) for name, u in (("x", x), ("v", v), ("a", a))}
+    return Recording(f"blows{seed}", np.arange(n) * dt, F=np.ones(n), **held)
+
+
+@pytest.mark.parametrize("snr", [60.0, 80.0, 100.0, None])
+def test_quiet_sensors_of_a_broad_motion_are_all_measured(snr: float | None) -> None:
+    """Motion is coherent at all frequencies, as shared noise would be; it falls with frequency, noise does not."""
+    for found in measured_alike([broadband(snr, seed) for seed in (1, 2, 3)]):
+        assert found.measured == ("x", "v", "a")
+
+
+@pytest.mark.parametrize("snr", [40.0, 60.0, 80.0])
+def test_what_was_derived_from_a_filtered_channel_is_computed(snr: float) -> None:
+    def made(test: Recording) -> Recording:
+        x = sosfiltfilt(butter(3, 0.35, output="sos"), test.x)
+        v = np.gradient(x, 1e-3)
+        return replace(test, v=v, a=np.gradient(v, 1e-3))
+
+    # motion of the lower tenth of the spectrum, as of a shaker: above it lies noise alone
+    tests = [motion(seed, noise=10 ** (-snr / 20)) for seed in (1, 2)]
+    for found in measured_alike([made(test) for test in tests]):
+        assert found.measured == ("x",)
+
+
+def test_a_sum_of_an_acceleration_is_computed_and_an_integral_measured() -> None:
+    test = motion(3, noise=1e-4)
+    v = cumulative_trapezoid(test.a, dx=DT, initial=0.0)
+    (found,) = measured_alike([replace(test, v=v - np.mean(v), x=None)])
+    assert found.measured == ("a",)
+    (found,) = measured_alike([replace(test, x=None)])
+    assert found.measured == ("v", "a")

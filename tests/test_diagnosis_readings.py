@@ -147,3 +147,42 @@ def test_the_noise_of_a_free_decay_says_nothing_about_units() -> None:
     noise = 1e-6 * rng.standard_normal(N)
     found = consistent([record(1), Recording("decay", t, F=noise, **channels)], [], M)
     assert np.array_equal(found.tests[1].channel("F"), noise)
+
+
+def decay(drag: float, seed: int) -> Recording:
+    """A free decay while the exciter drags along: F = -drag v, measured at 100 dB."""
+    t = np.arange(N) * DT
+    rate, omega = (B + drag) / (2 * M), np.sqrt(K / M - ((B + drag) / (2 * M)) ** 2)
+    swing = 1e-3 * np.exp((1j * omega - rate) * t)
+    x, v, a = ((swing * (1j * omega - rate) ** k).real for k in range(3))
+    rng = np.random.default_rng(seed)
+    held = {
+        n: u + 1e-5 * np.std(u) * rng.standard_normal(N) for n, u in (("F", -drag * v), ("x", x), ("v", v), ("a", a))
+    }
+    return Recording(f"decay{seed}", t, **held)
+
+
+@pytest.mark.parametrize("channels", ["x", "xa", "xva"])
+def test_a_decay_that_gives_out_what_it_had_stored_has_the_right_sign(channels: str) -> None:
+    """The mean power of F v is negative by all that it can be, and yet nothing is reversed."""
+    sound = decay(40.0, 1)
+    test = replace(sound, **{name: None for name in "xva" if name not in channels})
+    assert float(np.mean(np.asarray(sound.F) * np.asarray(sound.v))) < 0
+    assert consistent([test], [], M).tests[0] is test
+
+
+def test_a_late_force_is_late_by_a_time_whatever_the_rate() -> None:
+    """Two loggers' settings of one rig: 1 kHz and 500 Hz; the force is 1.6 ms late in both."""
+    late = 1.6e-3
+    tests = []
+    for number, step in ((1, 1), (2, 2)):
+        test = record(number)
+        spectrum = np.fft.rfft(np.concatenate([test.F, test.F[::-1]]))
+        turn = np.exp(-2j * np.pi * np.fft.rfftfreq(2 * N, DT) * late)
+        F = np.fft.irfft(spectrum * turn)[:N]
+        held = {name: np.asarray(getattr(test, name))[::step] for name in "txva"}
+        tests.append(replace(test, **held, F=F[::step]))
+    found = diagnose(tests, model=LINEAR, parameters={"m": M, "B": B, "Kl": K})
+    assert [finding.effect for finding in found.findings] == ["channel_delay"]
+    delay = found.findings[0].parameters["delay"]
+    assert delay.value == pytest.approx(late, rel=0.03)  # 40 dB; as samples of either rate it would be off by half

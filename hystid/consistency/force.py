@@ -23,6 +23,7 @@ _FURTHEST = 20_000  # samples that two clocks may be apart
 _MEMORY = 5  # knots of the curve of the way since the last turn
 _ALIKE = 1.3  # times the smallest unexplained share, up to which a smaller shift is preferred: a sine repeats itself
 _HALF = 0.5
+_PERIODS = 4  # of the motion, over which its energy is averaged
 _FEWEST = 64  # samples of a force that can be compared with a motion
 FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
 
@@ -114,9 +115,10 @@ def _settled(v: Array) -> int:
     Before, the structure gives out what it had stored: a decay whose exciter drags along has a negative power and the
     right sign.
     """
-    crossings = int(np.count_nonzero(np.signbit(v[1:]) != np.signbit(v[:-1])))
-    period = int(np.clip(2 * len(v) / max(crossings, 1), 2, len(v) // 2))
-    energy = np.convolve(v**2, np.full(period, 1.0 / period), mode="valid")
+    turn = float(np.sqrt(np.sum(np.diff(v) ** 2) / max(float(v @ v), 1e-300)))  # radians per sample
+    window = int(np.clip(_PERIODS * 2 * np.pi / max(turn, 1e-9), 2, len(v) // 2))
+    mean, square = (np.convolve(u, np.full(window, 1.0 / window), mode="valid") for u in (v, v**2))
+    energy = square - mean**2  # the zero of a sensor is no motion
     return int(np.argmax(energy <= energy[-1]))
 
 
