@@ -282,8 +282,8 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
     if odds < -_CLEAR and other > 0.2:
         found.append(words.force_reversed(recording.name, force, other, share, names))
     if shifted:
-        main = _main(recording)
-        found.append(words.force_late(recording.name, force, severe=main * abs(force.lag) > _PHASE))
+        severe = _main(recording) * abs(force.lag) > _PHASE and _fits_aligned(force)
+        found.append(words.force_late(recording.name, force, severe=severe))
     return found
 
 
@@ -311,6 +311,12 @@ def _is_late(recording: Recording, force: Force) -> bool:
     before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
     passive = (1 - before) > FOURFOLD * (1 - after)
     return clear and (passive or (1 - force.free_share) > FOURFOLD * (1 - force.free_lag_share))
+
+
+def _fits_aligned(force: Force) -> bool:
+    """Whether the force belongs to the motion once it is aligned, and not before: an unknown law may look late, too."""
+    before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
+    return before < _EXPLAINED < after
 
 
 def _main(recording: Recording) -> float:
