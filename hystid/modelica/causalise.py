@@ -299,7 +299,15 @@ class _Start:
         return solve_order(early, owner), [made[n] for n in names if n in later]
 
     def _initial_equations(self) -> list[ScalarEquation]:
-        return [e for e in self.events.initial]
+        return [e for e in self.events.initial if self._stated_before(e) is None]
+
+    def _stated_before(self, e: ScalarEquation) -> tuple[str, Expr] | None:
+        """pre(v) and its value, where an initial equation states it for a v that a when-clause assigns at the start."""
+        for side, other in ((e.left, e.right), (e.right, e.left)):
+            name = self.before.get(side.name) if isinstance(side, Ref) else None
+            if name in self.events.from_when and INITIAL in refs(self.events.from_when[name].right):
+                return pre(name), other
+        return None
 
     def _discrete_equations(self) -> Iterator[ScalarEquation]:
         """Discrete variables at the start: their equations hold; when-clauses act only under initial()."""
@@ -335,6 +343,7 @@ class _Start:
                 values[before] = self._start_value(name)
         for s in self.events.samplers:
             values[s.flag] = values[pre(s.flag)] = ZERO
+        values.update(found for e in self.events.initial if (found := self._stated_before(e)) is not None)
         return values
 
     def _start_value(self, name: str) -> Expr:

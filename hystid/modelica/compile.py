@@ -32,10 +32,12 @@ from hystid.modelica.workarounds.function_bodies import with_readable_functions
 from hystid.modelica.workarounds.homotopy_arguments import with_actual_arguments
 from hystid.modelica.workarounds.literal_arrays import with_elements_of_arrays
 from hystid.modelica.workarounds.model_algorithms import with_carried_algorithms
+from hystid.modelica.workarounds.namesakes import with_functions_apart
 from hystid.modelica.workarounds.nested_bases import with_unwrapped_bases
 from hystid.modelica.workarounds.nested_conditions import with_branches_side_by_side
 from hystid.modelica.workarounds.package_constants import with_separate_packages
 from hystid.modelica.workarounds.sample_conditions import with_plain_samples
+from hystid.modelica.workarounds.shared_sources import with_separate_elements
 
 # Our small package of units, constants and functions of the Modelica Standard Library, for those who have none.
 _STANDARD = Path(__file__).parent / "standard"
@@ -94,7 +96,7 @@ def flat_from_text(
     _must_be_complete(name, everything)
     refuse_large_arrays(name, everything, structure or {})
     acting = with_acting_modifiers(name, with_separate_packages(name, everything))
-    acting = with_carried_algorithms(acting)
+    acting = with_separate_elements(with_functions_apart(with_carried_algorithms(acting)))
     texts = with_counted_bindings([_in_words_that_it_takes(source) for source in acting])
     places = [file for _, file in placed]
     flat = flatten(name, texts[: len(files)], list(zip(texts[len(files) :], places, strict=True)), structure or {})

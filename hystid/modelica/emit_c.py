@@ -12,6 +12,7 @@ from hystid.modelica.flat import Assertion
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.layout import Layout, tick, warned
 from hystid.modelica.shown import Shown
+from hystid.modelica.solvers import NEAREST, NEWTON, SOLVERS, TURNS
 
 # Arguments of show, and how its text reads them.
 _ROWS = {"v": "v[", "in": " in[", "out": " out["}
@@ -19,107 +20,6 @@ _ROWS = {"v": "v[", "in": " in[", "out": " out["}
 _START_PASSES = 50
 # Sweeps of one instant in which all relations are renewed together, before they take turns.
 _TOGETHER = 3
-
-TURNS = """\
-/* Relations take their values: all, or the first that falls, else the first that rises. 1 where one has changed. */
-static int hy_renew(double *v, int n, const int *slots, const double *now, int together)
-{
-    int moved = 0;
-    for (int i = 0; together && i < n; i++) {
-        moved |= now[i] != v[slots[i]];
-        v[slots[i]] = now[i];
-    }
-    for (int rising = 0; !together && rising < 2; rising++)
-        for (int i = 0; i < n; i++)
-            if (rising ? now[i] > v[slots[i]] : now[i] < v[slots[i]]) {
-                v[slots[i]] = now[i];
-                return 1;
-            }
-    return moved;
-}
-"""
-
-SOLVERS = """\
-/* Solves A x = b by elimination with row exchange; b becomes x. 1 where A is singular to rounding. */
-static int hy_solve(int n, double *A, double *b)
-{
-    for (int k = 0; k < n; k++) {
-        int p = k;
-        double largest = 0;
-        for (int i = k; i < n; i++)
-            if (fabs(A[i * n + k]) > fabs(A[p * n + k])) p = i;
-        for (int j = k; j < n; j++) largest = fmax(largest, fabs(A[p * n + j]));
-        if (!(fabs(A[p * n + k]) > 1e-14 * largest)) return 1;
-        for (int j = k; j < n && p != k; j++) {
-            const double t = A[k * n + j];
-            A[k * n + j] = A[p * n + j];
-            A[p * n + j] = t;
-        }
-        if (p != k) {
-            const double t = b[k];
-            b[k] = b[p];
-            b[p] = t;
-        }
-        for (int i = k + 1; i < n; i++) {
-            const double f = A[i * n + k] / A[k * n + k];
-            if (f == 0) continue;
-            for (int j = k + 1; j < n; j++) A[i * n + j] -= f * A[k * n + j];
-            b[i] -= f * b[k];
-        }
-    }
-    for (int i = n - 1; i >= 0; i--) {
-        for (int j = i + 1; j < n; j++) b[i] -= A[i * n + j] * b[j];
-        b[i] /= A[i * n + i];
-    }
-    return 0;
-}
-"""
-
-NEWTON = """\
-typedef void hy_function(const double *v, double *out);
-
-static double hy_norm(int n, const double *r, const double *scale)
-{
-    double sum = 0;
-    for (int i = 0; i < n; i++) sum += r[i] * r[i] / (scale[i] * scale[i]);
-    return sqrt(sum);
-}
-
-/* Newton's method with halved steps: a step is taken when it makes the residual, weighed by the rows of the first
-   jacobian, smaller. r, A and x0 are scratch of n, n*n and 3*n numbers. 1 where it does not converge. */
-static int hy_newton(double *v, int n, const int *slots, const double *nominal, hy_function *residual,
-                     hy_function *jacobian, double *r, double *A, double *x0)
-{
-    double *const step = x0 + n, *const scale = x0 + 2 * n;
-    residual(v, r);
-    for (int k = 0; k < 60; k++) {
-        double before, size = 0, part = 1;
-        jacobian(v, A);
-        for (int i = 0; k == 0 && i < n; i++) {
-            scale[i] = 1e-300;
-            for (int j = 0; j < n; j++)
-                scale[i] = fmax(scale[i], fabs(A[i * n + j]) * fmax(fabs(v[slots[j]]), nominal[j]));
-        }
-        before = hy_norm(n, r, scale);
-        for (int i = 0; i < n; i++) step[i] = r[i], x0[i] = v[slots[i]];
-        if (hy_solve(n, A, step)) return 1;
-        for (int i = 0; i < n; i++) size = fmax(size, fabs(step[i]) / fmax(fabs(x0[i]), nominal[i]));
-        for (;;) {
-            double after;
-            for (int i = 0; i < n; i++) v[slots[i]] = x0[i] - part * step[i];
-            residual(v, r);
-            after = hy_norm(n, r, scale);
-            if (after < before || after <= 1e-15) break;
-            if (size <= 1e-9 && isfinite(after)) return 0; /* rounding: no smaller residual to be had */
-            part *= 0.5;
-            if (part < 1e-10) return 1;
-        }
-        if (part == 1 && size <= 1e-12) return 0;
-        if (part == 1 && before == 0) return 0;
-    }
-    return 1;
-}
-"""
 
 
 class Emitter:
@@ -130,6 +30,7 @@ class Emitter:
         self.layout = layout
         self.printer = Printer(self.slot)
         self.needs_solve = False
+        self.needs_nearest = False
         self.needs_newton = False
         self.needs_turns = False
         self._blocks: dict[Solve, int] = {}
@@ -151,6 +52,7 @@ class Emitter:
             line = f"{self.slot(step.variable)} = {texts[0]};"
             return [*declarations, line] if declarations else [line]
         self.needs_solve = True
+        self.needs_nearest |= step.linear
         return self._linear(step) if step.linear else self._nonlinear(step)
 
     def _linear(self, step: Solve) -> list[str]:
@@ -158,13 +60,17 @@ class Emitter:
         entries = [e for row in step.jacobian for e in row]
         declarations, texts = self.printer.lines([*entries, *step.residuals])
         lines = [f"{{ /* {self._what(step)} */"]
+        lines += [f"    const double last[{n}] = {{{', '.join(self.slot(name) for name in step.variables)}}};"]
         lines += [f"    {self.slot(name)} = 0;" for name in step.variables]
-        lines += ["    {", *(f"        {d}" for d in declarations)]
+        lines += ["    for (int alone = 1;; alone = 0) {", *(f"        {d}" for d in declarations)]
         lines += [f"        double A[{n * n}] = {{{', '.join(texts[: n * n])}}};"]
-        lines += [f"        double b[{n}] = {{{', '.join(texts[n * n :])}}};"]
-        lines += [f"        if (hy_solve({n}, A, b)) return hy_singular(m, {quoted(self._what(step))});"]
+        lines += [f"        double b[{n}] = {{{', '.join(texts[n * n :])}}}, work[{2 * n}];"]
+        lines += [f"        int order[{n}];"]
+        lines += [f"        if (alone ? hy_solve({n}, A, b) : hy_nearest({n}, A, b, last, work, order)) {{"]
+        lines += ["            if (alone) continue;"]
+        lines += [f"            return hy_singular(m, {quoted(self._what(step))});", "        }"]
         lines += [f"        {self.slot(name)} = -b[{i}];" for i, name in enumerate(step.variables)]
-        return [*lines, "    }", "}"]
+        return [*lines, "        break;", "    }", "}"]
 
     def _nonlinear(self, step: Solve) -> list[str]:
         self.needs_newton = True
@@ -328,30 +234,37 @@ class Emitter:
             text = self.steps([step])
             clocked = isinstance(step, Assign) and step.variable in self.model.clocked
             body += ["if (phase == 1) {", *indented(text), "}"] if clocked else text
-        count, d, n = self.layout.count("d"), self.layout.first("d"), len(self.model.relations)
+        count, d, most = self.layout.count("d"), self.layout.first("d"), _TOGETHER + 2 * self._turns()
         inside = [
             "int moved = 0;",
             f"double before[{count}];",
             f"for (int i = 0; i < {count}; i++) before[i] = v[{d} + i];",
-            *(self._relations_in_turn() if n else []),
+            *(self._relations_in_turn() if self.model.relations else []),
             *body,
             f"for (int i = 0; i < {count}; i++) moved |= v[{d} + i] != before[i];",
             "changed |= moved;",
             "sweep++;",
-            f"if (!moved || sweep >= {_TOGETHER + 4 * n + 4 | 1}) phase++, sweep = 0;",
+            f"if (!moved || sweep >= {most | 1}) phase++, sweep = 0;",
         ]
         return ["for (int phase = 0, sweep = 0; phase < 3;) {", *indented(inside), "}"]
 
     def _relations_in_turn(self) -> list[str]:
         """All relations at once in the first sweeps. Where these go round in circles, one at a time, first those that
-        cease to hold: a slider that would start forward and, once it does, backward, is stuck."""
+        cease to hold: a slider that would start forward and, once it does, backward, is stuck. Where that goes round in
+        circles, too, first those that begin to hold: of two sliders on one shaft none starts while the other holds it.
+        """
         n = len(self.model.relations)
         self.needs_turns = True
         slots = ", ".join(str(self.layout.slots[r.name]) for r in self.model.relations)
         lines = [f"static const int slots[{n}] = {{{slots}}};", f"double now[{n}];"]
         for k, r in enumerate(self.model.relations):
             lines.append(f"now[{k}] = {self.printer.value(r.value)}; /* {comment(r.name)} */")
-        return [*lines, f"moved = hy_renew(v, {n}, slots, now, sweep < {_TOGETHER});"]
+        first, second = _TOGETHER, _TOGETHER + self._turns()
+        return [*lines, f"moved = hy_renew(v, {n}, slots, now, (sweep >= {first}) + (sweep >= {second}));"]
+
+    def _turns(self) -> int:
+        """Sweeps in which relations take turns, in which each may change its value some times."""
+        return 4 * len(self.model.relations) + 4
 
     def _ticks(self) -> list[str]:
         lines = []
@@ -448,6 +361,8 @@ class Emitter:
             lines.append(TURNS)
         if self.needs_solve:
             lines += [SOLVERS, *self._outcome("hy_singular", "HY_ERROR", "singular", "HY_FAILURE")]
+        if self.needs_nearest:
+            lines.append(NEAREST)
         if self.needs_newton:
             lines += [NEWTON, *self._outcome("hy_not_converged", "HY_RETRY", "no convergence", "HY_WARNING")]
         return [*lines, *self._block_text]

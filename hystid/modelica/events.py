@@ -136,15 +136,28 @@ class _Namer:
         } - self._boolean_without_events()
 
     def _boolean_without_events(self) -> set[str]:
-        """b = noEvent(x > 0) changes without events: it is computed like a Real."""
-        loose = set()
+        """b = noEvent(x > 0) changes without events: it is computed like a Real. Not so where only what changes at
+        events stands in noEvent, as the subscript of an array."""
+        typed: dict[str, set[str]] = {}  # such variables, and what stands in their noEvent
         for e in self.scalar.equations:
             for v, other in ((e.left, e.right), (e.right, e.left)):
                 if isinstance(v, Ref) and v.name in self.variables and v.name not in self.assigned:
-                    typed = self.variables[v.name].flat.type != "Real"
-                    if typed and any(isinstance(n, Op) for n in _ops(other, "noEvent")):
-                        loose.add(v.name)
+                    inside = {name for n in _ops(other, "noEvent") for name in refs(n)}
+                    if self.variables[v.name].flat.type != "Real" and inside:
+                        typed.setdefault(v.name, set()).update(inside)
+        running = {n for inside in typed.values() for n in inside if self._runs(n)}
+        loose: set[str] = set()
+        while more := {name for name, inside in typed.items() if inside & (running | loose)} - loose:
+            loose |= more
         return loose
+
+    def _runs(self, name: str) -> bool:
+        """Whether it is time or a Real that may change between events."""
+        v = self.variables.get(name)
+        if v is None:
+            return True
+        still = v.kind in ("parameter", "dependent", "constant", "free") or v.flat.variability == "discrete"
+        return v.flat.type == "Real" and not still and name not in self.assigned
 
     def run(self) -> EventModel:
         discrete, continuous = self._split()

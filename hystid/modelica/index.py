@@ -34,10 +34,10 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
     for _ in range(len(events.states)):
         unknowns = unknowns_of(events, aliases)
         options = [preference(e, set(unknowns)) for e in events.equations]
-        owner, left = matching(options, unknowns)
+        owner, left = matching(_settled(events.equations, options, {*events.states, *former}), unknowns)
         tie = _tie(events.equations, options, owner, left[0], {*events.states, *former}) if left else None  # type: ignore[arg-type]  # lists are invariant
-        if tie is not None and (tie in used or not (refs(tie.left) | refs(tie.right)) & {*events.states}):
-            # known, or only such as were states: what determines them leads to those that still are
+        if tie is not None and (tie in used or not _free(events, tie)):
+            # known, or none may go but such as went: what determines those leads to states that still are
             tie = _tie(events.equations, options, owner, left[0], {*events.states})  # type: ignore[arg-type]  # the same
         if tie is None or tie in used:
             further = _with_slopes(events, options, owner, left[0], former) if left else None  # type: ignore[arg-type]  # lists are invariant
@@ -51,6 +51,21 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
         former |= {*events.states} - {*reduced.states}
         events = reduced
     return events
+
+
+def _settled(
+    equations: Sequence[ScalarEquation], options: Sequence[Sequence[str]], moving: Set[str]
+) -> list[list[str]]:
+    """Options without what equations determine that speak of nothing ``moving``, as a support at a fixed angle: what is
+    left of the others ties states openly. Otherwise they would share that support out as if it followed from states."""
+    rest = [list(names) for names in options]
+    still = [k for k, e in enumerate(equations) if not (refs(e.left) | refs(e.right)) & moving]
+    settled: set[str] = set()
+    while alone := {rest[k][0]: k for k in still if len(rest[k]) == 1 and rest[k][0] not in settled}:
+        settled |= set(alone)
+        makers = set(alone.values())
+        rest = [names if k in makers else [n for n in names if n not in alone] for k, names in enumerate(rest)]
+    return rest
 
 
 def _with_preferred_velocities(events: EventModel) -> EventModel:
@@ -138,9 +153,12 @@ def _with_one_state_less(events: EventModel, tie: ScalarEquation, former: Set[st
     rate = _rate(op("-", tie.left, tie.right), events, tie, former)
     chosen = _dependent_state(events, tie, former)
     slope = ScalarEquation(rate, ZERO, tie.place)
+    gone = variables[chosen]
+    if gone.fixed and not _free(events, tie):
+        gone = replace(gone, flat=replace(gone.flat, fixed=False))  # the tie says the same at the start
     return replace(
         events,
-        scalar=replace(events.scalar, variables={**variables, der(chosen): _slope_variable(variables[chosen])}),
+        scalar=replace(events.scalar, variables={**variables, chosen: gone, der(chosen): _slope_variable(gone)}),
         states=tuple(s for s in events.states if s != chosen),
         equations=(*events.equations, slope),  # the others determine the state that went
     )
@@ -156,12 +174,12 @@ def _dependent_state(events: EventModel, tie: ScalarEquation, former: Set[str]) 
     renewed = {r.state for r in events.reinits}
     variables = events.scalar.variables
     tied = [s for s in events.states if s in refs(tie.left) | refs(tie.right) and s not in renewed]
-    free = [s for s in tied if not variables[s].fixed]
+    free = _free(events, tie) or (tied if _holds_at_start(tie, starts, tied) else [])
     if not free:
         names = ", ".join(s for s in events.states if s in refs(tie.left) | refs(tie.right))
         raise ModelicaError(
-            f"{tie.place}: the states {names} are tied by equations, and each has a start value with fixed=true (or is "
-            "set by reinit): leave one of them without, it follows from the others"
+            f"{tie.place}: the states {names} are tied by equations, and each has a start value with fixed=true, which "
+            "do not fit together (or is set by reinit): leave one of them without, it follows from the others"
         )
 
     # what an event sets anew takes the others along that are no states; which, says their author
@@ -179,6 +197,19 @@ def _dependent_state(events: EventModel, tie: ScalarEquation, former: Set[str]) 
     if jumps and any(variables[s].flat.preferred for s in free):
         free = tied  # a start value that is fixed holds for what is no state, too
     return max(free, key=rank)
+
+
+def _holds_at_start(tie: ScalarEquation, starts: Mapping[str, float], tied: Sequence[str]) -> bool:
+    """Whether start values that are all fixed fulfil the tie to rounding, so that one of them may be left out."""
+    left, right = (evaluate(side, starts) for side in (tie.left, tie.right))
+    size = max((abs(starts.get(s, 0.0)) for s in tied), default=0.0)
+    return left is not None and right is not None and abs(left - right) <= 1e-12 * max(abs(left), abs(right), size)
+
+
+def _free(events: EventModel, tie: ScalarEquation) -> list[str]:
+    """States of a tie that are neither fixed by their author nor set by reinit."""
+    kept = {r.state for r in events.reinits} | {s for s in events.states if events.scalar.variables[s].fixed}
+    return [s for s in events.states if s in refs(tie.left) | refs(tie.right) and s not in kept]
 
 
 def _numbers(variables: Mapping[str, ScalarVariable]) -> Iterator[tuple[str, float]]:
