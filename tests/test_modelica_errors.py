@@ -152,13 +152,14 @@ REFUSED = {
     ),
     "modifiers of a class that is limited and redeclared": (
         model("  extends B(redeclare model F = P);\n",
-              LAWS + "model B\n  replaceable model F = Q constrainedby P(mu = 15);\n  F f;\nend B;\n"),
-        4,
+              LAWS + "model B\n  parameter Real q = 15;\n  replaceable model F = Q constrainedby P(mu = q);\n"
+              "  F f;\nend B;\n"),
+        5,
         "in the redeclaration",
     ),
     "modifiers beside constrainedby": (
         model("  extends B(redeclare Q f);\n",
-              LAWS + "model B\n  replaceable Q f(mu = 2) constrainedby P;\nend B;\n"),
+              LAWS + "model B\n  replaceable Q f(mu = 2) constrainedby P(mu = 3);\nend B;\n"),
         4,
         r"write constrainedby P\(...\)",
     ),

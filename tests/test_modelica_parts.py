@@ -267,3 +267,31 @@ end A;"""
     assert np.abs(got["due"] - np.where(t < 0.25, 100, 0.75)).max() < 1e-9  # the event is found to 1e-9 s
     assert np.array_equal(got["before"], np.where(t < 0.25, 7.0, 100.0))
     assert np.array_equal(got["y"] > 0.5, t > 0.75)
+
+
+OFFERS = """
+model P parameter Real mu = 1; Real x = mu; end P;
+model Q extends P; parameter Real k = 3; end Q;
+model B replaceable model F = Q constrainedby P(mu = 15); F f; end B;
+model C replaceable Q f(mu = 2) constrainedby P; end C;
+model D replaceable model F = Q(mu = 4) constrainedby P(mu = 15); F f; end D;
+model Kept extends B(redeclare model F = Q(k = 4)); end Kept;
+model Own extends D(redeclare model F = P(mu = 5)); end Own;
+model Inside extends D; redeclare model F = Q; end Inside;
+model A
+  B plain, b(redeclare model F = P);
+  C asis, c(redeclare P f);
+  D d;
+  Kept kept;
+  Own own;
+  Inside inside;
+end A;
+"""
+
+
+def test_a_constraining_clause_modifies_what_is_redeclared(run: Run) -> None:
+    # Modelica 3.6, section 7.3.2: modifiers of the constraining clause go to each redeclaration that states none
+    # itself, those of the default to the default alone
+    wanted = {"plain": 15, "b": 15, "asis": 2, "c": 1, "d": 4, "kept": 15, "own": 5, "inside": 15}
+    got = run(OFFERS, " ".join(f"{name}.f.x" for name in wanted), stop=0.01)
+    assert {name: got[f"{name}.f.x"][0] for name in wanted} == wanted

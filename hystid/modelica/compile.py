@@ -30,6 +30,7 @@ from hystid.modelica.workarounds.dropped_modifiers import (
 from hystid.modelica.workarounds.function_bindings import with_counted_bindings
 from hystid.modelica.workarounds.function_bodies import with_readable_functions
 from hystid.modelica.workarounds.homotopy_arguments import with_actual_arguments
+from hystid.modelica.workarounds.limits import with_limits_kept
 from hystid.modelica.workarounds.literal_arrays import with_elements_of_arrays
 from hystid.modelica.workarounds.model_algorithms import with_carried_algorithms
 from hystid.modelica.workarounds.namesakes import with_functions_apart
@@ -95,7 +96,7 @@ def flat_from_text(
     everything = [*files, *(source for source, _ in placed)]
     _must_be_complete(name, everything)
     refuse_large_arrays(name, everything, structure or {})
-    acting = with_acting_modifiers(name, with_separate_packages(name, everything))
+    acting = with_acting_modifiers(name, with_limits_kept(name, with_separate_packages(name, everything)))
     acting = with_separate_elements(with_functions_apart(with_carried_algorithms(acting)))
     texts = with_counted_bindings([_in_words_that_it_takes(source) for source in acting])
     places = [file for _, file in placed]

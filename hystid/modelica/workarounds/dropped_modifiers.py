@@ -116,11 +116,11 @@ def _redeclared(declared: Iterable[Clause]) -> set[str]:
     """Names of all components and classes that are redeclared anywhere."""
     names = {c.name for c in declared if "redeclare" in c.prefixes}
     for clause in declared:
-        names.update(m.name for m, _, _ in _all(clause.mods) if m.kind)
+        names.update(m.name for m, _, _ in all_elements(clause.mods) if m.kind)
     return names
 
 
-def _all(mods: Modifiers | None, kind: str = "", depth: int = 1) -> Iterator[tuple[Modifier, str, int]]:
+def all_elements(mods: Modifiers | None, kind: str = "", depth: int = 1) -> Iterator[tuple[Modifier, str, int]]:
     """Every element with the kind of list that it stands in, and how deep.
 
     The list of a class redeclaration becomes that of a short class.
@@ -128,7 +128,7 @@ def _all(mods: Modifiers | None, kind: str = "", depth: int = 1) -> Iterator[tup
     for element in mods.elements if mods else ():
         yield element, kind, depth
         inner = ("short", 1) if element.kind == "class" else (element.kind or kind, depth + 1)
-        yield from _all(element.inner, *inner)
+        yield from all_elements(element.inner, *inner)
 
 
 def _problems(clause: Clause, again: set[str], texts: Sequence[str]) -> Iterator[tuple[int, str]]:
@@ -140,7 +140,7 @@ def _problems(clause: Clause, again: set[str], texts: Sequence[str]) -> Iterator
         )
     if clause.kind == "short" and clause.owner.kind == "package":
         yield from _functions_of_packages(plain, clause.mods)
-    for element, _, _ in _all(clause.mods):
+    for element, _, _ in all_elements(clause.mods):
         if element.kind == "class" and _keyword(plain, element) == "package":
             yield from _functions_of_packages(plain, element.inner)
     yield from _of_elements(clause)
@@ -164,7 +164,7 @@ def _problems(clause: Clause, again: set[str], texts: Sequence[str]) -> Iterator
 
 
 def _of_elements(clause: Clause) -> Iterator[tuple[int, str]]:
-    for element, kind, depth in _all(clause.mods, clause.kind):
+    for element, kind, depth in all_elements(clause.mods, clause.kind):
         if "." in element.name:
             first, _, rest = element.name.partition(".")
             yield element.named, f"modifier '{element.name}' is not supported: write {first}({rest} ...)"
@@ -201,9 +201,16 @@ def _functions_of_packages(plain: str, mods: Modifiers | None) -> Iterator[tuple
             )
 
 
+def names_in(clause: Clause, mods: Modifiers) -> bool:
+    """Whether values of a list name variables or constants."""
+    plain = clause.owner.source.plain
+    values = [m.value for m, _, _ in all_elements(mods) if m.value is not None]
+    return any(found.group(1) not in _BUILT_IN for value in values for found in _FREE_NAME.finditer(plain, *value))
+
+
 def _within(clause: Clause, element: Modifier) -> bool:
     """Whether an element belongs to the redeclaration of a component."""
-    return any(m.kind == "component" and m.start < element.start < m.end for m, _, _ in _all(clause.mods))
+    return any(m.kind == "component" and m.start < element.start < m.end for m, _, _ in all_elements(clause.mods))
 
 
 def _evaluated(clause: Clause) -> Iterator[Modifiers]:
@@ -211,13 +218,13 @@ def _evaluated(clause: Clause) -> Iterator[Modifiers]:
     parent = clause.owner.parent
     if clause.kind == "short" and clause.mods and parent and parent.kind in ("model", "block", "class"):
         yield clause.mods
-    for element, _, _ in _all(clause.mods):
+    for element, _, _ in all_elements(clause.mods):
         if element.kind == "class" and element.inner:
             yield element.inner
 
 
 def _not_constant(plain: str, mods: Modifiers, texts: Sequence[str]) -> Iterator[tuple[int, str]]:
-    for element, _, _ in _all(mods):
+    for element, _, _ in all_elements(mods):
         if element.value is None:
             continue
         for found in _FREE_NAME.finditer(plain, *element.value):
@@ -278,7 +285,7 @@ def _edits(clause: Clause, source: Source, number: int) -> list[_Edit]:
         functions = [m for m in clause.mods.elements if m.kind == "class" and _keyword(source.plain, m) == "function"]
         if functions:
             return _behind(clause.mods, functions, source)
-    for element, kind, depth in _all(clause.mods, clause.kind):
+    for element, kind, depth in all_elements(clause.mods, clause.kind):
         if element.kind == "class" and element.inner:
             return _named(clause, element, element.inner, source, f"hystid_{element.name}_{number}")
         together = element.inner and element.value and element.kind != "class"
@@ -291,8 +298,8 @@ def _edits(clause: Clause, source: Source, number: int) -> list[_Edit]:
 def _behind(mods: Modifiers, functions: Sequence[Modifier], source: Source) -> list[_Edit]:
     """``extends P(redeclare function f = g);`` becomes ``extends P; redeclare function f = g;``, which acts."""
     text = source.text
-    rest = ", ".join(_one_line(text[m.start : m.end]) for m in mods.elements if m not in functions)
-    moved = " ".join(f"{_one_line(text[m.start : m.end])};" for m in functions)
+    rest = ", ".join(one_line(text[m.start : m.end]) for m in mods.elements if m not in functions)
+    moved = " ".join(f"{one_line(text[m.start : m.end])};" for m in functions)
     gap = "\n" * text.count("\n", mods.opening, mods.closing + 1)
     end = source.plain.index(";", mods.closing) + 1
     return [_Edit(mods.opening, mods.closing + 1, (f"({rest})" if rest else "") + gap), _Edit(end, end, f" {moved}")]
@@ -308,7 +315,7 @@ def _named(clause: Clause, element: Modifier, inner: Modifiers, source: Source, 
     """``redeclare model S = Cub(k = 7)`` becomes a class of its own in front of the statement and its name."""
     text = source.text[inner.opening : inner.closing + 1]
     kind = re.search(r"(\w+)\s+\w+\s*\Z", source.plain[element.start : element.named] + element.name)
-    first = f"{kind.group(1) if kind else 'model'} {name} = {element.target}{_one_line(text)}; "
+    first = f"{kind.group(1) if kind else 'model'} {name} = {element.target}{one_line(text)}; "
     target = _Edit(element.behind - len(element.target), element.behind, name)
     return [
         _Edit(clause.start, clause.start, first),
@@ -317,7 +324,7 @@ def _named(clause: Clause, element: Modifier, inner: Modifiers, source: Source, 
     ]
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """A list without comments and line ends; strings stay."""
     found = re.sub(r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/', lambda m: m.group(1) or " ", text, flags=re.DOTALL)
     return re.sub(r"\s*\n\s*", " ", found)
@@ -332,8 +339,8 @@ def _joined(clause: Clause, lost: Mapping[str, str], kinds: Mapping[str, str], n
     text = clause.owner.source.text
     name = f"hystid_{clause.name}_{number}"
     kind = kinds.get(clause.target.rsplit(".", 1)[-1].strip(), "model")
-    made = f"{kind} {name} = {clause.target}({', '.join(_one_line(lost[m]) for m in moved)})"
-    rest = ", ".join(_one_line(text[m.start : m.end]) for m in inside if m.name not in moved)
+    made = f"{kind} {name} = {clause.target}({', '.join(one_line(lost[m]) for m in moved)})"
+    rest = ", ".join(one_line(text[m.start : m.end]) for m in inside if m.name not in moved)
     before = text[clause.start : clause.typed]
     assert clause.mods
     opening, closing = clause.mods.opening, clause.mods.closing + 1
@@ -347,7 +354,7 @@ def _joined(clause: Clause, lost: Mapping[str, str], kinds: Mapping[str, str], n
 def _moved(clause: Clause, limit: Modifiers, source: Source) -> list[_Edit]:
     """``Q f constrainedby P(n = 1)`` becomes ``Q f(n = 1) constrainedby P``; modifiers of f itself go first."""
     own = {m.name for m in clause.mods.elements} if clause.mods else set()
-    wanted = [_one_line(source.text[m.start : m.end]) for m in limit.elements if m.name not in own]
+    wanted = [one_line(source.text[m.start : m.end]) for m in limit.elements if m.name not in own]
     gap = "\n" * source.text.count("\n", limit.opening, limit.closing + 1)
     cut = _Edit(limit.opening, limit.closing + 1, gap)
     if not wanted:
