@@ -143,14 +143,22 @@ def tube(values: Array, reference: Array, *, relative: float = 1e-3, absolute: f
 
     Half height: relative * (max - min of the reference) + absolute. Half width: ``samples`` samples to either side, so
     that an event located one step earlier or later by another solver does not count as a difference.
-    A value that is not finite is outside.
+    A value that is not finite is outside; where the reference is not, the value must be the same.
     """
     if values.shape != reference.shape:
         raise UsageError(f"signals of {values.size} and {reference.size} samples cannot be compared")
-    height = relative * float(np.ptp(reference)) + absolute
-    padded = np.pad(reference, samples, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * samples + 1)
-    lower, upper = windows.min(axis=1) - height, windows.max(axis=1) + height
+    finite = np.isfinite(reference)
+    size = relative * reference[finite]  # its range would overflow for the largest numbers
+    height = float(size.max() - size.min()) + absolute if size.size else absolute
+    lower = _windows(np.where(finite, reference, np.inf), samples).min(axis=1) - height
+    upper = _windows(np.where(finite, reference, -np.inf), samples).max(axis=1) + height
+    lower[~finite] = upper[~finite] = np.nan
     beyond = np.maximum(np.maximum(lower - values, values - upper), 0.0)
+    same = (values == reference) | (np.isnan(values) & np.isnan(reference))
+    beyond[~finite] = np.where(same[~finite], 0.0, np.inf)
     outside = ~(beyond == 0.0)
     return Tube(lower, upper, outside, float(np.max(np.where(np.isfinite(beyond), beyond, np.inf), initial=0.0)))
+
+
+def _windows(values: Array, samples: int) -> Array:
+    return np.lib.stride_tricks.sliding_window_view(np.pad(values, samples, mode="edge"), 2 * samples + 1)

@@ -38,7 +38,8 @@ def _shown(letter: str) -> str:
     return letter.encode("unicode_escape").decode("ascii")
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
+    """Text for a message: each line is ``printable``, and long names are cut."""
     lines = (
         re.sub(rf"\S{{{_LONGEST_WORD},}}", lambda word: printable(word[0], 120), line) for line in text.split("\n")
     )
@@ -54,7 +55,7 @@ class HystidError(Exception):
     exit_code = 1
 
     def __init__(self, *arguments: object) -> None:
-        super().__init__(*(_sentence(item) if isinstance(item, str) else item for item in arguments))
+        super().__init__(*(sentence(item) if isinstance(item, str) else item for item in arguments))
 
 
 class UsageError(HystidError):

@@ -19,6 +19,7 @@ from typing import Literal, cast
 import numpy as np
 
 from hystid.errors import UsageError
+from hystid.limits import FORCE_SAMPLES, check_whole
 from hystid.recording.types import Array
 from hystid.units import to_si
 
@@ -51,6 +52,11 @@ class Excitation:
 
         Raises UsageError when the highest frequency has fewer than two samples a period.
         """
+        if self.duration > FORCE_SAMPLES.value * dt:
+            raise UsageError(
+                f"{self.duration:g} s in steps of {dt:g} s are more than {FORCE_SAMPLES}; take longer steps"
+            )
+        check_whole("--seed", seed, 0)
         n = round(self.duration / dt)
         if n < 2 or self.high >= 0.5 / dt:
             raise UsageError(

@@ -62,12 +62,23 @@ COMPILE_SECONDS = Limit("HYSTID_COMPILE_SECONDS", 120, "s", "computing time of o
 # 64 MB of tables and arrays of a network, or 2 million operations of a Modelica model, which take some 20 s.
 COMPILE_ELEMENTS = Limit("HYSTID_COMPILE_ELEMENTS", 8_000_000, "elements", "what one compilation writes out")
 
+# 20 million samples are a file of 2 GB, which takes minutes to write.
+FORCE_SAMPLES = Limit("HYSTID_FORCE_SAMPLES", 20_000_000, "samples", "a force given in words")
+TRAININGS = 10_000  # starts that one command may ask for: with the fastest, an hour
+
 _T = TypeVar("_T")
 _STACK = 256 << 20  # bytes, of which only what is used is taken
 _DEPTH = 20_000  # Python calls: expressions nested some 5,000 deep
 _LOOK = 0.25  # s between looks at the clock, at most
 _IDLE = 10  # times the limit on the clock of the wall: what then has not computed that long waits for nothing
 _ONE_AT_A_TIME = threading.RLock()  # stack size and depth of recursion belong to the whole process
+
+
+def check_whole(name: str, value: int, low: int, high: int | None = None) -> None:
+    """Raise UsageError unless low <= value <= high. name: as the user knows it, such as "--seed"."""
+    if int(value) != value or value < low or (high is not None and value > high):
+        needed = f"of at least {low}" if high is None else f"from {low} to {high}"
+        raise UsageError(f"{name} {value}: a whole number {needed} is needed")
 
 
 class OutOfTime(BaseException):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -45,6 +46,9 @@ def replaced(folder: Path) -> Iterator[Path]:
 def _exchange(new: Path, folder: Path) -> None:
     """Old files aside, new files in; back again if anything fails on the way."""
     names = sorted(path.relative_to(new) for path in new.rglob("*") if path.is_file())
+    for name in names:
+        if not _is_inside(folder, name):
+            raise UsageError(f"-o {folder}: {name.parent} is a link that leads out of this folder; remove it")
     aside = _aside(new)
     aside.mkdir()
     write_text(new / _MANIFEST, "".join(f"{name.as_posix()}\n" for name in names))
@@ -79,7 +83,7 @@ def _resume(folder: Path) -> None:
     """
     for new in left(folder, _NEW):
         if (new / _MANIFEST).is_file():
-            names = _listed(new)
+            names = [name for name in _listed(new) if _is_inside(folder, name)]
             for name in set(_listed(folder)) - set(names):
                 (folder / name).unlink(missing_ok=True)
             for name in (*names, Path(_MANIFEST)):
@@ -97,7 +101,14 @@ def _listed(folder: Path) -> list[Path]:
     except (OSError, UnicodeDecodeError):
         return []
     names = [Path(line) for line in lines if line]
-    return [name for name in names if not name.is_absolute() and ".." not in name.parts]
+    return [name for name in names if _is_inside(folder, name)]
+
+
+def _is_inside(folder: Path, name: Path) -> bool:
+    """Whether a file lies in the folder, links on the way there included."""
+    if name.is_absolute() or ".." in name.parts:
+        return False
+    return (folder / name).parent.resolve().is_relative_to(folder.resolve())
 
 
 def check_folder(folder: Path) -> None:
@@ -106,12 +117,20 @@ def check_folder(folder: Path) -> None:
 
 
 def check_file(path: Path, suffix: str) -> None:
-    """Raise UsageError where ``path`` has another suffix, is a folder, or lies where nothing can be written."""
+    """Raise UsageError where ``path`` has another suffix, is no plain file, or lies where nothing can be written."""
     if path.suffix.lower() != suffix:
         raise UsageError(f"-o {path}: the name must end in {suffix}")
     _check_writable(path, path.parent)
-    if path.is_dir():
+    try:
+        kind = path.stat().st_mode
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise _unwritable(path, error) from None
+    if stat.S_ISDIR(kind):
         raise UsageError(f"-o {path}: this is a folder; name a file in it")
+    if not stat.S_ISREG(kind):
+        raise UsageError(f"-o {path}: this is a pipe or a device, which a file would replace; name a file")
 
 
 def _check_writable(asked: Path, folder: Path) -> None:

@@ -16,12 +16,14 @@ from typing import Literal
 import numpy as np
 
 from hystid.errors import RecordingError, UsageError
+from hystid.limits import check_whole
 from hystid.recording.types import CHANNELS, Array, Recording
 
 Band = tuple[float | None, float | None]
 Kind = Literal["bandpass", "lowpass", "highpass"]
 
 _ORDER = 4  # of the Butterworth filters; forward and backward makes the gain that of order 8
+_MOST_DB = 1000.0  # what any number can carry: doubles resolve 313 dB
 _STEEP = 8  # order of the low-pass before a derivative: 0.1 % of loss two thirds up to its limit
 _MOTION = ("x", "v", "a")
 _SIXTH_ORDER = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0  # Fornberg (1988), table 1, first derivative
@@ -39,7 +41,8 @@ def parse_band(text: str) -> Band:
 
 def _checked(low: float | None, high: float | None, text: str) -> Band:
     limits = [limit for limit in (low, high) if limit is not None]
-    if not limits or any(not math.isfinite(limit) or limit < 0 for limit in limits) or sorted(limits) != limits:
+    finite = all(math.isfinite(limit) and limit >= 0 for limit in limits)
+    if not limits or not finite or limits[-1] == 0 or (len(limits) == 2 and not limits[0] < limits[1]):
         raise UsageError(f"--band {text}: the limits are frequencies in Hz with the lower one first, as 5-500Hz")
     return low or None, high
 
@@ -244,8 +247,9 @@ def add_noise(recording: Recording, snr_db: float, seed: int) -> Recording:
     Deterministic for a seed; each channel has its own stream, so that leaving one out does not change the others.
     R is dropped: it has to be computed from the noisy channels.
     """
-    if not math.isfinite(snr_db):
-        raise UsageError(f"--noise-snr {snr_db:g}: a finite ratio in dB is needed, as 34")
+    if not abs(snr_db) <= _MOST_DB:
+        raise UsageError(f"--noise-snr {snr_db:g}: a ratio in dB is needed, as 34")
+    check_whole("--seed", seed, 0)
     noisy = {}
     for name in ("F", *_MOTION):
         values = getattr(recording, name)

@@ -87,3 +87,12 @@ def test_a_value_that_is_not_finite_is_outside_the_tube() -> None:
     broken[7] = np.nan
     assert np.flatnonzero(tube(broken, values).outside).tolist() == [7]
     assert tube(broken, values).worst == np.inf
+
+
+@pytest.mark.parametrize("odd", [np.nan, np.inf, -np.inf])
+def test_where_the_reference_is_not_finite_the_value_must_be_the_same(odd: float) -> None:
+    reference = np.sin(T)
+    reference[7] = odd
+    assert tube(reference.copy(), reference).holds
+    assert np.flatnonzero(tube(np.sin(T), reference).outside).tolist() == [7]
+    assert np.flatnonzero(tube(np.sin(T) + 0.01, reference).outside).size == T.size

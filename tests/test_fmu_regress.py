@@ -126,6 +126,23 @@ def test_a_bad_reference_gets_one_sentence(tmp_path, text, sentence):
         regress(path)
 
 
+@pytest.mark.parametrize("row", ["0,inf", "0,nan", "0,1e308\n0.1,1e308\n0.2,-1e308\n0.3,-1e308", f"0,{'9' * 400}"])
+def test_a_reference_without_finite_range_is_no_excuse(tmp_path, row):
+    """One infinite value, or a range that overflows, made the tube infinitely high: everything passed."""
+    path = build(linear(), tmp_path / "odd.fmu", reference=False).path
+    (tmp_path / "odd_out.csv").write_text(f"time,x\n{row}\n1,2\n")
+    assert not regress(path).passed
+
+
+def test_times_of_an_input_that_are_not_in_order_get_one_sentence(tmp_path):
+    path = build(linear(), tmp_path / "bad.fmu", reference=False).path
+    (tmp_path / "bad_out.csv").write_text("time,x\n0,0\n1,0\n")
+    for rows in ("1,0\n0,1\n", "nan,0\n"):
+        (tmp_path / "bad_in.csv").write_text(f"time,F\n{rows}")
+        with pytest.raises(FmuError, match="input of its reference cannot be read: its times are not in order"):
+            regress(path)
+
+
 def test_a_model_without_answer_gets_no_reference():
     code = effect()
     broken = replace(code, sources={"model.c": code.sources["model.c"].replace("[K3] = 1e6", "[K3] = -1")})

@@ -16,10 +16,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from hystid.building import build
 from hystid.cli.run import run
 from hystid.errors import FmuError, UsageError
 from hystid.files import _sweep
-from hystid.fmu import Driver, build_model
+from hystid.fmu import Driver, build_model, regress
 from hystid.fmu.door import open_fmu, read_entry
 
 Content = dict[str, bytes]
@@ -289,6 +290,36 @@ def test_entries_are_read_within_a_budget(good: Content, tmp_path: Path) -> None
     assert len(read_entry(path, "resources/zeros") or b"") == 4 << 20
     with pytest.raises(FmuError, match="more than 1 MB"):
         read_entry(path, "resources/zeros", 1 << 20)
+
+
+_MANIFEST = "extra/org.fmi-standard.fmi-ls-ref/fmi-ls-manifest.xml"
+
+
+def test_a_manifest_has_no_document_type(good: Content, tmp_path: Path) -> None:
+    """Ten lines that stand for 10^9 letters, as in a description."""
+    entities = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 10))
+    bomb = f'<!DOCTYPE a [<!ENTITY e0 "x">{entities}]><fmiReferences>&e9;</fmiReferences>'
+    path = _write(tmp_path / "a.fmu", {**good, _MANIFEST: bomb.encode()})
+    with pytest.raises(FmuError, match="document type"):
+        regress(path)
+    with pytest.raises(FmuError, match="more than 1 MB"):
+        regress(_write(tmp_path / "a.fmu", {**good, _MANIFEST: bytes(2 << 20)}))
+
+
+def test_a_bomb_is_not_kept_by_a_rebuild(
+    good: Content, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, temporary: Path
+) -> None:
+    """The reference of the older FMU was read before anything had looked at its size."""
+    monkeypatch.setenv("HYSTID_FMU_UNPACKED_MB", "3")
+    bomb = f"{_MANIFEST.rpartition('/')[0]}/zeros"
+    path = _write(tmp_path / "a.fmu", {**good, bomb: bytes(4 << 20)})
+    before = path.read_bytes()
+    read: list[str] = []
+    real = zipfile.ZipFile.read
+    monkeypatch.setattr(zipfile.ZipFile, "read", lambda self, name, *rest: read.append(name) or real(self, name, *rest))
+    with pytest.raises(FmuError, match="unpacks to"):
+        build("HystId.Oscillators.Linear", path)
+    assert bomb not in read and path.read_bytes() == before
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

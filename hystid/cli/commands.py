@@ -247,7 +247,7 @@ def identify(
             mass=mass,
             layers=opt.layer_sizes(layers),
             ensemble=ensemble,
-            band=parse_band(band) if band else None,
+            band=parse_band(band) if band is not None else None,
             decimate=decimate,
             seed=seed,
             mode=_choice("--mode", mode, ("fast", "trainlm")),
@@ -312,7 +312,7 @@ def validate(
             forces=tuple(force or ()),
             mass=mass,
             dt=dt,
-            band=parse_band(band) if band else None,
+            band=parse_band(band) if band is not None else None,
             decimate=decimate,
             out=folder,
         )
@@ -483,7 +483,7 @@ def _study(
     unseen = opt.apart(recordings, holdout)
     with opt.resumable(out):
         used, held = reading.load(recordings), reading.load(unseen)
-        options = vars(settings) | {"band": parse_band(settings.band) if settings.band else None}
+        options = vars(settings) | {"band": parse_band(settings.band) if settings.band is not None else None}
         result = kind(used, mass=mass, holdout=held, out=out, **options)
         result.report(out / "report.html", _command(f"study {kind.__name__}"))
     _done(result, out)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from hystid.errors import HystidError, printable
+from hystid.errors import HystidError, printable, sentence
 
 _INTERRUPTED = 130  # 128 + SIGINT, as shells report it
+_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)  # the name that a user gave is wrong, not the machine
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -47,7 +49,7 @@ def run(arguments: Sequence[str]) -> int:
         return 0
     except (OSError, MemoryError) as error:
         _say(_resource(error))
-        return 1
+        return 2 if isinstance(error, OSError) and error.errno in _NAMES else 1
     except Exception as error:
         if hasattr(error, "format_message"):  # typer's own: its class has another home from version to version
             return _misused(error)
@@ -83,7 +85,7 @@ def _misused(error: Any) -> int:
 def _resource(error: OSError | MemoryError) -> str:
     if isinstance(error, MemoryError):
         return "there is not enough memory for this; use a larger --decimate or fewer recordings"
-    where = f"{error.filename}: " if error.filename else ""
+    where = f"{sentence(str(error.filename))}: " if error.filename else ""
     return f"{where}{(error.strerror or str(error)).lower()}"
 
 

@@ -16,6 +16,7 @@ from hystid.consistency.force import FOURFOLD, Force, examine_force
 from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, computed, formula, motion, pairs, spectrum
 from hystid.consistency.slips import PRIOR_SLIP, SURE, Explanation, Situation, doubtful_units, explain
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
+from hystid.errors import UsageError
 from hystid.recording import Array, Recording, Sources, loaded
 
 _log = logging.getLogger("hystid")
@@ -74,6 +75,8 @@ def check(
     >>> hystid.check(sweep, mass=1.0).findings
     []
     """
+    if mass is not None and not 0 <= mass < np.inf:
+        raise UsageError(f"mass must be a number of at least 0 kg, found {mass}")
     read = loaded(recordings, accept)
     found = examine(read, mass).accepting({recording.name: {*accept, *recording.accepted} for recording in read})
     if out is not None:

@@ -67,7 +67,7 @@ def compared(
     n = len(reference)
     for name, new, old in zip(names, values.reshape(n, -1).T, reference.reshape(n, -1).T, strict=True):
         if signal.is_real:
-            rounding = _DIGITS * float(np.max(np.abs(old), initial=0.0))
+            rounding = _DIGITS * float(np.max(np.abs(old), where=np.isfinite(old), initial=0.0))
             band = tube(new, old, relative=tolerance.relative, absolute=rounding, samples=tolerance.samples)
             yield SignalResult(name, new, old, band)
         else:

@@ -205,25 +205,30 @@ def _description(path: Path, text: bytes) -> Any:
 
 
 def _version(path: Path, text: bytes) -> str:
-    """FMI version of a description. Raises FmuError where it is no plain XML.
+    """FMI version of a description. Raises FmuError where it is no plain XML."""
+    return check_xml(f"{path.name}: {DESCRIPTION}", text).get("fmiVersion", "none")
+
+
+def check_xml(what: str, text: bytes) -> Mapping[str, str]:
+    """Attributes of the outermost element. what: file and part, for messages. Raises FmuError where it is no plain XML.
 
     A document type can define entities, which can stand for gigabytes or for files of this machine. FMI knows none.
     """
 
     def refuse(*_: object) -> None:
-        raise FmuError(f"{path.name}: refused, for its {DESCRIPTION} declares a document type, which FMI does not know")
+        raise FmuError(f"{what} declares a document type, which FMI does not know; refused")
 
     def start(_: str, attributes: Mapping[str, str]) -> None:
-        found.append(attributes.get("fmiVersion", "none"))
+        found.append(attributes)
         parser.StartElementHandler = None
 
-    found: list[str] = []
+    found: list[Mapping[str, str]] = []
     try:
         parser = expat.ParserCreate()
         parser.StartDoctypeDeclHandler, parser.StartElementHandler = refuse, start
         parser.Parse(text, True)
     except (expat.ExpatError, ValueError, LookupError) as error:
-        raise FmuError(f"{path.name}: {DESCRIPTION} is not well-formed: {error}") from None
+        raise FmuError(f"{what} is not well-formed: {error}") from None
     return found[0]
 
 

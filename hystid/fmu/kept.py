@@ -10,8 +10,10 @@ from xml.etree import ElementTree as ET
 from hystid.errors import FmuError, UsageError
 from hystid.files import check_regular, text_of, write_text
 from hystid.fmu.build import write_zip
-from hystid.fmu.door import read_entry
+from hystid.fmu.door import check_xml, read_entry
 from hystid.fmu.reference import FOLDER, INPUT_ROLE, RESULT_ROLE
+
+_MANIFEST = 1 << 20  # bytes: of some thousand files
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def _in_folder(path: Path, folder: Path) -> Kept:
 
 
 def _inside(path: Path, otherwise: str) -> Kept:
-    manifest = read_entry(path, f"{FOLDER}/fmi-ls-manifest.xml")
+    manifest = read_entry(path, f"{FOLDER}/fmi-ls-manifest.xml", _MANIFEST)
     if manifest is None:
         raise FmuError(f"{path.name}: it carries no reference results, and {otherwise}")
     found, texts = {}, {}
@@ -92,9 +94,8 @@ def _inside(path: Path, otherwise: str) -> Kept:
 
 
 def _related(path: Path, manifest: bytes) -> list[tuple[str, str]]:
-    try:
-        root = ET.fromstring(manifest)
-    except (ET.ParseError, ValueError, LookupError) as error:
-        raise FmuError(f"{path.name}: the manifest of its reference results is not well-formed: {error}") from None
+    what = "the manifest of its reference results"
+    check_xml(f"{path.name}: {what}", manifest)
+    root = ET.fromstring(manifest)
     found = [(e.get("role", ""), e.get("source", "")) for e in root.iter("Related") if e.get("type") == "text/csv"]
     return [(role, str(PurePosixPath(FOLDER, source))) for role, source in found]

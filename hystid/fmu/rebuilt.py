@@ -32,8 +32,8 @@ def with_reference_of(old: Path, new: Path, out: Path) -> tuple[str, ...]:
 
     Gives what changed in lines: variables, start values, and signals of the reference that differ now.
     """
+    changes = tuple(_changed_variables(old, new))  # refuses an old file that unpacks without an end
     content = {**_entries(new, of_reference=False), **_entries(old, of_reference=True)}
-    changes = tuple(_changed_variables(old, new))
     write_zip(new, content)
     answers = tuple(_changed_answers(new))
     write_zip(out, content)

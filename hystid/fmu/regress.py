@@ -163,6 +163,8 @@ def _inputs(path: Path, driver: Driver, kept: Kept, t: Array) -> dict[str, NDArr
         return {}
     try:
         given, cells = read_cells(kept.input)
+        if np.any(np.diff(given) < 0) or not np.all(np.isfinite(given)):
+            raise ValueError("its times are not in order")
         for name in cells:
             if name not in driver.signals:
                 raise FmuError(f"{path.name}: its reference gives an input '{name}', which the FMU does not have")

@@ -22,6 +22,7 @@ from hystid.identification.methods import Plan, Recipe, Trained
 from hystid.identification.offsets import constant_and_even
 from hystid.identification.prediction import drift, predict, respond
 from hystid.identification.result import Comparison, Identification, Prediction, Role
+from hystid.limits import TRAININGS, check_whole
 from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, draw, rule_of, split_indices
@@ -87,7 +88,8 @@ def identify(
     >>> sorted(file.name for file in model.save("model").iterdir() if file.suffix == ".fmu")
     ['oscillator.fmu', 'surrogate.fmu']
     """
-    _check(mass, layers, ensemble, samples, method)
+    _check(mass, layers, method)
+    _check_counts(ensemble, samples, seed, workers)
     law = _law(model, holdout)
     recordings, holdout = (admit(loaded(group), mass) for group in (recordings, holdout))
     ports = resolve([*recordings, *holdout], inputs)
@@ -211,15 +213,21 @@ def _given(prediction: Prediction | None) -> Prediction:
     return prediction
 
 
-def _check(mass: float, layers: Sequence[int], ensemble: int, samples: int, method: str) -> None:
+def _check(mass: float, layers: Sequence[int], method: str) -> None:
     if not (np.isfinite(mass) and mass >= 0):
         raise UsageError(f"mass must be a number of at least 0 kg, found {mass}")
     if not layers or any(neurons < 1 for neurons in layers):
         raise UsageError(f"layers must be neurons per hidden layer, each at least 1, as 5,5; found {tuple(layers)}")
     if method not in ("published", "refined"):
         raise UsageError(f"method must be 'published' or 'refined', found {method!r}")
-    if ensemble < 1 or samples < 1:
-        raise UsageError(f"ensemble and samples must be at least 1, found {ensemble} and {samples}")
+
+
+def _check_counts(ensemble: int, samples: int, seed: int, workers: int | None) -> None:
+    check_whole("ensemble", ensemble, 1, TRAININGS)
+    check_whole("samples", samples, 1)
+    check_whole("seed", seed, 0)
+    if workers is not None:
+        check_whole("workers", workers, 1)
 
 
 def _test(comparisons: Sequence[Comparison], samples: int, seed: int) -> dict[str, float]:

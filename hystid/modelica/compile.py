@@ -170,7 +170,12 @@ def _search_path() -> list[Path]:
     return [Path(entry) for entry in os.environ.get("MODELICAPATH", "").split(os.pathsep) if entry]
 
 
+_LONGEST_NAME = 200  # characters of a class or a file: file systems take 255 bytes
+
+
 def _split(model: str) -> tuple[Path | None, str]:
+    if any(len(part) > _LONGEST_NAME for part in re.split(r"[./\\:]", model)) or len(model) > 20 * _LONGEST_NAME:
+        raise ModelicaError(f"'{model}' names no model: it is too long")
     found = re.fullmatch(r"(.+\.mo):([A-Za-z_][\w.]*)", model)
     if found:
         return Path(found.group(1)), found.group(2)

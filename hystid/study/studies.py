@@ -17,6 +17,7 @@ from hystid.errors import UsageError
 from hystid.files import plain, write_json
 from hystid.identification.data import check
 from hystid.leastsquares import Rule
+from hystid.limits import TRAININGS, check_whole
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, rule_of
 from hystid.recording import CHANNELS, Recording, Sources, loaded
@@ -64,6 +65,9 @@ def grid(
     >>> [cell.name for cell in found.cells]
     ['2', '5']
     """
+    if not (np.isfinite(mass) and mass >= 0):
+        raise UsageError(f"mass must be a number of at least 0 kg, found {mass}")
+    _check_counts(starts, samples, seed, workers)
     layers = [tuple(int(neurons) for neurons in structure) for structure in structures]
     groups = _prepared(recordings, holdout, mass, band, decimate, fixed_force=True)
     payload = Payload(*groups, _rule(mode, iterations), precision, samples, seed)
@@ -111,8 +115,9 @@ def mass(
     >>> [round(cell.mass, 2) for cell in found.cells]
     [0.9, 1.0, 1.1]
     """
-    if not mass > 0:
+    if not 0 < mass < np.inf:
         raise UsageError(f"a study of the mass needs a mass above 0 kg, found {mass}")
+    _check_counts(starts, samples, seed, workers)
     groups = _prepared(recordings, holdout, mass, band, decimate, fixed_force=False)
     payload = Payload(*groups, _rule(mode, iterations), precision, samples, seed)
     masses = [float(mass * (1 + offset)) for offset in offsets]
@@ -145,6 +150,14 @@ def _prepared(
     return used, held
 
 
+def _check_counts(starts: int, samples: int, seed: int, workers: int | None) -> None:
+    check_whole("starts", starts, 1, TRAININGS)
+    check_whole("samples", samples, 1)
+    check_whole("seed", seed, 0)
+    if workers is not None:
+        check_whole("workers", workers, 1)
+
+
 def _rule(mode: Mode, iterations: int) -> Rule:
     if iterations < 1:
         raise UsageError(f"iterations must be at least 1, found {iterations}")
@@ -160,8 +173,6 @@ def _run(
     workers: int | None,
     scheduler: str | None,
 ) -> list[Outcome]:
-    if starts < 1:
-        raise UsageError(f"starts must be at least 1, found {starts}")
     _claim(out, {**settings, "data": _fingerprint(payload)})
     return complete(payload, tasks, out / "trainings", workers=workers, scheduler=scheduler)
 

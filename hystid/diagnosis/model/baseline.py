@@ -152,6 +152,10 @@ def baseline_of(
     _check_names(name, given, [*parameters, *([_MASS] if inner else [])])
     lowest = {key: float(variable.min) for key, variable in parameters.items() if variable.min is not None}
     highest = {key: float(variable.max) for key, variable in parameters.items() if variable.max is not None}
+    for key, value in given.items():
+        low, high = lowest.get(key, -np.inf), highest.get(key, np.inf)
+        if not low <= value <= high:
+            raise UsageError(f"{name}: parameter {key} = {value:g} is outside its range [{low:g}, {high:g}]")
     nominal = {
         key: min(max(float(given.get(key, variable.start or 0.0)), lowest.get(key, -np.inf)), highest.get(key, np.inf))
         for key, variable in parameters.items()

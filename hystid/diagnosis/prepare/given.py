@@ -60,5 +60,7 @@ def given_parameters(parameters: str | Path | Mapping[str, Any] | None) -> Given
             raise UsageError(f'{where}: {name} must be a number or {{"value": number, "fixed": true}}, not {entry!r}')
         values[name] = float(value)
         if isinstance(entry, Mapping) and "fixed" in entry:
+            if not isinstance(entry["fixed"], bool):
+                raise UsageError(f"{where}: {name} has fixed {entry['fixed']!r}, where true or false is needed")
             (fixed if entry["fixed"] else free).add(name)
     return Given(values, frozenset(fixed), frozenset(free))

@@ -32,8 +32,9 @@ def library_sources() -> tuple[Source, ...]:
 
 def shipped(name: str) -> FlatModel | None:
     """The stored flat model of a library class; None where there is none, or its Modelica text was edited since."""
+    stored = _stored_digests().get(name)  # asked first: a name of another kind is no file name
     path = FOLDER / f"{name}.json"
-    if not path.is_file() or _stored_digests().get(name) != digest(name):
+    if stored is None or not path.is_file() or stored != digest(name):
         return None
     return from_json(path.read_text(encoding="utf-8"), path.name)
 
