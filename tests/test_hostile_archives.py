@@ -292,6 +292,28 @@ def test_entries_are_read_within_a_budget(good: Content, tmp_path: Path) -> None
         read_entry(path, "resources/zeros", 1 << 20)
 
 
+def test_what_is_wrong_in_a_description_is_said(good: Content, tmp_path: Path) -> None:
+    """Not "12", not "list index out of range", and not the first of two lines."""
+    text = good["modelDescription.xml"].decode()
+    wrong = {
+        "is not there": re.sub(r"<ModelVariables>.*</ModelVariables>", "<ModelVariables/>", text, flags=re.S),
+        "Variable .x.|variable .x.|derivative": re.sub(r'derivative="\d+"', 'derivative="99999"', text),
+    }
+    if b'fmiVersion="2' in good["modelDescription.xml"]:
+        wrong["states -1 event indicators"] = re.sub(r'(numberOfEventIndicators)="\d+"', r'\1="-1"', text)
+    for says, changed in wrong.items():
+        _refused(_write(tmp_path / "a.fmu", {**good, "modelDescription.xml": changed.encode()}), says)
+
+
+@pytest.mark.parametrize("token", ["another build", "&#10;%s%n", ""])
+def test_the_description_is_that_of_the_library(good: Content, tmp_path: Path, token: str) -> None:
+    """The batch entry reads places in a table of numbers: those of another build would be other variables."""
+    old = re.search(rb'(guid|instantiationToken)="[^"]*"', good["modelDescription.xml"])
+    changed = _described(good, lambda text: text.replace(old[0].decode(), f'{old[1].decode()}="{token}"'))
+    with pytest.raises(FmuError, match="could not be instantiated"):
+        Driver(_write(tmp_path / "a.fmu", changed))
+
+
 _MANIFEST = "extra/org.fmi-standard.fmi-ls-ref/fmi-ls-manifest.xml"
 
 

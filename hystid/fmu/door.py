@@ -95,7 +95,7 @@ def opened_from(path: Path, folder: Path) -> OpenedFmu:
     except FmuError:
         raise
     except Exception as error:  # FMPy raises bare exceptions; numbers that are none raise ours
-        raise FmuError(f"{path.name}: {DESCRIPTION} cannot be read: {_first_line(error)}") from None
+        raise FmuError(f"{path.name}: {DESCRIPTION} cannot be read: {_reason(error)}") from None
     _check_sizes(path, model, signals)
     kinds = _kinds(path, folder, description, version)
     return OpenedFmu(
@@ -245,11 +245,20 @@ def _only_description(text: bytes) -> bytes:
 def _check_sizes(path: Path, model: ModelCode, signals: Mapping[str, Signal]) -> None:
     """What is set aside for values is decided by the description alone."""
     size = sum(signal.size for signal in signals.values()) + model.n_indicators
-    if size > FMU_ELEMENTS.value or model.n_indicators < 0:
+    if model.n_indicators < 0:
+        raise FmuError(f"{path.name}: {DESCRIPTION} states {model.n_indicators} event indicators")
+    if size > FMU_ELEMENTS.value:
         raise FmuError(f"{path.name}: refused, for it describes {size} numbers, more than {FMU_ELEMENTS}")
     for signal in signals.values():
         if not 0 <= signal.reference < 1 << 32:
             raise FmuError(f"{path.name}: variable '{signal.name}' has the value reference {signal.reference}")
+
+
+def _reason(error: Exception) -> str:
+    """What FMPy found wrong; it takes references for granted, and its own checks are listed below a first line."""
+    if isinstance(error, LookupError):
+        return f"something that it refers to is not there ({error})"
+    return "; ".join(line.strip() for line in str(error).splitlines()[:3]) or type(error).__name__
 
 
 def _first_line(error: Exception) -> str:

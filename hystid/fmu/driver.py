@@ -181,11 +181,11 @@ class Driver:
         if kind is None:
             return None
         library = load(self._fmu, kind)
-        return (
-            CompiledModel(self.model, TableRunner(library, self._fmu.name))
-            if hasattr(library, "hy_run_table")
-            else None
-        )
+        if not hasattr(library, "hy_run_table"):
+            return None
+        # The table is read by the places that the description states: it must be the one of this library.
+        Instance(self._fmu, "CoSimulation" if self._fmu.co_simulation else "ModelExchange").close()
+        return CompiledModel(self.model, TableRunner(library, self._fmu.name))
 
     def _outputs(self) -> tuple[str, ...]:
         return tuple(v.name for v in self.model.variables if v.causality == "output")

@@ -279,7 +279,8 @@ def load(fmu: OpenedFmu, kind: Kind) -> ctypes.CDLL:
     try:
         return ctypes.CDLL(str(kind.library))
     except OSError as error:
-        raise FmuError(f"{fmu.name}: its library cannot be loaded: {str(error).splitlines()[0]}") from None
+        reason = str(error).splitlines()[0].replace(f"{fmu.folder}/", "")
+        raise FmuError(f"{fmu.name}: its library cannot be loaded: {reason}") from None
 
 
 def _libc(name: str) -> int | None:
