@@ -101,12 +101,12 @@ def test_voltages_need_a_sensitivity(tmp_path: Path) -> None:
 
 
 def test_own_column_names_are_chosen_and_near_misses_answered(tmp_path: Path) -> None:
-    path = write(tmp_path / "own.csv", {"t [s]": T, "Load cell 1 [N]": F, "LVDT [mm]": 1e3 * X})
+    path = write(tmp_path / "own.csv", {"t [s]": T, "Sensor 1 [N]": F, "LVDT [mm]": 1e3 * X})
     assert "there is no channel F" in refused(path)
-    found = read(path, names={"F": "Load cell 1", "x": "LVDT"})
+    found = read(path, names={"F": "Sensor 1", "x": "LVDT"})
     np.testing.assert_allclose(found.channel("x"), X, atol=1e-12)
-    with pytest.raises(UsageError, match="did you mean Load cell 1"):
-        read(path, names={"F": "Loadcell 1"})
+    with pytest.raises(UsageError, match="did you mean Sensor 1"):
+        read(path, names={"F": "Sensor1"})
 
 
 def test_extra_columns_stay_and_two_files_of_one_name_differ(tmp_path: Path) -> None:

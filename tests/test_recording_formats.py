@@ -254,3 +254,97 @@ def test_lost_rows_are_bridged_and_told(tmp_path: Path) -> None:
     found = read(tmp_path / "lost.csv")
     assert len(found) == N and any("3 samples missing at 2 places" in text for text in found.warnings)
     assert np.max(np.abs(found.channel("x") - X)) < (2 * np.pi * 9 * 1.5 * DT) ** 2 / 2 * 1e-3  # a chord of three steps
+
+
+def _written(path: Path, head: str, cells: list[list[str]], mark: str) -> Path:
+    path.write_text(head + "\n" + "\n".join(mark.join(row) for row in cells) + "\n", encoding="utf-8")
+    return path
+
+
+def _digits(*columns: np.ndarray[Any, Any]) -> list[list[str]]:
+    return [[f"{value:.9g}" for value in row] for row in zip(*columns, strict=True)]
+
+
+_MIDNIGHT = np.datetime64("2024-03-05T23:59:59.800000")
+_DATES = [str(stamp) for stamp in _MIDNIGHT + np.rint(T * 1e6).astype("timedelta64[us]")]
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        _DATES,
+        [f"{stamp.replace('T', ' ')[:-3]}Z" for stamp in _DATES],
+        [stamp[11:] for stamp in _DATES],
+        [f"5.3.2024 {stamp[11:].replace('.', ',')}" for stamp in _DATES],
+        [f"3/5/2024 {'12' if s[11:13] == '00' else '11'}{s[13:]} {'AM' if s[11:13] == '00' else 'PM'}" for s in _DATES],
+        [stamp[14:] for stamp in _DATES],
+    ],
+    ids=["ISO", "UTC", "time of day", "German", "American", "minutes"],
+)
+def test_times_of_day_are_seconds(tmp_path: Path, stamps: list[str]) -> None:
+    """Through midnight, with and without a date: microseconds at least, 1e-6 of a step below."""
+    rows = [[stamp, *rest] for stamp, rest in zip(stamps, _digits(F, 1e3 * X), strict=True)]
+    found = read(_written(tmp_path / "clock.csv", "Zeit;Kraft [N];Weg [mm]", rows, ";"))
+    np.testing.assert_allclose(found.t - found.t[0], T, atol=2e-9)
+    np.testing.assert_allclose(found.channel("x"), X, rtol=1e-6, atol=1e-9)
+    assert not found.warnings  # its unit is known
+
+
+def test_a_clock_yields_to_a_column_of_seconds(tmp_path: Path) -> None:
+    rows = [[stamp, *rest] for stamp, rest in zip(_DATES, _digits(T, F, 1e3 * X), strict=True)]
+    assert_same(read(_written(tmp_path / "two.csv", "Timestamp,Time (s),F [N],x [mm]", rows, ",")))
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "mark"),
+    [
+        ("t [s];F [N];;x [mm];Bemerkung", [[t, f, "", x, ""] for t, f, x in _digits(T, F, 1e3 * X)], ";"),
+        ("t [s],F [N],x [mm],Status", [[*row, "ok"] for row in _digits(T, F, 1e3 * X)], ","),
+        ("X_Value\tForce\tDisp\tComment", _digits(T, F, X), "\t"),
+        ("Y_Unit_Label\tN\tmm\nX_Value\tForce\tDisp\tComment", _digits(T, F, 1e3 * X), "\t"),
+        ("Nr;Zeit;Kraft;Weg\nEinheit;s;kN;mm", [["7", *row] for row in _digits(T, F / 1e3, 1e3 * X)], ";"),
+        ("t [s]|F [N]|x [mm]", _digits(T, F, 1e3 * X), "|"),
+        ("Time (s),Load Cell 1 (N),LVDT 1 (mm)", _digits(T, F, 1e3 * X), ","),
+        ("t [s] F [N] x [m]", [[f"{u:.9E}".replace("E", "D") for u in row] for row in zip(T, F, X, strict=True)], " "),
+    ],
+    ids=["empty columns", "words", "comments", "LabVIEW", "row of units", "bars", "numbered", "Fortran"],
+)
+def test_tables_of_loggers(tmp_path: Path, head: str, cells: list[list[str]], mark: str) -> None:
+    assert_same(read(_written(tmp_path / "test.lvm", head, cells, mark)))
+
+
+@pytest.mark.parametrize(
+    ("word", "encoding"), [("时间 [s],载荷 [N],位移 [mm]", "gbk"), ("시간 [s],하중 [N],변위 [mm]", "cp949")]
+)
+def test_code_pages_of_asia(tmp_path: Path, word: str, encoding: str) -> None:
+    rows = "\n".join(",".join(row) for row in _digits(T, F, 1e3 * X))
+    (tmp_path / "page.csv").write_bytes(f"{word}\n{rows}\n".encode(encoding))
+    assert_same(read(tmp_path / "page.csv"))
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "says"),
+    [
+        ("t [s];F [N];x [m]\nscale;0.01;1e-7", _digits(T, F * 100, X * 1e7), "line 2: 'scale 0.01 1e-7' scales the"),
+        ("Zeit;F [N];x [m]", [[f"{45356.5 + t / 86400:.12f}", f"{f}", f"{x}"] for t, f, x in zip(T, F, X, strict=True)],
+         "as the days of a spreadsheet do; give --unit t=d"),
+        ("t [s];F [N];x [m]", [[f"{t:.2f}", f"{f}", f"{x}"] for t, f, x in zip(T, F, X, strict=True)],
+         "written with too few digits"),
+        ("t [s];F [mN];x [m]", [[f"{t}", f"{1e4 * f:,.3f}", f"{x}"] for t, f, x in zip(T, F, X, strict=True)],
+         "no marks between thousands"),
+    ],
+    ids=["scale", "days", "digits", "thousands"],
+)  # fmt: skip
+def test_tables_that_would_be_misread_are_refused(tmp_path: Path, head: str, cells: list[list[str]], says: str) -> None:
+    path = _written(tmp_path / "bad.csv", head, cells, ";")
+    with pytest.raises(RecordingError, match=says):
+        read(path)
+
+
+def test_channels_are_chosen_where_a_binary_file_names_none(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "daq.mat", {"ai0": F, "ai1": X, "fs": 1 / DT})
+    with pytest.raises(RecordingError, match="it has ai0, ai1; name a column"):
+        read(tmp_path / "daq.mat")
+    assert_same(read(tmp_path / "daq.mat", names={"F": "ai0", "x": "ai1"}))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hystid.errors import UsageError
-from hystid.recording.names import known_name, turns, unit_symbol
+from hystid.recording.names import known_name, numbered, turns, unit_symbol
 from hystid.recording.problems import Problem, Severity
 from hystid.recording.table import Column, Table
 from hystid.recording.types import CHANNELS, PSEUDO_TIME, ROTATIONAL, Array
@@ -82,7 +82,7 @@ def _wanted(table: Table, names: Mapping[str, str]) -> dict[str, str]:
             raise UsageError(f"--channel {channel}={column}: the channels are {', '.join(SI)}")
         if column in present:
             found[column] = channel
-        elif channel not in map(known_name, present):
+        elif channel not in {known_name(numbered(present).get(name, name)) for name in present}:
             near = difflib.get_close_matches(column, present, n=3)
             hint = f"did you mean {', '.join(near)}?" if near else f"it has {', '.join(present)}"
             raise UsageError(f"{table.file} has no column '{column}' (--channel {channel}={column}): {hint}")
@@ -106,6 +106,7 @@ class _Reading:
         self.table = table
         self.wishes = wishes
         self.wanted = wanted
+        self.numbered = numbered([column.name for column in table.columns])
         self.rotational = any(self._is_angular(column) for column in table.columns)
         self.si = {"t": "s", **(ROTATIONAL if self.rotational else CHANNELS)}
         self.sensitivity = {name: _sensitivity(name, text, self.si) for name, text in wishes.sensitivity.items()}
@@ -122,7 +123,7 @@ class _Reading:
         if channel is None or channel == "t":
             return False
         unit = self._unit(channel, column)
-        return _angular(unit, channel) if unit else turns(column.name)
+        return _angular(unit, channel) if unit else turns(self.numbered.get(column.name, column.name))
 
     def _unit(self, channel: str, column: Column) -> str:
         """The unit that counts, as a symbol: the user's word before the header's; "" where there is none."""
@@ -151,7 +152,7 @@ class _Reading:
     def _canonical(self, name: str) -> str | None:
         if name in self.wanted.values():
             return None
-        channel = known_name(name)
+        channel = known_name(self.numbered.get(name, name))
         return None if channel in self.wanted.values() else channel
 
     def _channel(self, channel: str, column: Column) -> None:
@@ -170,6 +171,10 @@ class _Reading:
 
     def _si(self, channel: str, column: Column) -> Array | None:
         unit, si = self._unit(channel, column), self.si[channel]
+        if not unit and channel == "t" and _are_days(column.values):
+            text = f"{column.name} starts at {column.values[0]:.9g} in tiny steps, as the days of a spreadsheet do"
+            self._problem("columns", text, f"give --unit t=d, or name the column '{column.name} [s]'", channel)
+            return None
         if not unit or unit in _NOT_STATED:
             text = f"column {column.name} has no unit and is taken as {si}"
             self._problem("columns", text, f"write '{column.name} [{si}]'", channel, severity="warning")
@@ -210,6 +215,11 @@ class _Reading:
 
     def _problem(self, rule: str, found: str, action: str, channel: str, severity: Severity = "error") -> None:
         self.problems.append(Problem(self.table.file, rule, found, action, channel, severity=severity))
+
+
+def _are_days(t: Array) -> bool:
+    """Whether a time without unit counts days since 1900: a date of this century, and more than 50 kHz in seconds."""
+    return t.size > 1 and bool(np.all((t > 36526) & (t < 73050))) and float(np.median(np.diff(t))) < 2e-5
 
 
 def _is_voltage(unit: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 import unicodedata
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from hystid.units import parse
 _WORDS = Path(__file__).with_name("names.toml")
 _BRACKETS = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|\{(?P<curly>[^}]*)\})?\s*$")
 _SPOKEN = re.compile(r"^(?P<name>.*\S)(?:\s+(?:in|en|im)\s+|\s*/\s*\(?|\s*,\s*|\s*:\s*|_)(?P<unit>[^\s_]+?)\)?$")
+
+_NUMBERED = re.compile(r"^(.*[^\W\d_].*?)[\s_.\-#]*\d{1,3}$")
 
 
 @cache
@@ -44,6 +47,14 @@ def turns(name: str) -> bool:
     """Whether the name alone says that the rig turns, as "torque" does."""
     found = _channels().get(_plain(name))
     return bool(found and found[1])
+
+
+def numbered(names: Sequence[str]) -> dict[str, str]:
+    """Name -> word, of known words with a number behind them, as "Load cell 1", where a channel has but one column."""
+    words = {name: match[1] for name in names if not known_name(name) and (match := _NUMBERED.match(name))}
+    channels = [known_name(words.get(name, name)) for name in names]
+    once = {channel for channel in channels if channel not in (None, "R") and channels.count(channel) == 1}
+    return {name: word for name, word in words.items() if known_name(word) in once}
 
 
 def unit_symbol(text: str) -> str:
@@ -81,6 +92,20 @@ def split_header(text: str) -> tuple[str, str | None]:
     if spoken and known_name(spoken["name"]) and known_name(stripped) is None and is_unit(spoken["unit"]):
         return spoken["name"], spoken["unit"]
     return stripped, None
+
+
+def scales(word: str) -> bool:
+    """Whether a word at the start of a row above the samples says that the row holds factors of the columns."""
+    return _is_label(word, "scaling")
+
+
+def labels_units(word: str) -> bool:
+    """Whether a word at the start of a row above the samples says that the row holds the units of the columns."""
+    return _is_label(word, "units row")
+
+
+def _is_label(word: str, kind: str) -> bool:
+    return _plain(word).rstrip(" :=") in {_plain(known) for known in _words()["labels"][kind]}
 
 
 def announced(line: str) -> float | None:

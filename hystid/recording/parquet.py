@@ -30,7 +30,9 @@ def read_parquet(path: Path) -> list[Table]:
         stated = (field.metadata or {}).get(b"unit", b"").decode() or unit
         array = values.to_numpy()
         if array.dtype.kind == "M":  # time stamps: seconds from the first one
-            array, stated = (array - array[0]) / np.timedelta64(1, "s"), "s"
+            array = array - array[0]
+        if array.dtype.kind == "m":  # durations
+            array, stated = array / np.timedelta64(1, "s"), "s"
         if array.dtype.kind in "fiub":
             columns.append(Column(name, stated, np.ascontiguousarray(array, dtype=np.float64)))
     return [Table(path.name, tuple(columns), path.stem)]

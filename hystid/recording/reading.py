@@ -20,7 +20,7 @@ from hystid.recording.text import read_text
 from hystid.recording.timing import SHORTEST, order_problems, uniform
 from hystid.recording.types import PSEUDO_TIME, Array, Recording
 
-_TEXT = (".csv", ".txt", ".tsv", ".dat")
+_TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
 
 
 _BRIDGED = 0.01  # share of lost rows that are bridged: with a straight line over one in a hundred, 40 dB are kept
@@ -84,7 +84,7 @@ def read_all(
 ) -> list[Recording]:
     """Read recordings, SI units, float64, each on a uniform time grid, in the order given; names are unique.
 
-    paths: files (.csv .txt .tsv .dat .mat .h5 .hdf5 .uff .unv .tdms); one file may hold several tests.
+    paths: files (.csv .txt .tsv .dat .asc .lvm .mat .h5 .hdf5 .uff .unv .tdms); one file may hold several tests.
     sensitivity: channel -> "22.4mV/N" or "44.6N/V", for channels stored as voltage.
     names: channel -> column, for files with names of their own. resample: interpolate unequal steps and gaps.
     accept: rules (see ``problems.RULES``) whose violation is a warning here and not an error.

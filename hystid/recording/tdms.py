@@ -11,11 +11,13 @@ from hystid.errors import RecordingError
 from hystid.recording.names import known_name, split_header
 from hystid.recording.table import Column, Table
 
+_UNITS = ("unit_string", "NI_UnitDescription", "unit")  # of LabVIEW, of its DAQ, of DIAdem
+
 
 def read_tdms(path: Path) -> list[Table]:
     """One table for every group with numeric channels.
 
-    The unit is the channel's property ``unit_string`` (LabVIEW) or ``unit``, or stands in the name, ``x [mm]``;
+    The unit is a property of the channel (``_UNITS``), or stands in the name, ``x [mm]``;
     without a time channel the waveform property ``wf_increment`` gives the time axis.
     """
     from nptdms import TdmsFile
@@ -28,11 +30,15 @@ def read_tdms(path: Path) -> list[Table]:
     except Exception as error:  # npTDMS raises ValueError, KeyError, struct.error ... on broken files
         raise RecordingError(f"{path.name}: this is not a readable TDMS file ({error})") from None
     several = len(groups) > 1
-    found = []
+    found, unnamed = [], []
     for name, columns, rate in groups:
         kept = tuple(column for column in columns if column is not None and column.values.size)
+        table = Table(path.name, kept, name if several else path.stem, sample_rate=rate)
         if any(known_name(column.name) for column in kept):
-            found.append(Table(path.name, kept, name if several else path.stem, sample_rate=rate))
+            found.append(table)
+        elif len(kept) > 1:  # names of their own, which a user may assign
+            unnamed.append(table)
+    found = found or unnamed
     if not found:
         raise RecordingError(f"{path.name}: no group holds channels named t, F and x; name them so in the recording")
     return found
@@ -43,7 +49,7 @@ def _column(channel: Any) -> Column | None:
     if values.dtype.kind not in "fiu":
         return None
     name, unit = split_header(channel.name)
-    stated = channel.properties.get("unit_string", channel.properties.get("unit", unit))
+    stated = next((channel.properties[key] for key in _UNITS if channel.properties.get(key)), unit)
     return Column(name, str(stated) if stated else None, values.astype(np.float64))
 
 

@@ -9,14 +9,15 @@ from __future__ import annotations
 import codecs
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from hystid.errors import RecordingError
-from hystid.recording.names import announced, is_unit, known_name, split_header
+from hystid.recording.names import announced, is_unit, known_name, labels_units, scales, split_header
 from hystid.recording.problems import Problem
+from hystid.recording.stamps import is_stamp, seconds
 from hystid.recording.table import Column, Table
 from hystid.recording.types import Array
 
@@ -27,6 +28,10 @@ _MISSING = frozenset(
 _HEADERS = 4  # rows above the numbers that may hold names, units, or what a logger has to say of each channel
 _LOST = 0.01  # share of rows that may have lost a cell, as ``reading`` bridges them
 _LOOKED_AT = 200  # lines by which the separator is chosen
+_MARKS = ("\t", ";", ",", "|", None)  # that part columns; None: blanks
+_ONE_MARK = "write numbers with one decimal mark and no marks between thousands"
+_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # 1.5D-03
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([,.'\s])\d{3})(?:\1\d{3})*(?:[.,]\d+)?")
 
 Line = tuple[int, str]
 Header = tuple[str, str | None]
@@ -43,6 +48,10 @@ def read_text(path: Path) -> list[Table]:
     body = _body(lines[first:], len(headers), separator)
     if not body:
         raise _refused(path, "too_short", "there is a header but no sample", "record at least 16 samples")
+    _refuse_scales(path, lines[:first], separator)
+    headers = _with_unit_row(headers, lines[:first], separator)
+    headers, body = _with_seconds(headers, body, separator)
+    headers, body = _without_words(headers, body, separator)
     values = _numbers(path, headers, body, separator)
     columns = tuple(Column(name, unit, np.ascontiguousarray(values[:, k])) for k, (name, unit) in enumerate(headers))
     rates = [rate for _, line in [*comments, *lines[:first]] if (rate := announced(line.strip())) is not None]
@@ -76,19 +85,19 @@ def _decode(path: Path) -> str:
                 return raw.decode(name, errors="replace")
         advice = "give CSV, .mat, .h5, .uff, .tdms, .mf4 or .parquet by its suffix"
         raise _refused(path, "format", "this is a binary file, not text", advice)
-    for name in ("utf-8", "cp932", "cp1252"):
+    for name in ("utf-8", "cp932", "gb18030", "cp949", "cp1252"):
         try:
             text = raw.decode(name)
         except UnicodeDecodeError:
             continue
-        if name != "cp932" or _is_japanese(text):
+        if name not in ("cp932", "gb18030", "cp949") or _is_asian(text):
             return text
     return raw.decode("latin-1")  # every byte is a character there: headers such as "µm" or "m/s²" survive
 
 
-def _is_japanese(text: str) -> bool:
+def _is_asian(text: str) -> bool:
     """Whether words that hystid knows stand there; by chance, other code pages make rare characters of two bytes."""
-    words = re.findall(r"[ぁ-んァ-ヶー一-龠]+", text[:20_000])
+    words = re.findall(r"[ぁ-んァ-ヶー一-龠가-힣]+", text[:20_000])
     return any(known_name(word) is not None for word in words)
 
 
@@ -96,14 +105,14 @@ def _separator(lines: Sequence[str]) -> str | None:
     """What parts the columns: that which makes most lines rows of numbers, of the most usual length."""
     looked_at = [*lines[: _LOOKED_AT // 2], *lines[-_LOOKED_AT:]]
     best, most = None, 0.0
-    for mark in ("\t", ";", ",", None):
+    for mark in _MARKS:
         counts = Counter(n for line in looked_at if (n := _is_row(line, mark)) > 1)
         usual = counts.most_common(1)
         if usual and usual[0][1] > most:
             best, most = mark, usual[0][1]
     if most:
         return best
-    return next((mark for mark in ("\t", ";", ",") if mark in lines[0]), None)
+    return next((mark for mark in _MARKS if mark and mark in lines[0]), None)
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
@@ -126,10 +135,11 @@ def _is_row(line: str, separator: str | None) -> int:
 
 
 def _is_number(cell: str) -> bool:
+    """Whether a number is meant, in any way of writing: those that are not read are refused in their own words."""
     try:
-        float(cell.replace(",", "."))
+        float(_FORTRAN.sub("e", cell.replace(",", ".")))
     except ValueError:
-        return False
+        return is_stamp(cell) or _THOUSANDS.fullmatch(cell) is not None
     return cell.strip().lower() not in _MISSING
 
 
@@ -226,11 +236,84 @@ def _body(rows: Sequence[Line], columns: int, separator: str | None) -> list[Lin
     return body
 
 
+def _with_unit_row(headers: list[Header], above: Sequence[Line], separator: str | None) -> list[Header]:
+    """Units from a row that says so in its first cell, as "Einheit;s;N;mm", where the names state none."""
+    for _, line in reversed(above):
+        label, *cells = _heading(line, separator, len(headers))
+        if labels_units(label) and cells and len(cells) < len(headers) and all(is_unit(cell) for cell in cells):
+            if any(unit is not None for _, unit in headers):
+                return headers
+            row = [*cells, *[""] * len(headers)]
+            named = zip(headers[1:], row, strict=False)
+            return [headers[0], *((name, unit.strip("[](){}") or None) for (name, _), unit in named)]
+    return headers
+
+
+def _refuse_scales(path: Path, above: Sequence[Line], separator: str | None) -> None:
+    """Factors above the samples: nobody knows whether the logger has applied them."""
+    for number, line in above[-_HEADERS:]:
+        cells = [cell for cell in _cells(line, separator) if cell]
+        factors = {float(_point(cell)) for cell in cells if _is_number(cell) and not is_stamp(cell)}
+        if cells and scales(cells[0]) and factors - {0.0, 1.0}:
+            found = f"'{' '.join(cells)[:60]}' scales the columns below, and is not applied"
+            raise _refused(path, "columns", found, "write the columns in their units and cut this line", line=number)
+
+
+def _point(cell: str) -> str:
+    return _FORTRAN.sub("e", cell.replace(",", "."))
+
+
+def _with_seconds(headers: list[Header], body: list[Line], separator: str | None) -> tuple[list[Header], list[Line]]:
+    """The table with times of day as seconds; where another column is the time, they are left out."""
+    first = _cells(body[0][1], separator)
+    at = [k for k, cell in enumerate(first[: len(headers)]) if is_stamp(cell)]
+    if not at:
+        return headers, body
+    rows = [_cells(line, separator) for _, line in body]
+    if any(known_name(name) == "t" for k, (name, _) in enumerate(headers) if k not in at):
+        rows = [[cell for k, cell in enumerate(cells) if k not in at] for cells in rows]
+        return [header for k, header in enumerate(headers) if k not in at], _joined(body, rows, separator)
+    comma = separator != "," and any("," in cell for cells in rows[:50] for k, cell in enumerate(cells) if k not in at)
+    for k in at:
+        headers[k] = (headers[k][0], "s")
+        stamps = seconds([cells[k] if k < len(cells) else "" for cells in rows])
+        for cells, value in zip(rows, stamps, strict=True):
+            if k < len(cells):
+                cells[k] = repr(float(value)).replace(".", "," if comma else ".")
+    return headers, _joined(body, rows, separator)
+
+
+def _without_words(headers: list[Header], body: list[Line], separator: str | None) -> tuple[list[Header], list[Line]]:
+    """The table without columns in which no row has a number: comments, dates, and what was not connected."""
+    if separator is None:
+        return headers, body
+
+    def wordy(rows: Sequence[Sequence[str]], among: Collection[int]) -> set[int]:
+        return {k for k in among if not any(_is_number(cells[k]) for cells in rows if k < len(cells))}
+
+    unknown = [k for k, (name, _) in enumerate(headers) if known_name(name) is None]
+    dropped = wordy([_cells(line, separator) for _, line in body[:_LOOKED_AT]], unknown)
+    if not dropped:
+        return headers, body
+    rows = [_cells(line, separator) for _, line in body]
+    dropped = wordy(rows, dropped)
+    rows = [[cell for k, cell in enumerate(cells) if k not in dropped] for cells in rows]
+    return [header for k, header in enumerate(headers) if k not in dropped], _joined(body, rows, separator)
+
+
+def _joined(body: Sequence[Line], rows: Sequence[Sequence[str]], separator: str | None) -> list[Line]:
+    mark = separator or " "
+    quoted = [[f'"{cell}"' if mark in cell else cell for cell in cells] for cells in rows]
+    return [(number, mark.join(cells)) for (number, _), cells in zip(body, quoted, strict=True)]
+
+
 def _numbers(path: Path, headers: Sequence[Header], body: Sequence[Line], separator: str | None) -> Array:
     """Shape (n, columns); NaN where a cell or the end of a row is missing."""
     lines = [line for _, line in body]
     if separator != "," and any("," in line for line in lines[:50]):
         lines = _decimal_points(path, body)
+    if any(_FORTRAN.search(line) for line in lines[:50]):
+        lines = [_FORTRAN.sub("e", line) for line in lines]
     lines = [line.rstrip().rstrip(separator) if separator and separator != "\t" else line for line in lines]
     try:
         values = np.loadtxt(lines, delimiter=separator, ndmin=2, comments=None, quotechar='"')
@@ -271,6 +354,7 @@ def _row_by_row(path: Path, headers: Sequence[Header], body: Sequence[Line], sep
             except ValueError:
                 found = f"'{cell[:40]}' is not a number"
                 action = "write a number, or cut the line"
+                action = _ONE_MARK if _THOUSANDS.fullmatch(cell) else action
                 raise _refused(path, "cell", found, action, sample, number, headers[k][0]) from None
         if len(cells) < len(headers):
             values[sample] = np.nan  # the row broke off: its last number may have lost digits
@@ -280,8 +364,7 @@ def _row_by_row(path: Path, headers: Sequence[Header], body: Sequence[Line], sep
 def _decimal_points(path: Path, body: Sequence[Line]) -> list[str]:
     for number, line in body:
         if "." in line and "," in line:
-            action = "write numbers with one decimal mark and no marks between thousands"
-            raise _refused(path, "cell", "decimal point and decimal comma are mixed", action, line=number)
+            raise _refused(path, "cell", "decimal point and decimal comma are mixed", _ONE_MARK, line=number)
     return [line.replace(",", ".") for _, line in body]
 
 

@@ -15,6 +15,7 @@ SHORTEST = 16  # samples: below, no filter, no derivative and no fit means anyth
 _ROUNDING = 0.02  # of a step: time stamps this close to a uniform grid were rounded when written
 _JITTER = 0.08  # of a step, rms: a clock that wanders this little is put on a grid by interpolation
 _DROPPED = 8.5  # steps: up to so long an interval, a few samples were dropped and are interpolated
+_FEW_DIGITS = 0.1  # share of repeated stamps beyond which the clock is too coarse, and no sample was written twice
 _MOST_DROPPED = 0.03  # share of intervals that may be such
 
 
@@ -56,6 +57,9 @@ def order_problems(table: Table, t: Array) -> list[Problem]:
             action = (
                 "remove the repeated samples" if found == "repeats" else "sort the file or split it into one per test"
             )
+            if found == "repeats" and at.size > _FEW_DIGITS * t.size:
+                text = f"time was written with too few digits: {at.size} of {t.size} samples repeat the one before"
+                action = "write more digits, or cut the column of t and write 'sample rate: ... Hz' above the header"
             problems.append(_problem(table, "time_order", text, action, int(at[0])))
     return problems
 

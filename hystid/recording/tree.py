@@ -33,18 +33,28 @@ class Vector:
 
 
 def tables_of(tree: Any, file: str, name: str) -> list[Table]:
-    """Every test in a tree of mappings, sequences, ``Vector``, arrays, numbers and texts."""
+    """Every test in a tree of mappings, sequences, ``Vector``, arrays, numbers and texts.
+
+    Where no name is known, vectors of one length that stand together are taken, for a user may say what they hold.
+    """
+    return _tables(tree, file, name, known=True) or _tables(tree, file, name, known=False)
+
+
+def _tables(tree: Any, file: str, name: str, *, known: bool) -> list[Table]:
     if isinstance(tree, Sequence) and not isinstance(tree, str | bytes):
         many = len(tree) > 1
-        parts = [tables_of(item, file, f"{name}-{k}" if many else name) for k, item in enumerate(tree, start=1)]
+        parts = [
+            _tables(item, file, f"{name}-{k}" if many else name, known=known) for k, item in enumerate(tree, start=1)
+        ]
         return [table for part in parts for table in part]
     if not isinstance(tree, Mapping):
         return []
-    table = _table(tree, file, name)
+    table = _table(tree, file, name) if known else _unnamed(tree, file, name)
     if table is not None:
         return [table]
     inner = {key: item for key, item in tree.items() if isinstance(item, Mapping | list | tuple) and key != "units"}
-    return [t for key, item in inner.items() for t in tables_of(item, file, key if len(inner) > 1 else name)]
+    names = {key: key if len(inner) > 1 else name for key in inner}
+    return [t for key, item in inner.items() for t in _tables(item, file, names[key], known=known)]
 
 
 def _table(tree: Mapping[str, Any], file: str, name: str) -> Table | None:
@@ -57,6 +67,14 @@ def _table(tree: Mapping[str, Any], file: str, name: str) -> Table | None:
     longest = max(column.values.size for column in known)
     kept = tuple(column for column in columns if column in known or column.values.size == longest)
     return Table(file, kept, name, sample_rate=rate)
+
+
+def _unnamed(tree: Mapping[str, Any], file: str, name: str) -> Table | None:
+    columns = [_column(key, vector, tree) for key, item in tree.items() if (vector := _vector(item)) is not None]
+    sizes = [column.values.size for column in columns]
+    usual = max(sizes, key=lambda size: (sizes.count(size), size), default=0)
+    kept = tuple(column for column in columns if column.values.size == usual)
+    return Table(file, kept, name, sample_rate=_rate(tree)) if len(kept) > 1 else None
 
 
 def _vector(item: Any) -> Vector | None:
