@@ -11,6 +11,7 @@ import pytest
 
 from hystid.errors import RecordingError, UsageError
 from hystid.recording import Recording, read, read_all
+from hystid.recording.names import split_header
 
 N, DT = 500, 1e-3
 T = np.arange(N) * DT
@@ -348,3 +349,19 @@ def test_channels_are_chosen_where_a_binary_file_names_none(tmp_path: Path) -> N
     with pytest.raises(RecordingError, match="it has ai0, ai1; name a column"):
         read(tmp_path / "daq.mat")
     assert_same(read(tmp_path / "daq.mat", names={"F": "ai0", "x": "ai1"}))
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "unit"),
+    [
+        ("Beschleunigung in m/s2", "Beschleunigung", "m/s2"),
+        ("a / m/s²", "a", "m/s²"),
+        ("v / (m/s)", "v", "m/s"),
+        ("Drehzahl in 1/min", "Drehzahl", "1/min"),
+        ("Kraft/N", "Kraft", "N"),
+        ("t_pseudo", "t_pseudo", None),
+    ],
+)
+def test_units_with_strokes_in_spoken_headers(header: str, name: str, unit: str | None) -> None:
+    """A stroke parts a name from its unit, and stands in units as well."""
+    assert split_header(header) == (name, unit)

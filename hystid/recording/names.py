@@ -15,7 +15,7 @@ from hystid.units import parse
 
 _WORDS = Path(__file__).with_name("names.toml")
 _BRACKETS = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|\{(?P<curly>[^}]*)\})?\s*$")
-_SPOKEN = re.compile(r"^(?P<name>.*\S)(?:\s+(?:in|en|im)\s+|\s*/\s*\(?|\s*,\s*|\s*:\s*|_)(?P<unit>[^\s_]+?)\)?$")
+_PARTED = re.compile(r"\s+(?:in|en|im)\s+|\s*/\s*|\s*,\s*|\s*:\s*|_")  # name from unit: "Kraft in N", "F / kN"
 
 _NUMBERED = re.compile(r"^(.*[^\W\d_].*?)[\s_.\-#]*\d{1,3}$")
 
@@ -88,9 +88,11 @@ def split_header(text: str) -> tuple[str, str | None]:
         unit = next((match[kind] for kind in ("square", "round", "curly") if match[kind] is not None), None)
         if unit is not None and match["name"]:
             return match["name"].rstrip(" /,:"), unit.strip()
-    spoken = _SPOKEN.match(stripped)
-    if spoken and known_name(spoken["name"]) and known_name(stripped) is None and is_unit(spoken["unit"]):
-        return spoken["name"], spoken["unit"]
+    if known_name(stripped) is None:
+        for mark in _PARTED.finditer(stripped):  # the first that fits: units have strokes of their own
+            name, unit = stripped[: mark.start()], stripped[mark.end() :].strip("()")
+            if known_name(name) and unit and is_unit(unit):
+                return name, unit
     return stripped, None
 
 
