@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hystid.diagnosis import Diagnosis, Finding, Traces
 from hystid.report import evidence
 from hystid.report.linked import Linked, Signal, views_of, windows
-from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent, with_error
+from hystid.report.page import Fact, Page, Table, Tone, Verdict, number, percent, with_error
 from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
 from hystid.report.text import columns
 
@@ -29,7 +29,6 @@ _HARMONICS = 10
 _CANDIDATES = 10
 _LINKED = 2  # recordings that are shown in linked views, and free runs: more make the page long and say little more
 _OVERVIEWS = 6
-_TRIALS = 15
 _TONAL = 0.3  # share of the power in one line above which multiples of it mean something
 
 
@@ -384,29 +383,9 @@ def _free_errors(trace: Traces) -> Plot:
 
 def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     page.section("Evidence", "What each effect leaves when it is added: 1 is the noise. The simpler law wins a tie.")
-    choice = d.choice
-    if choice is not None and choice.trials:
-        alike = {name for finding in d.findings for name in finding.alike}
-        shown = {
-            (d.catalogue.title(t.name), t.form or "plain", number(t.chi2, digits=4), percent(t.absorbed)): t.name
-            for t in choice.trials[:_TRIALS]
-        }
-        rows: list[list[str | Cell]] = [
-            [
-                *texts,
-                Cell("named", "good")
-                if name in choice.named
-                else Cell("not distinguishable" if name in alike else "rejected"),
-            ]
-            for texts, name in shown.items()
-        ]
-        columns = ["effect", "form", "mean square left", "collinear with the refit", ""]
-        note = (
-            f"The baseline leaves {number(choice.before.chi2, digits=4)}, "
-            f"a perfect model would leave {number(choice.floor_after, digits=4)}. "
-            f"What is named explains {percent(choice.explained)} of the difference."
-        )
-        page.table(Table("Effects that were tried first", columns, rows, note))
+    tried = evidence.tried(d)
+    if tried is not None:
+        page.table(tried)
     likeness = evidence.look_alikes(d)
     if likeness is not None:
         page.plots(likeness, columns=1)
@@ -420,6 +399,7 @@ def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     if d.unknown:
         page.text(d.unknown.text + ".")
     if d.notes:
+        page.text("Notes:")
         page.bullets(dict.fromkeys(d.notes))
 
 

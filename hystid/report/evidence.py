@@ -1,7 +1,8 @@
-"""Figures of a diagnosis that show what kind of force is missing, and how sure its name is."""
+"""Figures and tables of a diagnosis that show what kind of force is missing, and how sure its name is."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +13,7 @@ from hystid.diagnosis import Diagnosis, Finding, Traces
 from hystid.diagnosis.decide.trials import Trial
 from hystid.diagnosis.prepare.chain import turns
 from hystid.report.curves import response
-from hystid.report.page import number
+from hystid.report.page import Cell, Table, number, percent
 from hystid.report.plots import Axis, Bars, Line, Mark, Plot, Points, Role, Series
 from hystid.rotation import turned_unit
 
@@ -25,6 +26,8 @@ _CURVES = 6
 _LOOPS = 500  # of the loops whose energy is shown
 _LAGS = 200
 _CANDIDATES = 10
+_TRIALS = 15
+_TRIED_HEAD = ["effect", "form", "mean square left", "collinear with the refit", ""]
 
 _STAGES: tuple[tuple[str, str, Role], ...] = (("residual", "baseline", "before"), ("left", "with findings", "after"))
 
@@ -66,8 +69,8 @@ def force_curve(d: Diagnosis) -> Plot | None:
     at, axis = (x, Axis("displacement", "m")) if over_x else (v, Axis("velocity", "m/s"))
     step = max(1, len(at) // _POINTS)
     series = (
-        Points(at[::step], missing[::step], "measured force less baseline", "measured", size=2.5, opacity=0.35),
-        Points(at[::step], law[::step], "law that was found", "after", size=2.5),
+        Points(at[::step], missing[::step], "measured force less baseline", "measured", size=5.0, opacity=0.35),
+        Points(at[::step], law[::step], "law that was found", "after", size=2.0),
     )
     marks = [mark for finding in d.findings for mark in _thresholds(finding, axis.unit)]
     span = float(np.max(np.abs(at)))
@@ -87,8 +90,10 @@ def _thresholds(finding: Finding, unit: str) -> list[Mark]:
     gap = finding.threshold
     if gap is None or gap.unit not in (unit, turned_unit(unit)):
         return []
-    signs = (1.0, -1.0) if finding.side == 0 else (float(np.sign(finding.side)),)
-    return [Mark(sign * gap.value, text=f"threshold {number(gap.value, unit, 4)}", role="bad") for sign in signs]
+    text = f"threshold {'±' if finding.side == 0 else ''}{number(gap.value, unit, 4)}"
+    if finding.side != 0:
+        return [Mark(float(np.sign(finding.side)) * gap.value, text=text, role="bad")]
+    return [Mark(gap.value, text=text, role="bad"), Mark(-gap.value, role="bad")]
 
 
 def stiffness(d: Diagnosis) -> Plot | None:
@@ -230,3 +235,38 @@ def _unit(values: Array) -> Array:
 def _cosine(one: Array, other: Array) -> float:
     size = float(np.linalg.norm(one) * np.linalg.norm(other))
     return abs(float(one @ other)) / size if size > 0 else 0.0
+
+
+def tried(d: Diagnosis) -> Table | None:
+    """The forms that were tried first, the best fit of each; None where none was."""
+    if d.choice is None or not d.choice.trials:
+        return None
+    best: dict[tuple[str, str], Trial] = {}
+    for trial in d.choice.trials:
+        best.setdefault((trial.name, trial.form), trial)
+    leading = {trial.name: trial.form for trial in reversed(best.values())}
+    rows: list[list[str | Cell]] = [
+        [
+            d.catalogue.title(trial.name), _words(trial.form), number(trial.chi2, digits=4), percent(trial.absorbed),
+            _judged(d, trial, leading=trial.form == leading[trial.name]),
+        ]
+        for trial in list(best.values())[:_TRIALS]
+    ]  # fmt: skip
+    note = (
+        f"The baseline leaves {number(d.choice.before.chi2, digits=4)}, "
+        f"a perfect model would leave {number(d.choice.floor_after, digits=4)}. "
+        f"What is named explains {percent(d.choice.explained)} of the difference."
+    )
+    return Table("Effects that were tried first", _TRIED_HEAD, rows, note)
+
+
+def _words(form: str) -> str:
+    """A form in words: "KelvinVoigt" is "Kelvin Voigt"."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", form) or "plain"
+
+
+def _judged(d: Diagnosis, trial: Trial, *, leading: bool) -> Cell:
+    if d.choice is not None and trial.name in d.choice.named:
+        return Cell("named", "good") if leading else Cell("another form")
+    alike = {name for finding in d.findings for name in finding.alike}
+    return Cell("not distinguishable" if trial.name in alike else "rejected")

@@ -16,6 +16,7 @@ from hystid.report.text import columns
 from hystid.rotation import turned_text
 
 _SHOWN = 6  # recordings with pictures
+_LISTED = 8  # further columns that are told by name
 _LINES = 2048  # of a spectrum: resolution enough for a page
 
 
@@ -46,6 +47,8 @@ def page(result: Examination, command: str) -> Page:
         if item.undecided:
             made.text("What this recording does not show, and was not checked:")
             made.bullets(item.undecided.values())
+        if further := _further(result, item):
+            made.text(further)
         recording = next((r for r in result.recordings[:_SHOWN] if r.name == item.recording), None)
         if recording is not None:
             made.plots(*_pictures(recording))
@@ -84,11 +87,21 @@ def summary(result: Examination) -> str:
         if item.balance is not None:
             parts.append("; ".join(f"{what}: {value}" for what, value in _balance(item)))
         parts += item.undecided.values()
+        parts += [further] if (further := _further(result, item)) else []
         parts[before:] = map(turned_text, parts[before:]) if item.rotational else parts[before:]
     parts += [f"{'mend' if f.severity == 'refuse' else 'note'}: {f}" for f in (*result.refusals, *result.notes)]
     if not result.findings:
         parts.append("nothing speaks against using these recordings")
     return "\n".join(parts)
+
+
+def _further(result: Examination, item: Examined) -> str:
+    """Columns that are no channel: a misspelt one would be missed without a word."""
+    names = next((list(r.extra) for r in result.recordings if r.name == item.recording), [])
+    if not names:
+        return ""
+    listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+    return f"columns that are no channel: {listed}; choose one with --channel, as --channel x=COLUMN"
 
 
 def _plain(row: Iterable[str | Cell]) -> tuple[str, ...]:

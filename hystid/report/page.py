@@ -303,7 +303,8 @@ def _facts(facts: Sequence[Fact]) -> str:
     cards = []
     for fact in facts:
         hint = f"<small>{escape(fact.hint)}</small>" if fact.hint else ""
-        cards.append(f'<div class="fact"><dt>{escape(fact.label)}</dt><dd>{escape(fact.value)}{hint}</dd></div>')
+        value = escape(fact.value).replace(" %", "&nbsp;%")  # a card is narrow
+        cards.append(f'<div class="fact"><dt>{escape(fact.label)}</dt><dd>{value}{hint}</dd></div>')
     return f'<dl class="facts">{"".join(cards)}</dl>'
 
 

@@ -236,7 +236,7 @@ def packed(values: Array) -> dict[str, Any]:
     finite = values[np.isfinite(values)]
     lo, hi = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     levels = np.full(values.shape, 65535, dtype="<u2")
-    steep = lo > 0 and hi > _DECADES * lo
+    steep = lo > 0 and _DECADES * lo < hi < 1e300 * lo  # beyond, the quotient is no number
     place = np.log(finite / lo) / np.log(hi / lo) if steep else (finite - lo) / (hi - lo) if hi > lo else 0.0 * finite
     levels[np.isfinite(values)] = np.round(65534 * place).astype("<u2")
     found = {"q": base64.b64encode(levels.tobytes()).decode("ascii"), "lo": lo, "hi": hi}
@@ -315,7 +315,7 @@ def _values(series: Series, which: str) -> list[Array]:
 def _axis(axis: Axis, title: str, scale: float) -> dict[str, Any]:
     settings: dict[str, Any] = {"title": {"text": title}}
     if axis.log:
-        settings["type"] = "log"
+        settings |= {"type": "log", "nticks": 6}  # more of them run into each other
     if axis.bounds:
         low, high = (bound / scale for bound in axis.bounds)
         settings["range"] = [math.log10(low), math.log10(high)] if axis.log else [low, high]
