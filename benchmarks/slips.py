@@ -85,7 +85,9 @@ class Slip:
     def undecided(self, told: Mapping[str, str]) -> bool:
         """Whether it was said of the recording, as it should be, that this slip would not show."""
         text = " ".join(told.get(name, "") for name in self.channels)
-        unit = self.unit.partition("=")[2]
+        if self.rule == "wrong_mass" or "t" in self.channels:
+            return "whether the mass is in g" in text or "whether t is in ms" in text
+        unit = self.unit.partition("=")[2] or self.unit
         return (
             bool(re.search(rf"[ ,]{re.escape(unit)}(,| does)", text)) if unit else self.rule == "lag" and "lag" in text
         )

@@ -155,3 +155,58 @@ def test_slow_wandering_of_a_velocity_is_drift() -> None:
     wave = 0.3 * np.std(plain.v) * np.sin(2 * np.pi * 0.4 * plain.t)
     (finding,) = examine([replace(plain, v=plain.v + wave)]).findings
     assert (finding.slip, finding.channel) == ("drift", "v")
+
+
+def _sensed(force: np.ndarray, motion: dict[str, np.ndarray], rate: float, noise_db: float, seed: int) -> Recording:
+    rng = np.random.default_rng(seed)
+    channels = {
+        name: u + np.std(u) * 10 ** (-noise_db / 20) * rng.standard_normal(len(u))
+        for name, u in {"F": force, **motion}.items()
+    }
+    t = np.arange(len(force)) / rate
+    return Recording("other", t, **channels, origin=dict.fromkeys(channels, "measured"))
+
+
+@pytest.mark.parametrize("seed", [24, 47])
+def test_a_sine_is_not_late_by_the_phase_of_its_noise(seed: int) -> None:
+    """A band of noise that looks coherent by chance weighs most in a lag, for its frequency is the highest."""
+    t = np.arange(4096) / 512
+    w = 2 * np.pi * 1.5
+    x, v, a = 0.02 * np.sin(w * t), 0.02 * w * np.cos(w * t), -0.02 * w**2 * np.sin(w * t)
+    force = 900 * v / (1 + np.abs(v) / 0.1) + 250 * np.tanh(v / 0.01) + 800 * x
+    assert examine([_sensed(force, {"x": x, "v": v, "a": a}, 512.0, 45.0, seed)], mass=0.0).findings == []
+
+
+@pytest.mark.parametrize("channel", ["v", "a"])
+def test_a_spring_is_no_negative_mass(channel: str) -> None:
+    """Three slow cycles on a stiff spring, without x: inertia is a thousandth of the force, and does not show."""
+    t = np.arange(1500) / 100
+    w = 2 * np.pi * 0.2
+    x = 0.01 * np.sin(w * t) * np.minimum(1, t / 10)
+    v = np.gradient(x, t)
+    a = np.gradient(v, t)
+    force = 3e4 * x + 300 * np.tanh(v / 1e-4) + 20 * a
+    found = examine([_sensed(force, {channel: {"v": v, "a": a}[channel]}, 100.0, 45.0, 0)], mass=20.0)
+    assert found.findings == []
+
+
+def test_a_rig_that_turns_round_hides_its_acceleration_in_the_noise_of_its_angle() -> None:
+    """Thirty decibels of a ramp are more than all that moves beside it: unlike, but no other motion."""
+    t = np.arange(8000) / 1000
+    w = 2 * np.pi * 1.3
+    v = 40 + 3 * np.sin(w * t) * np.minimum(1, t)
+    x, a = np.cumsum(v) / 1000, np.gradient(v, t)
+    force = 0.005 * a + 0.004 * v + 0.02
+    turning = replace(_sensed(force, {"x": x, "v": v, "a": a}, 1000.0, 30.0, 0), rotational=True)
+    assert examine([turning], mass=0.005).findings == []
+
+
+def test_force_and_acceleration_alone_show_the_sign_of_the_force() -> None:
+    """Displacement and velocity are integrated above the drift only: the force is explained as with all channels."""
+    plain = rig(45.0)
+    alone = replace(plain, x=None, v=None)
+    balance = examine([alone], mass=MASS).examined[0].balance
+    assert balance is not None and balance.passive > 0.99  # the noise of a leaves 10^(-45/20) of its size, times Q < 3
+    assert plain.F is not None
+    (found,) = examine([replace(alone, F=-plain.F)], mass=MASS).findings
+    assert found.slip == "swapped_sign"

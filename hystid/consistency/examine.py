@@ -23,7 +23,8 @@ _log = logging.getLogger("hystid")
 _SHORTEST = 64  # samples below which spectra say nothing
 _CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
 _SOUND = 0.005**2  # share of the power of the force that sensors leave which match to 0.5 %: less tells no sign
-_SIGMAS = 5.0  # standard errors of a lag
+_SIGMAS = 6.9  # standard errors of a lag, from six sections: one sound pair in a thousand (Student, 5 degrees)
+_SIGMAS_FORCE = 5.0
 _PHASE = 0.5  # radians of the main motion beyond which a lag spoils the balance: an eighth of the force moves over
 _LOST = 0.7  # response over the gain below which a channel does not count (3 dB)
 _CERTAIN = 0.8  # coherence at which a response is read band by band
@@ -31,6 +32,7 @@ _CERTAIN = 0.8  # coherence at which a response is read band by band
 _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
 _MATTERS = 0.01  # share of the power of the motion: a tenth of its size
 _EXPLAINED = 0.5  # of the power of the force that laws explain, from which it belongs to the motion
+_STANDS_OUT = 10.0  # motion over noise from which two channels are coherent, whatever else differs
 _DRIFT = 0.01  # share of the power of a channel
 
 
@@ -136,6 +138,8 @@ def _situation(recording: Recording, compared: Sequence[Pair], force: Force | No
     ratio = None
     # a force that no law explains, as the noise of a free decay, says nothing about the mass
     seen = force is not None and force.free_share > _EXPLAINED
+    # nor does a mass whose sign is not that of the force: a spring and an inertia of one frequency are alike
+    seen = seen and force is not None and (force.mass > 0) == (force.share >= force.reversed_share)
     if mass and force is not None and seen and math.isfinite(force.mass_ratio_error):
         ratio = force.mass / mass, force.mass_ratio_error
     written = {name: unit for name, unit in recording.units.items() if unit}
@@ -197,12 +201,16 @@ def _explanation(situation: Situation) -> Explanation:
 def _undecided(recording: Recording, situation: Situation, force: Force | None) -> dict[str, str]:
     """What no other channel of the recording can confirm."""
     found = {}
-    for name in [*(["F"] if recording.F is not None else []), *motion(recording)]:
+    clock = [] if recording.quasi_static or "t" not in recording.units else ["t"]
+    weighed = ["m"] if situation.mass else []
+    rest = "the mass does not show well enough" if situation.mass else "the mass is not known"
+    why = {"t": f"only rates against each other show it, and {rest}", "m": rest, "F": rest}
+    for name in [*clock, *weighed, *(["F"] if recording.F is not None else []), *motion(recording)]:
         doubtful = doubtful_units(situation, name)
         if doubtful:
-            rest = "the mass is not known" if not situation.mass else "the mass does not show well enough"
-            why = rest if name == "F" else f"no other channel of the motion is there, and {rest}"
-            found[name] = f"whether {name} is in {', '.join(doubtful)} does not show: {why}"
+            reason = why.get(name, f"no other channel of the motion is there, and {rest}")
+            called = "the mass" if name == "m" else name
+            found[name] = f"whether {called} is in {', '.join(doubtful)} does not show: {reason}"
     if force is not None and not recording.quasi_static and _main(recording) * force.hidden_lag > _PHASE:
         late = f"a lag of F below {1e3 * force.hidden_lag:.3g} ms does not show: hysteresis explains F as well"
         found["F"] = f"{found['F']}; {late}" if "F" in found else late
@@ -295,14 +303,17 @@ def _sizes(recording: Recording) -> list[Finding]:
     names = motion(recording)
     if recording.rotational:
         return []
+    alone = len(names) == 1 and recording.F is not None
     for name, values in names.items():
         largest = float(np.max(np.abs(values - np.median(values))))
         if largest > _LARGEST[name] and not (recording.quasi_static and name != "x"):
-            return [words.too_large(recording.name, name, f"reaches {largest:.4g} {recording.unit(name)}", largest)]
+            return [
+                words.too_large(recording.name, name, f"reaches {largest:.4g} {recording.unit(name)}", largest, alone)
+            ]
     if list(names) == ["x"] and not recording.quasi_static:
         speed = float(np.std(names["x"])) * _main(recording)
         if speed > _LARGEST["v"]:
-            return [words.too_large(recording.name, "x", f"moves at about {speed:.3g} m/s", speed)]
+            return [words.too_large(recording.name, "x", f"moves at about {speed:.3g} m/s", speed, alone)]
     return []
 
 
@@ -310,7 +321,8 @@ def _is_late(recording: Recording, force: Force) -> bool:
     """Whether the force comes clearly later or earlier than its motion, by the same time all through the recording."""
     if recording.quasi_static or not math.isfinite(force.lag_error):
         return False
-    clear = abs(force.lag) > 1.5 * recording.dt and abs(force.lag) > _SIGMAS * force.lag_error
+    # fewer standard errors than between channels of the motion, for the power that is left has to drop as well
+    clear = abs(force.lag) > 1.5 * recording.dt and abs(force.lag) > _SIGMAS_FORCE * force.lag_error
     before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
     passive = (1 - before) > FOURFOLD * (1 - after)
     return clear and (passive or (1 - force.free_share) > FOURFOLD * (1 - force.free_lag_share))
@@ -424,7 +436,18 @@ def _drift(p: Pair, recording: Recording) -> tuple[str, float] | None:
 def _strangers(recording: Recording, compared: Sequence[Pair], best: Explanation) -> list[Finding]:
     if best.slips:
         return []
-    return [words.strangers(recording.name, p) for p in compared if not p.is_one_motion]
+    return [
+        words.strangers(recording.name, p) for p in compared if not p.is_one_motion and _ought_to_agree(recording, p)
+    ]
+
+
+def _ought_to_agree(recording: Recording, p: Pair) -> bool:
+    """Whether the motion of the higher channel stands out of the noise of the derivative of the lower one, and the two
+    are nevertheless unlike there: what noise hides is no other motion."""
+    low, high = (spectrum(motion(recording)[name], recording.dt) for name in (p.low, p.high))
+    hidden = np.maximum(high.level, low.level * high.omega ** (2 * p.order))
+    shown = np.interp(p.bands.omega, high.omega, high.density / np.maximum(hidden, 1e-300)) > _STANDS_OUT
+    return bool(np.any(shown)) and float(np.median(p.bands.coherence[shown])) < 0.5
 
 
 def _channels(recording: Recording, compared: Sequence[Pair]) -> dict[str, Channel]:

@@ -61,7 +61,7 @@ def filtered(recording: Recording, p: Pair, inertia: float = 0.0) -> Form | None
     plain, made = -math.inf, []
     for sign in (1.0, -1.0):  # a filter turns the phase by more than a quarter of a period: what looks reversed may not
         held = _Held(found, at, sign)
-        plain = max(plain, held.likelihood(np.ones_like(held.response)), held.late(p.lag))
+        plain = max(plain, float(held.likelihood(np.ones_like(held.response))), held.late(p.lag))
         made += [(*held.best(side, channel, shape), held, sign) for side, channel, shape in _forms(p, held.omega)]
     best, answer, corner, (side, channel), held, sign = max(made, key=lambda item: item[0])
     odds = best - plain - _PRIOR - 0.5 * math.log(len(held.omega))
@@ -81,18 +81,18 @@ def _butterworth(order: int, s: Complex) -> Complex:
     return np.asarray((1.0 + 0.76537 * s + s**2) * (1.0 + 1.84776 * s + s**2))
 
 
-def _passes(side: str, order: int, both: bool, omega: Array) -> Callable[[float], Complex]:
-    """Response of a filter over its corner; both: run forwards and backwards, so without a phase."""
+def _passes(side: str, order: int, both: bool, omega: Array) -> Callable[[Array], Complex]:
+    """Responses of a filter, shape (corners, bands), over its corners; both: run both ways, so without a phase."""
 
-    def made(corner: float) -> Complex:
-        s: Complex = np.asarray(1j * omega / corner, dtype=np.complex128)
+    def made(corners: Array) -> Complex:
+        s: Complex = np.asarray(1j * omega / corners[:, None], dtype=np.complex128)
         answer = (s**order if side == "low" else 1.0) / _butterworth(order, s)
         return np.asarray(np.abs(answer) ** 2 + 0j if both else answer)
 
     return made
 
 
-def _forms(p: Pair, omega: Array) -> list[tuple[str, str, Callable[[float], Complex]]]:
+def _forms(p: Pair, omega: Array) -> list[tuple[str, str, Callable[[Array], Complex]]]:
     """(side that is lost, channel, response of the pair over the corner)."""
     found = []
     for side, (order, both) in product(("low", "high"), ((1, False), (2, False), (4, False), (2, True), (4, True))):
@@ -102,8 +102,8 @@ def _forms(p: Pair, omega: Array) -> list[tuple[str, str, Callable[[float], Comp
     return found
 
 
-def _inverse(shape: Callable[[float], Complex]) -> Callable[[float], Complex]:
-    return lambda corner: np.asarray(1.0 / shape(corner))
+def _inverse(shape: Callable[[Array], Complex]) -> Callable[[Array], Complex]:
+    return lambda corners: np.asarray(1.0 / shape(corners))
 
 
 class _Held:
@@ -112,41 +112,47 @@ class _Held:
     def __init__(self, found: Bands, at: NDArray[np.bool_], sign: float) -> None:
         self.omega, self.response = found.omega[at], found.response[at] * sign
         self.weight = 1.0 / (found.variance[at] + _CALIBRATION**2)
+        # which channel holds the noise is not known: the size lies anywhere between the estimates blind to either
+        between = np.log(found.coherence[at]) ** 2 / 12.0
+        self.size_weight = 1.0 / (found.variance[at] + _CALIBRATION**2 + between)
         self.low, self.high = found.low[at], found.high[at]
 
-    def likelihood(self, form: Complex) -> float:
-        """ln of the likelihood with the best gain, under errors with heavy tails: a band may hold what leaked in."""
-        size = np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(form), 1e-12))
-        phase = np.angle(self.response * np.conj(form))
-        left = self.weight * ((size - median(size, self.weight)) ** 2 + phase**2)
-        return -0.5 * (_TAILS + 2.0) * float(np.sum(np.log1p(left / _TAILS)))
+    def likelihood(self, forms: Complex) -> Array:
+        """ln of the likelihood with the best gain, under errors with heavy tails: a band may hold what leaked in.
+
+        forms: shape (..., bands); the answer has shape (...,).
+        """
+        size = np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(forms), 1e-12))
+        phase = np.angle(self.response * np.conj(forms))
+        left = self.size_weight * (size - median(size, self.size_weight)[..., None]) ** 2 + self.weight * phase**2
+        return np.asarray(-0.5 * (_TAILS + 2.0) * np.sum(np.log1p(left / _TAILS), axis=-1))
 
     def gain(self, form: Complex) -> float:
         """Size of the response where the form is 1."""
         return float(
-            np.exp(median(np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(form), 1e-12)), self.weight))
+            np.exp(median(np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(form), 1e-12)), self.size_weight))
         )
 
     def late(self, lag: float) -> float:
         """The same of the best lag, near one and near none."""
         step = math.pi / float(self.omega[-1])
         tried = np.concatenate([lag + step * np.linspace(-1, 1, 81), step * np.linspace(-1, 1, 81)])
-        return max(self.likelihood(np.exp(-1j * self.omega * t)) for t in tried)
+        return float(np.max(self.likelihood(np.exp(-1j * self.omega * tried[:, None]))))
 
     def best(
-        self, side: str, channel: str, shape: Callable[[float], Complex]
+        self, side: str, channel: str, shape: Callable[[Array], Complex]
     ) -> tuple[float, Complex, float, tuple[str, str]]:
         """Likelihood, response and corner of one form at its best corner, and what it is."""
         # What it passes has to be seen; its corner need not: the phase of an AC coupling reaches ten times as far.
         lowest, highest = self.omega[0], self.omega[-1]
         lowest, highest = (lowest / _BEYOND, highest) if side == "low" else (lowest, highest * _BEYOND)
         corners = np.geomspace(lowest, highest, 60)
-        scores = [self.likelihood(shape(float(c))) for c in corners]
-        k = int(np.argmax(scores))
+        k = int(np.argmax(self.likelihood(shape(corners))))
         finer = np.geomspace(corners[max(k - 1, 0)], corners[min(k + 1, 59)], 15)
-        more = [self.likelihood(shape(float(c))) for c in finer]
-        at = int(np.argmax(more))
-        return more[at], shape(float(finer[at])), float(finer[at]), (side, channel)
+        answers = shape(finer)
+        scores = self.likelihood(answers)
+        at = int(np.argmax(scores))
+        return float(scores[at]), answers[at], float(finer[at]), (side, channel)
 
     def damping(self, form: Complex) -> float:
         """Work that the turned phase of an acceleration feigns, over rms(a) rms(v)."""

@@ -22,8 +22,10 @@ _NEAR = (-1, 0, 1)  # samples by which channels of one logger may differ, that a
 _FURTHEST = 20_000  # samples that two clocks may be apart
 _MEMORY = 5  # knots of the curve of the way since the last turn
 _ALIKE = 1.3  # times the smallest unexplained share, up to which a smaller shift is preferred: a sine repeats itself
+_INTEGRATED = 1e-4  # share of noise in the power of an integrated displacement: as from a sensor of 40 dB
 _HALF = 0.5
 _PERIODS = 4  # of the motion, over which its energy is averaged
+_REST = 0.01  # energy at the beginning over the largest one, from which it could tell for a tenth of the force
 _FEWEST = 64  # samples of a force that can be compared with a motion
 FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
 
@@ -92,7 +94,7 @@ def examine_force(recording: Recording) -> Force | None:
     now, flipped = (max(fit.passive(k, sign) for k in _NEAR) for sign in (1.0, -1.0))
     shift = fit.best_shift()
     there, back = (max(fit.passive(shift + k, s) for k in _NEAR if abs(shift + k) <= limit) for s in (1.0, -1.0))
-    first = 0 if recording.quasi_static else _settled(columns.signed[:, 1])
+    first = 0 if recording.quasi_static else _settled(columns)
     if first:
         now, flipped = _passive_from(columns, first, 0)
         there, back = _passive_from(columns, first, shift)
@@ -109,17 +111,24 @@ def examine_force(recording: Recording) -> Force | None:
     )  # fmt: skip
 
 
-def _settled(v: Array) -> int:
-    """First sample from which on the motion has no more energy than at the end.
+def _settled(columns: _Columns) -> int:
+    """First sample from which on the motion has no more energy than at the end, 0 where it begins at rest.
 
     Before, the structure gives out what it had stored: a decay whose exciter drags along has a negative power and the
     right sign.
     """
+    v, x = columns.signed[:, 1], columns.x
     turn = float(np.sqrt(np.sum(np.diff(v) ** 2) / max(float(v @ v), 1e-300)))  # radians per sample
     window = int(np.clip(_PERIODS * 2 * np.pi / max(turn, 1e-9), 2, len(v) // 2))
     mean, square = (np.convolve(u, np.full(window, 1.0 / window), mode="valid") for u in (v, v**2))
     energy = square - mean**2  # the zero of a sensor is no motion
-    return int(np.argmax(energy <= energy[-1]))
+    first = max(window // (8 * _PERIODS), 1)  # an eighth of a period
+    away = np.mean(x[:first]) - np.mean(x[-window:])  # what is let go has its energy in the spring
+    begun = max(
+        float(np.mean((v[:first] - np.mean(v)) ** 2)) / max(float(np.max(v**2)), 1e-300),
+        float(away**2) / max(float(np.max((x - np.mean(x[-window:])) ** 2)), 1e-300),
+    )
+    return 0 if begun < _REST else int(np.argmax(energy <= energy[-1]))
 
 
 def _passive_from(columns: _Columns, first: int, shift: int) -> tuple[float, float]:
@@ -214,10 +223,13 @@ def _columns(recording: Recording) -> _Columns | None:
 def _assembled(recording: Recording, found: dict[int, Array], force: Array, width: float) -> _Columns | None:
     dt = recording.dt
     names = motion(recording)
-    if 1 not in found:  # only a: its integral, without drift
-        found[1] = _integral(found[2], dt)
-    if 0 not in found:
-        found[0] = _integral(found[1], dt)
+    if 0 not in found:  # integrals, without drift; the force is compared in the same band
+        edge = _lowest(recording)
+        for target in range(min(found) - 1, -1, -1):
+            found[target] = _integral(found[target + 1], dt)
+        kept = _settled_filter(edge * dt, found[max(found)])
+        found = {target: _above(values, edge * dt)[kept] for target, values in found.items()}
+        force = _above(force, edge * dt)[kept]
     if not all(np.any(found[k]) for k in (0, 1, 2)):
         return None
     if "x" in names:
@@ -239,8 +251,48 @@ def _width(recording: Recording) -> float:
     return float(np.clip(1.2 / max(top, 1e-3), 1.5, min(widest, 60.0)))
 
 
+def _lowest(recording: Recording) -> float:
+    """Frequency [rad/s] above which the displacement, integrated from the motion, is motion and not noise.
+
+    0 where it is so down to the slowest waves of the recording.
+    """
+    name = next(iter(motion(recording)))
+    held = spectrum(motion(recording)[name], recording.dt)
+    if len(held.omega) < 2:
+        return 0.0
+    weight = np.gradient(held.omega) / held.omega ** (2 * ORDER[name])
+    noise = held.level * weight
+    signal = np.maximum(held.density - held.level, 0.0) * weight
+    total = np.maximum(np.cumsum(signal[::-1])[::-1], 1e-300)
+    share = np.cumsum(noise[::-1])[::-1] / total
+    clear = int(np.argmax(share <= max(_INTEGRATED, 2.0 * float(np.min(share)))))
+    return 0.5 * float(held.omega[clear]) if clear else 0.0  # an octave lower, so that the filter leaves the motion
+
+
+def _above(values: Array, edge: float) -> Array:
+    """A channel without what is slower than an edge [rad per sample]."""
+    if edge <= 0:
+        return values
+    from scipy.signal import butter, sosfiltfilt
+
+    return np.asarray(sosfiltfilt(butter(4, edge / np.pi, "high", output="sos"), values))
+
+
+def _settled_filter(edge: float, values: Array) -> slice:
+    """Samples that such a filter leaves without its transients: they are a hundredth after one period of the edge.
+
+    At an end where the structure rests there are none, and a blow may come right after it.
+    """
+    n = len(values)
+    period = min(int(2 * np.pi / edge), n // 8) if edge > 0 else 0
+    largest, short = _REST * float(np.max(values**2)), max(period // 8, 1)
+    first, last = (0 if np.mean(end**2) < largest else period for end in (values[:short], values[-short:]))
+    return slice(first, n - last)
+
+
 def _integral(values: Array, dt: float) -> Array:
-    total = np.cumsum(values - np.mean(values)) * dt
+    plain = values - np.mean(values)
+    total = (np.cumsum(plain) - 0.5 * plain) * dt
     n = len(total)
     k = np.linspace(-1, 1, n)
     return np.asarray(total - np.polyval(np.polyfit(k, total, 3), k))
@@ -265,7 +317,10 @@ def _hats(x: Array, count: int) -> Array:
 
 
 def _fine(columns: _Columns, fit: _Fit, shift: int) -> tuple[float, float]:
-    """Best shift between samples by a parabola, and its standard error from quarters of the recording."""
+    """Best shift between samples by a parabola, and its standard error from quarters of the recording.
+
+    A blow lies in one of them: the error then follows from what is left of the force, and from how steep that is.
+    """
     sign = 1.0 if fit.passive(shift) >= fit.passive(shift, -1.0) else -1.0
     found = []
     for part in np.array_split(np.arange(len(columns.F)), 4):
@@ -275,13 +330,19 @@ def _fine(columns: _Columns, fit: _Fit, shift: int) -> tuple[float, float]:
             own = _Fit(one, reach)
             near = [k for k in range(shift - 8, shift + 9) if abs(k) <= reach]
             found.append(near[int(np.argmax([own.passive(k, sign) for k in near]))])
-    error = float(np.std(found, ddof=1) / np.sqrt(len(found))) if len(found) > 2 else np.inf
+    error = float(np.std(found, ddof=1) / np.sqrt(len(found))) if len(found) > 2 else _of_one_blow(columns, fit, shift)
     if abs(shift) >= fit.limit:
         return float(shift), max(error, _HALF)
     three = [fit.freely(shift + k) for k in (-1, 0, 1)]
     bend = three[0] - 2 * three[1] + three[2]
     between = 0.5 * (three[0] - three[2]) / bend if bend < 0 else 0.0
     return shift + float(np.clip(between, -_HALF, _HALF)), max(error, 0.1)
+
+
+def _of_one_blow(columns: _Columns, fit: _Fit, shift: int) -> float:
+    steep = float(np.sum(np.diff(columns.F) ** 2))
+    left = (1.0 - fit.freely(shift)) * fit.total / len(columns.F) * _memory(_left(columns))
+    return float(np.sqrt(max(left, 0.0) / steep)) if steep > 0 else np.inf
 
 
 def _table(columns: _Columns) -> tuple[Array, Array]:
@@ -320,14 +381,16 @@ def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float]:
     table, force = _table(columns)
     step = max(1, len(columns.F) // _ROWS)
     size = float(np.sqrt(np.mean(columns.signed[::step, 0] ** 2)))
-    blocks = np.array_split(np.arange(len(force)), _BLOCKS)
+    others = table[:, 1:]
+    alone = table[:, 0] - others @ np.linalg.lstsq(others, table[:, 0], rcond=None)[0]
+    # blocks of one share of what tells the mass: of a blow, one of equal length would hold all of it
+    told = np.cumsum(alone**2) / max(float(alone @ alone), 1e-300)
+    blocks = np.split(np.arange(len(force)), np.searchsorted(told, np.arange(1, _BLOCKS) / _BLOCKS))
     fit = np.linalg.lstsq(table, force, rcond=None)[0]
     left_out = [
         float(np.linalg.lstsq(np.delete(table, rows, axis=0), np.delete(force, rows), rcond=None)[0][0]) / size
         for rows in blocks
     ]
     error = float(np.sqrt((_BLOCKS - 1) / _BLOCKS * np.sum((np.array(left_out) - np.mean(left_out)) ** 2)))
-    others = table[:, 1:]
-    alone = table[:, 0] - others @ np.linalg.lstsq(others, table[:, 0], rcond=None)[0]
     absorbed = float(np.std(force - table @ fit) / max(float(np.std(alone)), 1e-300))
     return float(fit[0]) / size, error, 0.5 * absorbed / max(abs(float(fit[0])), 1e-300)

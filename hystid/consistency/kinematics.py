@@ -22,6 +22,7 @@ _CLEARLY = 0.1  # share of a misfit that a formula leaves when it is the right o
 _TAPS = 12  # samples on either side from which a formula computes a channel
 _EQUATIONS = 4000  # of it that are looked at
 _DIGITS = 1e-6  # error of a formula over the size of a channel: the last of the digits that text files hold
+_UNDECIDED = math.log(20.0)  # odds of two signs below which the phases do not tell them apart
 _PLATEAU = 1.25  # response over the gain beyond which a filter is at work (2 dB, the usual limit of a sensor's band)
 
 
@@ -30,7 +31,8 @@ class Pair:
     """How channel ``high`` compares with the derivative of channel ``low``.
 
     gain: high over derivative of low (positive); error: standard error of its logarithm. sign: 1 or -1.
-    lag: how much later ``high`` is [s]; lag_error: from the scatter of sections of the recording [s].
+    lag: how much later ``high`` is [s]; lag_error: from the scatter of sections of the recording, and from the phase
+    that a sound chain leaves in each band [s].
     slope, slope_error: exponent of the response over frequency (0 for a sound pair).
     band: [rad/s] in which the response stays within 2 dB of the gain; coherence: mean over these bands, by power.
     correlation: of the two after the lag was taken out. bands: the spectra themselves, after the lag.
@@ -89,8 +91,8 @@ def pair(channels: Mapping[str, Array], low: str, high: str, dt: float) -> Pair:
     if not np.any(seen):
         return Pair(low, high, np.nan, np.inf, 1.0, 0.0, np.inf, 0.0, np.inf, (0.0, 0.0), 0.0, 0.0, found)
     size = np.log(np.abs(found.response))
-    centre = median(size, weight * found.high / np.sum(found.high))
-    lag, _ = _delay(found, sign, weight)
+    centre = float(median(size, weight * found.high / np.sum(found.high)))
+    lag, sign = _nearest(found, sign, weight, shift * dt)
     slope, slope_error = _slope(np.log(found.omega), size, weight)
     near = seen & (np.abs(size - centre) < np.log(_PLATEAU))
     inside = _run(near, int(np.argmax(np.where(seen, found.high, 0.0))))
@@ -99,7 +101,8 @@ def pair(channels: Mapping[str, Array], low: str, high: str, dt: float) -> Pair:
     level = float(np.sum(share * size[inside]))
     error = float(np.sqrt(np.sum(share**2 / weight[inside]) + np.sum(share * (size[inside] - level) ** 2) / len(share)))
     return Pair(
-        low, high, float(np.exp(level)), error, sign, lag + shift * dt, _scatter(one, other, dt, sign),
+        low, high, float(np.exp(level)), error, sign, lag + shift * dt,
+        math.hypot(_scatter(one, other, dt, sign), float(np.sum(weight * found.omega**2)) ** -0.5),
         slope, slope_error, (float(found.omega[inside][0]), float(found.omega[inside][-1])),
         float(np.sum(power * found.coherence) / np.sum(power)), _correlation(one, other), found,
     )  # fmt: skip
@@ -147,6 +150,18 @@ def _shifted(one: Array, other: Array, shift: int) -> tuple[Array, Array]:
     return (one[-shift:], other[:shift]) if shift < 0 else (one, other)
 
 
+def _nearest(found: Bands, sign: float, weight: Array, shift: float) -> tuple[float, float]:
+    """(lag after the shift [s], sign): of both signs, a reversed sine being one that comes half a period late.
+
+    Where the phases do not tell them apart, the smaller lag counts.
+    """
+    both = [(*_delay(found, s, weight), s) for s in (sign, -sign)]
+    total = float(np.sum(weight))
+    best = max(fit for _, fit, _ in both)
+    alike = [(lag, s) for lag, fit, s in both if total * (best - fit) < _UNDECIDED]
+    return min(alike, key=lambda item: abs(item[0] + shift))
+
+
 def _delay(found: Bands, sign: float, weight: Array) -> tuple[float, float]:
     """Lag [s] within half a period of the strongest motion, and the mean cosine that is left."""
     phase = np.angle(found.response * sign)
@@ -184,11 +199,12 @@ def _slope(x: Array, y: Array, weight: Array) -> tuple[float, float]:
     return slope, float(np.sqrt(excess / spread))
 
 
-def median(values: Array, weight: Array) -> float:
-    """Weighted median of values of shape (n,)."""
-    order = np.argsort(values)
-    total = np.cumsum(weight[order])
-    return float(values[order][int(np.searchsorted(total, 0.5 * total[-1]))])
+def median(values: Array, weight: Array) -> Array:
+    """Weighted medians over the last axis of values of shape (..., n); weight has shape (n,)."""
+    order = np.argsort(values, axis=-1)
+    total = np.cumsum(weight[order], axis=-1)
+    at = np.argmax(total >= 0.5 * total[..., -1:], axis=-1)
+    return np.asarray(np.take_along_axis(values, np.take_along_axis(order, at[..., None], -1), -1)[..., 0])
 
 
 def _run(flags: np.ndarray[tuple[int], np.dtype[np.bool_]], at: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

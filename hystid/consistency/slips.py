@@ -117,10 +117,12 @@ def explain(situation: Situation) -> list[Explanation]:
 
 
 def doubtful_units(situation: Situation, name: str) -> list[str]:
-    """Units that a channel could be in without being noticed: no ratio tells them from the unit of the header."""
+    """Units that a channel, or t, could be in unnoticed: no ratio tells them from the unit of the header."""
     table = ANGULAR if situation.rotational else LINEAR
     left = []
-    for slip in _units(name, table[name], situation):
+    for slip in _times(situation) if name == "t" else _units(name, table[name], situation):
+        if not math.isfinite(slip.factor):
+            continue
         shift = math.log(slip.factor)
         seen = sum(
             (_power(pair, slip) * shift) ** 2 / (CALIBRATION**2 + pair.error**2)

@@ -39,8 +39,12 @@ class Bands:
 
     @property
     def seen(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Bands in which both channels hold one signal: coherence above a half and above chance (1 in 1000)."""
-        chance = 1.0 - 1e-3 ** (1.0 / np.maximum(self.count - 1.0, 1.0))
+        """Bands in which both channels hold one signal: coherence above a half, and above chance.
+
+        Chance: one band in a thousand recordings, for a single band at a high frequency outweighs all others in a lag.
+        """
+        rare = 1e-3 / max(len(self.count), 1)
+        chance = 1.0 - rare ** (1.0 / np.maximum(self.count - 1.0, 1.0))
         return np.asarray((self.coherence > 0.5) & (self.coherence > chance))
 
     @property

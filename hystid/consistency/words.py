@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 
 from hystid.consistency.force import Force
 from hystid.consistency.kinematics import Pair
-from hystid.consistency.slips import Explanation, Slip
+from hystid.consistency.slips import CALIBRATION, LINEAR, USUAL, Explanation, Slip
 from hystid.consistency.types import Finding
 from hystid.recording import Array
+from hystid.units import to_si
 
 _DERIVATIVES = {("x", "v"): "dx/dt", ("x", "a"): "the second derivative of x", ("v", "a"): "dv/dt"}
 
@@ -75,7 +76,8 @@ def _time(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
         looks = f"t looks like {slip.units[1]}"
         mend = f"write 't [{slip.units[1]}]' in the header or give --unit t={slip.units[1]}"
         repair = {"unit": f"t={slip.units[1]}"}
-    sentence = f"time runs {size} for the motion ({told}): {looks}"
+    judged = told or "judged by the mass and the force"
+    sentence = f"time runs {size} for the motion ({judged}): {looks}"
     return Finding(name, "t", "wrong_unit", sentence, mend, "refuse", seen, repair)
 
 
@@ -87,8 +89,16 @@ def _mass(name: str, slip: Slip, rotational: bool, mass: float | None) -> Findin
     if slip.kind == "unit":
         sentence += f": it looks like {slip.units[1]}"
     seen = {"apparent mass": true, "given mass": given}
+    same = [f"{channel} in {unit}" for channel, power in (("F", 1), ("a", -1)) for unit in _units(channel, slip, power)]
     mend = f"give --mass {_number(true)} if it was weighed so, or check the units of F and a"
+    mend += f", for {' or '.join(same)} would look the same" if same and not rotational else ""
     return Finding(name, "m", "wrong_mass", sentence, mend, "refuse", seen)
+
+
+def _units(channel: str, slip: Slip, power: int) -> list[str]:
+    """Usual units of a linear channel that would make the same of F over a as a slip of the mass."""
+    listed = LINEAR[channel]
+    return [u for u in listed[1:USUAL] if abs(math.log(to_si(u, listed[0])[0] ** power / slip.factor)) < CALIBRATION]
 
 
 def _reversed(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
@@ -189,11 +199,12 @@ def strangers(name: str, p: Pair) -> Finding:
     return Finding(name, p.high, "not_one_motion", sentence, mend, "note", {"correlation": p.correlation})
 
 
-def too_large(name: str, channel: str, seen: str, size: float) -> Finding:
-    """A size that no structure has."""
+def too_large(name: str, channel: str, seen: str, size: float, alone: bool) -> Finding:
+    """A size that no structure has. alone: whether no other channel of the motion is there."""
     sentence = f"{channel} {seen}, which no structure of this kind does"
     unit = {"x": "mm", "v": "mm/s", "a": "mm/s2"}[channel]
     mend = f"correct the unit of {channel} or of t in the header, or give --unit {channel}={unit}"
+    mend += f"; or are F and {channel} exchanged?" if alone else ""
     return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", {"size": size})
 
 
