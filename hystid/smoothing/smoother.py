@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct, idct
 from scipy.optimize import minimize_scalar
-from scipy.signal import welch
+from scipy.signal import coherence, welch
 
 from hystid.errors import UsageError
 from hystid.toolchain import shared_library
@@ -27,6 +28,10 @@ ORDERS = (3, 4, 5)
 _LIKELIHOOD_SAMPLES = 4000  # enough to choose one number; keeps a record of a million samples cheap
 BELOW = {"v": 0.1, "a": 0.3}  # corner over the lowest visible frequency: the motion itself changes by 1 % at most
 _CLEAR = 10.0  # power of the motion over that of the noise at the lowest frequency that counts
+_DROWNED = 0.5  # of the lowest frequency: noise is as large as the motion there (white in a, power over f^4 in x)
+_TAPER = 0.8  # of the frequency of a cut, from which on it begins to let motion pass
+_COMMON = 0.5  # coherence with the force below which most of the power is not motion, but noise
+_SECTIONS = 8  # of a recording, for the coherence: 15 half overlapping spectra, which share 0.1 by chance
 _BLOCK = 100_000  # samples smoothed at a time, with an overlap far beyond the smoother's memory: bounds the memory
 _OVERLAP = 2_000
 _ONE = 0.1  # noises of x by which x and the integral of v may differ
@@ -38,11 +43,13 @@ class Roughness:
     """Derivative of x that is taken as white noise (3: jerk), and its density in units of the sample time.
 
     lowest: angular frequency [rad/s] of the motion below which a displacement that was not measured is held at zero.
+    cut: angular frequency [rad/s] below which it would hold more noise than motion, and is taken out.
     """
 
     order: int
     level: float
     lowest: float = 0.0
+    cut: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,13 +64,17 @@ class Smoothed:
 
 
 def smooth(
-    channels: Mapping[str, Array], noise: Mapping[str, float], dt: float, roughness: Roughness | None = None
+    channels: Mapping[str, Array],
+    noise: Mapping[str, float],
+    dt: float,
+    roughness: Roughness | None = None,
+    force: Array | None = None,
 ) -> Smoothed:
     """Smooth the measured channels of one motion jointly.
 
     channels: any of x [m], v [m/s], a [m/s2], shape (n,) each, at least one; NaN marks a gap. noise: their standard
     deviations, > 0.
-    dt: sample time [s]. roughness: None for the most likely one.
+    dt: sample time [s]. roughness: None for the most likely one. force: what drives the motion (n,), where it is known.
     Without x, the position would drift away as an integrated measurement does: below the lowest frequency of the motion
     it is held at zero (a pseudo measurement x = 0, of the size that gives a corner there).
     Raises UsageError when there is no channel of a motion.
@@ -71,14 +82,16 @@ def smooth(
     if not channels or set(channels) - set(CHANNELS):
         raise UsageError(f"smoothing needs channels out of x, v, a, got {sorted(channels) or 'none'}")
     table, variance = _scaled(channels, noise, dt)
-    lowest = 0.0 if "x" in channels else roughness.lowest if roughness else _lowest(channels, noise, dt)
+    lowest, cut = 0.0, 0.0
+    if "x" not in channels:
+        lowest, cut = (roughness.lowest, roughness.cut) if roughness else _lowest(channels, noise, dt, force)
     if lowest and "v" in channels:
         variance[0] = variance[1] / (BELOW["v"] * lowest * dt) ** 2
     elif lowest:
         variance[0] = variance[2] / (BELOW["a"] * lowest * dt) ** 4
     # what holds x at zero is no measurement, and says nothing about how rough the motion is
     measured = np.where([name in channels for name in CHANNELS], variance, np.inf)
-    chosen = roughness or replace(_likely(table, measured), lowest=lowest)
+    chosen = roughness or replace(_likely(table, measured), lowest=lowest, cut=cut)
     motion, spread = _in_blocks(table, variance, chosen)
     parted = roughness is None and "x" in channels and len(channels) > 1  # one channel cannot drift away from another
     for louder in _LOUDER if parted else ():
@@ -89,8 +102,19 @@ def smooth(
         motion, spread = _in_blocks(table, variance, chosen)
     unit = np.array([1.0, dt, dt * dt])
     x, v, a = (np.ascontiguousarray(column) for column in (motion / unit).T)
+    x = _above(x, cut * dt)
+    v = v if "v" in channels else _above(v, cut * dt)
     error = np.sqrt(np.maximum(spread, 0.0)) / unit
     return Smoothed(x, v, a, (float(error[0]), float(error[1]), float(error[2])), chosen)
+
+
+def _above(column: Array, cut: float) -> Array:
+    """A column without what is slower than ``cut`` [rad per sample]; its mirror image continues it."""
+    if not cut:
+        return column
+    omega = np.pi * np.arange(len(column)) / len(column)
+    passed = np.clip((omega / cut - _TAPER) / (1 - _TAPER), 0.0, 1.0)
+    return np.asarray(idct(dct(column) * np.sin(0.5 * np.pi * passed) ** 2))
 
 
 def _wander(motion: Array) -> float:
@@ -104,14 +128,37 @@ def _wander(motion: Array) -> float:
     return float(np.std(x[1:] - way))
 
 
-def _lowest(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> float:
-    """The lowest frequency at which the motion stands clear of the noise [rad/s]."""
+def _lowest(
+    channels: Mapping[str, Array], noise: Mapping[str, float], dt: float, force: Array | None
+) -> tuple[float, float]:
+    """The lowest frequency at which the motion stands clear of the noise, and that at which it drowns in it [rad/s]."""
     name = "v" if "v" in channels else "a"
     values = np.nan_to_num(channels[name] - np.nanmean(channels[name]))
     frequency, power = welch(values, fs=1.0 / dt, nperseg=max(8, len(values) // 2))
+    drowned = 0.0 if force is None else _incoherent(values, force, dt)
     told = (power > _CLEAR * 2.0 * noise[name] ** 2 * dt) & (frequency > frequency[1])  # the first line holds the mean
-    clear = frequency[told]
-    return float(2 * np.pi * (clear[0] if len(clear) else frequency[1]))
+    clear = frequency[told & (frequency >= drowned)]
+    lowest = clear[0] if len(clear) else max(frequency[1], drowned)
+    return float(2 * np.pi * lowest), float(2 * np.pi * max(_DROWNED * lowest, drowned))
+
+
+def _incoherent(values: Array, force: Array, dt: float) -> float:
+    """Frequency [Hz] up to which a channel holds noise that grows towards low frequencies; 0 where it does not.
+
+    A structure under force moves less and less quickly towards low frequencies. Where the spectrum of v or a rises
+    again below the motion, and shares nothing with the force, that is noise of an amplifier or of the ground. Twice
+    integrated it would be a wandering displacement larger than the motion.
+    """
+    section = len(values) // _SECTIONS
+    if section < 2 * _SECTIONS:
+        return 0.0
+    frequency, power = welch(values, fs=1.0 / dt, nperseg=section)
+    _, common = coherence(values, force, fs=1.0 / dt, nperseg=section)
+    power[0] = 0.0  # the mean was taken out
+    top = int(np.argmax(power))
+    valley = 1 + int(np.argmin(power[1 : top + 1])) if top > 1 else top
+    rises = np.flatnonzero((common[1:valley] < _COMMON) & (power[1:valley] > power[valley]))
+    return float(frequency[rises[-1] + 1]) if len(rises) else 0.0
 
 
 def _scaled(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> tuple[Array, Array]:

@@ -168,10 +168,13 @@ class _Search:
         )
 
     def _may_gain(self) -> bool:
-        """Whether any effect could be worth its price, as the scan sees it; scans are linear, hence the factor."""
+        """Whether any effect could be worth its price, as the scan sees it; scans are linear, hence the factor.
+
+        What one column takes does not hang on how well the level of the noise is known, as what is left in all does.
+        """
         most = max((c.gain for c in self.candidates), default=0.0) / len(self.baseline.residual)
-        there = self.excess - self.criterion.slack
-        return most > 0 and not self.criterion.is_reached(max(min(there, 2 * most), 0.0))
+        gain = self.criterion.likelihood(0.0) - self.criterion.likelihood(2 * most)
+        return most > 0 and gain > self.criterion.price(1, 0.0)
 
     def formed(self, names: Sequence[str]) -> float:
         """Misfit that is left to those effects of a set that have a form, which may be a little wrong."""

@@ -125,13 +125,6 @@ def _scaled(rows: Array) -> tuple[Array, ...]:
     return scaled, lengths, scaled.T @ scaled
 
 
-def _with_noise(part: Part, errors: Sequence[Array], sign: float) -> Part:
-    dx, dv, da, di = errors
-    return replace(
-        part, x=part.x + sign * dx, v=part.v + sign * dv, a=part.a + sign * da, inertia=part.inertia + sign * di
-    )
-
-
 def is_source(effect: Effect) -> bool:
     """Whether an effect is hysteresis itself, which others weaken or pinch."""
     return effect.semantics.hysteretic
@@ -335,10 +328,14 @@ class Problem:
         return forces
 
     def balance(self, hypothesis: Hypothesis) -> list[Array]:
-        """Measured minus predicted force per sample and part [N], with the delay of the force channel taken out."""
-        mass = hypothesis.mass()
+        """Measured minus predicted force per sample and part [N], with the delay of the force channel taken out.
+
+        What is believed beside the nominal mass acts on the smoothed acceleration: a mass that is fitted to a noisy one
+        comes out too small, as that lowers the noise as well.
+        """
+        change = hypothesis.mass() - self.baseline.mass
         return [
-            self.force_at(i, hypothesis.delay) - mass * part.inertia - force
+            self.force_at(i, hypothesis.delay) - self.baseline.mass * part.inertia - change * part.a - force
             for i, (part, force) in enumerate(zip(self.parts, self.predicted(hypothesis), strict=True))
         ]
 
@@ -349,8 +346,8 @@ class Problem:
         """
         mass = hypothesis.mass()
         return [
-            rest + mass * (part.inertia - part.shown_acceleration)
-            for rest, part in zip(self.balance(hypothesis), self.parts, strict=True)
+            self.force_at(i, hypothesis.delay) - mass * part.shown_acceleration - force
+            for i, (part, force) in enumerate(zip(self.parts, self.predicted(hypothesis), strict=True))
         ]
 
     def force_at(self, index: int, delay: float) -> Array:
@@ -372,11 +369,11 @@ class Problem:
         Both come from the same channels, so that they may cancel in part: what is added is the mean square of the two
         together less that of the balance.
         """
-        mass, added = hypothesis.mass(), []
+        added = []
         for draw, moved in enumerate(self.movements(hypothesis)):
-            balance = self.reduce([mass * part.jitter[draw][3].astype(float) for part in self.parts])
+            balance = self.reduce([self.baseline.mass * part.jitter[draw][3].astype(float) for part in self.parts])
             added.append(float(np.mean(moved * (moved + 2 * balance))))
-        return self.reduce.level_at(mass) + float(np.mean(added))
+        return self.reduce.level + float(np.mean(added))
 
     def movements(self, hypothesis: Hypothesis) -> list[Array]:
         """Rows of what draws of the regressors' noise make of the force; zeros where the law has no answer there, as at
@@ -389,10 +386,12 @@ class Problem:
         return [self._moved(hypothesis, draw, here) for draw in range(DRAWS)]
 
     def _moved(self, hypothesis: Hypothesis, draw: int, here: list[Array]) -> list[Array]:
+        change = hypothesis.mass() - self.baseline.mass
         try:
-            return [b - a for a, b in zip(here, self._shaken(hypothesis, draw), strict=True)]
+            there = self._shaken(hypothesis, draw)
         except NumericalError:
             return [np.zeros_like(a) for a in here]
+        return [b - a + change * p.jitter[draw][2] for p, a, b in zip(self.parts, here, there, strict=True)]
 
     def distrust(self, *hypotheses: Hypothesis) -> bool:
         """Weigh down rows in which a law jumps; true where there are such rows.

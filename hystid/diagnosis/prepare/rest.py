@@ -20,7 +20,7 @@ from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 
 _WINDOW, _LEAST = 32, 400  # samples over which a channel rests or not, and that are left at least
-_MOST = 0.5  # share of a recording at rest from which the resting samples outvote the moving ones
+_MOST = 0.5  # share of a recording: a longer rest is cut off, or told
 _LOUDER = 1.0 + 5.0 / np.sqrt(
     2 * _WINDOW
 )  # times its noise that a channel at rest shows in a window: five standard errors
@@ -80,20 +80,18 @@ def _edges(runs: NDArray[Any], count: int) -> list[tuple[int, int]]:
 
 
 def without_rest(parts: Sequence[Part]) -> tuple[list[Part], list[str]]:
-    """Parts whose resting samples are left out of the balance where they are most of a recording; sentences about it.
+    """Parts whose resting samples are left out of the balance; sentences about recordings of which that is most.
 
     The motion stays whole: a law with memory is followed through the rest.
     """
     made, told = [], []
     for part in parts:
         still = resting(part) if part.timed else np.zeros(len(part), dtype=bool)
-        if np.mean(still) <= _MOST:
-            made.append(part)
-            continue
         moving = ~still if part.valid is None else part.valid & ~still
-        made.append(replace(part, valid=moving))
-        told.append(
-            f"{part.name}: at rest in {np.count_nonzero(still)} of {len(part)} samples; they say what friction holds, "
-            "and are left out of the fit"
-        )
+        made.append(replace(part, valid=moving) if np.any(still) else part)
+        if np.mean(still) > _MOST:
+            told.append(
+                f"{part.name}: at rest in {np.count_nonzero(still)} of {len(part)} samples; they say what friction "
+                "holds, and are left out of the fit"
+            )
     return made, told

@@ -138,7 +138,7 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     noise = {name: noise_level(values) for name, values in measured.items()}
     noise["F"] = max(noise_level(F), _MODEL_ERROR * float(np.std(F)))
     known, valid = _without_stops({**measured, "F": F}, noise, stopped or {})
-    motion = smooth({name: known[name] for name in measured}, noise, dt)
+    motion = smooth({name: known[name] for name in measured}, noise, dt, force=np.nan_to_num(known["F"]))
     inertia, order = _inertia(measured, dt)
     return Part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
@@ -244,7 +244,7 @@ class Reduction:
     """
 
     def __init__(self, parts: Sequence[Part], mass: float) -> None:
-        self.parts, self._mass = tuple(parts), mass
+        self.parts = tuple(parts)
         total = sum(len(part) for part in parts)
         self.block = max(1, min(total // _ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
         self._trust: Array | None = None
@@ -312,11 +312,6 @@ class Reduction:
         seen = float(np.average([self._seen(part) for part in self.parts], weights=[len(part) for part in self.parts]))
         return seen if self._trust is None else seen * float(np.mean(self._trust**2))
 
-    def level_at(self, mass: float) -> float:
-        """The same where the inertia is that of another mass, and so is what the noise of the acceleration does."""
-        ratio = [_noise_over(part, mass, self._mass) for part in self.parts]
-        return self.level * float(np.average(ratio, weights=[len(part) for part in self.parts]))
-
     def _seen(self, part: Part) -> float:
         """Share of the band of the rows in which the motion of a part can be seen."""
         if not part.lowest:
@@ -365,14 +360,6 @@ def _derived_noise(part: Part, omega: Array) -> Array:
     """Noise of an acceleration that was derived, over angular frequencies [rad per sample], (n,) [m/s2]."""
     weights, name = (SECOND, "x") if part.inertia_order == 2 else (FIRST, "v")
     return _response(weights, omega) / part.dt**part.inertia_order * part.noise[name]
-
-
-def _noise_over(part: Part, mass: float, other: float) -> float:
-    """Mean power of the noise of the balance with one mass over that with another one."""
-    if part.inertia_order == 0:
-        return (part.balance_noise(mass) / part.balance_noise(other)) ** 2
-    noise = (_derived_noise(part, np.linspace(0, np.pi, 257)) / part.noise["F"]) ** 2
-    return float(np.mean((1 + mass**2 * noise) / (1 + other**2 * noise)))
 
 
 def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
