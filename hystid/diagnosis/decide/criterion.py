@@ -25,6 +25,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from hystid.diagnosis.fit.curves import CELLS, CURVE, cells
 from hystid.diagnosis.fit.problem import Fit, Problem
@@ -46,6 +47,7 @@ PRIOR: dict[str | int, float] = {
 }  # before any data are seen
 _VISITED = 0.001  # of the rows: a cell that holds fewer says nothing
 ZERO = 0.02  # of the standard deviation of a channel: how far sensors are off their zero after they were set
+_BY_CHANCE = 0.05  # probability at which draws of the noise count as agreeing by chance
 NAME = 0.5  # probability from which a name is told: a wrong name costs as much as a right one gains
 
 
@@ -117,7 +119,8 @@ class Criterion:
         force = problem.reduce([part.F for part in problem.parts])
         restoring = problem.reduce([part.F - mass * part.inertia for part in problem.parts])
         self.force = float(max(np.mean(force**2), np.mean(restoring**2)))
-        self.floor = problem.floor(baseline.hypothesis)
+        self._added = problem.noise_added(baseline.hypothesis)
+        self.floor = problem.reduce.level + float(np.mean(self._added))
         self.each = self.rows / self.states  # rows per independent value of the model error
 
     @property
@@ -133,6 +136,14 @@ class Criterion:
     def misfit(self, fit: Fit, floor: float) -> float:
         """Mean square above the noise."""
         return fit.chi2 - (floor if np.isfinite(floor) else self.floor)
+
+    def floor_of(self, fit: Fit) -> float:
+        """Mean square that noise alone leaves of a fit; that of the baseline where draws of the noise do not agree that
+        it differs (Student's t)."""
+        more = self.problem.noise_added(fit.hypothesis) - self._added
+        error = float(np.std(more, ddof=1)) / np.sqrt(len(more))
+        sure = abs(float(np.mean(more))) > student.ppf(1 - 0.5 * _BY_CHANCE, len(more) - 1) * error
+        return self.floor + float(np.mean(more)) if sure else self.floor
 
     def variance(self, misfit: float) -> float:
         """Variance of one of the averages."""

@@ -249,7 +249,7 @@ class _Search:
 
     def _hypothesis(self, names: tuple[str, ...], size: int, fit: Fit, *, windowed: bool = False) -> Hypothesis:
         near = fit.chi2 - self.floor < 2 * self.criterion.slack + 0.1 * self.excess
-        floor = self.problem.floor(fit.hypothesis) if near else self.floor
+        floor = self.criterion.floor_of(fit) if near else self.floor
         terms = {term.effect.id: term.effect for term in fit.hypothesis.terms}
         exact = all(name not in terms or _is_exact(terms[name]) for name in names)
         curves = Counter(effect.curve_of for effect in terms.values() if effect.curve_of)

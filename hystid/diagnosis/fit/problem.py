@@ -369,11 +369,15 @@ class Problem:
         Both come from the same channels, so that they may cancel in part: what is added is the mean square of the two
         together less that of the balance.
         """
+        return self.reduce.level + float(np.mean(self.noise_added(hypothesis)))
+
+    def noise_added(self, hypothesis: Hypothesis) -> Array:
+        """What noise of the motion adds to the mean square that noise leaves, one value per draw of it."""
         added = []
         for draw, moved in enumerate(self.movements(hypothesis)):
             balance = self.reduce([self.baseline.mass * part.jitter[draw][3].astype(float) for part in self.parts])
             added.append(float(np.mean(moved * (moved + 2 * balance))))
-        return self.reduce.level + float(np.mean(added))
+        return np.array(added)
 
     def movements(self, hypothesis: Hypothesis) -> list[Array]:
         """Rows of what draws of the regressors' noise make of the force; zeros where the law has no answer there, as at
