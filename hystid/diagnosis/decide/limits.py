@@ -59,10 +59,11 @@ def _unit(problem: Problem, per: str) -> float:
 
 
 def _carries(term: Term, end: End, signals: Sequence[Signals]) -> bool:
-    """Whether one parameter gives more force than the other. A contact cannot pull: where its damping outweighs its
-    stiffness it would, all the time that the bodies part, and is a damper that depends on the place."""
+    """Whether all else gives more force than one parameter alone. A contact cannot pull: where its damping outweighs
+    its stiffness it would, all the time that the bodies part, and is a damper that depends on the place."""
+    alone = {name: 0.0 for name in term.effect.amplitudes if name != end.of}
     main, other = (
-        sum(float(f @ f) for f in term.effect.forces(signals, {**term.values, name: 0.0}))
-        for name in (end.of, end.over)
+        sum(float(f @ f) for f in term.effect.forces(signals, {**term.values, **changed}))
+        for changed in ({end.of: 0.0}, alone)
     )
     return main > other

@@ -10,7 +10,9 @@ protected
 equation
   s = tanh(v/v_s);
   f = noEvent(if s > 0 then F_forward*s else F_backward*s) + 0.5*B_difference*abs(v);
-  annotation(Documentation(info = "<html><p>Worn guides: level and slope depend on the direction.</p></html>"),
+  annotation(Documentation(info = "<html><p>Worn guides: level and slope depend on the direction. Where the difference of the slopes outweighs
+the friction, it is a damper that acts in one direction, and no friction.</p></html>"),
     __HystId_effect(
-      transition = v_s));
+      transition = v_s,
+      becomes = {End(law = "quadratic_damping", of = B_difference, over = F_forward)}));
 end AsymmetricFriction__Viscous;
