@@ -173,9 +173,13 @@ def _scaled(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float
 
 
 def _likely(table: Array, variance: Array) -> Roughness:
-    """The most likely roughness, from at most ``_LIKELIHOOD_SAMPLES`` samples around the middle."""
-    first = max(0, (table.shape[1] - _LIKELIHOOD_SAMPLES) // 2)
-    part = np.ascontiguousarray(table[:, first : first + _LIKELIHOOD_SAMPLES])
+    """The most likely roughness, from the ``_LIKELIHOOD_SAMPLES`` samples in which most moves: a long rest would be
+    taken for how smooth the motion is."""
+    samples = min(_LIKELIHOOD_SAMPLES, table.shape[1])
+    row = next(row for row in (2, 1, 0) if np.isfinite(variance[row]))
+    power = np.cumsum(np.nan_to_num(table[row] - np.nanmean(table[row])) ** 2)
+    first = int(np.argmax(power[samples - 1 :] - np.concatenate([[0.0], power[:-samples]])))
+    part = np.ascontiguousarray(table[:, first : first + samples])
     found = [_likely_level(part, variance, order) for order in ORDERS]
     return min(found, key=lambda item: item[0])[1]
 

@@ -41,8 +41,8 @@ def trimmed(test: Recording) -> Recording:
     moving = np.flatnonzero(_moving(values, noise_level(values)))
     if len(moving) == 0:
         return test
-    last = min((int(moving[-1]) + 2) * _WINDOW, len(values))
-    if last > (1 - _MOST) * len(values) or last < _LEAST:
+    last = min(max((int(moving[-1]) + 2) * _WINDOW, _LEAST), len(values))
+    if last > (1 - _MOST) * len(values):
         return test
     kept = slice(0, last)
     held = {key: getattr(test, key)[kept] for key in "FxvaR" if getattr(test, key) is not None}
