@@ -229,3 +229,12 @@ def test_no_share_of_a_force_is_more_than_all_of_it() -> None:
     unknowns = {u.key: u for u in found.problem.unknowns(start, most=True)}
     assert unknowns["0", "share"].high == 1.0 and found.problem.unknowns(start)[-2].high > 1.0
     assert not is_allowed(start)
+
+
+def test_a_damper_of_one_direction_is_no_friction() -> None:
+    """Friction of different slopes in the two directions fits it, with nothing left of the friction."""
+    found = answer(
+        [rig(s, level, 0.0, beside=lambda x, v: 12.0 * v * abs(v) * (v > 0)) for s, level in ((21, 20.0), (22, 40.0))]
+    )
+    assert "asymmetric_friction" not in [finding.effect for finding in found.findings]
+    assert found.verdict not in ("consistent", "recalibrated")

@@ -119,3 +119,47 @@ def test_a_quiet_acceleration_alone_gives_the_displacement(noise: float) -> None
     inner = slice(1500, -1500)
     # the corner below the lowest frequency changes the motion by 1 % at most; 2 % with the ends of the record
     np.testing.assert_allclose(found.x[inner], x[inner], atol=0.02 * float(np.max(np.abs(x))))
+
+
+def test_slow_noise_of_an_acceleration_is_no_displacement() -> None:
+    """Noise that grows as 1/f, twice integrated, wanders farther than the structure moves; the force knows nothing of
+    it."""
+    rng = np.random.default_rng(5)
+    dt, n, w0 = 1e-3, 8000, 2 * np.pi * 12.0
+    t = np.arange(n) * dt
+    force = np.sin(2 * np.pi * (6.0 * t + 0.5 * 14.0 / t[-1] * t**2))  # 6 to 20 Hz
+    x = lfilter([dt**2], [1 + 0.1 * w0 * dt, (w0 * dt) ** 2 - 2 - 0.1 * w0 * dt, 1.0], force)
+    a = np.gradient(np.gradient(x, dt), dt)
+    cycles = np.fft.rfftfreq(n)
+    cycles[0] = cycles[1]
+    slow = np.fft.irfft(np.fft.rfft(rng.standard_normal(n)) * np.sqrt(1 + 0.05 / cycles), n)  # knee at 50 Hz
+    noise = 0.02 * float(np.std(a))
+    inner = slice(500, -500)
+
+    def wrong(force: np.ndarray | None) -> float:
+        found = smooth({"a": a + noise * slow}, {"a": noise}, dt, force=force)
+        return float(np.std(found.x[inner] - x[inner]) / np.std(x[inner]))
+
+    # noise in the band of the motion, to a line of the coherence (1 Hz), cannot be told from it: what that is in x,
+    # and as much for what the filters leave
+    frequency = np.fft.rfftfreq(n, dt)
+    told = np.where(frequency > 5.0, np.fft.rfft(noise * slow) / np.maximum(2 * np.pi * frequency, 1.0) ** 2, 0.0)
+    inside = float(np.std(np.fft.irfft(told, n)) / np.std(x[inner]))
+    assert wrong(force) < 2.0 * inside
+    assert wrong(None) > 2.0 * inside
+
+
+def test_a_long_rest_does_not_say_how_smooth_a_motion_is() -> None:
+    rng = np.random.default_rng(6)
+    dt, w = 1e-3, 2 * np.pi * 30.0
+    t = np.arange(12_000) * dt
+    decay = np.exp(-12.0 * t)
+    x = decay * np.cos(w * t)
+    v = np.gradient(x, dt)
+    noise = {"x": 0.02, "v": 0.02 * w}
+    found = smooth(
+        {"x": x + 0.02 * rng.standard_normal(len(t)), "v": v + noise["v"] * rng.standard_normal(len(t))}, noise, dt
+    )
+    moving = slice(20, 200)
+    # the error of one measurement: what is smoothed away by far more would be the motion itself
+    assert np.std(found.v[moving] - v[moving]) < noise["v"]

@@ -157,8 +157,13 @@ def _incoherent(values: Array, force: Array, dt: float) -> float:
     power[0] = 0.0  # the mean was taken out
     top = int(np.argmax(power))
     valley = 1 + int(np.argmin(power[1 : top + 1])) if top > 1 else top
-    rises = np.flatnonzero((common[1:valley] < _COMMON) & (power[1:valley] > power[valley]))
-    return float(frequency[rises[-1] + 1]) if len(rises) else 0.0
+    rises = np.flatnonzero((common[1:valley] < _CLEAR / (1 + _CLEAR)) & (power[1:valley] > power[valley]))
+    if len(rises) == 0:
+        return 0.0
+    above = int(rises[-1]) + 2
+    while above < top and common[above] < _COMMON:
+        above += 1
+    return float(frequency[above])
 
 
 def _scaled(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> tuple[Array, Array]:
