@@ -55,7 +55,8 @@ def structural_error(found: Incidence, model: str) -> ModelicaError:
 
 def _overdetermined(found: Incidence) -> tuple[list[int], list[str]]:
     """Equations reached from those that are left, and the unknowns that they all speak of."""
-    equations, unknowns, waiting = set(found.left), dict.fromkeys(()), list(found.left)
+    unknowns: dict[str, None] = {}
+    equations, waiting = set(found.left), list(found.left)
     while waiting:
         for name in found.options[waiting.pop()]:
             unknowns[name] = None
