@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hystid.consistency import Examination, Finding, examine
-from hystid.diagnosis.prepare.chain import DELAY, Fault
+from hystid.diagnosis.prepare.faults import DELAY, Fault
 from hystid.diagnosis.prepare.pairs import agreed
 from hystid.errors import RecordingError
 from hystid.recording import Recording

@@ -35,6 +35,7 @@ _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which
 _TERMS, _LONG = 16, 50_000  # of the series for delays, and samples beyond which there is none
 _SIZES, _SMALL = np.pi ** np.arange(_TERMS) / factorial(np.arange(_TERMS)), 1e-10  # terms of it at most, and of no use
 _SHORT = 7  # samples per block that are added column by column
+_STOPS = 4.0  # standard deviations of noise on a level at which a channel stops: one sample in 30,000 lies below
 _JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
 # Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -168,7 +169,7 @@ def _without_stops(
     known = dict(channels)
     for name, level in stopped.items():
         if name in channels:
-            gap = np.abs(channels[name]) > level - 2 * noise[name] - 1e-9 * level
+            gap = np.abs(channels[name]) > level - _STOPS * noise[name] - 1e-9 * level
             known[name] = np.where(gap, np.nan, channels[name])
             valid &= ~np.convolve(gap, np.ones(3), mode="same").astype(bool)
     return known, valid
