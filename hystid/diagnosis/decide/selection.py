@@ -29,6 +29,7 @@ from hystid.diagnosis.decide.trials import (
     searched_again,
     trials,
 )
+from hystid.diagnosis.fit.clipped import clipped_force
 from hystid.diagnosis.fit.problem import Fit, Key, Problem, is_mass, is_source, standing
 from hystid.diagnosis.fit.search import ABSORBED, downhill, other_valleys, scan, try_fit, try_term
 from hystid.diagnosis.fit.search import Candidate as Scanned
@@ -117,7 +118,8 @@ class _Search:
         valleys: Sequence[Fit],
     ) -> None:
         self.problem, self.baseline, self.effects, self.valleys = problem, baseline, effects, valleys
-        self.library = [*effects, *(force_drift(len(problem.parts), bow=bow) for bow in (False, True))]
+        drifts = (force_drift(len(problem.parts), bow=bow) for bow in (False, True))
+        self.library = [*effects, *drifts, *clipped_force(problem, baseline)]
         self.candidates = scan(problem, baseline, self.library, progress)
         self.criterion = Criterion(problem, baseline, len({effect.id for effect in self.library}))
         self.first: list[Trial] = []

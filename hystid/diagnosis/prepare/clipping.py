@@ -11,9 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binom
 
 from hystid.diagnosis.prepare.faults import CALIBRATION, SATURATION, Fault
-from hystid.diagnosis.prepare.pairs import agreed
+from hystid.diagnosis.prepare.pairs import CHANCE, agreed
 from hystid.diagnosis.prepare.segments import measured_motion
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
@@ -25,7 +26,7 @@ _FEWEST = 10  # samples beyond a level from which it is one
 _BELOW = 8.0  # standard deviations of the noise below the largest value, within which a level may lie: noise stands
 # three to four of them above it, and as many below
 _LOWEST = 0.5  # of the largest value: a louder channel shows no level
-_DEEP = 3.0  # standard errors of what is told: less is missing by chance, as excursions are chosen by it
+DEEP = 3.0  # standard errors of what is told: less is missing by chance, as excursions are chosen by it
 _DIGITS = 1e-3  # of the largest value: what filters behind the level leave
 _STAYS = 0.5  # slope of a channel over what the others say, beyond its level: half way between a stop and no stop
 
@@ -50,8 +51,8 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
 
     seen: the channel, (n,) per recording; told: what it should show. error: standard deviation of the latter.
 
-    Each excursion beyond the level is one witness: what the channel lacks there must not be zero by chance (Student),
-    must be more than a gain or errors of what is told do, and the channel must not follow what it should show.
+    Each excursion beyond the level is one witness: what the channel lacks there must not be zero by chance (Student,
+    or its sign), must be more than a gain or errors of what is told do, and the channel must not follow what is told.
     """
     top = max(float(np.max(np.abs(values))) for values in seen)
     far = np.concatenate([(np.sign(one) * values)[np.abs(one) > top] for values, one in zip(seen, told, strict=True)])
@@ -65,11 +66,13 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
             lacking.append(float(np.mean(np.sign(one[first]) * (one[first:last] - values[first:last]))))
             weights.append(float(last - first))
     found = agreed(np.array(lacking), np.array(weights))
-    is_deep = found.value > max(CALIBRATION * level, _DEEP * error)
+    clear = np.array(lacking)[np.abs(lacking) > DEEP * error]
+    by_sign = float(binom.sf(np.count_nonzero(clear > 0) - 1, len(clear), 0.5))  # depths differ, their sign does not
+    is_deep = found.value > max(CALIBRATION * level, DEEP * error)
     shown = np.concatenate([(np.sign(one) * values)[b] for values, one, b in zip(seen, told, inside, strict=True)])
     should = np.concatenate([np.abs(one[b]) for one, b in zip(told, inside, strict=True)])
     follows = np.polyfit(should - level, shown - level, 1)[0] > _STAYS
-    return (level, len(shown)) if found.agrees and is_deep and not follows else None
+    return (level, len(shown)) if (found.agrees or by_sign < CHANCE) and is_deep and not follows else None
 
 
 def near_top(channels: Sequence[Array], noise: float) -> list[Flags] | None:
