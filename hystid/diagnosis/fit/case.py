@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from hystid.diagnosis.fit.colour import coloured_alike, with_colour
+from hystid.diagnosis.fit.knocks import without_knocks
 from hystid.diagnosis.fit.periodic import periodic_forces
 from hystid.diagnosis.fit.problem import Fit, Problem
 from hystid.diagnosis.fit.refit import refit, refit_again
@@ -95,6 +96,9 @@ def pose(taken: Taken, model: str) -> Case:
     held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
     if (coloured := _colour(problem, refitted)) is not None:
         problem, held = problem.of(coloured), coloured_alike(held, coloured)
+        refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])
+    if (knocked := without_knocks(problem, refitted)) is not None:
+        problem, running = problem.of(knocked[0]), [*running, *knocked[1]]
         refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])
     refitted, lines = periodic_forces(problem, refitted)
     told += [chain.NO_CLOCK] if still else []
