@@ -24,6 +24,7 @@ from hystid.diagnosis.model.effects import Scales
 from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.model.starts import scaled, sizes_of
 from hystid.diagnosis.prepare import chain
+from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.rest import trimmed, without_rest
 from hystid.diagnosis.prepare.segments import Part, band, prepare_part, visible, without_x
@@ -47,7 +48,7 @@ class Case:
     refit: Fit
     valleys: tuple[Fit, ...]
     nominal_chi2: float
-    faults: tuple[chain.Fault, ...]
+    faults: tuple[Fault, ...]
     consistency: Mapping[str, Any]
     unseen: tuple[Part, ...]
     notes: tuple[str, ...]

@@ -217,13 +217,13 @@ def _jitter(
     noise: dict[str, float],
     dt: float,
     motion: Smoothed,
-    drawn: tuple[int, Mapping[str, Array]],
+    of: tuple[int, Mapping[str, Array]],
 ) -> tuple[tuple[Single, ...], ...]:
     """The smoother is linear, so that smoothed noise is the error that noise leaves.
 
-    drawn: seed, and by how much the noise of channels is louder for a while.
+    of: seed, and by how much the noise of channels is louder for a while.
     """
-    seed, louder = drawn
+    seed, louder = of
     rng = np.random.default_rng(seed)
     draws = []
     stairs = {name: steps(values) for name, values in measured.items()}
