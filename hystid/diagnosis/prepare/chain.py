@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from hystid.diagnosis.prepare.clipping import saturated_motion, stopped
 from hystid.diagnosis.prepare.faults import CALIBRATION, DEAD, DELAY, GAIN, SATURATION, ZERO, Fault
-from hystid.diagnosis.prepare.pairs import ORDER, Estimate, Pair, agreed, consistency, pairs, sections
+from hystid.diagnosis.prepare.pairs import CHANCE, ORDER, Estimate, Pair, agreed, consistency, pairs, sections
 from hystid.diagnosis.prepare.segments import advanced, measured_motion
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
@@ -32,6 +33,7 @@ NO_CLOCK = (
     "scale"
 )
 _NOISE = 0.5  # share of the power of a channel from which it is noise: a worse channel adds nothing to the others
+_SURELY = float(norm.isf(CHANCE))  # standard errors by which a lag is more than that
 _SHIFTED = 1.0  # samples: channels of a multiplexed converter are so far apart; less is taken out without a finding
 
 
@@ -159,7 +161,7 @@ def _is_named(late: Fault) -> bool:
 
     Chains delay and never hurry: a channel that is early leads in phase, as one with AC coupling does.
     """
-    return late.seconds > 0 and late.size >= _SHIFTED
+    return late.seconds > 0 and late.size - _SURELY * late.stderr >= _SHIFTED
 
 
 def _without_dead(
