@@ -118,6 +118,7 @@ class FrontEnd:
         self.name = name
         self.files = files
         self.library = library
+        self._root = str(root)
         self._folder = scratch_folder()
         self._printed = tempfile.TemporaryFile()  # noqa: SIM115  # closed in __exit__, with the process
         self._process = subprocess.Popen(
@@ -168,8 +169,17 @@ class FrontEnd:
             for path, source in self._named.items():
                 message = message.replace(path, str(source.path))
             message = message.replace(wrapper["path"], f"the values given to {self.name}")
+            message = self._in_real_files(message)
             raise explain(message, self.name, self.files, self.library)
         return answer
+
+    def _in_real_files(self, message: str) -> str:
+        """The message with the user's files in place of their copies, which go away with the front end."""
+        for copy in set(re.findall(rf"{re.escape(self._root)}[\\/]([^:*?\"<>|\n]+\.mo)", message)):
+            inside = Path(copy).parts
+            real = (str(s.path) for s in self.library if s.path.parts[-len(inside) :] == inside)
+            message = message.replace(str(Path(self._root, copy)), next(real, copy))
+        return message
 
     def _has_streams(self) -> bool:
         return any(re.search(r"\bstream\b", s.plain) for s in (*self.files, *self.library))
