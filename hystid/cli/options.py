@@ -28,7 +28,7 @@ Recordings = Annotated[
     list[Path],
     typer.Argument(
         metavar="REC...",
-        help="Recordings: .csv with 'name [unit]' headers, .mat, .h5, .uff or .tdms.",
+        help="Recordings: .csv with 'name [unit]' headers, .mat, .h5, .uff, .tdms, .mf4 or .parquet.",
         show_default=False,
     ),
 ]

@@ -36,7 +36,7 @@ def _grid_page(result: GridResult, command: str) -> Page:
     starts = len(best.outcomes)
     page = Page(
         "Which network structure",
-        subtitle=f"{len(result.cells)} structures, {starts} starts each, tested on held-out recordings",
+        subtitle=f"{len(result.cells)} structures, {starts} start{'s' * (starts > 1)} each, tested on held-out recordings",
         command=command,
         verdict=_chosen(result),
         facts=[
