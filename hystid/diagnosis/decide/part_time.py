@@ -17,13 +17,17 @@ _LAWS, _FORMS = 3, 6  # laws that are fitted to the end, and forms that are trie
 _LOOKS, _AGAIN = 3, 0.7  # looks for windows, and share of the misfit that is left by one which is worth another
 
 
-def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Sequence[Effect]) -> Iterator[Fit]:
+def in_windows(
+    problem: Problem, criterion: Criterion, before: Fit, effects: Sequence[Effect], reached: float
+) -> Iterator[Fit]:
     """Fits of the baseline and one law that is switched on and off, each once with windows of its own per recording,
     and with one for all where they agree.
 
-    Laws that open or close over most of their window, or that would not have been seen outside of it, are left out.
+    reached: mean square that a law which acts all the time leaves; windows that promise no less are not fitted. Laws
+    that open or close over most of their window, or that would not have been seen outside of it, are left out.
     """
-    leading = _leading(problem, criterion, before, [effect for effect in effects if not effect.is_over_time])
+    switched = [effect for effect in effects if not effect.is_over_time]
+    leading = _leading(problem, criterion, before, switched, reached)
     for begun in leading[:_LAWS]:
         one = shared(problem, begun.hypothesis)
         made = try_fit(problem, one) if one is not None else None
@@ -38,7 +42,9 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
                 yield settled(problem, ended)
 
 
-def _leading(problem: Problem, criterion: Criterion, before: Fit, effects: Sequence[Effect]) -> list[Fit]:
+def _leading(
+    problem: Problem, criterion: Criterion, before: Fit, effects: Sequence[Effect], reached: float
+) -> list[Fit]:
     """The best fit of each law, best first.
 
     A refit without the effect stands where a part of the time pulls it. Hence windows are looked for once more beside
@@ -48,6 +54,9 @@ def _leading(problem: Problem, criterion: Criterion, before: Fit, effects: Seque
     start = best = before
     for _ in range(_LOOKS):
         scanned = scan_windows(problem, start, effects)
+        promised = max((candidate.gain for candidate in scanned), default=0.0) / len(start.residual)
+        if not found and start.chi2 - promised >= reached:
+            break
         laws = {candidate.effect.id: candidate for candidate in reversed(scanned)}
         first = sorted(laws.values(), key=lambda candidate: -candidate.gain)[:_LAWS]
         for candidate in {id(c): c for c in (*first, *scanned[:_FORMS])}.values():

@@ -258,9 +258,8 @@ def settled(problem: Problem, fitted: Fit) -> Fit:
 
 
 def has_edges(fitted: Fit) -> bool:
-    """Whether the longest window of the last effect opens and closes at once, against the time that it is open. What
-    comes or goes over most of it, and is seen to, is wear or drift, and no law of the library that is switched on and
-    off."""
+    """Whether the windows of the last effect open and close at once, against the time that they are open. What comes
+    or goes over most of it, and is seen to, is wear or drift, and no law of the library that is switched on and off."""
     index, term = len(fitted.hypothesis.terms) - 1, fitted.hypothesis.terms[-1]
     effect = term.effect
     if not isinstance(effect, Windowed):
@@ -270,7 +269,7 @@ def has_edges(fitted: Fit) -> bool:
         on, off, ramp = effect.names(recording)
         surely = term.values[ramp] - _SURE * float(np.nan_to_num(fitted.stderr((str(index), ramp))))
         widths.append(surely / (term.values[off] - term.values[on]))
-    return min(widths) < _EDGE
+    return max(widths) < _EDGE
 
 
 def is_off_outside(term: Term, signals: Sequence[Signals]) -> bool:

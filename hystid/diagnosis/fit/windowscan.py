@@ -29,7 +29,7 @@ _SETTLED = 1e-3  # relative gain of a sweep that ends them
 _WORTH = 0.01  # share of the gain that the window of one recording must add: a right law leaves as much
 _APART = 0.05  # share of a law's columns by which window and whitening may differ in order
 _RAMP = 0.8  # of a block, over which an effect comes and goes: a jump would be louder than any real one
-_RIDGE = 1e-9  # of the squared length of a column
+_RIDGE = 1e-9  # of the squared length of columns, in a window and over all rows, against those that are zero or alike
 
 
 @np.errstate(over="ignore", invalid="ignore")  # columns that are not finite are left out
@@ -240,7 +240,7 @@ def _gains(known: Array, each: Array, lowest: Array) -> tuple[Array, Array]:
     normal = each - np.swapaxes(basis, -1, -2) @ basis
     left = np.diagonal(normal, axis1=-2, axis2=-1)
     size = right.shape[-1]
-    normal = normal + (_RIDGE * np.max(own, axis=-1, initial=0.0) + 1e-300)[..., None, None] * np.eye(size)
+    normal = normal + _RIDGE * (np.max(own, axis=-1) + _RIDGE)[..., None, None] * np.eye(size)
     amplitudes = right / normal[..., 0] if size == 1 else np.linalg.solve(normal, right[..., None])[..., 0]
     refused = np.any(amplitudes < lowest, axis=-1) | np.all(left <= (1 - ABSORBED) * own, axis=-1)
     gains = np.where(refused, 0.0, np.sum(amplitudes * right, axis=-1))
