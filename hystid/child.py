@@ -29,7 +29,7 @@ from typing import IO, Any
 import numpy as np
 
 from hystid import errors
-from hystid.limits import CHILD_MEMORY, CHILD_SECONDS
+from hystid.limits import CHILD_MEMORY, CHILD_SECONDS, FMU_UNPACKED
 
 _log = logging.getLogger("hystid")
 _HEADER = struct.Struct("<QQ")  # bytes of JSON, bytes of arrays
@@ -330,7 +330,9 @@ def _limit(memory: int) -> None:
         taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     except (OSError, ValueError):
         taken = 0
-    for kind, size in ((resource.RLIMIT_AS, memory + taken), (resource.RLIMIT_CORE, 0)):
+    file = int(FMU_UNPACKED.value) << 20  # a log without end fills the disk; Python takes the signal for an error
+    limits = ((resource.RLIMIT_AS, memory + taken), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, file))
+    for kind, size in limits:
         with contextlib.suppress(ValueError, OSError):
             resource.setrlimit(kind, (size, size))
 

@@ -93,6 +93,26 @@ def test_clipping_is_found_although_the_channel_is_late() -> None:
     assert {fault.channel for fault in found.faults if fault.id == DELAY} <= {"v", "a"}
 
 
+@pytest.mark.parametrize(("channel", "noise"), [("x", 0.003), ("v", 0.03), ("a", 0.003), ("a", 0.05)])
+def test_a_level_in_front_of_the_noise_is_found(channel: str, noise: float) -> None:
+    """No value comes twice then: what the other channels say goes on, and the channel stays."""
+    clean, noisy = motion(11, noise=0.0), motion(11, noise=noise)
+    values = getattr(clean, channel)
+    level = 0.65 * float(np.max(np.abs(values)))
+    clipped = np.clip(values, -level, level) + getattr(noisy, channel) - values
+    (fault,) = examined([replace(noisy, **{channel: clipped})], []).faults
+    assert (fault.id, fault.channel) == (SATURATION, channel)
+    # the median of some hundred samples scatters by an eighth of their noise, and begins a little below the level
+    assert fault.size == pytest.approx(level, abs=0.5 * noise * float(np.std(values)) + 0.01 * level)
+
+
+def test_a_channel_that_reads_too_little_or_rounds_its_peaks_does_not_stop() -> None:
+    record = motion(12, noise=0.01)
+    slow = sosfiltfilt(butter(2, 45, fs=1 / DT, output="sos"), record.a)
+    for changed in (replace(record, a=0.97 * record.a), replace(record, a=slow)):
+        assert SATURATION not in {fault.id for fault in examined([changed], []).faults}
+
+
 def test_the_zero_of_velocity_and_acceleration_is_taken_out() -> None:
     record = motion(7)
     off = replace(record, v=record.v + 0.1 * np.std(record.v), a=record.a - 0.03 * np.std(record.a))

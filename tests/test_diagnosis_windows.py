@@ -1,6 +1,8 @@
 """Effects that act for a part of the time: the window, the law in it, the model that is written."""
 
 import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,15 @@ import pytest
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import diagnose
+from hystid.diagnosis.decide.possible import possible
+from hystid.diagnosis.fit.case import Case, pose
+from hystid.diagnosis.fit.problem import Hypothesis, Problem, Term
+from hystid.diagnosis.fit.windows import Window, Windowed, shared, windowed
+from hystid.diagnosis.fit.windowscan import scan_windows
+from hystid.diagnosis.model.effects import Effect
+from hystid.diagnosis.model.library import load_effects
+from hystid.diagnosis.prepare.given import given_parameters
+from hystid.diagnosis.prepare.recordings import take
 from hystid.modelica import compile_model
 from hystid.recording import Recording
 from tests.test_diagnosis import JENKINS, case, run, spec
@@ -16,34 +27,36 @@ MODEL, NOMINAL = "HystId.Oscillators.Linear", {"m": 2.0, "B": 15.0, "Kl": 4.8e4}
 FS, MASS, DAMPING, STIFFNESS = 1000.0, 2.0, 20.0, 5e4
 
 
-def rig(window: tuple[float, float], k2: float, seed: int, level: float) -> Recording:
-    """A linear oscillator with a quadratic spring that acts between two times, in a noisy force, by its own integrator:
-    Runge-Kutta of order four at a fifth of the sample time."""
+def motion(seed: int, level: float, n: int = 6000) -> tuple[np.ndarray, ...]:
+    """Time, and x, v, a of a linear oscillator that 40 lines from 2 to 49 Hz drive; its resonance is at 25 Hz."""
     rng = np.random.default_rng(seed)
-    n, sub = 6000, 5
-    t = np.arange(n * sub) / (FS * sub)
-    lines = rng.uniform(0, 2 * np.pi, 40)
-    force = level * sum(np.sin(2 * np.pi * (2 + 1.2 * i) * t + phase) for i, phase in enumerate(lines)) / 6
+    t, omega = np.arange(n) / FS, 2 * np.pi * (2 + 1.2 * np.arange(40))
+    response = level / 6 / (STIFFNESS - MASS * omega**2 + 1j * DAMPING * omega)
+    lines = response * np.exp(1j * rng.uniform(0, 2 * np.pi, 40))
+    waves = np.exp(1j * np.outer(t, omega))
+    return t, *((waves @ (lines * (1j * omega) ** order)).real for order in range(3))
 
-    def rate(state: np.ndarray, at: float, f: float) -> np.ndarray:
-        on = k2 * state[0] ** 2 if window[0] < at < window[1] else 0.0
-        return np.array([state[1], (f - DAMPING * state[1] - STIFFNESS * state[0] - on) / MASS])
 
-    state, h = np.zeros(2), 1 / (FS * sub)
-    kept = np.empty((n, 3))
-    for i in range(n * sub):
-        first = rate(state, t[i], force[i])
-        if i % sub == 0:
-            kept[i // sub] = state[0], state[1], first[1]
-        middle = force[i] if i + 1 == n * sub else (force[i] + force[i + 1]) / 2
-        last = force[i] if i + 1 == n * sub else force[i + 1]
-        second = rate(state + h / 2 * first, t[i] + h / 2, middle)
-        third = rate(state + h / 2 * second, t[i] + h / 2, middle)
-        fourth = rate(state + h * third, t[i] + h, last)
-        state = state + h / 6 * (first + 2 * second + 2 * third + fourth)
-    noisy = [u + 0.015 * np.std(u) * rng.standard_normal(n) for u in (*kept.T, force[::sub])]
-    x, v, a, F = noisy
-    return Recording(f"rig_{seed}", t[::sub], F=F, x=x, v=v, a=a)
+def recorded(seed: int, level: float, force: Callable[..., np.ndarray], noise: float = 0.015) -> Recording:
+    """The motion with the force that it takes where a force(t, x, v) is added to the oscillator, and white noise."""
+    t, x, v, a = motion(seed, level)
+    F = MASS * a + DAMPING * v + STIFFNESS * x + force(t, x, v)
+    rng = np.random.default_rng(seed + 1000)
+    x, v, a, F = (u + noise * np.std(u) * rng.standard_normal(len(u)) for u in (x, v, a, F))
+    return Recording(f"rig_{seed}", t, F=F, x=x, v=v, a=a)
+
+
+def rig(window: tuple[float, float], k2: float, seed: int, level: float) -> Recording:
+    """The oscillator with a quadratic spring that acts between two times."""
+    return recorded(seed, level, lambda t, x, v: k2 * x**2 * ((t > window[0]) & (t < window[1])))
+
+
+def posed(tests: Sequence[Recording]) -> tuple[Case, list[Effect]]:
+    """The refitted problem and the library that is tried."""
+    given = given_parameters(NOMINAL)
+    case = pose(take(list(tests), (), given), MODEL)
+    library, _ = possible(load_effects([]), case, ())
+    return case, list(library)
 
 
 def test_a_window_is_a_trapezium() -> None:
@@ -52,6 +65,70 @@ def test_a_window_is_a_trapezium() -> None:
     y = model.simulate({}, 0.05, parameters=times, outputs=("y",), rows=41)["y"]
     t = np.arange(41) * 0.05
     np.testing.assert_allclose(y, np.clip(np.minimum((t - 0.5) / 0.2, (1.5 - t) / 0.2), 0, 1), atol=1e-12)
+
+
+def test_a_scan_finds_law_and_window_of_every_recording() -> None:
+    windows = {0: (1.0, 3.0), 2: (3.5, 5.5)}
+    tests = [rig(windows.get(i, (9.0, 9.5)), 4e6, seed, 28.0) for i, seed in enumerate((1, 2, 4))]
+    case, library = posed(tests)
+    best = scan_windows(case.problem, case.refit, library)[0].term
+    assert isinstance(best.effect, Windowed) and best.effect.id == "quadratic_stiffness"
+    assert best.effect.owners == (0, 2)  # the second recording has none
+    for i, window in windows.items():  # a window begins and ends at one of 40 blocks of the recording
+        assert best.effect.times(best.values, i)[:2] == pytest.approx(window, abs=6.0 / 40)
+
+
+def test_what_acts_all_the_time_has_no_window_in_a_scan() -> None:
+    case, library = posed([rig((-1.0, 99.0), 4e6, 1, 28.0)])
+    found = scan_windows(case.problem, case.refit, [e for e in library if e.id == "quadratic_stiffness"])
+    assert not found  # it would act in nearly all rows
+
+
+def test_a_constant_force_has_a_window_in_noise_that_is_slow() -> None:
+    """Whitening takes a constant away and leaves its beginning and end: a window of the whitened force is another
+    thing than the whitened force of a window."""
+    rng = np.random.default_rng(5)
+    slow = np.cumsum(rng.standard_normal(6000))  # noise that falls with the square of the frequency, in power
+
+    def force(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        wander = 0.002 * np.std(x) * STIFFNESS * slow
+        return wander + 0.6 * STIFFNESS * np.std(x) * ((t > 2.0) & (t < 4.2))
+
+    case, library = posed([recorded(1, 28.0, force)])
+    assert not case.problem.reduce.is_local
+    best = scan_windows(case.problem, case.refit, library)[0].term
+    assert isinstance(best.effect, Windowed) and best.effect.id == "preload"
+    assert best.effect.times(best.values, 0)[:2] == pytest.approx((2.0, 4.2), abs=6.0 / 40)
+
+
+def test_windows_that_agree_are_one() -> None:
+    case, library = posed([rig((2.0, 4.2), 4e6, seed, 28.0) for seed in (1, 2)])
+    spring = next(e for e in library if e.id == "quadratic_stiffness" and not e.form)
+
+    def joined(problem: Problem, windows: dict[int, Window]) -> Hypothesis | None:
+        law = windowed(spring, windows)
+        here = case.refit.hypothesis
+        return shared(problem, replace(here, terms=(Term(law, {"k2": 4e6, **law.near}),)))
+
+    one = joined(case.problem, {0: Window(2.0, 4.2), 1: Window(2.1, 4.1)})
+    assert one is not None
+    (term,) = one.terms
+    assert isinstance(term.effect, Windowed) and term.effect.times(term.values, 1)[:2] == pytest.approx((2.05, 4.15))
+    assert joined(case.problem, {0: Window(2.0, 4.2), 1: Window(3.0, 4.2)}) is None
+    assert joined(case.problem, {0: Window(2.0, 4.2)}) is None  # the other one lasts as long, and shows nothing
+    short = [case.problem.parts[0], replace(case.problem.parts[1], t=case.problem.parts[1].t / 2)]
+    cut = joined(case.problem.of(short), {0: Window(2.0, 4.2), 1: Window(2.0, 3.0)})
+    assert cut is not None  # a recording of 3 s ends while the law acts: when it ceases, only the longer one says
+    assert cut.terms[-1].values["t_off"] == pytest.approx(4.2)
+
+
+def test_louder_noise_for_a_while_is_no_law() -> None:
+    noisy = np.random.default_rng(7).standard_normal(6000)
+    tests = [
+        recorded(seed, 28.0, lambda t, x, v: 0.03 * STIFFNESS * np.std(x) * noisy * ((t > 2.0) & (t < 3.5)))
+        for seed in (1, 2)
+    ]
+    assert not diagnose(tests, model=MODEL, parameters=NOMINAL).findings
 
 
 def test_a_law_and_its_window_are_found_and_written(tmp_path: Path) -> None:
@@ -92,8 +169,9 @@ def test_windows_may_differ_and_be_absent(tmp_path: Path) -> None:
         assert finding.parameters[f"t_on_{number + 1}"].value == pytest.approx(begin, abs=0.05)
         assert finding.parameters[f"t_off_{number + 1}"].value == pytest.approx(end, abs=0.05)
     assert finding.where.t["rig_4"] == []
-    before, after = zip(*(e.free_run for e in found.errors), strict=True)
-    assert all(a < 0.5 * b for b, a in zip(before, after, strict=True))  # the refit suffers where nothing acts, too
+    *acting, sound = (e.free_run for e in found.errors)
+    assert all(after < 0.5 * before for before, after in acting)
+    assert sound[1] < sound[0]  # the refit suffers where nothing acts, too; what is left there is noise of x
     text = (tmp_path / "extended.mo").read_text()
     assert "differs from recording to recording" in text and "HystId.Components.TimeWindow" in text
     assert "t_on_1" not in text

@@ -91,6 +91,13 @@ def test_weights_that_are_no_numbers_are_refused(tmp_path: Path, value: float, w
         load(path)
 
 
+def test_complex_weights_are_refused(tmp_path: Path) -> None:
+    """Their imaginary parts were left out, with a warning of NumPy."""
+    path = written(tmp_path / "net.onnx", [node("Identity", ["w"])], w=np.array([1, 1j], np.complex64))
+    with pytest.raises(NetworkError, match="'w' cannot be read as numbers: complex"):
+        network_code(path)
+
+
 def test_bounded_work_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HYSTID_COMPILE_SECONDS", "0.2")
 

@@ -118,6 +118,12 @@ def test_leaks_are_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert "needs more than 600 MB of memory (HYSTID_CHILD_MEMORY_MB raises this" in _fate(_fmu(tmp_path, "LEAK"))
 
 
+def test_files_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A log without an end stops at the budget of the disk."""
+    monkeypatch.setenv("HYSTID_FMU_UNPACKED_MB", "5")
+    assert "wrote 5 MB" in _fate(_fmu(tmp_path, "FILL"))
+
+
 def test_closed_pipes_are_noticed(tmp_path: Path, patience: None) -> None:
     assert "model.fmu: its library" in _fate(_fmu(tmp_path, "CLOSE"))
 

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hystid.cli.options import show
 from hystid.diagnosis import diagnose
 from hystid.diagnosis.model.library import load_effects
 from hystid.errors import FmuError, HystidError, RecordingError, UsageError, printable
@@ -136,3 +137,9 @@ def test_what_a_killed_process_left_is_swept(tmp_path: Path) -> None:
     _sweep.cache_clear()
     write_text(tmp_path / "result.json", "{}")
     assert len(list(tmp_path.iterdir())) == 3 and not list(tmp_path.glob(f".{_mark(ended.pid)}*"))
+
+
+def test_results_print_on_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    """Names of channels stand in results; those of a file of a logger can hold anything."""
+    show("one \x1b[2J line\nand \u202eanother")
+    assert capsys.readouterr().out == "one \\x1b[2J line\nand \\u202eanother\n"

@@ -190,3 +190,22 @@ def test_objects_of_matlab_and_numpy_run_no_code(tmp_path: Path) -> None:
     for suffix in ("mat", "h5", "tdms", "uff"):
         (tmp_path / f"a.{suffix}").write_bytes(buffer.getvalue())
         _refused(tmp_path / f"a.{suffix}")
+
+
+def test_a_broken_mdf_file_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """asammdf keeps a temporary file of its own where it fails."""
+    asammdf = pytest.importorskip("asammdf", reason="needs the extra mdf")
+    from hystid.recording import apart
+
+    t = np.arange(100) * 1e-3
+    with asammdf.MDF() as file:
+        file.append([asammdf.Signal(samples=np.sin(t), timestamps=t, name="F", unit="N")])
+        raw = Path(file.save(tmp_path / "a.mf4")).read_bytes()
+    (tmp_path / "b.mf4").write_bytes(raw[: len(raw) // 2])
+    place = tmp_path / "temporary"
+    place.mkdir()
+    monkeypatch.setenv("TMPDIR", str(place))
+    apart._reader.close()  # the next one takes the folder that is named now
+    _refused(tmp_path / "b.mf4")
+    apart._reader.close()
+    assert list(place.iterdir()) == []

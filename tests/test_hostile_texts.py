@@ -13,9 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hystid.cli.options import parameter_file
+from hystid.cli.run import run
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.errors import HystidError, UsageError
-from hystid.recording import read
+from hystid.recording import read, text
 from hystid.recording.problems import RULES
 from hystid.units import is_modelica, parse
 
@@ -85,3 +86,40 @@ def test_whatever_is_accepted_a_file_is_read_or_refused(tmp_path: Path, kind: st
                 read(path, accept=accepted)
             except HystidError as error:
                 assert str(error).startswith("bad.csv")
+
+
+def _table(t: str = "{0}e-3", size: float = 1.0, n: int = 400) -> list[str]:
+    return [f"{t.format(k)},{size * math.sin(k / 5):.9g},{size * math.sin(k / 5 - 0.1):.9g}" for k in range(n)]
+
+
+_HEAD = "t [s],F [N],x [mm]"
+EXTREME = {
+    "one line of 25 million cells": f"{_HEAD}\n{'1,' * 25_000_000}",
+    "a name of 70,000 letters": "\n".join([_HEAD.replace("F", "F" + "q" * 70_000), *_table()]),
+    "numbers whose squares vanish": "\n".join([_HEAD, *_table(size=1e-300)]),
+    "steps of 1e-300 s": "\n".join([_HEAD, *_table("{0}e-300")]),
+    "steps of 1e300 s": "\n".join([_HEAD, *_table("{0}e300", n=100)]),
+    "a force of NaN": "\n".join([_HEAD, *(f"{row.split(',')[0]},nan,{row.split(',')[2]}" for row in _table())]),
+}
+
+
+@pytest.mark.parametrize("kind", EXTREME)
+def test_extremes_are_taken_or_refused_in_short_words(
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They ended in internal errors, in minutes of work, or in a warning of 70,000 letters."""
+    path = tmp_path / "extreme.csv"
+    path.write_text(EXTREME[kind])
+    assert run(["check", str(path)]) == (0 if "name" in kind else 2)
+    said = capsys.readouterr().err
+    assert len(said) < 2000 and "internal" not in said
+
+
+def test_few_of_many_comments_are_searched_for_a_rate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A million of them took half a minute."""
+    searched: list[str] = []
+    monkeypatch.setattr(text, "announced", lambda line: searched.append(line))
+    path = tmp_path / "notes.csv"
+    path.write_text("#\n" * 50_000 + f"# {'x' * 100_000}\n" + "\n".join([_HEAD, *_table()]))
+    assert len(read(path)) == 400
+    assert 0 < len(searched) <= 2000 and max(map(len, searched)) <= 1000

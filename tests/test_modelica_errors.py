@@ -28,7 +28,25 @@ REFUSED = {
     "unknown base": (model("  extends Foo;\n"), 2, "'Foo'"),
     "unknown function": (model("  Real x;\nequation\n  x = foo(3);\n"), 4, "'foo'"),
     "unknown modifier": (model("  Real x(foo = 3);\nequation\n  x = 1;\n"), 2, "unknown modifier 'foo'"),
-    "unbalanced": (model("  Real x;\n  Real y;\nequation\n  x = 1;\n"), 1, "1 equations, 2 unknowns"),
+    "unbalanced": (
+        model("  Real x;\n  Real y;\nequation\n  x = 1;\n"), 3, r"no equations for 1 unknown \(y\), 1 too few",
+    ),
+    "too many equations": (
+        model("  Real x;\n  Real y;\nequation\n  x = 1;\n  x + y = 3;\n  y = 2;\n"),
+        7,
+        r"3 equations for 2 unknowns \(y, x\), 1 too many: 'x = 1' \(rig.mo:5\), 'x \+ y = 3' \(rig.mo:6\), 'y = 2'",
+    ),
+    "two sources side by side": (
+        model(
+            "  V one, two;\n  G g;\nequation\n  connect(one.p, two.p);\n  connect(one.n, two.n);\n"
+            "  connect(one.n, g.p);\n",
+            "connector Pin\n  Real v;\n  flow Real i;\nend Pin;\n"
+            "model V\n  Pin p, n;\nequation\n  p.v - n.v = 1;\n  p.i + n.i = 0;\nend V;\n"
+            "model G\n  Pin p;\nequation\n  p.v = 0;\nend G;\n",
+        ),
+        14,
+        r"3 equations for 2 unknowns .*, 1 too many: .*; 4 equations for 5 unknowns \(.*\.i, .*\), 1 too few",
+    ),
     "sizes": (model("  Real x[2];\nequation\n  x = {1, 2, 3};\n"), 4, "[2]"),
     "type": (model("  Real x = true;\n"), 2, "Boolean"),
     "partial": ("partial " + model("  Real x;\nequation\n  x = 1;\n"), 1, "partial"),

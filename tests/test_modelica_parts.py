@@ -295,3 +295,17 @@ def test_a_constraining_clause_modifies_what_is_redeclared(run: Run) -> None:
     wanted = {"plain": 15, "b": 15, "asis": 2, "c": 1, "d": 4, "kept": 15, "own": 5, "inside": 15}
     got = run(OFFERS, " ".join(f"{name}.f.x" for name in wanted), stop=0.01)
     assert {name: got[f"{name}.f.x"][0] for name in wanted} == wanted
+
+
+def test_a_fault_is_told_in_the_file_of_the_library_and_not_in_a_copy(tmp_path: Path) -> None:
+    shop = tmp_path / "lib" / "Shop" / "package.mo"
+    shop.parent.mkdir(parents=True)
+    shop.write_text(
+        "package Shop\n  function n input Real a; output Integer k; algorithm k := integer(a); end n;\n"
+        "  model Row\n    parameter Real a = 3.5;\n    parameter Integer k = n(a + sin(a));\n"
+        "    Real buf[k] = fill(time, k);\n  end Row;\nend Shop;\n"
+    )
+    (tmp_path / "A.mo").write_text("model A\n  Shop.Row r;\nend A;\n")
+    with pytest.raises(ModelicaError) as caught:
+        compile_model(f"{tmp_path / 'A.mo'}:A", libraries=[tmp_path / "lib"])
+    assert str(caught.value).startswith(f"{shop}:6: ")

@@ -1,5 +1,7 @@
 """Smoothing against the dense Gaussian answer, which shares no line with the recursion."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -8,7 +10,9 @@ from hystid.errors import UsageError
 from hystid.smoothing.smoother import Roughness, smooth
 
 
-def _dense(channels: dict[str, np.ndarray], noise: dict[str, float], dt: float, level: float) -> np.ndarray:
+def _dense(
+    channels: dict[str, np.ndarray], noise: Mapping[str, float | np.ndarray], dt: float, level: float
+) -> np.ndarray:
     """Posterior mean of x at all samples for white jerk, by one linear solve over all states."""
     n = len(channels["x"])
     A = np.array([[1, 1, 0.5], [0, 1, 1], [0, 0, 1.0]])
@@ -23,7 +27,7 @@ def _dense(channels: dict[str, np.ndarray], noise: dict[str, float], dt: float, 
         H[ahead, here] -= weight @ A
     for row, name in enumerate("xva"):
         for k in np.flatnonzero(np.isfinite(channels[name])):
-            precision = 1 / (noise[name] * dt**row) ** 2
+            precision = 1 / (float(np.broadcast_to(noise[name], n)[k]) * dt**row) ** 2
             H[3 * k + row, 3 * k + row] += precision
             b[3 * k + row] += precision * channels[name][k] * dt**row
     return np.linalg.solve(H, b).reshape(n, 3)
@@ -60,6 +64,21 @@ def test_a_gap_in_a_steady_recursion_is_the_dense_posterior() -> None:
     dense = _dense(measured, noise, dt, 1e-4)
     # Far from the start, of which a trace is left (see above), the two agree to rounding.
     assert np.allclose(found.x[100:], dense[100:, 0], atol=1e-6 * noise["x"])
+    assert np.allclose(found.a[100:] * dt**2, dense[100:, 2], atol=1e-6 * noise["a"] * dt**2)
+
+
+def test_noise_that_is_louder_for_a_while_weighs_less() -> None:
+    rng = np.random.default_rng(4)
+    dt, n = 2e-3, 400
+    true = _motion(n, dt)
+    noise = {name: 0.02 * float(np.std(values)) for name, values in true.items()}
+    louder = {"x": np.ones(n), "a": np.ones(n)}
+    louder["x"][200:240], louder["a"][220:300] = 20.0, np.geomspace(1, 30, 80)
+    each = {name: noise[name] * louder.get(name, np.ones(n)) for name in true}
+    measured = {name: values + each[name] * rng.standard_normal(n) for name, values in true.items()}
+    found = smooth(measured, noise, dt, Roughness(3, 1e-4), louder)
+    dense = _dense(measured, each, dt, 1e-4)
+    assert np.allclose(found.x[100:], dense[100:, 0], atol=1e-6 * noise["x"])  # rounding, far from the start
     assert np.allclose(found.a[100:] * dt**2, dense[100:, 2], atol=1e-6 * noise["a"] * dt**2)
 
 

@@ -182,6 +182,66 @@ equation
 end A;""",
         "y", 2.0, "",
     ),
+    "namesakes": (
+        """
+model Two
+  input Real u[2];
+  output Real y;
+protected
+  function chosen
+    input Real q[2];
+    input Real t;
+    output Real z;
+  algorithm
+    z := q[1] + t;
+  end chosen;
+equation
+  y = chosen(u, time);
+end Two;
+model Three
+  input Real u[3];
+  output Real y;
+protected
+  function chosen
+    input Real q[3];
+    input Real t;
+    output Real z;
+  algorithm
+    z := q[3] - t;
+  end chosen;
+equation
+  y = chosen(u, time);
+end Three;
+model A
+  Two two(u = {1, 2});
+  Three three(u = {3, 4, 5});
+end A;""",
+        "three.y", 4.0, "requires extent",
+    ),
+    "shared_sources": (
+        """
+connector In = input Integer;
+connector Out = output Integer;
+block Source
+  Out y;
+equation
+  y = if time > 0.5 then 2 else 1;
+end Source;
+block Sum
+  In u[2];
+  Out y;
+equation
+  y = u[1] + u[2];
+end Sum;
+model A
+  Source s;
+  Sum twice;
+equation
+  connect(s.y, twice.u[1]);
+  connect(s.y, twice.u[2]);
+end A;""",
+        "twice.y", 4.0, "discrete coordinate exactly once",
+    ),
 }  # fmt: skip
 
 
@@ -248,6 +308,20 @@ model A
   parameter Real b = Steel.E;
 end A;""",
         "a", 1.0,
+    ),
+    "limits": (
+        """
+model P
+  parameter Real mu = 1;
+end P;
+model B
+  replaceable model F = P constrainedby P(mu = 15);
+  F f;
+end B;
+model A
+  extends B(redeclare model F = P);
+end A;""",
+        "f.mu", 15.0,
     ),
 }  # fmt: skip
 

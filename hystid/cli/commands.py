@@ -193,7 +193,7 @@ def check(
             result.report(folder / "report.html", _command("check"))
         _done(result, out)
     else:
-        print(result.summary())
+        opt.show(result.summary())
     return 1 if result.refusals else 0
 
 
@@ -391,7 +391,7 @@ def regress(
     from hystid.fmu import regress
 
     outcome = regress(fmu, update=update, reference=reference)
-    print(outcome.text())
+    opt.show(outcome.text())
     if outcome.passed:
         return 0
     picture = fmu.with_name(f"{fmu.stem}_difference.svg")
@@ -421,7 +421,7 @@ def demo(
 
     with opt.results(out) as folder:
         outcome = replace(virtual_experiment.demo(folder), folder=out)
-    print(outcome.summary())
+    opt.show(outcome.summary())
     return 1 if strict and not outcome.passed else 0
 
 
@@ -497,7 +497,7 @@ def _choice(option: str, value: str, allowed: Sequence[Choice]) -> Choice:
 
 
 def _done(result: Result, out: Path) -> None:
-    print(result.summary())
+    opt.show(result.summary())
     print(f"results and report.html in {out}")
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
 
 import typer
 
-from hystid.errors import UsageError
+from hystid.errors import UsageError, printable, sentence
 from hystid.files import json_of
 from hystid.outputs import check_folder, replaced
 from hystid.progress import tell
@@ -28,7 +28,7 @@ Recordings = Annotated[
     list[Path],
     typer.Argument(
         metavar="REC...",
-        help="Recordings: .csv with 'name [unit]' headers, .mat, .h5, .uff or .tdms.",
+        help="Recordings: .csv with 'name [unit]' headers, .mat, .h5, .uff, .tdms, .mf4 or .parquet.",
         show_default=False,
     ),
 ]
@@ -77,6 +77,12 @@ Accept = Annotated[
     list[str] | None,
     typer.Option(metavar="RULE", help="Door check whose errors count as warnings, as swapped_sign; may be repeated."),
 ]
+
+
+def show(text: str) -> None:
+    """Print a result. Names and units from files stand in it, which a terminal must not obey."""
+    for line in text.split("\n"):
+        print(printable(line, max(len(line), 1)))
 
 
 @contextmanager
@@ -212,7 +218,7 @@ class Reading:
         found = aligned(found, tuple(self.align)) if self.align else found
         for recording in found:
             for warning in recording.warnings:
-                print(f"hystid: warning: {warning}", file=sys.stderr)
+                print(sentence(f"hystid: warning: {warning}"), file=sys.stderr)
         return found
 
 

@@ -50,7 +50,7 @@ def _unit(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
     size = (
         f"{_number(slip.factor)} times too large" if slip.factor > 1 else f"{_number(1 / slip.factor)} times too small"
     )
-    others = "the motion" if channel == "F" else "the other channels"
+    others = "the motion" if channel == "F" else "the other channels" if told else "the force and the mass"
     sentence = f"{channel} is {size} for {others}" + (f" ({told})" if told else "")
     if channel == "F":
         sentence += ", judged by the mass and the acceleration"
@@ -60,7 +60,7 @@ def _unit(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
         return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen)
     sentence += f": it looks like {slip.units[1]}"
     mend = f"write '{channel} [{slip.units[1]}]' in the header or give --unit {channel}={slip.units[1]}"
-    mend += "; else the mass is wrong" if channel == "F" else ""
+    mend += "; else the mass is wrong" if channel == "F" or not told else ""
     return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen, {"unit": f"{channel}={slip.units[1]}"})
 
 

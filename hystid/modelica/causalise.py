@@ -18,12 +18,13 @@ from hystid.modelica.blocks import (
 )
 from hystid.modelica.events import INITIAL, EventModel, Relation, der, name_events, pre
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, rebuild, refs, substitute
-from hystid.modelica.flat import Assertion, FlatModel, Place
+from hystid.modelica.flat import Assertion, FlatModel
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.index import reduce_index
 from hystid.modelica.matching import augment, matching
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable, scalarise
 from hystid.modelica.silence import silenced
+from hystid.modelica.structure import Incidence, structural_error
 
 
 def causalise(flat: FlatModel, parameters: Mapping[str, float]) -> HybridModel:
@@ -164,7 +165,8 @@ def _derivatives(events: EventModel, aliases: Mapping[str, str]) -> tuple[Step, 
     options = [preference(e, wanted) for e in equations]
     owner, left = matching(options, unknowns)
     if left or len(owner) < len(unknowns):
-        raise _singular(events, equations, left, [u for u in unknowns if u not in owner])
+        unmatched = [u for u in unknowns if u not in owner]
+        raise _singular(events, Incidence(equations, options, owner, left, unmatched))  # type: ignore[arg-type]  # the same
     return tuple(solve_order(equations, owner))  # type: ignore[arg-type]  # all have an owner
 
 
@@ -177,26 +179,18 @@ def _with_initial(e: ScalarEquation, value: Num) -> ScalarEquation:
     return ScalarEquation(substitute(e.left, {INITIAL: value}), substitute(e.right, {INITIAL: value}), e.place)
 
 
-def _singular(
-    events: EventModel, equations: Sequence[ScalarEquation], left: Sequence[int], unmatched: Sequence[str]
-) -> ModelicaError:
-    variables = events.scalar.variables
-    place: Place | str = equations[left[0]].place if left else events.scalar.flat.name
-    missing = ", ".join(f"'{u}'" for u in unmatched[:4])
-    if not left:
-        first = variables.get(unmatched[0].removeprefix("der(").removesuffix(")"))
-        return ModelicaError(f"{first.place if first else place}: no equation is left to determine {missing}")
-    held = sorted((refs(equations[left[0]].left) | refs(equations[left[0]].right)) & set(events.states))
+def _singular(events: EventModel, found: Incidence) -> ModelicaError:
+    equations, left = found.equations, found.left
+    held = sorted((refs(equations[left[0]].left) | refs(equations[left[0]].right)) & set(events.states)) if left else []
     if held:
+        missing = ", ".join(f"'{u}'" for u in found.unmatched[:4])
         return ModelicaError(
-            f"{place}: this equation ties the state(s) {', '.join(held)} together, so that {missing or 'a derivative'} "
-            "would need differentiated equations (index reduction), which is not supported: "
-            "state the derivatives as variables of their own and give forces x and v as inputs"
+            f"{equations[left[0]].place}: this equation ties the state(s) {', '.join(held)} together, so that "
+            f"{missing or 'a derivative'} would need differentiated equations (index reduction), which is not "
+            "supported: state the derivatives as variables of their own and give forces x and v as inputs"
         )
-    return ModelicaError(
-        f"{place}: this equation has no unknown left to determine, while {missing or 'none'} have none: "
-        "the model is structurally singular"
-    )
+    first = events.scalar.variables.get(found.unmatched[0].removeprefix("der(").removesuffix(")")) if not left else None
+    return structural_error(found, str(first.place) if first else events.scalar.flat.name)
 
 
 def _event_order(events: EventModel, derivatives: Sequence[Step]) -> tuple[Step, ...]:

@@ -118,6 +118,7 @@ class FrontEnd:
         self.name = name
         self.files = files
         self.library = library
+        self._root = str(root)
         self._folder = scratch_folder()
         self._printed = tempfile.TemporaryFile()  # noqa: SIM115  # closed in __exit__, with the process
         self._process = subprocess.Popen(
@@ -156,6 +157,10 @@ class FrontEnd:
         """The front end's flat dictionary. Raises ModelicaError for its complaints, and where it does not answer."""
         wrapper = {"class": _WRAPPER, "path": f"hystid/{_WRAPPER}.mo", "text": _wrapper(self.name, structure)}
         answer: dict[str, Any] = json.loads(self._asked(wrapper))
+        if "unbalanced model" in answer.get("error", "") and not self._has_streams():
+            # it counts alone; of a partial class it counts nothing, and who reads the equations finds which are amiss
+            uncounted = json.loads(self._asked({**wrapper, "text": f"partial {wrapper['text']}"}))
+            answer = answer if uncounted.keys() & {"error", "breakdown"} else uncounted
         if "breakdown" in answer:
             raise broken_down(answer["breakdown"], self.name, (*self.files, *self.library))
         if "error" in answer:
@@ -164,8 +169,20 @@ class FrontEnd:
             for path, source in self._named.items():
                 message = message.replace(path, str(source.path))
             message = message.replace(wrapper["path"], f"the values given to {self.name}")
+            message = self._in_real_files(message)
             raise explain(message, self.name, self.files, self.library)
         return answer
+
+    def _in_real_files(self, message: str) -> str:
+        """The message with the user's files in place of their copies, which go away with the front end."""
+        for copy in set(re.findall(rf"{re.escape(self._root)}[\\/]([^:*?\"<>|\n]+\.mo)", message)):
+            inside = Path(copy).parts
+            real = (str(s.path) for s in self.library if s.path.parts[-len(inside) :] == inside)
+            message = message.replace(str(Path(self._root, copy)), next(real, copy))
+        return message
+
+    def _has_streams(self) -> bool:
+        return any(re.search(r"\bstream\b", s.plain) for s in (*self.files, *self.library))
 
     def _asked(self, wrapper: Mapping[str, str]) -> str:
         assert self._process.stdin and self._process.stdout

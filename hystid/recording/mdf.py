@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hystid.errors import RecordingError
+from hystid.files import scratch
 from hystid.recording.names import known_name, split_header
 from hystid.recording.table import Column, Table
 
@@ -23,7 +24,8 @@ def read_mdf(path: Path) -> list[Table]:
             f"{path.name}: reading MDF files needs the package asammdf: pip install 'hystid[mdf]'"
         ) from None
     try:
-        with MDF(path) as file:
+        # asammdf makes a file for what it unpacks, and keeps it where reading fails
+        with scratch() as folder, MDF(path, temporary_folder=folder) as file:
             signals = [signal for signal in file.iter_channels(skip_master=True) if signal.samples.dtype.kind in "fiu"]
     except Exception as error:  # asammdf has exceptions of its own, and those of struct and zlib, for a broken file
         raise RecordingError(f"{path.name}: this is no MDF file that can be read ({error})") from None

@@ -73,6 +73,8 @@ def is_unit(text: str) -> bool:
         return True
     if re.fullmatch(r"[-+]?[\d.,eE+-]+", stripped) and stripped != "1":
         return False
+    if any(mark in stripped for mark in "[]{}"):  # a name with its unit; to ask pint for it costs half a second
+        return False
     try:
         parse(unit_symbol(stripped))
     except UsageError:

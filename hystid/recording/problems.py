@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from hystid.errors import RecordingError
+from hystid.errors import RecordingError, sentence
 
 Severity = Literal["error", "warning"]
 
@@ -60,7 +60,7 @@ class Problem:
             place.append(f"sample {self.sample}")
         if self.channel:
             place.append(f"channel {self.channel}")
-        return f"{', '.join(place)}: {self.found}; {self.action} [{self.rule}]"
+        return sentence(f"{', '.join(place)}: {self.found}; {self.action} [{self.rule}]")
 
 
 def report(problems: Iterable[Problem], accept: Collection[str] = ()) -> tuple[Problem, ...]:

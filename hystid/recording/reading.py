@@ -23,6 +23,8 @@ from hystid.recording.types import PSEUDO_TIME, Array, Recording
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
 
 
+_STEPS = (1e-12, 1e12)  # s between samples
+_LEAST = 1e-100  # SI units: squares of the values and of their derivatives are then above 1e-300
 _BRIDGED = 0.01  # share of lost rows that are bridged: with a straight line over one in a hundred, 40 dB are kept
 
 
@@ -136,12 +138,13 @@ def _recording(table: Table, channels: Channels, door: _Door) -> Recording:
     _refuse_unusable(channels.values, [*problems, *channel_problems(table, channels.values)])
     values, extra, lost = _without_lost_rows(table, channels)
     table = replace(table, lines=None) if lost else table  # lines are counted with the lost rows
-    checked = {name: u for name, u in values.items() if door.force or name != "F" or np.ptp(u) > 0}
+    checked = {name: u for name, u in values.items() if door.force or name != "F" or np.ptp(u) != 0}
     more = [*lost, *channel_problems(table, checked), *order_problems(table, values["t"])]
     report(more, door.accept)  # what follows needs an increasing time axis
     if not np.all(np.isfinite(values["t"])):
         report(more)
     grid = uniform(table, values["t"], resample=door.resample)
+    _refuse_extremes(table, values, grid.t)
     problems += [*more, *grid.problems]
     report(grid.problems, door.accept)
     placed = {name: grid.place(array) for name, array in values.items() if name != "t"}
@@ -169,6 +172,19 @@ def _refuse_unusable(values: Mapping[str, Array], problems: list[Problem]) -> No
     lengths = {array.size for array in values.values()}
     if t is None or t.size < 2 or len(lengths) > 1:
         report(problems)
+
+
+def _refuse_extremes(table: Table, values: Mapping[str, Array], t: Array) -> None:
+    """Whatever is accepted: powers of such numbers leave the range of double precision."""
+    dt = float(t[-1] - t[0]) / max(t.size - 1, 1)
+    if not _STEPS[0] <= dt <= _STEPS[1]:
+        found = f"samples are {dt:g} s apart"
+        report([Problem(table.file, "time_order", found, "check the unit of time; 1e-12 to 1e12 s are taken", "t")])
+    for name, u in values.items():
+        size = float(np.max(np.abs(u), where=np.isfinite(u), initial=0.0))
+        if name != "t" and 0 < size < _LEAST:
+            found = f"all samples are within {size:.3g}, where squares of numbers vanish"
+            report([Problem(table.file, "not_finite", found, "check the unit of the channel", name)])
 
 
 def _without_lost_rows(table: Table, channels: Channels) -> tuple[dict[str, Array], dict[str, Array], list[Problem]]:

@@ -33,6 +33,9 @@ _ONE_MARK = "write numbers with one decimal mark and no marks between thousands"
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # 1.5D-03
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([,.'\s])\d{3})(?:\1\d{3})*(?:[.,]\d+)?")
 
+_LONGEST_LINE = 1_000_000  # characters: some 50,000 columns
+_LONGEST_NOTE, _MOST_NOTES = 1_000, 2_000  # characters and lines above the table that are read for a sample rate
+
 Line = tuple[int, str]
 Header = tuple[str, str | None]
 
@@ -54,7 +57,8 @@ def read_text(path: Path) -> list[Table]:
     headers, body = _without_words(headers, body, separator)
     values = _numbers(path, headers, body, separator)
     columns = tuple(Column(name, unit, np.ascontiguousarray(values[:, k])) for k, (name, unit) in enumerate(headers))
-    rates = [rate for _, line in [*comments, *lines[:first]] if (rate := announced(line.strip())) is not None]
+    before = [line.strip()[:_LONGEST_NOTE] for _, line in [*comments, *lines[:first]][-_MOST_NOTES:]]
+    rates = [rate for line in before if (rate := announced(line)) is not None]
     return [Table(path.name, columns, path.stem, _line_numbers(body), rates[-1] if rates else None)]
 
 
@@ -64,7 +68,11 @@ def _content(path: Path) -> tuple[list[Line], list[Line]]:
     comments: list[Line] = []
     for number, line in enumerate(_decode(path).splitlines(), start=1):
         if line.strip():
-            (comments if line.lstrip().startswith(("#", "%")) else lines).append((number, line))
+            is_comment = line.lstrip().startswith(("#", "%"))
+            if len(line) > _LONGEST_LINE and not is_comment:
+                found = f"the line has {len(line)} characters"
+                raise _refused(path, "format", found, "put one sample in each line", line=number)
+            (comments if is_comment else lines).append((number, line))
     return lines, comments
 
 

@@ -16,6 +16,8 @@ X_AXIS = Axis("Displacement x", "m")
 R_AXIS = Axis("Restoring force R", "N")
 T_AXIS = Axis("Time t", "s", prefix=False)
 
+_BROAD, _THIN = 4.5, 1.6  # pixels
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -28,8 +30,9 @@ class Curve:
     dash: bool = False
 
     def line(self) -> Line:
-        """As a series of a plot."""
-        return Line(self.x, self.y, self.name, self.role, "dash" if self.dash else "solid")
+        """As a series of a plot; a reference is a broad line, so that it shows beneath what follows it."""
+        width = _BROAD if self.role in ("reference", "muted") else _THIN
+        return Line(self.x, self.y, self.name, self.role, "dash" if self.dash else "solid", width=width)
 
 
 def loops(title: str, curves: Sequence[Curve], caption: str = "") -> Plot:

@@ -348,7 +348,7 @@ def _how_good(page: Page, d: Diagnosis) -> None:
     page.table(Table("Errors (NRMSE)", columns, rows, "Before: the baseline after its own refit."))
     if d.as_given:
         told = [[one.name, percent(one.force), percent(one.free_run)] for one in d.as_given]
-        same = "Nothing is fitted: `hystid validate` reports the same."
+        same = "Nothing is fitted: hystid validate reports the same."
         page.table(Table("The FMU as given (NRMSE)", ["recording", "force", "free run"], told, same))
     runs = [t for t in d.traces if t.free_before is not None and t.free_after is not None]
     held = [t for t in runs if t.held_out]

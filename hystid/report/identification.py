@@ -175,7 +175,7 @@ def _as_recorded(page: Page, result: Identification) -> None:
         if c.recorded
     ]
     if rows:
-        told = "Above, x, v and a are smoothed; here they keep their noise. `hystid validate` reports the same."
+        told = "Above, x, v and a are smoothed; here they keep their noise. hystid validate reports the same."
         page.table(Table("NRMSE on the channels as recorded", ["recording", "force", "free run, x"], rows, told))
 
 

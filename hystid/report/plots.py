@@ -200,8 +200,8 @@ def figure(plot: Plot) -> dict[str, Any]:
         data += _TRACES[type(series)](series, colour, sx, sy)
     named = sum(bool(getattr(series, "name", "")) for series in plot.series)
     layout: dict[str, Any] = {
-        "xaxis": _axis(plot.x, x_title, sx),
-        "yaxis": _axis(plot.y, y_title, sy),
+        "xaxis": _axis(plot.x, x_title, sx) | _log_ticks(plot, "x"),
+        "yaxis": _axis(plot.y, y_title, sy) | _log_ticks(plot, "y"),
         "height": plot.height,
         "showlegend": named > 1 or (named == 1 and len(plot.series) > 1),
         "shapes": [_shape(mark, sx, sy) for mark in plot.marks],
@@ -315,13 +315,23 @@ def _values(series: Series, which: str) -> list[Array]:
 def _axis(axis: Axis, title: str, scale: float) -> dict[str, Any]:
     settings: dict[str, Any] = {"title": {"text": title}}
     if axis.log:
-        settings |= {"type": "log", "nticks": 6}  # more of them run into each other
+        settings["type"] = "log"
     if axis.bounds:
         low, high = (bound / scale for bound in axis.bounds)
         settings["range"] = [math.log10(low), math.log10(high)] if axis.log else [low, high]
     if axis.whole:
         settings["dtick"] = 1
     return settings
+
+
+def _log_ticks(plot: Plot, which: str) -> dict[str, Any]:
+    """Powers of ten over three decades and more, 1, 2 and 5 over one: plotly writes 2 to 9 over each other."""
+    if not getattr(plot, which).log:
+        return {}
+    found = [u[np.isfinite(u) & (u > 0)] for series in plot.series for u in _values(series, which)]
+    seen = np.concatenate([np.zeros(0), *found])
+    decades = math.log10(float(seen.max()) / float(seen.min())) if seen.size else 0.0
+    return {"dtick": 1} if decades >= 3 else {"dtick": "D2"} if decades >= 1 else {}
 
 
 def _packed(values: Array) -> dict[str, str]:

@@ -36,7 +36,7 @@ def _grid_page(result: GridResult, command: str) -> Page:
     starts = len(best.outcomes)
     page = Page(
         "Which network structure",
-        subtitle=f"{len(result.cells)} structures, {starts} starts each, tested on held-out recordings",
+        subtitle=f"{len(result.cells)} structures, {_starts(starts)} each, tested on held-out recordings",
         command=command,
         verdict=_chosen(result),
         facts=[
@@ -187,3 +187,7 @@ def _cost(result: MassResult) -> str:
 
 def _sentence(text: str) -> str:
     return f"{text[0].upper()}{text[1:].rstrip('.')}." if text else ""
+
+
+def _starts(count: int) -> str:
+    return "one start" if count == 1 else f"{count} starts"

@@ -10,6 +10,12 @@ from scipy.special import binom
 
 Array = NDArray[np.float64]
 _DIFFERENCES = 6
+_SECTION, _SECTIONS = 128, 24  # samples of a section at least, and sections at most, in which noise may be louder
+_LOUD = 2.0  # over the median section: 4.5 standard errors of the level of a section of 128 samples
+_FLANK = 1.3  # the same beside a loud section
+_HIGHER, _ORDERS_APART = 9, 4.0  # order of differences, and five standard errors of the logarithm of their ratio to
+# those of sixth order, times the root of the samples
+_SHOCKS = 6.0  # kurtosis of differences of 128 samples of noise: one section in a thousand has more
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
 _SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
@@ -32,6 +38,42 @@ def noise_level(channel: Array) -> float:
     return max(floor, _by_steps(channel), differences if differences < _APART * spectrum else spectrum)
 
 
+def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
+    """Level of the quiet noise of a channel (its unit), and the noise over it at each sample (n,), from sections;
+    None where no section is clearly louder than the others.
+
+    What is loud must be noise: its differences of sixth and of ninth order say the same, as those of white noise do and
+    those of a motion do not, and it has no shocks. A friction that snaps, an impact, or a quick motion is none.
+    """
+    count = min(len(channel) // _SECTION, _SECTIONS)
+    if count < 4 or steps(channel) is not None:
+        return None
+    edges = np.linspace(0, len(channel), count + 1).astype(int)
+    parts = [channel[first:last] for first, last in pairwise(edges)]
+    level = np.array([_by_differences(part) for part in parts])
+    base = float(np.quantile(level, 0.25))
+    if base <= _RESOLUTION * float(np.std(channel)):
+        return None
+    base = float(np.median(level[level <= _LOUD * base]))
+    loud = level > _LOUD * base
+    white = [_is_white(part) for part, is_loud in zip(parts, loud, strict=True) if is_loud]
+    if 2 * sum(white) <= len(white):  # most of them: where noise begins, one section holds two levels
+        return None
+    while np.any(more := (level > _FLANK * base) & ~loud & (np.append(loud[1:], False) | np.append(False, loud[:-1]))):
+        loud |= more
+    base = float(np.median(level[~loud])) if np.any(~loud) else base
+    over = np.where(loud, np.log(np.maximum(level / base, 1.0)), 0.0)
+    return base, np.exp(np.interp(np.arange(len(channel)), 0.5 * (edges[1:] + edges[:-1]), over))
+
+
+def _is_white(part: Array) -> bool:
+    """Whether a stretch shows white noise and no motion: differences of several orders agree, and have no shocks."""
+    apart = abs(np.log(_by_differences(part, _HIGHER) / _by_differences(part)))
+    difference = np.diff(part, _DIFFERENCES)
+    kurtosis = float(np.mean(difference**4) / np.mean(difference**2) ** 2)
+    return apart < _ORDERS_APART / np.sqrt(len(part)) and kurtosis < _SHOCKS
+
+
 def steps(channel: Array) -> NDArray[np.intp] | None:
     """Number of the step that each sample of a staircase stands on, shape (n,); None where the channel does not rest.
 
@@ -52,9 +94,8 @@ def _by_steps(channel: Array) -> float:
     return float(np.sqrt(np.mean(change[~resting] ** 2) / 3.0))
 
 
-def _by_differences(channel: Array) -> float:
-    scale = np.sqrt(binom(2 * _DIFFERENCES, _DIFFERENCES))
-    difference = np.diff(channel, _DIFFERENCES) / scale
+def _by_differences(channel: Array, order: int = _DIFFERENCES) -> float:
+    difference = np.diff(channel, order) / np.sqrt(binom(2 * order, order))
     return float(np.median(np.abs(difference)) / 0.6745)
 
 

@@ -63,25 +63,45 @@ class Smoothed:
     roughness: Roughness
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """Channels (3, n) in units of the sample time, and their variances (3,), infinite where there is no channel.
+
+    louder: factors on the variances (3, n) where the noise is louder for a while.
+    """
+
+    table: Array
+    variance: Array
+    louder: Array | None = None
+
+    def within(self, part: slice) -> _Seen:
+        """The same over a stretch of samples."""
+        louder = None if self.louder is None else np.ascontiguousarray(self.louder[:, part])
+        return _Seen(np.ascontiguousarray(self.table[:, part]), self.variance, louder)
+
+
 def smooth(
     channels: Mapping[str, Array],
     noise: Mapping[str, float],
     dt: float,
     roughness: Roughness | None = None,
+    louder: Mapping[str, Array] | None = None,
     force: Array | None = None,
 ) -> Smoothed:
     """Smooth the measured channels of one motion jointly.
 
     channels: any of x [m], v [m/s], a [m/s2], shape (n,) each, at least one; NaN marks a gap. noise: their standard
     deviations, > 0.
-    dt: sample time [s]. roughness: None for the most likely one. force: what drives the motion (n,), where it is known.
+    dt: sample time [s]. roughness: None for the most likely one. louder: noise of a channel over ``noise``, (n,), where
+    it is not 1 throughout. force: what drives the motion (n,), where it is known.
     Without x, the position would drift away as an integrated measurement does: below the lowest frequency of the motion
     it is held at zero (a pseudo measurement x = 0, of the size that gives a corner there).
     Raises UsageError when there is no channel of a motion.
     """
     if not channels or set(channels) - set(CHANNELS):
         raise UsageError(f"smoothing needs channels out of x, v, a, got {sorted(channels) or 'none'}")
-    table, variance = _scaled(channels, noise, dt)
+    seen = _scaled(channels, noise, dt, louder or {})
+    variance = seen.variance
     lowest, cut = 0.0, 0.0
     if "x" not in channels:
         lowest, cut = (roughness.lowest, roughness.cut) if roughness else _lowest(channels, noise, dt, force)
@@ -91,15 +111,15 @@ def smooth(
         variance[0] = variance[2] / (BELOW["a"] * lowest * dt) ** 4
     # what holds x at zero is no measurement, and says nothing about how rough the motion is
     measured = np.where([name in channels for name in CHANNELS], variance, np.inf)
-    chosen = roughness or replace(_likely(table, measured), lowest=lowest, cut=cut)
-    motion, spread = _in_blocks(table, variance, chosen)
+    chosen = roughness or replace(_likely(replace(seen, variance=measured)), lowest=lowest, cut=cut)
+    motion, spread = _in_blocks(seen, chosen)
     parted = roughness is None and "x" in channels and len(channels) > 1  # one channel cannot drift away from another
-    for louder in _LOUDER if parted else ():
+    for times in _LOUDER if parted else ():
         if _wander(motion) < _ONE * np.sqrt(variance[0]):
             break
-        likely = _likely(table, louder * variance)
-        chosen = replace(likely, level=likely.level / louder, lowest=lowest)  # their ratio decides what is smoothed
-        motion, spread = _in_blocks(table, variance, chosen)
+        likely = _likely(replace(seen, variance=times * variance))
+        chosen = replace(likely, level=likely.level / times, lowest=lowest)  # their ratio decides what is smoothed
+        motion, spread = _in_blocks(seen, chosen)
     unit = np.array([1.0, dt, dt * dt])
     x, v, a = (np.ascontiguousarray(column) for column in (motion / unit).T)
     x = _above(x, cut * dt)
@@ -166,75 +186,76 @@ def _incoherent(values: Array, force: Array, dt: float) -> float:
     return float(frequency[above])
 
 
-def _scaled(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float) -> tuple[Array, Array]:
-    """Channels (3, n) in units of the sample time, and their variances (infinite where there is no channel)."""
+def _scaled(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float, louder: Mapping[str, Array]) -> _Seen:
     n = len(next(iter(channels.values())))
     table, variance = np.zeros((3, n)), np.full(3, np.inf)
     for row, name in enumerate(CHANNELS):
         if name in channels:
             table[row] = np.asarray(channels[name]) * dt**row
             variance[row] = max((noise[name] * dt**row) ** 2, 1e-14 * float(np.nanmean(table[row] ** 2)), 1e-300)
-    return table, variance
+    factors = np.stack([louder.get(name, np.ones(n)) ** 2 for name in CHANNELS]) if louder else None
+    return _Seen(table, variance, factors)
 
 
-def _likely(table: Array, variance: Array) -> Roughness:
+def _likely(seen: _Seen) -> Roughness:
     """The most likely roughness, from the ``_LIKELIHOOD_SAMPLES`` samples in which most moves: a long rest would be
     taken for how smooth the motion is."""
-    samples = min(_LIKELIHOOD_SAMPLES, table.shape[1])
-    row = next(row for row in (2, 1, 0) if np.isfinite(variance[row]))
-    power = np.cumsum(np.nan_to_num(table[row] - np.nanmean(table[row])) ** 2)
+    samples = min(_LIKELIHOOD_SAMPLES, seen.table.shape[1])
+    row = next(row for row in (2, 1, 0) if np.isfinite(seen.variance[row]))
+    power = np.cumsum(np.nan_to_num(seen.table[row] - np.nanmean(seen.table[row])) ** 2)
     first = int(np.argmax(power[samples - 1 :] - np.concatenate([[0.0], power[:-samples]])))
-    part = np.ascontiguousarray(table[:, first : first + samples])
-    found = [_likely_level(part, variance, order) for order in ORDERS]
+    part = seen.within(slice(first, first + samples))
+    found = [_likely_level(part, order) for order in ORDERS]
     return min(found, key=lambda item: item[0])[1]
 
 
-def _likely_level(part: Array, variance: Array, order: int) -> tuple[float, Roughness]:
+def _likely_level(part: _Seen, order: int) -> tuple[float, Roughness]:
     """Negative log-likelihood and roughness of the best level: a coarse grid (there may be two optima), then
     refined."""
 
     def cost(level: float) -> float:
-        value = -_run(part, variance, Roughness(order, float(np.exp(level))), keep=False)[0]
+        value = -_run(part, Roughness(order, float(np.exp(level))), keep=False)[0]
         return value if np.isfinite(value) else 1e300
 
-    grid = _upper_level(part, variance, order) - np.arange(0.0, 34.0, 2.0)
+    grid = _upper_level(part, order) - np.arange(0.0, 34.0, 2.0)
     middle = min(grid, key=cost)
     best = minimize_scalar(cost, bounds=(middle - 2.0, middle + 2.0), method="bounded", options={"xatol": 0.1})
     return float(best.fun), Roughness(order, float(np.exp(best.x)))
 
 
-def _upper_level(part: Array, variance: Array, order: int) -> float:
+def _upper_level(part: _Seen, order: int) -> float:
     """Logarithm of a level that the roughest of the channels, noise included, does not exceed."""
-    row = next(i for i in (2, 1, 0) if np.isfinite(variance[i]))
-    difference = np.diff(part[row], order - row)
-    return float(np.log(np.nanmean(difference**2) + variance[row] + 1e-300)) + 3.0
+    row = next(i for i in (2, 1, 0) if np.isfinite(part.variance[i]))
+    difference = np.diff(part.table[row], order - row)
+    return float(np.log(np.nanmean(difference**2) + part.variance[row] + 1e-300)) + 3.0
 
 
-def _in_blocks(table: Array, variance: Array, roughness: Roughness) -> tuple[Array, Array]:
+def _in_blocks(seen: _Seen, roughness: Roughness) -> tuple[Array, Array]:
     """Smoothed x, v, a (n, 3) in units of the sample time, and their variances in the middle of the record."""
-    n = table.shape[1]
+    n = seen.table.shape[1]
     motion = np.empty((n, 3))
     spread = np.zeros(3)
     order = roughness.order
     for first in range(0, n, _BLOCK):
         low, high = max(0, first - _OVERLAP), min(n, first + _BLOCK + _OVERLAP)
-        _, beliefs = _run(np.ascontiguousarray(table[:, low:high]), variance, roughness, keep=True)
+        _, beliefs = _run(seen.within(slice(low, high)), roughness, keep=True)
         last = min(n, first + _BLOCK)
         motion[first:last] = beliefs[first - low : last - low, :3]
         spread = beliefs[(high - low) // 2, [order, 2 * order + 1, 3 * order + 2]]
     return motion, spread
 
 
-def _run(table: Array, variance: Array, roughness: Roughness, *, keep: bool) -> tuple[float, Array]:
-    n, order = table.shape[1], roughness.order
-    start = _start(table, variance, order)
+def _run(seen: _Seen, roughness: Roughness, *, keep: bool) -> tuple[float, Array]:
+    n, order = seen.table.shape[1], roughness.order
+    start = _start(seen.table, seen.variance, order)
     beliefs = np.empty((n if keep else 0, order + order * order))
     ahead = np.empty_like(beliefs)
     pointer = ctypes.POINTER(ctypes.c_double)
     value = _kernel(order)(
         n,
-        table.ctypes.data_as(pointer),
-        variance.ctypes.data_as(pointer),
+        seen.table.ctypes.data_as(pointer),
+        seen.variance.ctypes.data_as(pointer),
+        None if seen.louder is None else seen.louder.ctypes.data_as(pointer),
         roughness.level,
         start.ctypes.data_as(pointer),
         beliefs.ctypes.data_as(pointer) if keep else None,
@@ -261,5 +282,5 @@ def _kernel(order: int) -> ctypes._NamedFuncPointer:
     pointer = ctypes.POINTER(ctypes.c_double)
     function = ctypes.CDLL(str(made)).hy_smooth
     function.restype = ctypes.c_double
-    function.argtypes = [ctypes.c_long, pointer, pointer, ctypes.c_double, pointer, pointer, pointer]
+    function.argtypes = [ctypes.c_long, pointer, pointer, pointer, ctypes.c_double, pointer, pointer, pointer]
     return function

@@ -85,6 +85,8 @@ def _constants(graph: GraphProto) -> dict[str, np.ndarray[Any, Any]]:
 def _numbers(tensor: TensorProto, what: str) -> np.ndarray[Any, Any]:
     try:
         values = np.asarray(numpy_helper.to_array(tensor))
+        if values.dtype.kind == "c":
+            raise ValueError("complex numbers")
         return values if values.dtype.kind in "iub" else values.astype(np.float64)
     except Exception as error:  # onnx raises whatever its decoder ran into
         raise NetworkError(f"{what} cannot be read as numbers: {readable(str(error))}") from error

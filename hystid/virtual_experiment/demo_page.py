@@ -158,7 +158,7 @@ def _concealed(page: Page, lab: LabCase) -> None:
     for kind, label, role in kinds:
         levels = np.array([test.even_db(kind) for test in lab.tests])
         bars.append(Bars(names, np.fmax(levels, floor), label, role, base=floor))
-    axis = Axis("Even harmonics of R re fundamental", "dB", bounds=(floor, 0), prefix=False)
+    axis = Axis("Level re fundamental", "dB", bounds=(floor, 0), prefix=False)
     caption = "Longer bars are stronger. The refitted stick-slip model has next to none."
     page.plots(Plot("Even harmonics on the unseen tests", Axis("Test"), axis, bars, caption))
 
@@ -166,7 +166,8 @@ def _concealed(page: Page, lab: LabCase) -> None:
 def _diagnosis(page: Page, lab: LabCase) -> None:
     found = lab.diagnosis
     page.section("4  What the diagnosis says")
-    page.verdict(Verdict("good" if lab.named else "bad", found.sentence()))
+    said = f"{found.verdict.replace('_', ' ').capitalize()}: {found.headline}"
+    page.verdict(Verdict("good" if lab.named else "bad", said))
     for finding in found.findings:
         truth = {"gap": number(_TRUE_GAP, "m"), "share": "0.9", "w": number(1e-4, "m"), "side": "1 (positive)"}
         rows = [

@@ -12,7 +12,7 @@
 typedef void (*logger)(void *, const char *, int, const char *, const char *, ...);
 typedef struct { logger log; void *(*allocate)(size_t, size_t); void (*release)(void *); void *finished, *owner; } callbacks;
 enum { FINE, CRASH, ABORT, LOOP, LEAK, EXIT0, EXIT3, DIVIDE, ILLEGAL, DEEP, KILL, PRINT, NOISE, CLOSE, FORK, NAN_, INFINITE,
-       HUGE_, REFUSE, FATAL, LONG_MESSAGE, NULL_MESSAGE, FORMAT, SLEEP, WRITE_FILE, DOUBLE_FREE, READ_STDIN, BAD_ALLOC };
+       HUGE_, REFUSE, FATAL, LONG_MESSAGE, NULL_MESSAGE, FORMAT, SLEEP, WRITE_FILE, DOUBLE_FREE, READ_STDIN, BAD_ALLOC, FILL };
 enum { NOWHERE, LOAD, INSTANTIATE, SETUP, STEP, GET, FREE };
 static const callbacks *call;
 static double u, gain = 2;
@@ -49,6 +49,9 @@ static int wrong(int where)
     case FORMAT: call->log(call->owner, "i", 3, "error", "step %d of %s failed with %g: \033[2J", 7, "model", 0.5); return 3;
     case SLEEP: for (;;) sleep(1000);
     case WRITE_FILE: { FILE *f = fopen("log of the model.txt", "w"); if (f) fputs("here", f), fclose(f); break; }
+    case FILL: { FILE *f = fopen("log", "w"); static char block[1 << 20]; int n = 0;
+        while (n < 64 && f && fwrite(block, sizeof block, 1, f) && !fflush(f)) n++;
+        static char text[40]; snprintf(text, sizeof text, "wrote %d MB", n); call->log(call->owner, "i", 3, "error", text); return 3; }
     case DOUBLE_FREE: { char *p = malloc(100); free(p); free(p); break; }
     case READ_STDIN: { char c; if (read(0, &c, 1) == 0) return 3; break; }
     }

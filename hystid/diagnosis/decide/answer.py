@@ -20,7 +20,7 @@ from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.model.channel_effects import DRIFT, NUISANCES, ChannelEffect, is_constant
 from hystid.diagnosis.model.semantics import Semantics
-from hystid.diagnosis.prepare.chain import Fault
+from hystid.diagnosis.prepare.faults import Fault
 
 Array = NDArray[np.float64]
 Verdict = Literal["consistent", "recalibrated", "missing_physics", "sensor_fault", "unknown_physics", "not_applicable"]

@@ -16,6 +16,7 @@ import numpy as np
 from hystid.diagnosis.decide.criterion import NAME, Candidate, Criterion, Hypothesis, Posterior, zero_probability
 from hystid.diagnosis.decide.independence import is_noise
 from hystid.diagnosis.decide.lawfree import free_curves
+from hystid.diagnosis.decide.part_time import in_windows
 from hystid.diagnosis.decide.trials import (
     LAST,
     Trial,
@@ -25,14 +26,15 @@ from hystid.diagnosis.decide.trials import (
     distinct,
     exchanged,
     finished,
+    fitted_on,
     ranked,
     searched_again,
     trials,
 )
+from hystid.diagnosis.fit.clipped import clipped_force
 from hystid.diagnosis.fit.problem import Fit, Key, Problem, is_mass, is_source, standing
-from hystid.diagnosis.fit.search import ABSORBED, downhill, other_valleys, scan, try_fit, try_term
+from hystid.diagnosis.fit.search import ABSORBED, other_valleys, scan, try_fit
 from hystid.diagnosis.fit.search import Candidate as Scanned
-from hystid.diagnosis.fit.windows import has_edges, is_off_outside, settled, windowed, windows_of
 from hystid.diagnosis.fit.zeros import zero_of_term
 from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drift
 from hystid.diagnosis.model.effects import Effect
@@ -47,7 +49,6 @@ _CHANCE = 1e-3  # probability below which a hypothesis is not looked at more clo
 _ALIKE = 0.05  # of the probability of what leads: less is told apart, unless it fits better with more parameters
 _WORK = 15_000_000  # rows of residuals after which no further set is begun: some ten seconds, counted and not timed
 _FINISHED = 4  # effects that are fitted to the end beside the leading one
-_WINDOWS, _FORMS = 3, 6  # laws that are fitted to the end in each window, and forms that are tried
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,8 @@ class _Search:
         valleys: Sequence[Fit],
     ) -> None:
         self.problem, self.baseline, self.effects, self.valleys = problem, baseline, effects, valleys
-        self.library = [*effects, *(force_drift(len(problem.parts), bow=bow) for bow in (False, True))]
+        drifts = (force_drift(len(problem.parts), bow=bow) for bow in (False, True))
+        self.library = [*effects, *drifts, *clipped_force(problem, baseline)]
         self.candidates = scan(problem, baseline, self.library, progress)
         self.criterion = Criterion(problem, baseline, len({effect.id for effect in self.library}))
         self.first: list[Trial] = []
@@ -223,15 +225,9 @@ class _Search:
         unlike = {id(t): t for t in leading}.values()
         near = [t for t in unlike if t.chi2 - self.floor < usual and not self._is_reached(t)]
         for trial in near[:_FINISHED]:
-            best = self._fitted_on(trial.fit)
+            best = fitted_on(self.problem, trial.fit)
             if best.chi2 < trial.chi2:
                 yield replace(trial, fit=best, others=())
-
-    def _fitted_on(self, fit: Fit) -> Fit:
-        """A fit continued, also over the ridges between side valleys."""
-        made = try_fit(self.problem, fit.hypothesis, LAST) or fit
-        fits = [try_fit(self.problem, start, LAST) for start in downhill(self.problem, made)]
-        return min([made, *(f for f in fits if f is not None)], key=lambda f: f.chi2)
 
     def _is_reached(self, trial: Trial) -> bool:
         return self.criterion.is_reached(self.criterion.misfit(trial.fit, float("nan")))
@@ -257,22 +253,10 @@ class _Search:
 
     def _in_windows(self) -> Iterator[Hypothesis]:
         """Effects that act for a part of the time."""
-        lasting = [effect for effect in self.effects if not effect.is_over_time]
-        for window, start in windows_of(self.problem, self.baseline, self.floor):
-            scanned = scan(self.problem, start, [windowed(effect, window) for effect in lasting])
-            tried = {id(c): c for c in (*_one_per_id(scanned)[:_WINDOWS], *scanned[:_FORMS])}
-            fits = [fit for c in tried.values() if (fit := try_term(self.problem, start, c.term)) is not None]
-            leading: dict[str, Fit] = {}
-            for fit in sorted(fits, key=lambda fit: fit.chi2):
-                leading.setdefault(fit.hypothesis.terms[-1].effect.id, fit)
-            for begun in list(leading.values())[:_WINDOWS]:
-                fit = self._fitted_on(begun)
-                effect = fit.hypothesis.terms[-1].effect
-                if not has_edges(fit) or not are_reached(self.problem, fit):
-                    continue
-                if is_off_outside(fit.hypothesis.terms[-1], self.problem.signals(fit.hypothesis)):
-                    fit = settled(self.problem, fit)
-                    yield self._hypothesis((effect.id,), effect.size, fit, windowed=True)
+        reached = min((trial.chi2 for trial in self.first), default=np.inf)
+        for fit in in_windows(self.problem, self.criterion, self.baseline, self.effects, reached):
+            effect = fit.hypothesis.terms[-1].effect
+            yield self._hypothesis((effect.id,), effect.size, fit, windowed=True)
 
     def _sets(self) -> list[Hypothesis]:
         """Two or three effects: forward from the leading singles, then members exchanged for others."""

@@ -9,7 +9,16 @@ import numpy as np
 
 from hystid.diagnosis.decide.limits import is_itself
 from hystid.diagnosis.fit.problem import DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term, is_mass, standing
-from hystid.diagnosis.fit.search import ABSORBED, Candidate, from_nominal, other_valleys, scan, try_fit, try_term
+from hystid.diagnosis.fit.search import (
+    ABSORBED,
+    Candidate,
+    downhill,
+    from_nominal,
+    other_valleys,
+    scan,
+    try_fit,
+    try_term,
+)
 from hystid.diagnosis.model.channel_effects import DRIFT, is_constant
 from hystid.diagnosis.model.effects import Effect
 
@@ -232,6 +241,13 @@ def finished(problem: Problem, found: Sequence[Trial], excess: float) -> list[Tr
         made = try_fit(problem, trial.fit.hypothesis, LAST)
         again += [replace(trial, fit=made, others=())] if made is not None and made.chi2 < trial.chi2 else []
     return ranked(problem, [*again, *found])
+
+
+def fitted_on(problem: Problem, fit: Fit) -> Fit:
+    """A fit continued, also over the ridges between side valleys."""
+    made = try_fit(problem, fit.hypothesis, LAST) or fit
+    fits = [try_fit(problem, start, LAST) for start in downhill(problem, made)]
+    return min([made, *(f for f in fits if f is not None)], key=lambda f: f.chi2)
 
 
 def _trial(candidate: Candidate, made: Fit) -> Trial:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from hystid.diagnosis.fit.colour import coloured_alike, with_colour
+from hystid.diagnosis.fit.knocks import without_knocks
 from hystid.diagnosis.fit.periodic import periodic_forces
 from hystid.diagnosis.fit.problem import Fit, Problem
 from hystid.diagnosis.fit.refit import refit, refit_again
@@ -23,6 +24,7 @@ from hystid.diagnosis.model.effects import Scales
 from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.model.starts import scaled, sizes_of
 from hystid.diagnosis.prepare import chain
+from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.rest import trimmed, without_rest
 from hystid.diagnosis.prepare.segments import Part, band, prepare_part, visible, without_x
@@ -46,7 +48,7 @@ class Case:
     refit: Fit
     valleys: tuple[Fit, ...]
     nominal_chi2: float
-    faults: tuple[chain.Fault, ...]
+    faults: tuple[Fault, ...]
     consistency: Mapping[str, Any]
     unseen: tuple[Part, ...]
     notes: tuple[str, ...]
@@ -95,6 +97,9 @@ def pose(taken: Taken, model: str) -> Case:
     held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
     if (coloured := _colour(problem, refitted)) is not None:
         problem, held = problem.of(coloured), coloured_alike(held, coloured)
+        refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])
+    if (knocked := without_knocks(problem, refitted)) is not None:
+        problem, running = problem.of(knocked[0]), [*running, *knocked[1]]
         refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])
     refitted, lines = periodic_forces(problem, refitted)
     told += [chain.NO_CLOCK] if still else []

@@ -31,6 +31,7 @@ _SECTIONS, _STEADY = 6, 0.6  # of a recording, and the share of a line's power t
 # leave 1/6, a sweep that runs through the line as much; a steady line of six standard errors leaves 0.9
 _HARMONICS = 60  # of a sine test, whose distortion is no line of its own
 _DOMINANT = 0.5  # share of the power of the force in one line that makes a sine test
+_WHOLE = 0.9  # of a line of the force (amplitude) that is left where no motion answers it: no model is off by as much
 _HIGHEST = 0.4  # of the rate of the rows: beyond, averaging has taken the line out already
 
 
@@ -154,9 +155,14 @@ class _Spectrum:
         return _over_neighbours(self._power, np.interp(frequencies, self._bins, np.arange(len(self._bins))))
 
     def is_excited(self, frequencies: Array) -> NDArray[np.bool_]:
-        """Whether the measured force has a line there, or a line of which it is a harmonic."""
+        """Whether the measured force has a line there, or a line of which it is a harmonic.
+
+        Of a line that is in the channel alone, as hum of its cable, mass and law explain nothing: all of it is left.
+        """
         at = np.interp(frequencies, self._bins, np.arange(len(self._bins)))
+        left = np.interp(at, np.arange(len(self._bins)), self._power / np.maximum(self._force, 1e-300))
         lines = _over_neighbours(self._force, at) > np.log(len(self._bins) / _CHANCE)
+        lines &= ~((left > _WHOLE**2) & (left < 1 / _WHOLE**2))
         if self._tones:  # a curved law makes sums and differences of many tones: only the mains are known beforehand
             mains = np.array([k * f for f in _MAINS for k in (1, 2, 3)])
             lines |= np.min(np.abs(frequencies[:, None] - mains), axis=1) > 1 / self.length

@@ -1,12 +1,11 @@
 """Effects that act for a part of the time: where the window is, and effects that are let act in it.
 
-A refit over everything spreads such an effect over the whole recording. Outside the right window the baseline alone
-reaches the noise; that is how the window is found, before any law is thought of.
+A refit over everything spreads such an effect over the whole recording. ``windowscan`` finds law and window together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache, lru_cache
 
@@ -14,22 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel
-from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term, standing
-from hystid.diagnosis.fit.search import try_fit
+from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
-from hystid.diagnosis.prepare.segments import Part
 from hystid.modelica import compile_model
 
 Array = NDArray[np.float64]
 WINDOW = "HystId.Components.TimeWindow"
-_BLOCKS = 40  # blocks of the longest recording between which a window may begin and end
-_LEAST_OUT, _LEAST_IN = 0.2, 0.06  # shares of the rows outside and inside a window
-_FLAT = (0.02, 0.03)  # mean square, and share of the excess, that may be left outside
-_CONTRAST = 0.5  # excess per row inside a window, over the mean excess of a refit without one, at least
-_TELLING = 2.0  # excess inside a window over that outside that makes it worth a closer look
+LEAST_OUT = 0.2  # share of the rows outside of windows, at least
 _NEVER = (2e9, 2.1e9, 1.0)  # s: a window that no recording reaches
-_BY_CHANCE = 4.0  # standard deviations of the mean square of noise in a block, of which there are a hundred or two
-_ROUNDS = 8  # of marking the blocks in which something acts
+_ALIKE = 0.05  # of the longest recording: windows that differ by less may be one
 _RAMP = 0.02  # of the longest recording, as a start
 _SEEN = 2.0  # noise levels beyond which the force of an effect is seen in a sample
 _AS_GOOD = 0.003  # rise of the mean square that is none
@@ -170,6 +162,30 @@ def term_for(term: Term, index: int | None = None) -> Term:
     return Term(_windowed(effect.inner, near, None), {**law.values, **near})
 
 
+def shared(problem: Problem, hypothesis: Hypothesis) -> Hypothesis | None:
+    """The hypothesis with one window for all recordings in the place of their own; None where these differ.
+
+    A recording that ends before a window closes, or opens, says nothing about the time at which it does.
+    """
+    term = hypothesis.terms[-1]
+    effect = term.effect
+    if not isinstance(effect, Windowed) or effect.owners is None or len(problem.parts) < 2:
+        return None
+    ends = [float(part.t[-1]) for part in problem.parts]
+    times = {i: effect.times(term.values, i) for i in effect.owners}
+    apart = _ALIKE * max(ends)
+    on = [begin for begin, _, _ in times.values()]
+    off = [end for i, (_, end, _) in times.items() if end < ends[i] - apart]
+    begin, end = float(np.median(on)), float(np.median(off)) if off else max(ends)
+    agree = all(abs(there - begin) < apart for there in on) and all(abs(there - end) < apart for there in off)
+    late = all(end > there - apart for i, there in enumerate(ends) if i in times and times[i][1] >= there - apart)
+    if not agree or not late or any(there > begin + apart for i, there in enumerate(ends) if i not in times):
+        return None
+    near = dict(zip(_time_window()[1], (begin, end, next(iter(times.values()))[2]), strict=True))
+    made = Term(_windowed(effect.inner, near, None), {**term.law.values, **near})
+    return replace(hypothesis, terms=(*hypothesis.terms[:-1], made))
+
+
 def in_window_of(effect: Effect, term: Term) -> Effect:
     """Another effect, let act when a term acts; itself where that is all the time."""
     here = term.effect
@@ -192,182 +208,6 @@ def window_text(term: Term) -> str:
         begin, end, _ = effect.times(term.values, 0)
         return f", from {begin:.3g} s to {end:.3g} s only"
     return f", in a window of time of its own in {len(effect.owners)} of the recordings"
-
-
-def windows_of(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Window | Windows, Fit]]:
-    """Windows outside of which the baseline alone reaches the noise, each with the baseline as fitted outside.
-
-    The refit is linear in its parameters here, so that every window costs one small system of equations. Where that is
-    too coarse, the baseline is fitted outside of the most telling window, also from the nominal values, and everything
-    is compared once more. In the end, windows that differ from recording to recording. None where time was not
-    measured.
-    """
-    for windows, start in _proposed(problem, before, floor) if problem.timed else ():
-        fitted = fitted_outside(problem, start, windows)
-        if fitted is not None:
-            yield windows, fitted
-
-
-def _proposed(problem: Problem, before: Fit, floor: float) -> Iterator[tuple[Window | Windows, Hypothesis]]:
-    """Windows, and where to begin the fit outside of them."""
-    here = before.hypothesis
-    found = _windows(problem, before)
-    seen: set[Window] = set()
-    sound = _shortest(found, before, floor)
-    if sound is not None:
-        seen.add(sound)
-        yield sound, here
-    telling = min(found, key=lambda split: split.misfit, default=None)
-    if telling is not None and telling.inside - floor > _TELLING * (telling.outside - floor):
-        for start in (here, replace(here, values={**here.values, **problem.baseline.nominal})):
-            again = fitted_outside(problem, start, telling.window)
-            other = _shortest(_windows(problem, again), before, floor) if again is not None else None
-            if again is not None and other is not None and other not in seen:
-                seen.add(other)
-                yield other, again.hypothesis
-    several = _own_windows(problem, before, floor)
-    if several:
-        yield several, here
-
-
-def _own_windows(problem: Problem, before: Fit, floor: float) -> Windows | None:
-    """A window of its own in each recording, or none: stretches that stand out, found again while the baseline is
-    fitted to the rest; None where that leads to nothing."""
-    excess = before.chi2 - floor
-    if len(problem.parts) < 2:
-        return None
-    jacobian, times, spans = _scaled(problem, before), _row_times(problem), [float(p.t[-1]) for p in problem.parts]
-    blocks = [np.minimum((t / span * _BLOCKS).astype(int), _BLOCKS - 1) for t, span in zip(times, spans, strict=True)]
-    place = np.concatenate([b + i * _BLOCKS for i, b in enumerate(blocks)])
-    rows = np.bincount(place, minlength=len(spans) * _BLOCKS)
-    rest, marked = before.residual, np.zeros(len(rows), dtype=bool)
-    bar = floor + np.maximum(0.5 * excess, _BY_CHANCE * floor * np.sqrt(2 / np.maximum(rows, 1)))
-    for _ in range(_ROUNDS):
-        level = np.bincount(place, weights=rest**2, minlength=len(rows)) / np.maximum(rows, 1)
-        now = np.concatenate([_hull(on) for on in (level > bar).reshape(-1, _BLOCKS)])
-        outside = ~now[place]
-        if np.mean(outside) < _LEAST_OUT or np.mean(outside) > 1 - _LEAST_IN / 2:
-            return None
-        step = np.linalg.lstsq(jacobian[outside], before.residual[outside], rcond=1e-9)[0]
-        rest = before.residual - jacobian @ step
-        if np.array_equal(now, marked):
-            break
-        marked = now
-    flat = float(np.mean(rest[outside] ** 2)) < floor + _FLAT[0] + _FLAT[1] * excess
-    if not flat or float(np.mean(rest[~outside] ** 2)) - floor < (1 + _CONTRAST) * excess:
-        return None
-    found = {}
-    for i, (on, span) in enumerate(zip(marked.reshape(-1, _BLOCKS), spans, strict=True)):
-        if np.any(on):
-            first, last = np.flatnonzero(on)[[0, -1]]
-            found[i] = Window(first / _BLOCKS * span, (last + 1) / _BLOCKS * span)
-    return found
-
-
-def _hull(on: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """From the first to the last block that stands out; none where that is a single one among quiet ones."""
-    where = np.flatnonzero(on)
-    found = np.zeros(len(on), dtype=bool)
-    if len(where) > 1:
-        found[where[0] : where[-1] + 1] = True
-    return found
-
-
-def _scaled(problem: Problem, fitted: Fit) -> Array:
-    jacobian = problem.jacobian(fitted.hypothesis, fitted.unknowns)
-    norms = np.linalg.norm(jacobian, axis=0)
-    return np.asarray(jacobian / np.where(norms > 0, norms, 1.0))
-
-
-def _row_times(problem: Problem) -> list[Array]:
-    return [problem.reduce.plain(i, part.t) for i, part in enumerate(problem.parts)]
-
-
-@dataclass(frozen=True)
-class _Split:
-    """A window with its share of the rows, and the mean squares outside and inside it."""
-
-    window: Window
-    share: float
-    outside: float
-    inside: float
-
-    @property
-    def misfit(self) -> float:
-        """Twice the negative logarithm of the likelihood per row, noise of one level outside and another inside."""
-        outside, inside = (float(np.log(max(level, 1e-300))) for level in (self.outside, self.inside))
-        return (1 - self.share) * outside + self.share * inside
-
-
-def _windows(problem: Problem, fitted: Fit) -> list[_Split]:
-    """All windows between blocks of time that leave enough outside and inside."""
-    times = np.concatenate(_row_times(problem))
-    span = max(float(part.t[-1]) for part in problem.parts)
-    place = np.minimum((times / span * _BLOCKS).astype(int), _BLOCKS - 1)
-    sums = _Sums(_scaled(problem, fitted), fitted.residual, place)
-    found = []
-    for first in range(_BLOCKS):
-        for last in range(first + 1, _BLOCKS + 1):
-            share = sums.share(first, last)
-            if _LEAST_IN <= share <= 1 - _LEAST_OUT:
-                window = Window(first / _BLOCKS * span, last / _BLOCKS * span)
-                found.append(_Split(window, share, *sums.split(first, last)))
-    return found
-
-
-def _shortest(found: Sequence[_Split], before: Fit, floor: float) -> Window | None:
-    excess = before.chi2 - floor
-    flat = floor + _FLAT[0] + _FLAT[1] * excess
-    sound = [s for s in found if s.outside < flat and s.inside - floor > (1 + _CONTRAST) * excess]
-    return min(sound, key=lambda s: (s.share, s.outside)).window if sound else None
-
-
-class _Sums:
-    """Normal equations of the refit per block of time, accumulated."""
-
-    def __init__(self, jacobian: Array, residual: Array, place: NDArray[np.int64]) -> None:
-        count = jacobian.shape[1]
-        self._normal = np.zeros((_BLOCKS + 1, count, count))
-        self._right = np.zeros((_BLOCKS + 1, count))
-        self._square, self._rows = np.zeros(_BLOCKS + 1), np.zeros(_BLOCKS + 1)
-        for block in range(_BLOCKS):
-            here = place == block
-            rows, rest = jacobian[here], residual[here]
-            self._normal[block + 1] = self._normal[block] + rows.T @ rows
-            self._right[block + 1] = self._right[block] + rows.T @ rest
-            self._square[block + 1] = self._square[block] + rest @ rest
-            self._rows[block + 1] = self._rows[block] + len(rest)
-
-    def share(self, first: int, last: int) -> float:
-        """Share of the rows in blocks first .. last - 1."""
-        return float((self._rows[last] - self._rows[first]) / self._rows[-1])
-
-    def split(self, first: int, last: int) -> tuple[float, float]:
-        """Mean squares outside and inside, when the baseline is fitted outside."""
-        normal, right, square, rows = (
-            sums[last] - sums[first] for sums in (self._normal, self._right, self._square, self._rows)
-        )
-        around = self._normal[-1] - normal
-        around[np.diag_indices_from(around)] += 1e-9
-        step = np.linalg.solve(around, self._right[-1] - right)
-        inside = square - 2 * step @ right + step @ normal @ step
-        whole = self._square[-1] - 2 * step @ self._right[-1] + step @ self._normal[-1] @ step
-        return float((whole - inside) / (self._rows[-1] - rows)), float(inside / rows)
-
-
-def fitted_outside(problem: Problem, start: Hypothesis, windows: Window | Windows) -> Fit | None:
-    """The baseline as fitted outside of the windows, judged on everything; None where that has no finite answer."""
-    each = dict.fromkeys(range(len(problem.parts)), windows) if isinstance(windows, Window) else windows
-    parts = [_without(part, each[i]) if i in each else part for i, part in enumerate(problem.parts)]
-    made = try_fit(problem.of(parts), start, 25)
-    if made is None:
-        return None
-    return standing(problem, made.hypothesis)
-
-
-def _without(part: Part, window: Window) -> Part:
-    outside = (part.t < window.begin) | (part.t > window.end)
-    return replace(part, valid=outside if part.valid is None else np.logical_and(outside, part.valid))
 
 
 def edges(problem: Problem, hypothesis: Hypothesis, term: Term) -> dict[str, tuple[float, float]]:
@@ -445,6 +285,6 @@ def is_off_outside(term: Term, signals: Sequence[Signals]) -> bool:
         inside.append(force[gate > 0.5] ** 2)
         outside.append(force[gate == 0] ** 2)
     within, beyond = np.concatenate(inside), np.concatenate(outside)
-    if not len(within) or len(beyond) < _LEAST_OUT * (len(within) + len(beyond)):
+    if not len(within) or len(beyond) < LEAST_OUT * (len(within) + len(beyond)):
         return False
     return float(np.mean(beyond)) > _SHOWN * float(np.mean(within))

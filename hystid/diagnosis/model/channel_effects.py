@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from hystid.diagnosis.model.effects import Array, Effect, Signals
+from hystid.diagnosis.model.effects import Array, Effect, Scales, Signals
 from hystid.diagnosis.model.semantics import Semantics
+from hystid.diagnosis.prepare.faults import SATURATION
 from hystid.diagnosis.prepare.segments import Part
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
@@ -18,7 +20,7 @@ CHANNELS = {
     "channel_gain": Semantics(title="wrong gain of a channel"),
     "channel_zero": Semantics(title="wrong zero of a channel"),
     "dead_channel": Semantics(title="dead channel"),
-    "sensor_saturation": Semantics(title="channel that stops at a level"),
+    SATURATION: Semantics(title="channel that stops at a level"),
     "force_gain": Semantics(title="wrong gain of the force channel"),
     DRIFT: Semantics(title="drift of the force channel"),
 }
@@ -59,6 +61,45 @@ def history(numbers: Sequence[int]) -> History:
     """What was before the recordings of these numbers, from 0."""
     names = tuple(f"offset_{number + 1}" for number in numbers)
     return History(HISTORY, "", "", None, amplitudes=names, units=dict.fromkeys(names, "N"))
+
+
+@dataclass(frozen=True)
+class Saturation(ChannelEffect):
+    """What a force channel lacks beyond the level at which it stops, in each recording.
+
+    It depends on the measured force, which no signal shows: so it is known for the recordings in which it was found,
+    by their displacement, and nothing elsewhere. motion: displacement [m]; missing: force [N]; level [N].
+    """
+
+    motion: tuple[Array, ...] = field(default=(), repr=False)
+    missing: tuple[Array, ...] = field(default=(), repr=False)
+    level: float = 0.0
+
+    @property
+    def size(self) -> int:
+        """The level counts as well."""
+        return 2
+
+    def grid(self, scales: Scales) -> list[dict[str, float]]:
+        """The level as it was found."""
+        return [{"level": self.level}]
+
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """What the channel lacks [N], shape (n,): reversed where the motion is mirrored, nothing for another motion."""
+        known = self.motion[signals.index] if signals.index < len(self.motion) else np.zeros(0)
+        if len(known) != len(signals.x):
+            return np.zeros(len(signals.x))
+        alike = float(known @ signals.x) / max(float(known @ known), 1e-300)
+        return np.asarray(-parameters["share"] * np.clip(np.rint(alike), -1, 1) * self.missing[signals.index])
+
+
+def saturation(motion: Sequence[Array], missing: Sequence[Array], level: float) -> Saturation:
+    """A force channel that stops at a level [N]. motion [m], missing [N]: (n,) per recording."""
+    units = {"share": "1", "level": "N"}
+    return Saturation(
+        SATURATION, "", "", None, ("share",), units=units, lowest={"share": 0.0}, motion=tuple(motion),
+        missing=tuple(missing), level=level,
+    )  # fmt: skip
 
 
 class ForceDrift(ChannelEffect):

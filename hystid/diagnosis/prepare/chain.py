@@ -13,23 +13,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
-from hystid.diagnosis.prepare.pairs import ORDER, Estimate, Pair, agreed, consistency, pairs, sections
+from hystid.diagnosis.prepare.clipping import saturated_motion, stopped
+from hystid.diagnosis.prepare.faults import CALIBRATION, DEAD, DELAY, GAIN, SATURATION, ZERO, Fault
+from hystid.diagnosis.prepare.pairs import CHANCE, ORDER, Estimate, Pair, agreed, consistency, pairs, sections
 from hystid.diagnosis.prepare.segments import advanced, measured_motion
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
-from hystid.smoothing.smoother import smooth
 
 Array = NDArray[np.float64]
-UNITS = {"x": "m", "v": "m/s", "a": "m/s2", "F": "N"}
-DELAY, GAIN, ZERO, DEAD, SATURATION = (
-    "channel_delay",
-    "channel_gain",
-    "channel_zero",
-    "dead_channel",
-    "sensor_saturation",
-)
-CALIBRATION = 0.035  # relative gain that calibration and weighing leave: class 3 accelerometers; more is a fault
 _TOUCH = 0.01  # share of the largest force (or stroke) that counts as nothing
 _RISE = 0.3  # share of the largest force over which the first rise is taken as a line
 _STEP, _SEAT = 0.002, 0.2  # shares of the stroke between which an approach lies
@@ -40,48 +33,8 @@ NO_CLOCK = (
     "scale"
 )
 _NOISE = 0.5  # share of the power of a channel from which it is noise: a worse channel adds nothing to the others
+_SURELY = float(norm.isf(CHANCE))  # standard errors by which a lag is more than that
 _SHIFTED = 1.0  # samples: channels of a multiplexed converter are so far apart; less is taken out without a finding
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A fault of one channel.
-
-    size: delay in samples; level at which the channel stops, or its zero (its unit); gain; largest correlation with the
-    other channels where it is dead. stderr: its standard error, from the scatter between sections of the recordings.
-    share: share of the samples that it touches; of a zero, its size over the standard deviation of the channel.
-    seconds: delay in seconds.
-    """
-
-    id: str
-    channel: str
-    size: float
-    stderr: float
-    share: float = 1.0
-    seconds: float = 0.0
-
-    def sentence(self) -> str:
-        """What was done about it, for people."""
-        name, unit = self.channel, UNITS[self.channel]
-        if self.id == DELAY:
-            error = self.stderr * abs(self.seconds / self.size) if self.size else 0.0
-            side = "late" if self.seconds > 0 else "early"
-            return (
-                f"channel {name} is {1e3 * abs(self.seconds):.4g} ms ({1e3 * error:.2g}) {side} against the other "
-                f"channels, {abs(self.size):.3g} samples: moved back"
-            )
-        if self.id == GAIN:
-            return (
-                f"channel {name} reads {self.size:.4g} ({self.stderr:.2g}) times what the other channels say: divided"
-            )
-        if self.id == ZERO:
-            return (
-                f"channel {name} has a zero of {self.size:.3g} {unit} ({self.stderr:.2g}), {100 * self.share:.2g} % of "
-                "its standard deviation, which the other channels do not show: taken out"
-            )
-        if self.id == DEAD:
-            return f"channel {name} does not follow the motion that the other channels agree on: left out"
-        return f"channel {name} stops at {self.size:.4g} {unit}, in {100 * self.share:.2g} % of the samples"
 
 
 @dataclass(frozen=True)
@@ -173,11 +126,6 @@ def turns(x: Array, share: float = 0.25) -> list[int]:
     return found
 
 
-def stopped(tests: Sequence[Recording]) -> tuple[Fault, ...]:
-    """Channels that stop at a level, in recordings as they were read: what is moved, filtered or scaled does not."""
-    return tuple(fault for name in "xvaF" if (fault := _stopped(tests, name)) is not None)
-
-
 def examined(tests: Sequence[Recording], unseen: Sequence[Recording], clipped: Sequence[Fault] | None = None) -> Chain:
     """Look for faults of the channels and take out what can be taken out, in all recordings alike.
 
@@ -195,7 +143,7 @@ def examined(tests: Sequence[Recording], unseen: Sequence[Recording], clipped: S
     if scaled is not None:
         tests, unseen = ([_rescaled(test, scaled) for test in group] for group in (tests, unseen))
     if not any(fault.channel in "xva" for fault in faults):
-        faults += [f for f in (_saturated_motion(tests),) if f is not None]
+        faults += [f for f in (saturated_motion(tests),) if f is not None]
     repaired = [fault for fault in (*dead, *zeros, late, scaled) if fault is not None]
     named = [fault for fault in repaired if fault.id == DELAY and _is_named(fault)]
     notes = tuple(fault.sentence() for fault in repaired)
@@ -213,7 +161,7 @@ def _is_named(late: Fault) -> bool:
 
     Chains delay and never hurry: a channel that is early leads in phase, as one with AC coupling does.
     """
-    return late.seconds > 0 and late.size >= _SHIFTED
+    return late.seconds > 0 and late.size - _SURELY * late.stderr >= _SHIFTED
 
 
 def _without_dead(
@@ -349,58 +297,3 @@ def _shifted(recording: Recording, late: Fault) -> Recording:
     values = getattr(recording, late.channel)
     moved = {late.channel: advanced(np.asarray(values), late.seconds / recording.dt)} if values is not None else {}
     return replace(recording, **moved)  # type: ignore[arg-type]  # the keys are channels
-
-
-def _saturated_motion(recordings: Sequence[Recording]) -> Fault | None:
-    """A channel of the motion that stops at a level where the other channels show that the motion goes on."""
-    for name in "axv":
-        if all(set(measured_motion(r)) > {name} for r in recordings):
-            fault = _saturated(recordings, name)
-            if fault is not None:
-                return fault
-    return None
-
-
-def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
-    top = max(float(np.max(np.abs(getattr(r, name)))) for r in recordings)
-    beyond, count, total = [], 0, 0
-    for recording in recordings:
-        motion = measured_motion(recording)
-        noise = {key: noise_level(values) for key, values in motion.items()}
-        total += len(recording)
-        high = np.abs(motion[name]) > max(0.9 * top, top - 8 * noise[name])
-        near = np.abs(motion[name]) > top - 6 * noise[name] - 1e-3 * top
-        if np.count_nonzero(near) < 8:
-            continue
-        gap = {**motion, name: np.where(high, np.nan, motion[name])}
-        bridged = getattr(smooth(gap, noise, recording.dt), name)
-        excess = (bridged - motion[name]) * np.sign(motion[name])
-        spread = noise[name] + 0.01 * top
-        excess = excess[near] - CALIBRATION * top  # so much lies between channels that are sound
-        beyond.append(excess / spread)
-        count += int(np.count_nonzero(excess > 3 * spread))
-    if not beyond or count < max(10, 2e-4 * total):
-        return None
-    excess = np.concatenate(beyond)
-    flat = float(np.mean(excess > 1.0))
-    return Fault(SATURATION, name, top, 0.01 * top, count / total) if flat > 0.6 else None
-
-
-def _stopped(recordings: Sequence[Recording], name: str) -> Fault | None:
-    """A channel that takes its exact extreme far more often than any value near it: cut off behind the noise.
-
-    Values far below say nothing: a sensor at rest repeats its zero.
-    """
-    channels = [np.asarray(values) for r in recordings if (values := getattr(r, name)) is not None]
-    if not channels:
-        return None
-    top = max(float(np.max(np.abs(channel))) for channel in channels)
-    touched, usual, total = 0, 1, 0
-    for channel in channels:
-        total += len(channel)
-        touched += int(np.count_nonzero(np.abs(channel) >= top * (1 - 1e-9)))
-        inside = channel[(np.abs(channel) < top * (1 - 1e-9)) & (np.abs(channel) > top / 2)]
-        usual = max(usual, int(np.max(np.unique(inside, return_counts=True)[1], initial=1)))
-    if touched < max(10, 3 * usual):  # a coarse converter repeats every value, a clipped channel only its last one
-        return None
-    return Fault(SATURATION, name, top, 1e-3 * top, touched / total)

@@ -24,7 +24,7 @@ from hystid.smoothing.noise import noise_level
 Array = NDArray[np.float64]
 ORDER = {"x": 0, "v": 1, "a": 2}
 _SECTIONS, _SHORTEST = 6, 256  # sections per recording, and samples of one at least
-_CHANCE = 1e-3  # probability by chance of a lag that is believed: one false alarm in 1000 healthy recordings
+CHANCE = 1e-3  # probability by chance of a lag that is believed: one false alarm in 1000 healthy recordings
 _HANN = 3 / 8  # mean square of the window
 _FEWEST = 1.5  # effective sections below which there is no scatter
 _HIGHEST = 1.0  # rad per sample up to which the differences that derive a channel are exact to 0.1 %
@@ -93,7 +93,7 @@ def agreed(values: Array, weights: Array, halves: float = 0.0) -> Estimate:
     if count < _FEWEST:
         return Estimate(mean, float("inf"))
     scatter = float(np.sqrt(np.sum(share**2 * (values - mean) ** 2) * count / (count - 1)))
-    sure = float(student.isf(_CHANCE / 2, count - 1))
+    sure = float(student.isf(CHANCE / 2, count - 1))
     return Estimate(
         mean, float(np.hypot(scatter, halves / 2)), abs(mean) > sure * scatter and halves < _APART * abs(mean)
     )

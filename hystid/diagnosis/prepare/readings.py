@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hystid.consistency import Examination, Finding, examine
-from hystid.diagnosis.prepare.chain import DELAY, Fault
+from hystid.diagnosis.prepare.faults import DELAY, Fault
 from hystid.diagnosis.prepare.pairs import agreed
 from hystid.errors import RecordingError
 from hystid.recording import Recording
@@ -51,14 +51,14 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
     used, held = ([_read(test, mass) for test in group] for group in (tests, unseen))
     misread = tuple(
         note
-        for test, (here, _, _) in zip((*tests, *unseen), (*used, *held), strict=True)
-        for note in here.notes[len(test.notes) :]
+        for test, read in zip((*tests, *unseen), (*used, *held), strict=True)
+        for note in read.recording.notes[len(test.notes) :]
     )
-    doubts = tuple(str(note) for note in examine([here for here, _, _ in (*used, *held)], mass).notes)
-    late = _late_force([lag for _, lag, _ in used]) if len(used) > 1 else None  # one test may be a law that looks late
-    groups = [[test for test, _, _ in group] for group in (used, held)]
+    doubts = tuple(str(note) for read in (*used, *held) for note in read.found.notes)
+    late = _late_force([read.lag for read in used]) if len(used) > 1 else None  # one test may be a law that looks late
+    groups = [[read.recording for read in group] for group in (used, held)]
     if late is None:
-        if apart := [str(item) for _, _, item in (*used, *held) if item is not None]:
+        if apart := [str(read.severe) for read in (*used, *held) if read.severe is not None]:
             raise Contradiction("; ".join(apart))
         return Readings(groups[0], groups[1], (), misread, doubts)
     seconds, error = late
@@ -70,16 +70,27 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
     return Readings(groups[0], groups[1], (fault,), misread, doubts)
 
 
-def _read(test: Recording, mass: float | None) -> tuple[Recording, tuple[float, float] | None, Finding | None]:
-    """A recording in its consistent reading, how late its force is [s], with the error (None where it is not), and what
-    the door says of a force that is too late to be used as it is."""
+@dataclass(frozen=True)
+class _Read:
+    """A recording in its consistent reading, what the door finds of it, how late its force is [s], with the error (None
+    where it is not), and what the door says of a force that is too late to be used as it is."""
+
+    recording: Recording
+    found: Examination
+    lag: tuple[float, float] | None
+    severe: Finding | None
+
+
+def _read(test: Recording, mass: float | None) -> _Read:
+    """The one consistent reading of a recording. Raises Contradiction where there is none."""
     here = test
     for _ in range(_ROUNDS):
         found = examine([here], mass)
         wrong = [item for item in found.refusals if item.slip in _NEVER - here.accepted]
         if not wrong:
             here, coupled = _without_coupled(here, found)
-            return here, *_late(here, examine([here], mass) if coupled else found)
+            found = examine([here], mass) if coupled else found
+            return _Read(here, found, *_late(here, found))
         if any(not _has_one_reading(item) for item in wrong):
             break
         for item in wrong:

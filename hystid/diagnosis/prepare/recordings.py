@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hystid.diagnosis.prepare.bandwidth import where_white
-from hystid.diagnosis.prepare.chain import Fault, stopped
+from hystid.diagnosis.prepare.clipping import stopped
 from hystid.diagnosis.prepare.decay import is_free, released, with_noise
+from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.given import Given
 from hystid.diagnosis.prepare.independence import measured_alike
 from hystid.diagnosis.prepare.readings import consistent

@@ -18,7 +18,7 @@ from scipy.special import factorial
 
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.recording import Recording
-from hystid.smoothing.noise import noise_level, steps
+from hystid.smoothing.noise import louder_for_a_while, noise_level, steps
 from hystid.smoothing.smoother import BELOW, Smoothed, smooth
 
 Array = NDArray[np.float64]
@@ -35,6 +35,7 @@ _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which
 _TERMS, _LONG = 16, 50_000  # of the series for delays, and samples beyond which there is none
 _SIZES, _SMALL = np.pi ** np.arange(_TERMS) / factorial(np.arange(_TERMS)), 1e-10  # terms of it at most, and of no use
 _SHORT = 7  # samples per block that are added column by column
+_STOPS = 4.0  # standard deviations of noise on a level at which a channel stops: one sample in 30,000 lies below
 _JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
 # Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -53,6 +54,7 @@ class Part:
     (the channel itself, or a plain derivative of the best one). noise: standard deviation per channel.
     lowest: angular frequency [rad/s] below which the motion is not seen and x is held at zero; 0 where x was measured.
     past: samples after the first one that are run backwards before it: a law with memory begins as in mid-motion.
+    louder: noise of a channel over ``noise``, (n,), where it is louder for a while.
     timed: whether time was measured; else it only numbers the samples. extra: further columns of the file, (n,) each.
     sees_x: whether the displacement is known at all frequencies that matter.
     colour: power of the noise of all channels over its white part, times the frequency [cycles per sample], and times
@@ -81,6 +83,7 @@ class Part:
     sees_x: bool = True
     colour: tuple[float, float] = (0.0, 0.0)
     pace: float = 1.0
+    louder: Mapping[str, Array] = field(repr=False, default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -137,15 +140,36 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     measured = measured_motion(recording)
     noise = {name: noise_level(values) for name, values in measured.items()}
     noise["F"] = max(noise_level(F), _MODEL_ERROR * float(np.std(F)))
+    louder = _louder({**measured, "F": F}, noise)
     known, valid = _without_stops({**measured, "F": F}, noise, stopped or {})
-    motion = smooth({name: known[name] for name in measured}, noise, dt, force=np.nan_to_num(known["F"]))
+    seen, force = {name: known[name] for name in measured}, np.nan_to_num(known["F"])
+    motion = smooth(seen, noise, dt, None, _of_motion(louder), force)
     inertia, order = _inertia(measured, dt)
     return Part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
         {**measured, "F": F}, valid, motion.roughness.lowest, 0, not recording.quasi_static,
         {name: column for name, column in recording.extra.items() if len(column) == len(F)},
-        _jitter(measured, noise, dt, motion, seed),
+        _jitter(measured, noise, dt, motion, (seed, louder)), louder=louder,
     )  # fmt: skip
+
+
+def _louder(channels: Mapping[str, Array], noise: dict[str, float]) -> dict[str, Array]:
+    """Noise of channels over its level, (n,) each, where it is louder for a while; ``noise`` is told the level of the
+    rest then."""
+    found = {}
+    for name, values in channels.items():
+        if (uneven := louder_for_a_while(values)) is not None:
+            level, factor = uneven
+            quiet = min(noise[name], level)
+            if name == "F":
+                quiet = max(quiet, _MODEL_ERROR * float(np.std(values)))
+            found[name] = np.maximum(factor * level / quiet, 1.0)
+            noise[name] = quiet
+    return found
+
+
+def _of_motion(louder: Mapping[str, Array]) -> dict[str, Array]:
+    return {name: factor for name, factor in louder.items() if name != "F"}
 
 
 def measured_motion(recording: Recording) -> dict[str, Array]:
@@ -168,7 +192,7 @@ def _without_stops(
     known = dict(channels)
     for name, level in stopped.items():
         if name in channels:
-            gap = np.abs(channels[name]) > level - 2 * noise[name] - 1e-9 * level
+            gap = np.abs(channels[name]) > level - _STOPS * noise[name] - 1e-9 * level
             known[name] = np.where(gap, np.nan, channels[name])
             valid &= ~np.convolve(gap, np.ones(3), mode="same").astype(bool)
     return known, valid
@@ -190,17 +214,25 @@ def stencil(values: Array, weights: Array) -> Array:
 
 
 def _jitter(
-    measured: dict[str, Array], noise: dict[str, float], dt: float, motion: Smoothed, seed: int
+    measured: dict[str, Array],
+    noise: dict[str, float],
+    dt: float,
+    motion: Smoothed,
+    of: tuple[int, Mapping[str, Array]],
 ) -> tuple[tuple[Single, ...], ...]:
-    """The smoother is linear, so that smoothed noise is the error that noise leaves."""
+    """The smoother is linear, so that smoothed noise is the error that noise leaves.
+
+    of: seed, and by how much the noise of channels is louder for a while.
+    """
+    seed, louder = of
     rng = np.random.default_rng(seed)
     draws = []
     stairs = {name: steps(values) for name, values in measured.items()}
     for _ in range(DRAWS):
         drawn = {name: rng.standard_normal(len(values)) for name, values in measured.items()}
         held = {name: values if (at := stairs[name]) is None else values[at] for name, values in drawn.items()}
-        only_noise = {name: noise[name] * values for name, values in held.items()}
-        error = smooth(only_noise, noise, dt, motion.roughness)
+        only_noise = {name: noise[name] * louder.get(name, 1.0) * values for name, values in held.items()}
+        error = smooth(only_noise, noise, dt, motion.roughness, _of_motion(louder))
         errors = (error.x, error.v, error.a, _inertia(only_noise, dt)[0])
         draws.append(tuple(values.astype(np.float32) for values in errors))
     return tuple(draws)
@@ -257,17 +289,27 @@ class Reduction:
         self._trims = [_trim(len(p), filt, p.first) for p, filt in zip(self.parts, self._filters, strict=True)]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
         self._kept = [self._stretches(i, total) for i in range(len(self.parts))]
+        self._louder = [_louder_balance(part, mass) for part in parts]
+        self._even = self._evened() if any(one is not None for one in self._louder) else None
 
     def __call__(self, columns: Sequence[Array]) -> Array:
         """Rows of all parts, shape (rows,), from one column per part."""
         made = self._whitened(columns)
         rows = np.concatenate([self.plain(i, column) * self._weights[i] for i, column in enumerate(made)])
+        if self._even is not None:
+            rows *= self._even
         return rows if self._trust is None else rows * self._trust
 
     def whitened(self, columns: Sequence[Array]) -> list[Array]:
         """One column per part at all its samples, (n,), in units of the white noise."""
         noises = [np.sqrt(self.block) / weight for weight in self._weights]
-        return [column / noise for column, noise in zip(self._whitened(columns), noises, strict=True)]
+        made = [column / noise for column, noise in zip(self._whitened(columns), noises, strict=True)]
+        return [u if by is None else u / by for u, by in zip(made, self._louder, strict=True)]
+
+    def _evened(self) -> Array:
+        """Weights of rows whose noise is louder for a while."""
+        ones = [np.ones(len(part)) if by is None else by for part, by in zip(self.parts, self._louder, strict=True)]
+        return np.concatenate([1 / np.sqrt(self.plain(i, by**2)) for i, by in enumerate(ones)])
 
     def _whitened(self, columns: Sequence[Array]) -> Sequence[Array]:
         """Columns of all parts after their filters, in one transform where the parts are of one length."""
@@ -320,6 +362,13 @@ class Reduction:
         high = (omega / part.first) ** 8
         return float(np.mean(high / (1.0 + high)))
 
+    def used(self, index: int) -> Flags:
+        """Samples of one part of which rows are made, (n,), where all of them are taken."""
+        part, trim = self.parts[index], self._trims[index]
+        found = np.zeros(len(part), dtype=bool)
+        found[trim : len(part) - trim] = True
+        return found if part.valid is None else found & part.valid
+
     def plain(self, index: int, column: Array) -> Array:
         """A column of one part at its rows: trimmed and averaged alike, but neither whitened nor weighted."""
         trim = self._trims[index]
@@ -360,6 +409,21 @@ def _derived_noise(part: Part, omega: Array) -> Array:
     """Noise of an acceleration that was derived, over angular frequencies [rad per sample], (n,) [m/s2]."""
     weights, name = (SECOND, "x") if part.inertia_order == 2 else (FIRST, "v")
     return _response(weights, omega) / part.dt**part.inertia_order * part.noise[name]
+
+
+def _louder_balance(part: Part, mass: float) -> Array | None:
+    """Noise of the whitened balance over its level, (n,), where it is louder for a while; None elsewhere."""
+    if not part.louder:
+        return None
+    name = ("a", "v", "x")[part.inertia_order]
+    if part.inertia_order:
+        power = (mass * _derived_noise(part, np.linspace(0, np.pi, 257)) / part.noise["F"]) ** 2
+        share = float(np.mean(1 / (1 + power)))  # of the force in what is white
+    else:
+        share = (part.noise["F"] / part.balance_noise(mass)) ** 2
+    ones = np.ones(len(part))
+    squares = share * part.louder.get("F", ones) ** 2 + (1 - share) * part.louder.get(name, ones) ** 2
+    return np.asarray(np.sqrt(squares))
 
 
 def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:

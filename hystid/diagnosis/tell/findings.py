@@ -12,7 +12,7 @@ from hystid.diagnosis.decide.limits import is_reached
 from hystid.diagnosis.decide.trials import DELAY
 from hystid.diagnosis.fit.values import Value
 from hystid.diagnosis.model.semantics import Semantics
-from hystid.diagnosis.prepare.chain import Fault
+from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.tell.locate import where_term
 from hystid.diagnosis.tell.result import Diagnosis, Finding, Where
 

@@ -2,7 +2,7 @@
  *
  * State: x and its derivatives in units of the sample time (v dt, a dt^2, ...), ORDER of them, the last one driven by white
  * noise. Channels measure the first three with variances r[0..2]; an infinite variance means that there is no such channel,
- * a value that is not finite that the channel has a gap there.
+ * a value that is not finite that the channel has a gap there. Noise may be louder for a while.
  * A belief is a mean (ORDER) followed by a covariance (ORDER x ORDER, row by row).
  */
 #include <math.h>
@@ -146,11 +146,11 @@ static void back(belief *b, const belief *next, const belief *later)
     }
 }
 
-/* channels: 3 x n, r: 3, start: the first belief. filtered, predicted: n beliefs of work space, or NULL for the
+/* channels: 3 x n, r: 3, louder: 3 x n factors on r, or NULL where they are 1. start: the first belief. filtered, predicted: n beliefs of work space, or NULL for the
  * likelihood alone. On return filtered holds the smoothed beliefs. Returns the log-likelihood.
  * Where the covariance has become steady, and no gap disturbs it, the mean alone is carried on. */
-EXPORT double hy_smooth(long n, const double *channels, const double *r, double q, const belief *start,
-                        belief *filtered, belief *predicted)
+EXPORT double hy_smooth(long n, const double *channels, const double *r, const double *louder, double q,
+                        const belief *start, belief *filtered, belief *predicted)
 {
     belief ahead = *start, now = *start;
     correction by[3];
@@ -159,7 +159,10 @@ EXPORT double hy_smooth(long n, const double *channels, const double *r, double 
     prepare(A, Q);
     for (long k = 0; k < n; k++) {
         int gaps = 0;
-        for (int c = 0; c < 3; c++) gaps |= isfinite(r[c]) && !isfinite(channels[c * n + k]);
+        for (int c = 0; c < 3; c++) {
+            gaps |= isfinite(r[c]) && !isfinite(channels[c * n + k]);
+            gaps |= louder && k && louder[c * n + k] != louder[c * n + k - 1];
+        }
         int frozen = steady && !gaps;
         if (frozen) step_mean(&now, &ahead);
         else if (k) {
@@ -173,7 +176,8 @@ EXPORT double hy_smooth(long n, const double *channels, const double *r, double 
         for (int c = 0; c < 3; c++) {
             double measured = channels[c * n + k];
             if (isfinite(r[c]) && isfinite(measured))
-                likelihood += frozen ? correct(&now, c, measured, &by[c]) : update(&now, c, measured, r[c], &by[c]);
+                likelihood += frozen ? correct(&now, c, measured, &by[c])
+                                     : update(&now, c, measured, louder ? r[c] * louder[c * n + k] : r[c], &by[c]);
         }
         if (filtered) filtered[k] = now;
     }

@@ -7,7 +7,6 @@ equation
   annotation(Documentation(info = "<html><p>Weight, magnet or clamping force that the baseline does not have.</p></html>"),
     __HystId_effect(
       title = "constant force",
-      lasting = true,
       alike = {Alike(law = "force_drift", provided = "constant", title = "constant force or force zero that is off")},
       tells = {Telling(law = "force_drift", steered = false,
         experiment = "record the force channel with nothing attached, before and after a test")},

@@ -1,0 +1,71 @@
+"""A force channel that stops at a level: it lacks what mass and law say beyond it.
+
+No other channel shows the force. What the refit says where the force is near its top must come from the samples below,
+as the level would bend a refit of all samples. A law that yields holds the force as well, but for the inertia: where
+that changes and the force does not, it is the channel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem
+from hystid.diagnosis.fit.search import try_fit
+from hystid.diagnosis.model.channel_effects import Saturation, saturation
+from hystid.diagnosis.prepare.clipping import DEEP, level_of, near_top
+from hystid.diagnosis.prepare.segments import Flags, Part
+
+Array = NDArray[np.float64]
+_LEAST = 400  # samples below the top that can lead a refit
+
+
+def clipped_force(problem: Problem, baseline: Fit) -> list[Saturation]:
+    """The force that the channel lacks beyond its level, as an effect; [] where it does not stop.
+
+    Samples that are not valid say nothing: where an exact level was found before, these are its own.
+    """
+    if not problem.baseline.mass:
+        return []
+    near = near_top([part.F for part in problem.parts], max(part.noise["F"] for part in problem.parts))
+    if near is None or _level(problem, baseline.hypothesis) is None:
+        return []
+    kept = [_valid(part) & ~gap for part, gap in zip(problem.parts, near, strict=True)]
+    if sum(map(np.count_nonzero, kept)) < _LEAST:
+        return []
+    below = problem.of([replace(part, valid=valid) for part, valid in zip(problem.parts, kept, strict=True)])
+    made = try_fit(below, baseline.hypothesis, 25)
+    level = _level(problem, made.hypothesis) if made is not None else None
+    if made is None or level is None:
+        return []
+    told = _told(problem, made.hypothesis)
+    missing = [np.sign(one) * np.maximum(np.abs(one) - level, 0.0) for one in told]
+    return [saturation([part.x for part in problem.parts], missing, level)]
+
+
+def _told(problem: Problem, hypothesis: Hypothesis) -> list[Array]:
+    """The force that mass and law say, by the smoothed motion [N]."""
+    mass = hypothesis.mass()
+    return [mass * part.a + force for part, force in zip(problem.parts, problem.predicted(hypothesis), strict=True)]
+
+
+def _valid(part: Part) -> Flags:
+    return np.ones(len(part), dtype=bool) if part.valid is None else part.valid
+
+
+def _level(problem: Problem, hypothesis: Hypothesis) -> float | None:
+    """Level at which the force channel stops [N]; None where it does not, or where a law may hold the force."""
+    mass = hypothesis.mass()
+    told = [np.where(_valid(p), one, 0.0) for p, one in zip(problem.parts, _told(problem, hypothesis), strict=True)]
+    moved = problem.moved(hypothesis)[0]
+    errors = [mass * part.jitter[0][2] + force for part, force in zip(problem.parts, moved, strict=True)]
+    found = level_of([part.F for part in problem.parts], told, float(np.std(np.concatenate(errors))))
+    if found is None:
+        return None
+    inertia = np.concatenate(
+        [mass * part.a[np.abs(one) > found[0]] for part, one in zip(problem.parts, told, strict=True)]
+    )
+    noise = max(part.noise["F"] for part in problem.parts)
+    return found[0] if float(np.std(inertia)) > DEEP * noise else None

@@ -1,0 +1,247 @@
+"""Which effect could it be, and when: every law in every window of time, projected on what the baseline cannot absorb.
+
+A matched filter in time. Products of a law's columns are summed over blocks of time, so that each window costs a few
+additions and no further evaluation of the law. Recordings have windows of their own, or none, and one law in all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hystid.diagnosis.fit.problem import Columns, Fit, Problem, Term
+from hystid.diagnosis.fit.search import ABSORBED, Candidate, complement
+from hystid.diagnosis.fit.windows import LEAST_OUT, Window, Windows, windowed
+from hystid.diagnosis.model.effects import Effect
+from hystid.diagnosis.prepare.segments import Part
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+_BLOCKS = 40  # blocks of each recording between which a window may begin and end
+_FIRST, _LAST = np.triu_indices(_BLOCKS + 1, 1)  # blocks at which intervals begin, and before which they end
+_LEAST_IN = 0.03  # share of all rows inside of windows
+_POINTS = 2  # grid points of each form of which the windows of all recordings are looked for together
+_SWEEPS = 4  # of choosing the window of each recording beside those of the others
+_SETTLED = 1e-3  # relative gain of a sweep that ends them
+_WORTH = 0.01  # share of the gain that the window of one recording must add: a right law leaves as much
+_APART = 0.05  # share of a law's columns by which window and whitening may differ in order
+_RAMP = 0.8  # of a block, over which an effect comes and goes: a jump would be louder than any real one
+_RIDGE = 1e-9  # of the squared length of columns, in a window and over all rows, against those that are zero or alike
+
+
+@np.errstate(over="ignore", invalid="ignore")  # columns that are not finite are left out
+def scan_windows(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> list[Candidate]:
+    """The best grid point of every form with its windows, the largest gain first; [] where time was not measured.
+
+    Forms that would act in nearly all rows, or in hardly any, are left out.
+    """
+    if not problem.timed:
+        return []
+    seen = _Seen(problem, fitted)
+    found = [made for effect in effects if (made := seen.best(effect)) is not None]
+    return sorted(found, key=lambda candidate: -candidate.gain)
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Products of k columns of a law in every interval of every recording: with what is known (the basis, and the rest
+    of the residual as the last one), (recordings, intervals, known, k), and with each other, (..., k, k)."""
+
+    known: Array = field(repr=False)
+    each: Array = field(repr=False)
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """Interval of each recording, None where it has none, with the gain and the amplitudes."""
+
+    gain: float
+    intervals: tuple[int | None, ...]
+    amplitudes: Array
+
+
+class _Seen:
+    """Rows of a fit by blocks of time, and what laws explain of them in windows."""
+
+    def __init__(self, problem: Problem, fitted: Fit) -> None:
+        self.problem, self.fitted = problem, fitted
+        self.signals = problem.signals(fitted.hypothesis)
+        self.spans = [float(part.t[-1]) for part in problem.parts]
+        times = [problem.reduce.plain(i, part.t) for i, part in enumerate(problem.parts)]
+        own = [_blocks(t, span) for t, span in zip(times, self.spans, strict=True)]
+        place = np.concatenate([block + i * _BLOCKS for i, block in enumerate(own)])
+        self.ends = np.cumsum([len(t) for t in times])
+        self.counts = np.bincount(place, minlength=len(own) * _BLOCKS)
+        before = np.cumsum(self.counts) - self.counts
+        self.at = place * int(np.max(self.counts)) + np.arange(len(place)) - before[place]  # rows follow the time
+        outside = complement(problem, fitted)
+        self.known = np.column_stack([outside.basis, outside(fitted.residual)])
+        self.table = np.ascontiguousarray(self._by_block(self.known).transpose(0, 2, 1))
+        self.least = 2 * float(np.log(len(place)))  # what two times cost (Schwarz 1978)
+
+    def best(self, effect: Effect) -> Candidate | None:
+        """The best grid point of a form with its windows."""
+        points = []
+        for shapes in effect.grid(self.problem.scales):
+            columns = self.problem.columns(effect, shapes, self.signals)
+            if columns is not None and np.any(columns.lengths > 0):
+                sums = self._sums(columns.scaled)
+                alone, _ = _gains(sums.known, sums.each, _lowest(effect, columns))
+                points.append((float(np.sum(np.max(alone, axis=1))), shapes, columns, sums))
+        found: Candidate | None = None
+        for _, shapes, columns, sums in sorted(points, key=lambda point: -point[0])[:_POINTS]:
+            if not self._commutes(effect, shapes, columns):
+                sums = self._exact_sums(effect, shapes, columns)
+            choice = self._chosen(sums, _lowest(effect, columns))
+            if (found is None or choice.gain > found.gain) and self._is_window(choice):
+                found = self._candidate(effect, shapes, columns, choice)
+        return found
+
+    def _candidate(self, effect: Effect, shapes: Mapping[str, float], columns: Columns, choice: _Choice) -> Candidate:
+        here = windowed(effect, self._windows(choice))
+        amplitudes = choice.amplitudes / np.where(columns.lengths > 0, columns.lengths, np.inf)
+        values = dict(zip(effect.amplitudes, map(float, amplitudes), strict=True))
+        return Candidate(Term(here, {**shapes, **values, **here.near}), choice.gain, 0.0)
+
+    def _windows(self, choice: _Choice) -> Windows:
+        pairs = enumerate(zip(choice.intervals, self.spans, strict=True))
+        return {
+            i: Window(float(_FIRST[k] / _BLOCKS * span), float(_LAST[k] / _BLOCKS * span))
+            for i, (k, span) in pairs
+            if k is not None
+        }
+
+    def _is_window(self, choice: _Choice) -> bool:
+        inside = sum(
+            int(np.sum(self.counts[i * _BLOCKS + _FIRST[k] : i * _BLOCKS + _LAST[k]]))
+            for i, k in enumerate(choice.intervals)
+            if k is not None
+        )
+        return _LEAST_IN <= inside / len(self.known) <= 1 - LEAST_OUT
+
+    def _by_block(self, rows: Array) -> Array:
+        """Rows (rows, k) by block of time, (blocks, rows of a block, k), zeros where a block has fewer."""
+        found = np.zeros((len(self.counts) * int(np.max(self.counts)), rows.shape[1]))
+        found[self.at] = rows
+        return found.reshape(len(self.counts), -1, rows.shape[1])
+
+    def _sums(self, columns: Array) -> _Sums:
+        table = self._by_block(columns)
+        known, each = (
+            _within(products.reshape(len(self.spans), _BLOCKS, *products.shape[1:]))
+            for products in (self.table @ table, table.transpose(0, 2, 1) @ table)
+        )
+        return _Sums(known, each)
+
+    def _commutes(self, effect: Effect, shapes: Mapping[str, float], columns: Columns) -> bool:
+        """Whether a window of whitened columns is the whitened column of a window. It is not where noise is slow, and
+        the force in the window is a constant."""
+        if self.problem.reduce.is_local:
+            return True
+        middle = [_gate(part.t, span, _BLOCKS // 3, 2 * _BLOCKS // 3) for part, span in self._parts()]
+        gate = np.concatenate([self.problem.reduce.plain(i, on) for i, on in enumerate(middle)])
+        inside = columns.scaled * gate[:, None]
+        made = self._gated(effect, shapes, columns, middle)
+        return float(np.sum((made - inside) ** 2)) < _APART * float(np.sum(inside**2))
+
+    def _parts(self) -> list[tuple[Part, float]]:
+        return list(zip(self.problem.parts, self.spans, strict=True))
+
+    def _gated(self, effect: Effect, shapes: Mapping[str, float], columns: Columns, gates: Sequence[Array]) -> Array:
+        """Rows (rows, k) of the law in its gates, in the scale of its columns."""
+        made = []
+        for at, length in zip(effect.units_at(shapes), columns.lengths, strict=True):
+            forces = effect.forces(self.signals, at)
+            made.append(self.problem.reduce([f * on for f, on in zip(forces, gates, strict=True)]) / (length or 1.0))
+        return np.stack(made, axis=1)
+
+    def _exact_sums(self, effect: Effect, shapes: Mapping[str, float], columns: Columns) -> _Sums:
+        """The same with every block of the force whitened by itself: what blocks leave in each other counts."""
+        each = np.stack(
+            [
+                self._gated(effect, shapes, columns, [_gate(part.t, span, k, k + 1) for part, span in self._parts()])
+                for k in range(_BLOCKS)
+            ]
+        )  # (blocks, rows, k)
+        pieces = np.split(each, self.ends[:-1], axis=1)
+        bases = np.split(self.known, self.ends[:-1])
+        known = [basis.T @ rows for basis, rows in zip(bases, pieces, strict=True)]
+        squares = [np.einsum("brk,crl->bckl", rows, rows, optimize=True) for rows in pieces]
+        return _Sums(_within(np.stack(known)), _between(np.stack(squares)))
+
+    def _chosen(self, sums: _Sums, lowest: Array) -> _Choice:
+        """Intervals of all recordings, one after the other beside those of the others, the clearest first."""
+        count = len(sums.known)
+        known, each = np.zeros(sums.known.shape[2:]), np.zeros(sums.each.shape[2:])
+        intervals: list[int | None] = [None] * count
+        alone, _ = _gains(sums.known, sums.each, lowest)
+        total, order = 0.0, np.argsort(-np.max(alone, axis=1))
+        for _ in range(_SWEEPS):
+            before = total
+            for i in order:
+                if (k := intervals[i]) is not None:
+                    known, each = known - sums.known[i, k], each - sums.each[i, k]
+                without = float(_gains(known[None], each[None], lowest)[0][0])
+                gains, _ = _gains(known + sums.known[i], each + sums.each[i], lowest)
+                best = int(np.argmax(gains))
+                total = float(gains[best])
+                intervals[i] = best if total - without > max(self.least, _WORTH * total) else None
+                if intervals[i] is None:
+                    total = without
+                else:
+                    known, each = known + sums.known[i, best], each + sums.each[i, best]
+            if total <= before * (1 + _SETTLED):
+                break
+        gain, amplitudes = _gains(known[None], each[None], lowest)
+        return _Choice(float(gain[0]), tuple(intervals), amplitudes[0])
+
+
+def _blocks(t: Array, span: float) -> Numbers:
+    """Number of the block of each time."""
+    return np.minimum((t / span * _BLOCKS).astype(np.int64), _BLOCKS - 1)
+
+
+def _gate(t: Array, span: float, first: int, last: int) -> Array:
+    """1 in the blocks first .. last - 1, with ramps: gates of blocks side by side add up to that of all together."""
+    place = t / span * _BLOCKS
+    rise, fall = (np.clip((place - edge) / _RAMP + 0.5, 0.0, 1.0) for edge in (first, last))
+    return np.asarray((rise if first else 1.0) - (fall if last < _BLOCKS else 0.0))
+
+
+def _within(products: Array) -> Array:
+    """Sums over all intervals of products per block, (recordings, blocks, ...) to (recordings, intervals, ...)."""
+    sums = np.zeros((len(products), _BLOCKS + 1, *products.shape[2:]))
+    np.cumsum(products, axis=1, out=sums[:, 1:])
+    return np.asarray(sums[:, _LAST] - sums[:, _FIRST])
+
+
+def _between(products: Array) -> Array:
+    """The same of products of every block with every other, (recordings, blocks, blocks, ...)."""
+    sums = np.zeros((len(products), _BLOCKS + 1, _BLOCKS + 1, *products.shape[3:]))
+    sums[:, 1:, 1:] = np.cumsum(np.cumsum(products, axis=1), axis=2)
+    return np.asarray(sums[:, _LAST, _LAST] - sums[:, _FIRST, _LAST] - sums[:, _LAST, _FIRST] + sums[:, _FIRST, _FIRST])
+
+
+def _lowest(effect: Effect, columns: Columns) -> Array:
+    """Least amplitudes that the block allows, in the scale of its columns."""
+    least = [effect.lowest.get(name, -np.inf) for name in effect.amplitudes]
+    pairs = zip(least, columns.lengths, strict=True)
+    return np.array([low * float(length) if length > 0 else -np.inf for low, length in pairs])
+
+
+def _gains(known: Array, each: Array, lowest: Array) -> tuple[Array, Array]:
+    """Falls of the sum of squares and amplitudes for any windows, from their products; 0 where the block does not allow
+    the amplitudes, or the baseline absorbs the law."""
+    basis, right = known[..., :-1, :], known[..., -1, :]
+    own = np.diagonal(each, axis1=-2, axis2=-1)
+    normal = each - np.swapaxes(basis, -1, -2) @ basis
+    left = np.diagonal(normal, axis1=-2, axis2=-1)
+    size = right.shape[-1]
+    normal = normal + _RIDGE * (np.max(own, axis=-1) + _RIDGE)[..., None, None] * np.eye(size)
+    amplitudes = right / normal[..., 0] if size == 1 else np.linalg.solve(normal, right[..., None])[..., 0]
+    refused = np.any(amplitudes < lowest, axis=-1) | np.all(left <= (1 - ABSORBED) * own, axis=-1)
+    gains = np.where(refused, 0.0, np.sum(amplitudes * right, axis=-1))
+    return np.nan_to_num(gains, posinf=0.0, neginf=0.0), amplitudes

@@ -1,0 +1,135 @@
+"""Channels that stop at a level: cut off behind the noise, which repeats one value, or before it, which does not.
+
+A recorder that clips repeats its last value. An amplifier that clips in front of the recorder leaves noise on the
+level, and no value comes twice: then the channel is compared with what the others say of the motion. Beyond the level
+they go on, and the channel stays where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+from hystid.diagnosis.prepare.faults import CALIBRATION, SATURATION, Fault
+from hystid.diagnosis.prepare.pairs import CHANCE, agreed
+from hystid.diagnosis.prepare.segments import measured_motion
+from hystid.recording import Recording
+from hystid.smoothing.noise import noise_level
+from hystid.smoothing.smoother import smooth
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+_FEWEST = 10  # samples beyond a level from which it is one
+_BELOW = 8.0  # standard deviations of the noise below the largest value, within which a level may lie: noise stands
+# three to four of them above it, and as many below
+_LOWEST = 0.5  # of the largest value: a louder channel shows no level
+DEEP = 3.0  # standard errors of what is told: less is missing by chance, as excursions are chosen by it
+_DIGITS = 1e-3  # of the largest value: what filters behind the level leave
+_STAYS = 0.5  # slope of a channel over what the others say, beyond its level: half way between a stop and no stop
+
+
+def stopped(tests: Sequence[Recording]) -> tuple[Fault, ...]:
+    """Channels that stop at a level, in recordings as they were read: what is moved, filtered or scaled does not."""
+    return tuple(fault for name in "xvaF" if (fault := _stopped(tests, name)) is not None)
+
+
+def saturated_motion(recordings: Sequence[Recording]) -> Fault | None:
+    """A channel of the motion that stops at a level where the other channels show that the motion goes on."""
+    for name in "axv":
+        if all(set(measured_motion(r)) > {name} for r in recordings):
+            fault = _saturated(recordings, name)
+            if fault is not None:
+                return fault
+    return None
+
+
+def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tuple[float, int] | None:
+    """Level at which a channel stops, and the number of its samples there; None where it does not.
+
+    seen: the channel, (n,) per recording; told: what it should show. error: standard deviation of the latter.
+
+    Each excursion beyond the level is one witness: what the channel lacks there must not be zero by chance (Student,
+    or its sign), must be more than a gain or errors of what is told do, and the channel must not follow what is told.
+    """
+    top = max(float(np.max(np.abs(values))) for values in seen)
+    far = np.concatenate([(np.sign(one) * values)[np.abs(one) > top] for values, one in zip(seen, told, strict=True)])
+    if len(far) < _FEWEST:
+        return None
+    level = float(np.median(far))
+    inside = [np.abs(one) > level for one in told]
+    lacking, weights = [], []
+    for values, one, beyond in zip(seen, told, inside, strict=True):
+        for first, last in _stretches(beyond):
+            lacking.append(float(np.mean(np.sign(one[first]) * (one[first:last] - values[first:last]))))
+            weights.append(float(last - first))
+    found = agreed(np.array(lacking), np.array(weights))
+    clear = np.array(lacking)[np.abs(lacking) > DEEP * error]
+    by_sign = float(binom.sf(np.count_nonzero(clear > 0) - 1, len(clear), 0.5))  # depths differ, their sign does not
+    is_deep = found.value > max(CALIBRATION * level, DEEP * error)
+    shown = np.concatenate([(np.sign(one) * values)[b] for values, one, b in zip(seen, told, inside, strict=True)])
+    should = np.concatenate([np.abs(one[b]) for one, b in zip(told, inside, strict=True)])
+    follows = np.polyfit(should - level, shown - level, 1)[0] > _STAYS
+    return (level, len(shown)) if (found.agrees or by_sign < CHANCE) and is_deep and not follows else None
+
+
+def near_top(channels: Sequence[Array], noise: float) -> list[Flags] | None:
+    """Samples that may stand at a level, (n,) per recording; None where there are few, or noise hides any level."""
+    top = max(float(np.max(np.abs(values))) for values in channels)
+    near = [np.abs(values) > top - _BELOW * noise - _DIGITS * top for values in channels]
+    is_hidden = _BELOW * noise > (1 - _LOWEST) * top
+    return None if is_hidden or sum(map(np.count_nonzero, near)) < _FEWEST else near
+
+
+def _stretches(flags: Flags) -> list[tuple[int, int]]:
+    """First sample of each stretch of flags, and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
+    motions = [measured_motion(recording) for recording in recordings]
+    noises = [{key: noise_level(values) for key, values in motion.items()} for motion in motions]
+    channels, noise = [motion[name] for motion in motions], max(one[name] for one in noises)
+    near = near_top(channels, noise)
+    if near is None:
+        return None
+    told, errors = [], []
+    for recording, motion, own, gap in zip(recordings, motions, noises, near, strict=True):
+        if not np.any(gap):
+            told.append(motion[name])
+            continue
+        known = {**motion, name: np.where(gap, np.nan, motion[name])}
+        bridged = smooth(known, own, recording.dt)
+        rng = np.random.default_rng(len(told))
+        drawn = {key: own[key] * rng.standard_normal(len(values)) + 0 * values for key, values in known.items()}
+        error = smooth(drawn, own, recording.dt, bridged.roughness)  # the smoother is linear: what noise does to it
+        told.append(getattr(bridged, name))
+        errors.append(float(np.std(getattr(error, name)[gap])))
+    found = level_of(channels, told, max(errors))
+    if found is None:
+        return None
+    level, count = found
+    return Fault(SATURATION, name, level, float(noise / np.sqrt(count)), count / sum(map(len, recordings)))
+
+
+def _stopped(recordings: Sequence[Recording], name: str) -> Fault | None:
+    """A channel that takes its exact extreme far more often than any value near it: cut off behind the noise.
+
+    Values far below say nothing: a sensor at rest repeats its zero.
+    """
+    channels = [np.asarray(values) for r in recordings if (values := getattr(r, name)) is not None]
+    if not channels:
+        return None
+    top = max(float(np.max(np.abs(channel))) for channel in channels)
+    touched, usual, total = 0, 1, 0
+    for channel in channels:
+        total += len(channel)
+        touched += int(np.count_nonzero(np.abs(channel) >= top * (1 - 1e-9)))
+        inside = channel[(np.abs(channel) < top * (1 - 1e-9)) & (np.abs(channel) > top / 2)]
+        usual = max(usual, int(np.max(np.unique(inside, return_counts=True)[1], initial=1)))
+    if touched < max(10, 3 * usual):  # a coarse converter repeats every value, a clipped channel only its last one
+        return None
+    return Fault(SATURATION, name, top, 1e-3 * top, touched / total)

@@ -1,0 +1,56 @@
+"""Faults of one channel: what they are, and how they are told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+UNITS = {"x": "m", "v": "m/s", "a": "m/s2", "F": "N"}
+DELAY, GAIN, ZERO, DEAD, SATURATION = (
+    "channel_delay",
+    "channel_gain",
+    "channel_zero",
+    "dead_channel",
+    "sensor_saturation",
+)
+CALIBRATION = 0.035  # relative gain that calibration and weighing leave: class 3 accelerometers; more is a fault
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of one channel.
+
+    size: delay in samples; level at which the channel stops, or its zero (its unit); gain; largest correlation with the
+    other channels where it is dead. stderr: its standard error, from the scatter between sections of the recordings.
+    share: share of the samples that it touches; of a zero, its size over the standard deviation of the channel.
+    seconds: delay in seconds.
+    """
+
+    id: str
+    channel: str
+    size: float
+    stderr: float
+    share: float = 1.0
+    seconds: float = 0.0
+
+    def sentence(self) -> str:
+        """What was done about it, for people."""
+        name, unit = self.channel, UNITS[self.channel]
+        if self.id == DELAY:
+            error = self.stderr * abs(self.seconds / self.size) if self.size else 0.0
+            side = "late" if self.seconds > 0 else "early"
+            return (
+                f"channel {name} is {1e3 * abs(self.seconds):.4g} ms ({1e3 * error:.2g}) {side} against the other "
+                f"channels, {abs(self.size):.3g} samples: moved back"
+            )
+        if self.id == GAIN:
+            return (
+                f"channel {name} reads {self.size:.4g} ({self.stderr:.2g}) times what the other channels say: divided"
+            )
+        if self.id == ZERO:
+            return (
+                f"channel {name} has a zero of {self.size:.3g} {unit} ({self.stderr:.2g}), {100 * self.share:.2g} % of "
+                "its standard deviation, which the other channels do not show: taken out"
+            )
+        if self.id == DEAD:
+            return f"channel {name} does not follow the motion that the other channels agree on: left out"
+        return f"channel {name} stops at {self.size:.4g} {unit}, in {100 * self.share:.2g} % of the samples"

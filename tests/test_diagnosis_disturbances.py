@@ -1,0 +1,137 @@
+"""Disturbances of the test and faults of the force channel: told as such, and never as physics of the structure.
+
+The motion is made of tones, and the force follows from it by the balance, so that nothing is integrated.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hystid.diagnosis import Diagnosis, diagnose
+from hystid.recording import Recording
+from hystid.smoothing.noise import louder_for_a_while
+
+Array = np.ndarray
+DT, N = 1e-3, 5000
+M, B, K = 1.0, 10.0, 8000.0
+CALM = ("consistent", "recalibrated")
+
+
+def tones(seed: int) -> dict[str, Array]:
+    """x, v and a of thirty tones of 4 to 30 Hz."""
+    rng = np.random.default_rng(seed)
+    omega, phase = 2 * np.pi * rng.uniform(4, 30, 30), rng.uniform(0, 2 * np.pi, 30)
+    size = 1e-3 / (1 + (omega / 90) ** 2)
+    turn = np.outer(np.arange(N) * DT, omega) + phase
+    return {name: np.sin(turn + k * np.pi / 2) @ (size * omega**k) for k, name in enumerate("xva")}
+
+
+def recorded(motion: dict[str, Array], force: Array, seed: int, snr: float = 50.0, name: str = "test") -> Recording:
+    """The channels with white noise."""
+    rng = np.random.default_rng(seed)
+    share = 10 ** (-snr / 20)
+    noisy = {key: u + share * np.std(u) * rng.standard_normal(N) for key, u in {**motion, "F": force}.items()}
+    return Recording(name, np.arange(N) * DT, **noisy)
+
+
+def balance(motion: dict[str, Array]) -> Array:
+    return M * motion["a"] + B * motion["v"] + K * motion["x"]
+
+
+def asked(*recordings: Recording) -> Diagnosis:
+    return diagnose(recordings, model="HystId.Oscillators.Linear", parameters={"m": M, "B": 8.0, "Kl": 7000.0})
+
+
+def test_a_force_channel_that_stops_before_the_noise_is_told_with_its_level() -> None:
+    motion = tones(1)
+    force = balance(motion)
+    level = 0.6 * float(np.max(np.abs(force)))
+    noise = 0.02 * float(np.std(force))
+    clipped = np.clip(force, -level, level) + noise * np.random.default_rng(2).standard_normal(N)
+    found = asked(replace(recorded(motion, force, 3), F=clipped))
+    assert found.verdict == "sensor_fault"
+    (finding,) = found.findings
+    assert finding.effect == "sensor_saturation"
+    # The level is a median over the samples beyond it, of which there are dozens: a fifth of the noise.
+    assert finding.parameters["level"].value == pytest.approx(level, abs=0.5 * noise)
+
+
+def test_a_force_that_a_law_holds_is_no_fault_of_the_channel() -> None:
+    """A spring that yields holds its own force, and the inertia changes that of the sensor."""
+    motion = tones(4)
+    spring = K * motion["x"]
+    held = 0.5 * float(np.max(np.abs(spring)))
+    force = balance(motion) - spring + np.clip(spring, -held, held)
+    found = asked(recorded(motion, force, 5))
+    assert found.verdict in ("missing_physics", "unknown_physics")
+    assert "sensor_saturation" not in {finding.effect for finding in found.findings}
+
+
+def knocked(force: Array, at: tuple[int, ...], width: int = 12) -> Array:
+    """A measured force that lacks short pulses which act on the structure."""
+    pulse = np.hanning(width) * 0.5 * float(np.max(np.abs(force)))
+    seen = force.copy()
+    for first in at:
+        seen[first : first + width] -= pulse
+    return seen
+
+
+def test_knocks_that_nobody_measured_are_told_and_left_out() -> None:
+    motion = tones(6)
+    found = asked(recorded(motion, knocked(balance(motion), (1203, 3017)), 7))
+    assert found.verdict in CALM
+    (told,) = [note for note in found.notes if "knocks" in note]
+    assert "2 knocks" in told
+
+
+def test_a_stop_that_is_met_three_times_is_no_knock() -> None:
+    """It comes with the largest displacements, and with all of them."""
+    motion = tones(8)
+    tops = np.sort([float(np.max(part)) for part in np.array_split(motion["x"], 100)])
+    gap = 0.5 * (tops[-4] + tops[-3])
+    force = balance(motion) + 60 * K * np.maximum(motion["x"] - gap, 0.0)
+    found = asked(recorded(motion, force, 9, snr=60.0))
+    assert not [note for note in found.notes if "knock" in note]
+    assert found.verdict not in CALM
+
+
+def gust(seed: int, share: float) -> Array:
+    """White noise that is there for a third of the time."""
+    place = np.linspace(0, 1, N)
+    return share * np.exp(-(((place - 0.6) / 0.15) ** 2)) * np.random.default_rng(seed).standard_normal(N)
+
+
+def test_noise_that_is_louder_for_a_while_is_no_physics() -> None:
+    motion = tones(10)
+    quiet = recorded(motion, balance(motion), 11, snr=70.0)
+    columns = {name: np.asarray(getattr(quiet, name)) for name in "Fxva"}
+    loud = {name: u + np.std(u) * gust(12 + k, 0.03) for k, (name, u) in enumerate(columns.items())}
+    assert asked(replace(quiet, **loud)).verdict in CALM
+
+
+def test_louder_noise_is_found_with_its_size_and_nothing_else_is_taken_for_it() -> None:
+    rng = np.random.default_rng(13)
+    x = tones(14)["x"]
+    even = 1e-4 * float(np.std(x)) * rng.standard_normal((40, N))
+    assert all(louder_for_a_while(x + noise) is None for noise in even)
+    found = louder_for_a_while(x + even[0] + float(np.std(x)) * gust(15, 0.01))
+    assert found is not None
+    level, factor = found
+    assert level == pytest.approx(1e-4 * np.std(x), rel=0.15)  # the median of a dozen sections of 15 % each
+    assert factor[3000] == pytest.approx(100, rel=0.4)  # a section of 200 samples, in which the level changes
+    assert np.all(factor[:1000] == 1.0)
+    # friction snaps where the velocity turns, more so where it is fast: shocks, and no noise
+    t = np.arange(N) * DT
+    envelope = np.exp(-(((t / t[-1] - 0.5) / 0.2) ** 2))
+    snaps = envelope * np.sign(np.sin(2 * np.pi * 11 * t)) + 1e-4 * rng.standard_normal(N)
+    assert louder_for_a_while(snaps) is None
+
+
+def test_hum_of_the_force_channel_alone_is_taken_out_with_a_note() -> None:
+    motion = tones(16)
+    force = balance(motion)
+    hum = 0.05 * float(np.std(force)) * np.sin(2 * np.pi * 50 * np.arange(N) * DT + 1)
+    found = asked(recorded(motion, force + hum, 17))
+    assert found.verdict in CALM
+    assert [note for note in found.notes if "mains" in note]
