@@ -18,6 +18,7 @@ from hystid.identification.hybrid import Law, combine, law_of
 from hystid.identification.inputs import check_lags, check_range, resolve, unused_columns
 from hystid.identification.lags import choose_lags
 from hystid.identification.leftout import LeftOut
+from hystid.identification.levels import with_curves
 from hystid.identification.methods import Plan, Recipe, Trained
 from hystid.identification.offsets import constant_and_even
 from hystid.identification.prediction import drift, predict, respond
@@ -98,6 +99,9 @@ def identify(
     recipe = Recipe(band, decimate, mass, smoothing=method == "refined")
     used, unseen = ([recipe.apply(recording) for recording in group] for group in (recordings, holdout))
     data.check(used, unseen)
+    plain_ports = ports
+    if method == "refined":
+        ports = with_curves(used, ports)
     leftout = LeftOut(used, ports, seed)
     if lags is None:
         lags = choose_lags(leftout) if method == "refined" else ()
@@ -108,12 +112,12 @@ def identify(
         plan = replace(plan, level=data.level_of(used, ports, lags))
     trained = plan.refined(used) if method == "refined" else plan.published(used)
     networks = _model(trained, used, plan)
-    plain_samples = data.samples(used, TurningPoints(), ports)
+    plain_samples = data.samples(used, TurningPoints(), plain_ports)
     fit = data.linear_fit(plain_samples, mass)
-    models = {"network": networks, "linear": data.linear_model(fit, networks.sample_rate, ports)}
+    models = {"network": networks, "linear": data.linear_model(fit, networks.sample_rate, plain_ports)}
     if method == "refined":
         raw = [replace(recipe, smoothing=False).apply(recording) for recording in recordings]
-        unaided = replace(plan, lags=(), level=None)
+        unaided = replace(plan, lags=(), level=None, inputs=plain_ports)
         plain = unaided.published(raw)
         models["published"] = _model(plain, raw, unaided)
     spread = _spread(networks, used, trained, leftout.inflation(lags))
@@ -137,7 +141,7 @@ def identify(
         for lag in networks.lags
     )
     notes = (*trained.notes, *late, *constant_and_even(used), *unused_columns(*_residual_of(comparisons), ports))
-    hybrid = combine(law, plan, comparisons, networks.training_range) if law else None
+    hybrid = combine(law, replace(plan, inputs=plain_ports), comparisons, networks.training_range) if law else None
     if hybrid:
         notes = (*notes, hybrid.sentence(), *hybrid.notes)
     numbers = tuple(start.number for start in trained.chosen)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hystid import processing
 from hystid.identification import data
 from hystid.identification.denoise import noise_level, smooth
+from hystid.identification.levels import apart_between_levels
 from hystid.identification.prediction import drift, predict
 from hystid.leastsquares import Rule
 from hystid.networks import FurtherInput, Lag, Member, TwoNetworkModel
@@ -124,12 +125,18 @@ class Plan:
         """The starts to be averaged, best first: at most a tenth, none much worse than the best.
 
         Judged by validation error and, where there is a mass, drift in closed loop: a close force and a close run.
-        Where there is none, and few branches or further inputs, the validation error alone says little, least of all
-        about levels between those trained: then the best third.
+        Where there is none, and few branches or further inputs, the validation error alone says little: then the best
+        third. It says nothing about inputs between the levels trained: there, of twice as many, those that agree best.
         """
         ranked = best(starts, len(starts))
         if not self.mass and (branches < _FEW_BRANCHES or self.inputs):
-            return ranked[: max(self._tenth, round(len(starts) / 3))]
+            count = max(self._tenth, round(len(starts) / 3))
+            pool = ranked[: 2 * count]
+            model = self.model([start.member for start in pool], recordings[0].sample_rate)
+            apart = apart_between_levels(model, recordings)
+            if apart is None:
+                return ranked[:count]
+            return [pool[k] for k in sorted(np.argsort(apart, kind="stable")[:count])]
         if not self.mass:
             return [start for start in ranked[: self._tenth] if start.error <= _COMPARABLE * ranked[0].error]
 

@@ -47,7 +47,8 @@ class TwoNetworkModel:
     mass [kg]; 0 where the force itself was recorded (no free run then). sample_rate [Hz]: that of the training data;
     the model holds at other rates as long as reversals are resolved. training_range: least and greatest value of x, v,
     R and each further input (by its name) in the training data. velocity_band [m/s]: see ``TurningPoints``.
-    metadata: what a reader wants to know (JSON-like). inputs, lags: in the order of the networks.
+    metadata: what a reader wants to know (JSON-like). inputs, lags: in the order of the networks. Where an input has a
+    curve, w is what comes out of it, and lags follow that.
     With lags, ``response`` is to be called at the sample rate of the training data.
     """
 
@@ -81,6 +82,7 @@ class TwoNetworkModel:
         """
         middle = {port.name: 0.5 * sum(self.training_range.get(port.name, (0.0, 0.0))) for port in self.inputs}
         signals = {"x": 0.0, "v": 0.0} | middle | dict(at or {})
+        signals |= {port.name: float(port.seen(np.array(signals[port.name]))) for port in self.inputs}
         late = [signals[lag.source] for lag in self.lags]
         if self.level is not None:
             further = np.array([*(signals[port.name] for port in self.inputs), *late])
@@ -167,4 +169,5 @@ class TwoNetworkModel:
             bad = np.flatnonzero(~np.isfinite(column))
             if len(bad):
                 raise UsageError(f"input {port.name} is not finite at sample {bad[0]}")
-        return np.ascontiguousarray(np.stack(columns, axis=1))
+        seen = [port.seen(column) for port, column in zip(self.inputs, columns, strict=True)]
+        return np.ascontiguousarray(np.stack(seen, axis=1))
