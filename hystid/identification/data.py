@@ -69,6 +69,18 @@ def motions(
     return found
 
 
+def limits_of(recordings: Sequence[Recording], inputs: Sequence[FurtherInput]) -> dict[str, tuple[float, float]]:
+    """Least and greatest x, v, R and further inputs, these in their units."""
+    columns = {name: name for name in ("x", "v", "R")} | {port.name: port.column for port in inputs}
+    return {
+        name: (
+            min(float(r.channel(column).min()) for r in recordings),
+            max(float(r.channel(column).max()) for r in recordings),
+        )
+        for name, column in columns.items()
+    }
+
+
 def level_of(recordings: Sequence[Recording], inputs: Sequence[FurtherInput], lags: Sequence[Lag]) -> Level:
     """Level of the recordings' force."""
     parts = motions(recordings, inputs, lags)

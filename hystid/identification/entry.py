@@ -178,14 +178,7 @@ def _residual_of(comparisons: Sequence[Comparison]) -> tuple[list[Recording], li
 
 
 def _model(trained: Trained, recordings: Sequence[Recording], plan: Plan) -> TwoNetworkModel:
-    columns = {name: name for name in ("x", "v", "R")} | {port.name: port.column for port in plan.inputs}
-    limits = {
-        name: (
-            min(float(r.channel(column).min()) for r in recordings),
-            max(float(r.channel(column).max()) for r in recordings),
-        )
-        for name, column in columns.items()
-    }
+    limits = data.limits_of(recordings, plan.inputs)
     rate = max(recording.sample_rate for recording in recordings)
     model = plan.model([start.member for start in trained.chosen], rate, limits)
     turns = {"rotational": True} if recordings[0].rotational else {}

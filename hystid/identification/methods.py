@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,11 +13,12 @@ from numpy.typing import NDArray
 from hystid import processing
 from hystid.identification import data
 from hystid.identification.denoise import noise_level, smooth
+from hystid.identification.dissipation import dissipating
 from hystid.identification.levels import apart_between_levels
 from hystid.identification.prediction import drift, predict
 from hystid.leastsquares import Rule
 from hystid.networks import FurtherInput, Lag, Member, TwoNetworkModel
-from hystid.networks.ensemble import Samples, Start, best, refine_ensemble, train_ensemble
+from hystid.networks.ensemble import Samples, Start, best, refine_ensemble, side_by_side, train_ensemble
 from hystid.networks.joint import Motion, Sequences, unseen_samples
 from hystid.networks.level import Level
 from hystid.networks.normal_equations import Precision
@@ -28,6 +30,7 @@ _FIRST_ITERATIONS = 60  # of a refined training by itself: enough to rank the st
 _HEAT = 60  # iterations in simulation of every start, on a share of the samples: then their order hardly changes
 _HEAT_SHARE = 0.2
 _LAST_ITERATIONS = 600  # in simulation, of the best sixth: the best still gain after 400
+_FEEDING = 40  # in simulation, of those that are averaged, on cycles that feed energy in: they are near what is wanted
 _PATIENCE = 25  # iterations without a lower validation error in simulation: left-out branches make that error uneven
 _PROGRESS = 5e-4  # of the training error in 20 iterations in simulation: trainings that gain less are at their end
 _COMPARABLE = 1.5  # times the least error: members above that would spoil the average
@@ -118,8 +121,32 @@ class Plan:
             simulated |= {start.number: start for start in finished}
         everything = [simulated.get(start.number, start) for start in starts]
         chosen = self._steadiest(list(simulated.values()), recordings, len(sequences.x0))
+        chosen = self._dissipating(chosen, sequences, recordings, replace(patient, max_iterations=_FEEDING))
         unseen = unseen_samples(branches, of_sample, self.seed)
         return Trained(everything, chosen, drawn, self._shortfall(starts), {"method": "refined"}, unseen)
+
+    def _dissipating(
+        self, chosen: Sequence[Start], sequences: Sequences, recordings: Sequence[Recording], rule: Rule
+    ) -> list[Start]:
+        """The chosen starts, trained on where they feed energy into closed cycles (``dissipation``)."""
+        limits, rate = data.limits_of(recordings, self.inputs), max(r.sample_rate for r in recordings)
+        split = sequences.split(self.seed)
+        parts = sequences.pick(split["train"]), sequences.pick(split["validation"])
+
+        def sequences_of(motions: Sequence[Recording], weights: Sequence[Array]) -> Sequences:
+            moved = data.motions(motions, self.inputs, self.lags, self.level)
+            return Sequences.of(moved, TurningPoints(), weights, len(self.inputs))
+
+        def job(start: Start) -> Callable[[threading.Event], Start]:
+            def run(stop: threading.Event) -> Start:
+                member = dissipating(
+                    start.member, lambda m: self.model([m], rate, limits), recordings, parts, sequences_of, rule
+                )
+                return replace(start, member=member)
+
+            return run
+
+        return side_by_side("dissipation", [job(start) for start in chosen], self.workers)[0]
 
     def _steadiest(self, starts: Sequence[Start], recordings: Sequence[Recording], branches: int) -> list[Start]:
         """The starts to be averaged, best first: at most a tenth, none much worse than the best.
