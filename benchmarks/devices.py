@@ -47,7 +47,7 @@ def dyke(data: Path) -> Case:
     whole = read(data / "mr_damper_dyke" / "mr_damper_dyke_ranran50.csv")
     middle = len(whole) // 2
     first, second = thinned(whole, 0, middle, 4, "first half"), thinned(whole, middle, None, 4, "second half")
-    return Case([first], [second], 0.10, {"inputs": ["u_mr"]})
+    return Case([first], [second], 0.10, {"inputs": ["u_mr"], "layers": (8, 8)})  # rich in motion and voltage
 
 
 def utfsm(data: Path, train: Sequence[str], unseen: Sequence[str]) -> Case:
@@ -55,7 +55,12 @@ def utfsm(data: Path, train: Sequence[str], unseen: Sequence[str]) -> Case:
         current = float(name.split("_")[1].rstrip("A").replace("p", "."))
         return with_column(read(data / "mr_damper_utfsm" / f"mr_{name}.csv"), "current", current, "A")
 
-    return Case([one(n) for n in train], [one(n) for n in unseen], 0.10, {"inputs": ["current"]})
+    if unseen:
+        return Case([one(n) for n in train], [one(n) for n in unseen], 0.10, {"inputs": ["current"]})
+    parts = [(r, len(r) // 2) for r in map(one, train)]
+    first = [thinned(r, 0, middle, 1, f"{r.name}, first half") for r, middle in parts]
+    second = [thinned(r, middle, None, 1, f"{r.name}, second half") for r, middle in parts]
+    return Case(first, second, 0.10, {"inputs": ["current"]})
 
 
 def pneumatic(data: Path, train: Sequence[int], unseen: int) -> Case:
@@ -85,6 +90,7 @@ _2022 = [f"2022_0.5Hz{lb}lbtension" for lb in (20, 35, 80)]
 CASES: dict[str, Callable[[Path], Case]] = {
     "dyke": dyke,
     "utfsm": lambda data: utfsm(data, ["10mm2Hz_0A", "10mm2Hz_1A"], ["10mm2Hz_0p5A"]),
+    "utfsm_halves": lambda data: utfsm(data, ["10mm2Hz_0A", "10mm2Hz_0p5A", "10mm2Hz_1A"], []),
     "pneumatic_157": lambda data: pneumatic(data, (1, 5, 7), 3),
     "pneumatic_15": lambda data: pneumatic(data, (1, 5), 3),
     "brfd_1Hz": lambda data: brfd(data, _2022, [name.replace("0.5Hz", "1Hz") for name in _2022]),
@@ -110,7 +116,10 @@ def rows(name: str, case: Case, starts: int, seed: int) -> None:
         band = item.network.within(item.recording.channel("R"))
         inside = "-" if band is None else f"{band:.2f}"
         linear = item.linear.force_nrmse
-        print(f"| {name} | {item.recording.name} | {force} | {linear:.3f} | {mark} | {inside} | {lags} | {spent} |", flush=True)
+        print(
+            f"| {name} | {item.recording.name} | {force} | {linear:.3f} | {mark} | {inside} | {lags} | {spent} |",
+            flush=True,
+        )
 
 
 def main() -> None:

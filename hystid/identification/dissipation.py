@@ -70,11 +70,13 @@ class Cycle:
 
     def recording(self, model: TwoNetworkModel) -> Recording:
         """The motion with the force as it should be: that of the model and of the damper that it lacks."""
-        t = np.arange(len(self.x)) * (2 * np.pi / (self.frequency * _SAMPLES))
+        t = np.arange(len(self.x), dtype=np.float64) * float(2 * np.pi / (self.frequency * _SAMPLES))
         R = self.R + np.where(self.settled, self.damper * self.v, 0.0)
         R[0] = _relaxed(model)
         extra = {port.column: np.full(len(t), self.inputs[port.name]) for port in model.inputs}
-        return Recording("cycle", t, x=self.x, v=self.v, R=R, extra=extra, units={p.column: p.unit for p in model.inputs})
+        return Recording(
+            "cycle", t, x=self.x, v=self.v, R=R, extra=extra, units={p.column: p.unit for p in model.inputs}
+        )
 
 
 def dissipating(
@@ -101,9 +103,7 @@ def dissipating(
         asked |= lacking
         wanted = [found[k] for k in sorted(asked) if found[k].force > 0]
         weights = [cycle.settled / cycle.force for cycle in wanted]
-        member = train_beside(
-            member, parts, sequences_of([cycle.recording(model) for cycle in wanted], weights), rule
-        )
+        member = train_beside(member, parts, sequences_of([cycle.recording(model) for cycle in wanted], weights), rule)
     return member
 
 
@@ -145,7 +145,10 @@ def _cycle(model: TwoNetworkModel, centre: float, amplitude: float, w: float, le
     v = np.gradient(x, 2 * np.pi / _SAMPLES) * w
     v[-2 * _SAMPLES - 1 :] = amplitude * w * np.cos(phase[-2 * _SAMPLES - 1 :])
     v = np.clip(v, *model.training_range["v"])  # the decay itself may be too fast for the range; the cycle is not
-    values = {p.name: (1 - level) * model.training_range[p.name][0] + level * model.training_range[p.name][1] for p in model.inputs}
+    values = {
+        p.name: (1 - level) * model.training_range[p.name][0] + level * model.training_range[p.name][1]
+        for p in model.inputs
+    }
     start = model.initial_state(_relaxed(model), {"x": float(x[0]), "v": float(v[0])} | values)
     paced = replace(model, sample_rate=w * _SAMPLES / (2 * np.pi))
     R, _ = paced.response(x, v, start, {name: np.full(len(x), value) for name, value in values.items()})

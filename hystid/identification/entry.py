@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +27,7 @@ from hystid.identification.prediction import drift, predict, respond
 from hystid.identification.result import Comparison, Identification, Prediction, Role
 from hystid.limits import TRAININGS, check_whole
 from hystid.networks import Lag, TwoNetworkModel
+from hystid.networks.ensemble import workers_of
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, draw, rule_of, split_indices
 from hystid.networks.trust import Spread
@@ -122,8 +125,7 @@ def identify(
         models["published"] = _model(plain, raw, unaided)
     spread = _spread(networks, used, trained, leftout.inflation(lags))
     networks = models["network"] = replace(networks, spread=spread, tail=data.tail_of(plain_samples))
-    comparisons = [_compare(models, recording, "training") for recording in used]
-    comparisons += [_compare(models, recording, "holdout") for recording in unseen]
+    comparisons = _compared(models, used, unseen, workers)
     if method == "refined" and (why := _unsteady(comparisons)):
         trained, networks = replace(plain, notes=(*plain.notes, why)), models["published"]
         comparisons = [replace(item, network=_given(item.published), published=None) for item in comparisons]
@@ -185,8 +187,22 @@ def _model(trained: Trained, recordings: Sequence[Recording], plan: Plan) -> Two
     return replace(model, metadata={**trained.metadata, **turns})
 
 
-def _compare(models: Mapping[str, TwoNetworkModel], recording: Recording, role: Role) -> Comparison:
-    return Comparison(recording, role, **{name: predict(model, recording) for name, model in models.items()})
+def _compared(
+    models: Mapping[str, TwoNetworkModel],
+    training: Sequence[Recording],
+    unseen: Sequence[Recording],
+    workers: int | None,
+) -> list[Comparison]:
+    """Every model on every recording, side by side: the work is in compiled code that runs beside Python."""
+    roles: list[tuple[Recording, Role]] = [(r, "training") for r in training]
+    roles += [(r, "holdout") for r in unseen]
+    with ThreadPoolExecutor(workers_of(workers)) as pool:
+        found = {name: pool.map(partial(predict, model), [r for r, _ in roles]) for name, model in models.items()}
+        answers = {name: list(each) for name, each in found.items()}
+    return [
+        Comparison(recording, role, **{name: each[k] for name, each in answers.items()})
+        for k, (recording, role) in enumerate(roles)
+    ]
 
 
 def _unsteady(comparisons: Sequence[Comparison]) -> str:

@@ -14,19 +14,19 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.identification.data import beginning
 from hystid.identification.prediction import respond
 from hystid.networks import Curve, FurtherInput, TwoNetworkModel
 from hystid.recording import Array, Recording
 
 _GAP = 0.05  # of the range of an input without a value in it: the two sides are different levels
 _MOST = 8  # levels: more are a continuous input, of which the networks see enough
-_BENT = 0.05  # of the range: as far the level of the force has to be off a straight line
 _PROBE = 4_000  # samples of a recording: tens of cycles, enough to compare members with each other
 _FLAT = 0.1  # of the mean slope: less, and the networks could not tell the two levels apart
 
 
 def with_curves(recordings: Sequence[Recording], inputs: Sequence[FurtherInput]) -> tuple[FurtherInput, ...]:
-    """The inputs, those with a curve whose levels the force does not follow in a straight line."""
+    """The inputs, with a curve where three or more levels of one say how the force goes on between them."""
     table = [np.concatenate([recording.channel(port.column) for recording in recordings]) for port in inputs]
     x, R = (np.concatenate([recording.channel(name) for recording in recordings]) for name in ("x", "R"))
     return tuple(
@@ -49,8 +49,8 @@ def apart_between_levels(model: TwoNetworkModel, recordings: Sequence[Recording]
     """How far each member's force is from the median of all between the levels of the inputs: mean square [N2], shape
     (members,); None where no input has levels.
 
-    Asked are the motions of the recordings on both sides of a gap, with the input in the middle of it. No recording says
-    what is right there, so that an error by chance shows in nothing but disagreement.
+    Asked are the motions of the recordings on both sides of a gap, with the input in the middle of it. No recording
+    says what is right there, so that an error by chance shows in nothing but disagreement.
     """
     found: list[Array] = []
     for port in model.inputs:
@@ -68,11 +68,8 @@ def apart_between_levels(model: TwoNetworkModel, recordings: Sequence[Recording]
 
 def _moved(recording: Recording, column: str, value: float) -> Recording:
     """The beginning of a recording with an input at another value throughout."""
-    rows = slice(0, _PROBE)
-    motion = {name: recording.channel(name)[rows] for name in ("x", "v", "R")}
-    extra = {name: values[rows] for name, values in recording.extra.items()}
-    extra[column] = np.full(len(recording.t[rows]), value)
-    return replace(recording, t=recording.t[rows], F=None, a=None, extra=extra, **motion)
+    part = beginning(recording, _PROBE)
+    return replace(part, extra={**part.extra, column: np.full(len(part), value)})
 
 
 def _curve(which: int, table: Sequence[Array], x: Array, R: Array) -> Curve | None:
@@ -93,8 +90,7 @@ def _curve(which: int, table: Sequence[Array], x: Array, R: Array) -> Curve | No
     if to[-1] == to[0]:
         return None
     to = at[0] + (to - to[0]) * (at[-1] - at[0]) / (to[-1] - to[0])
-    bent = np.max(np.abs(to - at)) > _BENT * (at[-1] - at[0])
-    if not bent or np.min(np.diff(to) / np.diff(at)) < _FLAT:
+    if np.min(np.diff(to) / np.diff(at)) < _FLAT:
         return None
     ends = float(table[which].min()), float(table[which].max())
     return Curve(
@@ -104,7 +100,7 @@ def _curve(which: int, table: Sequence[Array], x: Array, R: Array) -> Curve | No
 
 
 def _levels(hats: Array, others: Sequence[Array], target: Array) -> tuple[Array, Array]:
-    """Least squares of the target on the levels (n, levels) and other columns: value at each level, and what is left."""
+    """Least squares of the target on the levels (n, levels) and other columns: value per level, and what is left."""
     columns = [(column - column.mean()) / (np.std(column) or 1.0) for column in others]
     rows = np.concatenate([hats, *(column[:, None] for column in columns)], axis=1)
     solution = np.linalg.lstsq(rows, target, rcond=None)[0]

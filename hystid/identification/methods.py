@@ -130,8 +130,9 @@ class Plan:
     ) -> list[Start]:
         """The chosen starts, trained on where they feed energy into closed cycles (``dissipation``)."""
         limits, rate = data.limits_of(recordings, self.inputs), max(r.sample_rate for r in recordings)
-        split = sequences.split(self.seed)
-        parts = sequences.pick(split["train"]), sequences.pick(split["validation"])
+        split = {name: sequences.split(self.seed)[name] for name in ("train", "validation")}
+        fewer = {name: at[draw(len(at), round(_HEAT_SHARE * len(at)), self.seed)] for name, at in split.items()}
+        parts = sequences.pick(fewer["train"]), sequences.pick(fewer["validation"])
 
         def sequences_of(motions: Sequence[Recording], weights: Sequence[Array]) -> Sequences:
             moved = data.motions(motions, self.inputs, self.lags, self.level)
@@ -167,9 +168,11 @@ class Plan:
         if not self.mass:
             return [start for start in ranked[: self._tenth] if start.error <= _COMPARABLE * ranked[0].error]
 
+        runs = data.beginnings(recordings, self.samples)
+
         def median_drift(*members: Start) -> float:
             model = self.model([start.member for start in members], recordings[0].sample_rate)
-            return float(np.median([drift(predict(model, recording)) for recording in recordings]))
+            return float(np.median([drift(predict(model, recording)) for recording in runs]))
 
         hopeful = [start for start in ranked if start.error <= _HOPELESS * ranked[0].error]
         drifts = {start.number: median_drift(start) for start in hopeful}

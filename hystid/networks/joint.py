@@ -17,7 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.leastsquares import Rule
-from hystid.networks.normal_equations import CompiledNormal, KernelSums, aligned, chunked, parameter_count, pointer, unflatten
+from hystid.networks.normal_equations import (
+    CompiledNormal,
+    KernelSums,
+    aligned,
+    chunked,
+    parameter_count,
+    pointer,
+    unflatten,
+)
 from hystid.networks.perceptron import Member, Network
 from hystid.networks.training import Training, descend, draw, simplicity, split_indices
 from hystid.recording import Array
@@ -96,13 +104,23 @@ class Sequences:
 
     def joined(self, other: Sequences) -> Sequences:
         """These segments and samples and, after them, those of other recordings."""
-        memory = (np.concatenate([getattr(s, name) for s in (self, other)]) for name in ("x0", "before", "fresh", "start"))
-        motion = (
-            np.concatenate([getattr(s, name) for s in (self, other)], axis=-1) for name in ("x", "v", "R", "further")
+
+        def both(name: str) -> Array:
+            return np.concatenate([getattr(self, name), getattr(other, name)], axis=-1)
+
+        return replace(
+            self,
+            x0=both("x0"),
+            start=both("start"),
+            x=both("x"),
+            v=both("v"),
+            R=both("R"),
+            further=both("further"),
+            weight=both("weight"),
+            before=np.concatenate([self.before, other.before]),
+            fresh=np.concatenate([self.fresh, other.fresh]),
+            segment=np.concatenate([self.segment, other.segment + np.int32(len(self.x0))]),
         )
-        segment = np.concatenate([self.segment, other.segment + np.int32(len(self.x0))])
-        weight = np.concatenate([self.weight, other.weight])
-        return Sequences(*memory, *motion, segment, weight, self.inputs)
 
     def weighted(self, factor: float) -> Sequences:
         """The same with all weights times a factor."""

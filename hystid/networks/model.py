@@ -152,7 +152,8 @@ class TwoNetworkModel:
             signals = ["x", "v", *(port.name for port in self.inputs)]
             limits = np.array([self.training_range[name] for name in signals])
             ends = evaluation.Ends(limits, self.tail)
-        return evaluation.Ensemble(self.members, self.velocity_band, sources, shares, self.level, ends)
+        curves = tuple(port.curve for port in self.inputs) if any(port.curve for port in self.inputs) else ()
+        return evaluation.Ensemble(self.members, self.velocity_band, sources, shares, self.level, ends, curves)
 
     def _table(self, inputs: Mapping[str, Array] | None, samples: int) -> Array:
         """Further inputs as rows per sample, shape (n, inputs)."""
@@ -169,5 +170,4 @@ class TwoNetworkModel:
             bad = np.flatnonzero(~np.isfinite(column))
             if len(bad):
                 raise UsageError(f"input {port.name} is not finite at sample {bad[0]}")
-        seen = [port.seen(column) for port, column in zip(self.inputs, columns, strict=True)]
-        return np.ascontiguousarray(np.stack(seen, axis=1))
+        return np.ascontiguousarray(np.stack(columns, axis=1))

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 
 from hystid.networks.level import Level
 from hystid.networks.ports import FurtherInput
-from hystid.networks.ports import FurtherInput
 from hystid.surrogate import block
 from hystid.surrogate.emit import number
 from hystid.surrogate.program import Program
