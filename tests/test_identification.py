@@ -11,7 +11,7 @@ from hystid.errors import RecordingError, UsageError
 from hystid.files import plain
 from hystid.identification import identify
 from hystid.identification.data import linear_model
-from hystid.identification.dissipation import cycles
+from hystid.identification.dissipation import cycles, feeding
 from hystid.identification.offsets import constant_and_even
 from hystid.identification.result import LinearFit
 from hystid.networks import ensemble
@@ -126,6 +126,7 @@ def test_a_damper_is_known_by_its_cycles():
         np.testing.assert_allclose([c.energy for c in found], expected, rtol=3e-3)
         lacking = [max(0.0, 1e-3 * c.force / (c.frequency * c.amplitude) - damping) for c in found]
         np.testing.assert_allclose([c.damper for c in found], lacking, rtol=5e-3, atol=1e-9)
+        assert len(feeding(model, [motion])) == (damping < 0)
 
 
 def test_model_alone_gives_the_reported_prediction(identified, harmonic):

@@ -224,7 +224,7 @@ def test_simulation_jacobian_is_exact(sequences, pair):
 
 def test_branches_begin_where_the_one_before_ended(sequences, pair):
     """With what is asked of beginnings J'e stays exact, and training closes the gap between g(x0, x0, Rh0) and Rh0."""
-    normal, w = joint.JointNormal(pair, sequences, continuous=True), joint.parameters_of(pair)
+    normal, w = joint.JointNormal(pair, sequences, 1.0), joint.parameters_of(pair)
     normal.build(w)
     gradient = normal.gradient()
     for k in range(0, len(w), 3):

@@ -122,6 +122,21 @@ def cycles(model: TwoNetworkModel, recordings: Sequence[Recording]) -> list[Cycl
     return found
 
 
+def feeding(model: TwoNetworkModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """A sentence on cycles that still feed energy in, none where there are none."""
+    asked = cycles(model, recordings)
+    found = [cycle for cycle in asked if cycle.loss < 0]
+    if not found:
+        return ()
+    worst = min(found, key=lambda cycle: cycle.loss)
+    unit = "rad" if model.metadata.get("rotational") else "m"
+    return (
+        f"{len(found)} of {len(asked)} harmonic cycles within the training range feed energy in, most at an amplitude "
+        f"of {worst.amplitude:.3g} {unit} and {worst.frequency / (2 * np.pi):.3g} Hz: a free decay may not end there; "
+        "record such motions too, or train more starts",
+    )
+
+
 def paces(recordings: Sequence[Recording]) -> list[float]:
     """Mean angular frequencies [rad/s] of the recordings' displacement and velocity, and slower and faster ones."""
     means = []

@@ -16,6 +16,7 @@ from hystid.comparison import mse, nrmse
 from hystid.consistency import admit
 from hystid.errors import UsageError
 from hystid.identification import data, export
+from hystid.identification.dissipation import feeding
 from hystid.identification.hybrid import Law, combine, law_of
 from hystid.identification.inputs import check_lags, check_range, resolve, unused_columns
 from hystid.identification.lags import choose_lags
@@ -142,7 +143,13 @@ def identify(
         f"the force follows {lag.source} late: a lag of {1e3 * lag.time:.3g} ms is a further input of the networks"
         for lag in networks.lags
     )
-    notes = (*trained.notes, *late, *constant_and_even(used), *unused_columns(*_residual_of(comparisons), ports))
+    notes = (
+        *trained.notes,
+        *late,
+        *feeding(networks, used),
+        *constant_and_even(used),
+        *unused_columns(*_residual_of(comparisons), ports),
+    )
     hybrid = combine(law, replace(plan, inputs=plain_ports), comparisons, networks.training_range) if law else None
     if hybrid:
         notes = (*notes, hybrid.sentence(), *hybrid.notes)

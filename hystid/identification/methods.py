@@ -29,6 +29,7 @@ from hystid.turning_points import TurningPoints
 _FIRST_ITERATIONS = 60  # of a refined training by itself: enough to rank the starts, the rest is done in simulation
 _HEAT = 60  # iterations in simulation of every start, on a share of the samples: then their order hardly changes
 _HEAT_SHARE = 0.2
+_LATER = 1.0  # weight of the beginnings of branches after the heat
 _LAST_ITERATIONS = 600  # in simulation, of the best sixth: the best still gain after 400
 _FEEDING = 40  # in simulation, of those that are averaged, on cycles that feed energy in: they are near what is wanted
 _PATIENCE = 25  # iterations without a lower validation error in simulation: left-out branches make that error uneven
@@ -110,14 +111,16 @@ class Plan:
         branches, of_sample = len(sequences.x0), sequences.segment
         sequences = sequences.pick(draw(len(sequences.x), self.samples, self.seed))
         patient = replace(self.rule, max_fails=max(_PATIENCE, self.rule.max_fails), progress=_PROGRESS)
+        alike = not self.mass or branches < _FEW_BRANCHES  # many branches of a rig with a mass tell of themselves
+        early, late = (1.0, _LATER) if alike else (0.0, 0.0)
         finished: Sequence[Start] = starts
         simulated: dict[int, Start] = {}
-        for count, share, rule in (
-            (len(starts), _HEAT_SHARE, replace(patient, max_iterations=_HEAT)),
-            (max(self._tenth, round(len(starts) / 6)), 1.0, replace(patient, max_iterations=_LAST_ITERATIONS)),
+        for count, share, beginnings, rule in (
+            (len(starts), _HEAT_SHARE, early, replace(patient, max_iterations=_HEAT)),
+            (max(self._tenth, round(len(starts) / 6)), 1.0, late, replace(patient, max_iterations=_LAST_ITERATIONS)),
         ):
-            leaders = best(finished, count)
-            finished = refine_ensemble(leaders, sequences, seed=self.seed, rule=rule, share=share, workers=self.workers)
+            leaders, how = best(finished, count), {"share": share, "beginnings": beginnings}
+            finished = refine_ensemble(leaders, sequences, seed=self.seed, rule=rule, workers=self.workers, **how)
             simulated |= {start.number: start for start in finished}
         everything = [simulated.get(start.number, start) for start in starts]
         chosen = self._steadiest(list(simulated.values()), recordings, len(sequences.x0))

@@ -32,7 +32,7 @@ from hystid.recording import Array
 from hystid.turning_points import TurningPoints
 
 _LENGTH = 256  # samples per chunk
-_BEGINNINGS, _FEWEST_BEGINNINGS = 0.03, 300  # of the samples: enough to be heard, few enough to be overruled by data
+_BEGINNINGS, _FEWEST_BEGINNINGS = 0.03, 300  # of the samples
 _FEWEST_BRANCHES = 20  # fewer cannot be divided into three parts that resemble each other
 
 
@@ -163,7 +163,7 @@ class JointNormal(KernelSums):
     where there is none.
     """
 
-    def __init__(self, pair: Member, data: Sequences, continuous: bool = False) -> None:
+    def __init__(self, pair: Member, data: Sequences, beginnings: float = 0.0) -> None:
         g, f = pair.hysteresis, pair.restoring
         self._counts = [parameter_count(net.sizes) for net in (g, f)]
         quiet = slice(3, 3 + data.inputs)
@@ -189,7 +189,8 @@ class JointNormal(KernelSums):
         widths = [int(sizes.max()) for sizes in self._sizes]
         activations = sum(int(sizes.sum()) for sizes in self._sizes) + 3 * max(widths)
         self._work = aligned(((self.stride + activations) * _LENGTH,), "float64")
-        self._beginnings = _beginnings(g, data) if continuous else None
+        self._beginnings = _beginnings(g, data) if beginnings else None
+        self._asked = beginnings
 
     def build(self, w: Array) -> float:
         found = super().build(w)
@@ -197,13 +198,13 @@ class JointNormal(KernelSums):
             return found
         own, count = self._beginnings, self._counts[0]
         error = own.build(w[:count])
-        self.sums[:count, :count] += own.sums[:count, :count]
-        self.sums[self.count, :count] += own.gradient()
-        return found + error
+        self.sums[:count, :count] += self._asked * own.sums[:count, :count]
+        self.sums[self.count, :count] += self._asked * own.gradient()
+        return found + self._asked * error
 
     def squares(self, w: Array) -> float:
         own = self._beginnings.squares(w[: self._counts[0]]) if self._beginnings is not None else 0.0
-        return super().squares(w) + own
+        return super().squares(w) + self._asked * own
 
     def _run(self, w: Array, sums: ctypes.c_void_p | None) -> float:
         if sums is not None and self._slope is None:
@@ -224,13 +225,16 @@ def _beginnings(g: Network, data: Sequences) -> CompiledNormal:
     """Samples that say: a branch begins with the force that the one before ended with, g(x0, x0, Rh0) = Rh0.
 
     Recordings show it for the branches that they hold, mostly full ones. A network left to itself may jump at all the
-    others, and a jump at a turning point feeds energy into cycles however small. Drawn over the ranges of x and R.
+    others, and a jump at a turning point feeds energy into cycles however small. A motion may turn wherever it comes:
+    at the points (x, R) of the data, and at those between them and the straight line through all.
     """
     rng = np.random.default_rng(0)
     count = max(_FEWEST_BEGINNINGS, round(_BEGINNINGS * len(data.x)))
-    x = rng.uniform(data.x.min(), data.x.max(), count)
-    h = rng.uniform(data.R.min(), data.R.max(), count)
-    further = data.further[:, rng.integers(len(data.x), size=count)]
+    at = rng.integers(len(data.x), size=count)
+    x, further = data.x[at], data.further[:, at]
+    slope = float(np.mean((data.x - data.x.mean()) * data.R) / (np.var(data.x) or 1.0))
+    line = data.R.mean() + slope * (x - data.x.mean())
+    h = line + rng.uniform(-1, 1, count) * (data.R[at] - line)
     columns = np.stack([_scaled(g, k, row) for k, row in enumerate([x, x, h, *further])])
     return CompiledNormal(g.sizes, columns, (h - g.output_offset) / g.output_gain)
 
@@ -258,15 +262,17 @@ def train_jointly(
     *,
     seed: int = 0,
     share: float = 1.0,
+    beginnings: float = 1.0,
     stop: threading.Event | None = None,
 ) -> tuple[Member, Training]:
     """Lower the error of the simulated R from a trained pair; stops early on branches left out.
 
     share: of the training samples that are used, drawn at random; the validation branches are always whole.
+    beginnings: weight of what is asked of the beginnings of branches, 1 for that of as many samples.
     """
     parts = data.split(seed)
     parts["train"] = parts["train"][draw(len(parts["train"]), round(share * len(parts["train"])), seed)]
-    fit = JointNormal(pair, data.pick(parts["train"]), continuous=True)
+    fit = JointNormal(pair, data.pick(parts["train"]), beginnings)
     check, test = (JointNormal(pair, data.pick(parts[name])) for name in ("validation", "test"))
     result = descend(fit, check, parameters_of(pair), rule, stop)
     return with_parameters(pair, result.w), replace(result, test=test.squares(result.w) / test.samples)
@@ -285,6 +291,6 @@ def train_beside(
         return pair
     share = len(parts[1].x) / len(parts[0].x)
     factor = np.sqrt(error / lacking)
-    fit = JointNormal(pair, parts[0].joined(beside.weighted(factor)), continuous=True)
+    fit = JointNormal(pair, parts[0].joined(beside.weighted(factor)), 1.0)
     check = JointNormal(pair, parts[1].joined(beside.weighted(factor * np.sqrt(share))))
     return with_parameters(pair, descend(fit, check, w, rule, stop).w)
