@@ -29,7 +29,6 @@ from hystid.turning_points import TurningPoints
 _FIRST_ITERATIONS = 60  # of a refined training by itself: enough to rank the starts, the rest is done in simulation
 _HEAT = 60  # iterations in simulation of every start, on a share of the samples: then their order hardly changes
 _HEAT_SHARE = 0.2
-_LATER = 1.0  # weight of the beginnings of branches after the heat
 _LAST_ITERATIONS = 600  # in simulation, of the best sixth: the best still gain after 400
 _FEEDING = 40  # in simulation, of those that are averaged, on cycles that feed energy in: they are near what is wanted
 _PATIENCE = 25  # iterations without a lower validation error in simulation: left-out branches make that error uneven
@@ -111,16 +110,14 @@ class Plan:
         branches, of_sample = len(sequences.x0), sequences.segment
         sequences = sequences.pick(draw(len(sequences.x), self.samples, self.seed))
         patient = replace(self.rule, max_fails=max(_PATIENCE, self.rule.max_fails), progress=_PROGRESS)
-        alike = not self.mass or branches < _FEW_BRANCHES  # many branches of a rig with a mass tell of themselves
-        early, late = (1.0, _LATER) if alike else (0.0, 0.0)
         finished: Sequence[Start] = starts
         simulated: dict[int, Start] = {}
-        for count, share, beginnings, rule in (
-            (len(starts), _HEAT_SHARE, early, replace(patient, max_iterations=_HEAT)),
-            (max(self._tenth, round(len(starts) / 6)), 1.0, late, replace(patient, max_iterations=_LAST_ITERATIONS)),
+        for count, share, rule in (
+            (len(starts), _HEAT_SHARE, replace(patient, max_iterations=_HEAT)),
+            (max(self._tenth, round(len(starts) / 6)), 1.0, replace(patient, max_iterations=_LAST_ITERATIONS)),
         ):
-            leaders, how = best(finished, count), {"share": share, "beginnings": beginnings}
-            finished = refine_ensemble(leaders, sequences, seed=self.seed, rule=rule, workers=self.workers, **how)
+            leaders = best(finished, count)
+            finished = refine_ensemble(leaders, sequences, seed=self.seed, rule=rule, share=share, workers=self.workers)
             simulated |= {start.number: start for start in finished}
         everything = [simulated.get(start.number, start) for start in starts]
         chosen = self._steadiest(list(simulated.values()), recordings, len(sequences.x0))
@@ -133,9 +130,8 @@ class Plan:
     ) -> list[Start]:
         """The chosen starts, trained on where they feed energy into closed cycles (``dissipation``)."""
         limits, rate = data.limits_of(recordings, self.inputs), max(r.sample_rate for r in recordings)
-        split = {name: sequences.split(self.seed)[name] for name in ("train", "validation")}
-        fewer = {name: at[draw(len(at), round(_HEAT_SHARE * len(at)), self.seed)] for name, at in split.items()}
-        parts = sequences.pick(fewer["train"]), sequences.pick(fewer["validation"])
+        split = sequences.split(self.seed)
+        parts = sequences.pick(split["train"]), sequences.pick(split["validation"])
 
         def sequences_of(motions: Sequence[Recording], weights: Sequence[Array]) -> Sequences:
             moved = data.motions(motions, self.inputs, self.lags, self.level)

@@ -188,20 +188,17 @@ def refine_ensemble(
     seed: int = 0,
     rule: Rule,
     share: float = 1.0,
-    beginnings: float = 1.0,
     workers: int | None = None,
 ) -> list[Start]:
     """The starts after training in simulation, in their order; fewer after Ctrl-C, then those finished.
 
-    A start that was trained in simulation before goes on from there; its ``joint`` then tells of both trainings. share,
-    beginnings: see ``train_jointly``.
+    A start that was trained in simulation before goes on from there; its ``joint`` then tells of both trainings. share:
+    see ``train_jointly``.
     """
 
     def job(start: Start) -> Callable[[threading.Event], Start]:
         def run(stop: threading.Event) -> Start:
-            member, joint = train_jointly(
-                start.member, data, rule, seed=seed, share=share, beginnings=beginnings, stop=stop
-            )
+            member, joint = train_jointly(start.member, data, rule, seed=seed, share=share, stop=stop)
             return replace(start, member=member, joint=joint.after(start.joint) if start.joint else joint)
 
         return run

@@ -163,7 +163,7 @@ class JointNormal(KernelSums):
     where there is none.
     """
 
-    def __init__(self, pair: Member, data: Sequences, beginnings: float = 0.0) -> None:
+    def __init__(self, pair: Member, data: Sequences, continuous: bool = False) -> None:
         g, f = pair.hysteresis, pair.restoring
         self._counts = [parameter_count(net.sizes) for net in (g, f)]
         quiet = slice(3, 3 + data.inputs)
@@ -189,8 +189,7 @@ class JointNormal(KernelSums):
         widths = [int(sizes.max()) for sizes in self._sizes]
         activations = sum(int(sizes.sum()) for sizes in self._sizes) + 3 * max(widths)
         self._work = aligned(((self.stride + activations) * _LENGTH,), "float64")
-        self._beginnings = _beginnings(g, data) if beginnings else None
-        self._asked = beginnings
+        self._beginnings = _beginnings(g, data) if continuous else None
 
     def build(self, w: Array) -> float:
         found = super().build(w)
@@ -198,13 +197,13 @@ class JointNormal(KernelSums):
             return found
         own, count = self._beginnings, self._counts[0]
         error = own.build(w[:count])
-        self.sums[:count, :count] += self._asked * own.sums[:count, :count]
-        self.sums[self.count, :count] += self._asked * own.gradient()
-        return found + self._asked * error
+        self.sums[:count, :count] += own.sums[:count, :count]
+        self.sums[self.count, :count] += own.gradient()
+        return found + error
 
     def squares(self, w: Array) -> float:
         own = self._beginnings.squares(w[: self._counts[0]]) if self._beginnings is not None else 0.0
-        return super().squares(w) + self._asked * own
+        return super().squares(w) + own
 
     def _run(self, w: Array, sums: ctypes.c_void_p | None) -> float:
         if sums is not None and self._slope is None:
@@ -262,18 +261,15 @@ def train_jointly(
     *,
     seed: int = 0,
     share: float = 1.0,
-    beginnings: float = 1.0,
     stop: threading.Event | None = None,
 ) -> tuple[Member, Training]:
     """Lower the error of the simulated R from a trained pair; stops early on branches left out.
 
     share: of the training samples that are used, drawn at random; the validation branches are always whole.
-    beginnings: weight of what is asked of the beginnings of branches, 1 for that of as many samples.
     """
     parts = data.split(seed)
     parts["train"] = parts["train"][draw(len(parts["train"]), round(share * len(parts["train"])), seed)]
-    fit = JointNormal(pair, data.pick(parts["train"]), beginnings)
-    check, test = (JointNormal(pair, data.pick(parts[name])) for name in ("validation", "test"))
+    fit, check, test = (JointNormal(pair, data.pick(parts[name])) for name in ("train", "validation", "test"))
     result = descend(fit, check, parameters_of(pair), rule, stop)
     return with_parameters(pair, result.w), replace(result, test=test.squares(result.w) / test.samples)
 
@@ -283,6 +279,8 @@ def train_beside(
 ) -> Member:
     """The pair after more training on data and, beside them, on wanted answers that weigh as much as the data's error.
 
+    Branches are to begin with the force that the one before ended with.
+
     parts: for training and for validation; the answers count in both.
     """
     w = parameters_of(pair)
@@ -291,6 +289,6 @@ def train_beside(
         return pair
     share = len(parts[1].x) / len(parts[0].x)
     factor = np.sqrt(error / lacking)
-    fit = JointNormal(pair, parts[0].joined(beside.weighted(factor)), 1.0)
+    fit = JointNormal(pair, parts[0].joined(beside.weighted(factor)), continuous=True)
     check = JointNormal(pair, parts[1].joined(beside.weighted(factor * np.sqrt(share))))
     return with_parameters(pair, descend(fit, check, w, rule, stop).w)
