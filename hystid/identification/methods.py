@@ -30,6 +30,7 @@ _FIRST_ITERATIONS = 60  # of a refined training by itself: enough to rank the st
 _HEAT = 60  # iterations in simulation of every start, on a share of the samples: then their order hardly changes
 _HEAT_SHARE = 0.2
 _LAST_ITERATIONS = 600  # in simulation, of the best sixth: the best still gain after 400
+_RUN = 200_000  # samples of all recordings that each start is run on: bounds what a million of them cost
 _FEEDING = 40  # in simulation, of those that are averaged, on cycles that feed energy in: they are near what is wanted
 _PATIENCE = 25  # iterations without a lower validation error in simulation: left-out branches make that error uneven
 _PROGRESS = 5e-4  # of the training error in 20 iterations in simulation: trainings that gain less are at their end
@@ -121,7 +122,8 @@ class Plan:
             simulated |= {start.number: start for start in finished}
         everything = [simulated.get(start.number, start) for start in starts]
         chosen = self._steadiest(list(simulated.values()), recordings, len(sequences.x0))
-        chosen = self._dissipating(chosen, sequences, recordings, replace(patient, max_iterations=_FEEDING))
+        if not self.mass:  # with a mass, drift in closed loop has chosen; what still feeds energy in is told
+            chosen = self._dissipating(chosen, sequences, recordings, replace(patient, max_iterations=_FEEDING))
         unseen = unseen_samples(branches, of_sample, self.seed)
         return Trained(everything, chosen, drawn, self._shortfall(starts), {"method": "refined"}, unseen)
 
@@ -167,7 +169,7 @@ class Plan:
         if not self.mass:
             return [start for start in ranked[: self._tenth] if start.error <= _COMPARABLE * ranked[0].error]
 
-        runs = data.beginnings(recordings, self.samples)
+        runs = data.beginnings(recordings, max(_RUN, self.samples))
 
         def median_drift(*members: Start) -> float:
             model = self.model([start.member for start in members], recordings[0].sample_rate)
