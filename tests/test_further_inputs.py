@@ -16,7 +16,8 @@ from hystid.compiled import CompiledModel
 from hystid.errors import RecordingError, UsageError
 from hystid.fmu import build
 from hystid.identification import identify
-from hystid.networks import FurtherInput, Lag, Member, Network, TwoNetworkModel, evaluation
+from hystid.identification.levels import apart_between_levels, levels_of, with_curves
+from hystid.networks import Curve, FurtherInput, Lag, Member, Network, TwoNetworkModel, evaluation
 from hystid.networks import onnx as exchange
 from hystid.networks.level import Level
 from hystid.networks.trust import Spread, Tail
@@ -25,7 +26,7 @@ from hystid.surrogate import oscillator_code, surrogate_code
 from hystid.validation import validate
 
 RATE = 1000.0
-PORTS = (FurtherInput("u", "V", "u"), FurtherInput("p", "Pa", "line pressure"))
+PORTS = (FurtherInput("u", "V", "u", Curve((0.0, 0.5, 2.0), (0.0, 1.4, 2.0))), FurtherInput("p", "Pa", "line pressure"))
 LAGS = (Lag("u", 8e-3), Lag("v", 3e-3))
 
 
@@ -203,6 +204,45 @@ def test_an_input_carries_to_a_level_between_the_trained_ones(tensions, tmp_path
         validate(tmp_path / "surrogate.onnx", [replace(held, extra={}, units={})])
     with pytest.raises(RecordingError, match="is in V, but"):
         validate(tmp_path / "surrogate.onnx", [replace(held, units={"tension": "V"})])
+
+
+def test_three_levels_say_how_the_force_goes_on_between_them():
+    """Friction of 20, 55 and 60 N at tensions of 40, 60 and 120 N: 60 N stands at 35/40 of the way from 40 to 120 N."""
+    made = [
+        with_column(friction(f, k, f"{f} N"), "T", n, "N") for k, (n, f) in enumerate(((40, 20), (60, 55), (120, 60)))
+    ]
+    made = [replace(each, R=each.F) for each in made]
+    (port,) = with_curves(made, [FurtherInput("T", "N", "T")])
+    assert port.curve is not None and port.curve.at == (40.0, 60.0, 120.0)
+    # the width is that of force less a spring; noise of 1 N and the shape near v = 0 move it by a few percent
+    assert port.curve.to == pytest.approx((40.0, 40 + 80 * 35 / 40, 120.0), abs=4.0)
+    assert port.seen(np.array([0.0, 50.0, 200.0])) == pytest.approx([40.0, (40 + port.curve.to[1]) / 2, 120.0])
+    assert with_curves(made[::2], [FurtherInput("T", "N", "T")])[0].curve is None  # two levels: a straight line
+
+
+def test_levels_are_told_from_a_continuous_input():
+    rng = np.random.default_rng(0)
+    found = levels_of(np.repeat([1.0, 5.0, 7.0], 50) + rng.normal(0, 0.01, 150))
+    assert (
+        found is not None
+        and np.allclose(found[0], [1, 5, 7], atol=0.01)
+        and (found[1] == np.repeat([0, 1, 2], 50)).all()
+    )
+    assert levels_of(rng.uniform(0, 1, 2000)) is None and levels_of(np.ones(9)) is None
+
+
+def test_members_that_differ_between_levels_are_told(model):
+    """Of three members, the one whose restoring force is another one is the farthest from the median of all."""
+    odd = model.members[0]
+    other = replace(odd.restoring, output_offset=odd.restoring.output_offset + 1.0)
+    ensemble = replace(model, members=(odd, odd, replace(odd, restoring=other)), lags=model.lags)
+    made = []
+    for k, u in enumerate((0.0, 2.0)):
+        base = friction(1.0, k, f"{u} V")
+        base = with_column(with_column(replace(base, R=base.F), "u", u, "V"), "line pressure", 0.1, "Pa")
+        made.append(base)
+    apart = apart_between_levels(ensemble, made)
+    assert apart is not None and apart[2] > 0.1 and apart[0] == apart[1] == 0.0
 
 
 def test_a_late_input_is_found(tensions):

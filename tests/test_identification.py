@@ -1,6 +1,7 @@
 """Identification end to end: a stick-slip oscillator of known law, simulated apart from the library."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,10 @@ import pytest
 from hystid.errors import RecordingError, UsageError
 from hystid.files import plain
 from hystid.identification import identify
+from hystid.identification.data import linear_model
+from hystid.identification.dissipation import cycles, feeding
 from hystid.identification.offsets import constant_and_even
+from hystid.identification.result import LinearFit
 from hystid.networks import ensemble
 from hystid.recording import Recording, read
 
@@ -93,6 +97,23 @@ def test_summary_holds_what_the_design_states(identified):
     assert set(entries[0]["free_run"]) == {"x_nrmse", "R_nrmse", "R_mse"}
     assert sum(training["chosen"] for training in summary["trainings"]) == 1
     assert all(training["restoring"]["stopped"] for training in summary["trainings"])
+
+
+def test_a_damper_is_known_by_its_cycles():
+    """R = B v + Kl x takes pi B w A^2 out of a cycle; with B below 0 the damper it lacks is -B and a thousandth."""
+    t = np.arange(4000) * DT
+    motion = Recording("tone", t, x=1e-3 * np.sin(50 * t), v=0.05 * np.cos(50 * t), R=np.zeros(4000))
+    for damping in (20.0, -20.0):
+        fit = LinearFit(0.0, damping, 1e4, 0.0)
+        limits = {"x": (-1e-3, 1e-3), "v": (-0.05, 0.05), "R": (-10.0, 10.0)}
+        model = replace(linear_model(fit, 1 / DT), training_range=limits)
+        found = cycles(model, [motion])
+        # trapezoids over 80 samples per cycle miss a thousandth of the area
+        expected = [np.pi * damping * c.frequency * c.amplitude**2 for c in found]
+        np.testing.assert_allclose([c.energy for c in found], expected, rtol=3e-3)
+        lacking = [max(0.0, 1e-3 * c.force / (c.frequency * c.amplitude) - damping) for c in found]
+        np.testing.assert_allclose([c.damper for c in found], lacking, rtol=5e-3, atol=1e-9)
+        assert len(feeding(model, [motion])) == (damping < 0)
 
 
 def test_model_alone_gives_the_reported_prediction(identified, harmonic):

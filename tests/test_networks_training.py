@@ -222,6 +222,40 @@ def test_simulation_jacobian_is_exact(sequences, pair):
         assert gradient[k] == pytest.approx(slope, rel=1e-4, abs=1e-6 * np.abs(gradient).max())
 
 
+def test_branches_begin_where_the_one_before_ended(sequences, pair):
+    """With what is asked of beginnings J'e stays exact; where g(x0, x0, Rh0) is Rh0 nothing is asked."""
+    normal, w = joint.JointNormal(pair, sequences, continuous=True), joint.parameters_of(pair)
+    normal.build(w)
+    gradient = normal.gradient()
+    for k in range(0, len(w), 3):
+        step = 1e-6 * (np.arange(len(w)) == k)
+        slope = (normal.squares(w + step) - normal.squares(w - step)) / 4e-6
+        assert gradient[k] == pytest.approx(slope, rel=1e-4, abs=1e-6 * np.abs(gradient).max())
+
+    def asked(member):
+        """What the beginnings add to the sum of squares."""
+        at = joint.parameters_of(member)
+        both, plain = joint.JointNormal(member, sequences, continuous=True), joint.JointNormal(member, sequences)
+        return both.squares(at) - plain.squares(at)
+
+    g = pair.hysteresis
+    weights, bias = np.zeros((1, g.sizes[0])), np.array([(g.input_offset[2] - g.output_offset) / g.output_gain])
+    weights[0, 2] = 1 / (g.input_gain[2] * g.output_gain)  # g(x, x0, Rh0) = Rh0
+    holding = replace(pair, hysteresis=replace(g, layers=((weights, bias),)))
+    assert asked(holding) == pytest.approx(0.0, abs=1e-9) and asked(pair) > 1e-3
+
+
+def test_wanted_answers_are_trained_beside_the_data(sequences, pair):
+    """Answers half as great as the data's: training on both moves the pair towards them."""
+    own, w = joint.JointNormal(pair, sequences), joint.parameters_of(pair)
+    wanted = replace(sequences, R=0.5 * sequences.R)
+    found = joint.parameters_of(joint.train_beside(pair, (sequences, sequences), wanted, training.RULES["fast"]))
+    asked = joint.JointNormal(pair, wanted)
+    assert asked.squares(found) < asked.squares(w)
+    twice = joint.JointNormal(pair, sequences.joined(sequences.weighted(2.0)))
+    assert twice.squares(w) == pytest.approx(5 * own.squares(w), rel=1e-12)
+
+
 def test_joint_training_lowers_the_simulated_error(sequences, pair):
     better, result = joint.train_jointly(pair, sequences, training.RULES["fast"])
     assert result.best < result.validation[0]

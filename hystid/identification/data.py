@@ -14,6 +14,7 @@ from hystid.networks.ensemble import Samples
 from hystid.networks.joint import Motion
 from hystid.networks.level import Level
 from hystid.networks.trust import Tail
+from hystid.processing import cut
 from hystid.recording import Recording
 from hystid.turning_points import TurningPoints
 
@@ -69,11 +70,34 @@ def motions(
     return found
 
 
+def limits_of(recordings: Sequence[Recording], inputs: Sequence[FurtherInput]) -> dict[str, tuple[float, float]]:
+    """Least and greatest x, v, R and further inputs, these in their units."""
+    columns = {name: name for name in ("x", "v", "R")} | {port.name: port.column for port in inputs}
+    return {
+        name: (
+            min(float(r.channel(column).min()) for r in recordings),
+            max(float(r.channel(column).max()) for r in recordings),
+        )
+        for name, column in columns.items()
+    }
+
+
 def level_of(recordings: Sequence[Recording], inputs: Sequence[FurtherInput], lags: Sequence[Lag]) -> Level:
     """Level of the recordings' force."""
     parts = motions(recordings, inputs, lags)
     x, R = (np.concatenate([getattr(part, name) for part in parts]) for name in ("x", "R"))
     return Level.of(x, np.concatenate([part.further for part in parts], axis=1), R)
+
+
+def beginnings(recordings: Sequence[Recording], samples: int) -> list[Recording]:
+    """The beginning of each recording, all in proportion, with about so many samples together."""
+    share = samples / sum(len(recording) for recording in recordings)
+    return [beginning(recording, max(2, round(share * len(recording)))) for recording in recordings]
+
+
+def beginning(recording: Recording, samples: int) -> Recording:
+    """The first samples of a recording, the whole where it is no longer."""
+    return recording if len(recording) <= samples else cut(recording, 0, samples)
 
 
 def linear_fit(data: Samples, mass: float) -> LinearFit:

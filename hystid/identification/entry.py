@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,16 +16,19 @@ from hystid.comparison import mse, nrmse
 from hystid.consistency import admit
 from hystid.errors import UsageError
 from hystid.identification import data, export
+from hystid.identification.dissipation import feeding
 from hystid.identification.hybrid import Law, combine, law_of
 from hystid.identification.inputs import check_lags, check_range, resolve, unused_columns
 from hystid.identification.lags import choose_lags
 from hystid.identification.leftout import LeftOut
+from hystid.identification.levels import with_curves
 from hystid.identification.methods import Plan, Recipe, Trained
 from hystid.identification.offsets import constant_and_even
 from hystid.identification.prediction import drift, predict, respond
 from hystid.identification.result import Comparison, Identification, Prediction, Role
 from hystid.limits import TRAININGS, check_whole
 from hystid.networks import Lag, TwoNetworkModel
+from hystid.networks.ensemble import workers_of
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, draw, rule_of, split_indices
 from hystid.networks.trust import Spread
@@ -98,6 +103,9 @@ def identify(
     recipe = Recipe(band, decimate, mass, smoothing=method == "refined")
     used, unseen = ([recipe.apply(recording) for recording in group] for group in (recordings, holdout))
     data.check(used, unseen)
+    plain_ports = ports
+    if method == "refined":
+        ports = with_curves(used, ports)
     leftout = LeftOut(used, ports, seed)
     if lags is None:
         lags = choose_lags(leftout) if method == "refined" else ()
@@ -108,18 +116,17 @@ def identify(
         plan = replace(plan, level=data.level_of(used, ports, lags))
     trained = plan.refined(used) if method == "refined" else plan.published(used)
     networks = _model(trained, used, plan)
-    plain_samples = data.samples(used, TurningPoints(), ports)
+    plain_samples = data.samples(used, TurningPoints(), plain_ports)
     fit = data.linear_fit(plain_samples, mass)
-    models = {"network": networks, "linear": data.linear_model(fit, networks.sample_rate, ports)}
+    models = {"network": networks, "linear": data.linear_model(fit, networks.sample_rate, plain_ports)}
     if method == "refined":
         raw = [replace(recipe, smoothing=False).apply(recording) for recording in recordings]
-        unaided = replace(plan, lags=(), level=None)
+        unaided = replace(plan, lags=(), level=None, inputs=plain_ports)
         plain = unaided.published(raw)
         models["published"] = _model(plain, raw, unaided)
     spread = _spread(networks, used, trained, leftout.inflation(lags))
     networks = models["network"] = replace(networks, spread=spread, tail=data.tail_of(plain_samples))
-    comparisons = [_compare(models, recording, "training") for recording in used]
-    comparisons += [_compare(models, recording, "holdout") for recording in unseen]
+    comparisons = _compared(models, used, unseen, workers)
     if method == "refined" and (why := _unsteady(comparisons)):
         trained, networks = replace(plain, notes=(*plain.notes, why)), models["published"]
         comparisons = [replace(item, network=_given(item.published), published=None) for item in comparisons]
@@ -136,8 +143,14 @@ def identify(
         f"the force follows {lag.source} late: a lag of {1e3 * lag.time:.3g} ms is a further input of the networks"
         for lag in networks.lags
     )
-    notes = (*trained.notes, *late, *constant_and_even(used), *unused_columns(*_residual_of(comparisons), ports))
-    hybrid = combine(law, plan, comparisons, networks.training_range) if law else None
+    notes = (
+        *trained.notes,
+        *late,
+        *feeding(networks, used),
+        *constant_and_even(used),
+        *unused_columns(*_residual_of(comparisons), ports),
+    )
+    hybrid = combine(law, replace(plan, inputs=plain_ports), comparisons, networks.training_range) if law else None
     if hybrid:
         notes = (*notes, hybrid.sentence(), *hybrid.notes)
     numbers = tuple(start.number for start in trained.chosen)
@@ -174,22 +187,29 @@ def _residual_of(comparisons: Sequence[Comparison]) -> tuple[list[Recording], li
 
 
 def _model(trained: Trained, recordings: Sequence[Recording], plan: Plan) -> TwoNetworkModel:
-    columns = {name: name for name in ("x", "v", "R")} | {port.name: port.column for port in plan.inputs}
-    limits = {
-        name: (
-            min(float(r.channel(column).min()) for r in recordings),
-            max(float(r.channel(column).max()) for r in recordings),
-        )
-        for name, column in columns.items()
-    }
+    limits = data.limits_of(recordings, plan.inputs)
     rate = max(recording.sample_rate for recording in recordings)
     model = plan.model([start.member for start in trained.chosen], rate, limits)
     turns = {"rotational": True} if recordings[0].rotational else {}
     return replace(model, metadata={**trained.metadata, **turns})
 
 
-def _compare(models: Mapping[str, TwoNetworkModel], recording: Recording, role: Role) -> Comparison:
-    return Comparison(recording, role, **{name: predict(model, recording) for name, model in models.items()})
+def _compared(
+    models: Mapping[str, TwoNetworkModel],
+    training: Sequence[Recording],
+    unseen: Sequence[Recording],
+    workers: int | None,
+) -> list[Comparison]:
+    """Every model on every recording, side by side: the work is in compiled code that runs beside Python."""
+    roles: list[tuple[Recording, Role]] = [(r, "training") for r in training]
+    roles += [(r, "holdout") for r in unseen]
+    with ThreadPoolExecutor(workers_of(workers)) as pool:
+        found = {name: pool.map(partial(predict, model), [r for r, _ in roles]) for name, model in models.items()}
+        answers = {name: list(each) for name, each in found.items()}
+    return [
+        Comparison(recording, role, **{name: each[k] for name, each in answers.items()})
+        for k, (recording, role) in enumerate(roles)
+    ]
 
 
 def _unsteady(comparisons: Sequence[Comparison]) -> str:

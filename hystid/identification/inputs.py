@@ -60,13 +60,13 @@ def check_lags(lags: Sequence[Lag], inputs: Sequence[FurtherInput]) -> None:
 
 
 def columns_of(recording: Recording, inputs: Sequence[FurtherInput]) -> dict[str, Array]:
-    """Values of the further inputs by port name, shape (n,) each."""
+    """Values of the further inputs by port name, shape (n,) each, in their units."""
     return {port.name: recording.channel(port.column) for port in inputs}
 
 
 def table_of(recording: Recording, inputs: Sequence[FurtherInput], lags: Sequence[Lag] = ()) -> Array:
-    """The same and then the lags as rows, shape (inputs + lags, n)."""
-    sources = columns_of(recording, inputs)
+    """What the networks see of them, and then the lags, as rows: shape (inputs + lags, n)."""
+    sources = {port.name: port.seen(recording.channel(port.column)) for port in inputs}
     rows = [*sources.values()]
     rows += [
         lag.follow(recording.channel("v") if lag.source == "v" else sources[lag.source], recording.dt) for lag in lags

@@ -64,13 +64,19 @@ def _sources(recordings: Sequence[Recording], inputs: Sequence[FurtherInput]) ->
 
 
 def _told_from_motion(leftout: LeftOut, lag: Lag) -> bool:
-    """Whether more than half of what the lag adds to the velocity is no mixture of x and v.
+    """Whether some recording by itself tells the lag from a mixture of x and v: more than half of what it adds is new.
 
-    In a motion of one tone all of it is: such a lag would be fitted to anything, and be wrong at another frequency.
+    In a motion of one tone all of it is a mixture: such a lag would be fitted to anything, and be wrong at another
+    frequency. So it would with several recordings of one tone each, where it merely says which of them it is.
     """
-    x, v = (np.concatenate([recording.channel(name) for recording in leftout.recordings]) for name in ("x", "v"))
-    added = v - leftout.column(lag)
+    return any(_new_share(recording, lag) > _NEW for recording in leftout.recordings)
+
+
+def _new_share(recording: Recording, lag: Lag) -> float:
+    """Share of the power that a lag of the velocity adds to it which no mixture of x, v and a constant explains."""
+    x, v = recording.channel("x"), recording.channel("v")
+    added = v - lag.follow(v, recording.dt)
     motion = np.stack([x, v, np.ones_like(v)], axis=1)
     scaled = motion / np.abs(motion).max(axis=0)
     new = added - scaled @ np.linalg.lstsq(scaled, added, rcond=None)[0]
-    return float(np.var(new)) > _NEW * float(np.var(added))
+    return float(np.var(new) / np.var(added)) if np.ptp(added) else 0.0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 from hystid import processing
 from hystid.identification import data
 from hystid.identification.denoise import noise_level, smooth
+from hystid.identification.dissipation import dissipating
+from hystid.identification.levels import apart_between_levels
 from hystid.identification.prediction import drift, predict
 from hystid.leastsquares import Rule
 from hystid.networks import FurtherInput, Lag, Member, TwoNetworkModel
-from hystid.networks.ensemble import Samples, Start, best, refine_ensemble, train_ensemble
+from hystid.networks.ensemble import Samples, Start, best, refine_ensemble, side_by_side, train_ensemble
 from hystid.networks.joint import Motion, Sequences, unseen_samples
 from hystid.networks.level import Level
 from hystid.networks.normal_equations import Precision
@@ -27,6 +30,8 @@ _FIRST_ITERATIONS = 60  # of a refined training by itself: enough to rank the st
 _HEAT = 60  # iterations in simulation of every start, on a share of the samples: then their order hardly changes
 _HEAT_SHARE = 0.2
 _LAST_ITERATIONS = 600  # in simulation, of the best sixth: the best still gain after 400
+_RUN = 200_000  # samples of all recordings that each start is run on: bounds what a million of them cost
+_FEEDING = 40  # in simulation, of those that are averaged, on cycles that feed energy in: they are near what is wanted
 _PATIENCE = 25  # iterations without a lower validation error in simulation: left-out branches make that error uneven
 _PROGRESS = 5e-4  # of the training error in 20 iterations in simulation: trainings that gain less are at their end
 _COMPARABLE = 1.5  # times the least error: members above that would spoil the average
@@ -117,25 +122,58 @@ class Plan:
             simulated |= {start.number: start for start in finished}
         everything = [simulated.get(start.number, start) for start in starts]
         chosen = self._steadiest(list(simulated.values()), recordings, len(sequences.x0))
+        if not self.mass:  # with a mass, drift in closed loop has chosen; what still feeds energy in is told
+            chosen = self._dissipating(chosen, sequences, recordings, replace(patient, max_iterations=_FEEDING))
         unseen = unseen_samples(branches, of_sample, self.seed)
         return Trained(everything, chosen, drawn, self._shortfall(starts), {"method": "refined"}, unseen)
+
+    def _dissipating(
+        self, chosen: Sequence[Start], sequences: Sequences, recordings: Sequence[Recording], rule: Rule
+    ) -> list[Start]:
+        """The chosen starts, trained on where they feed energy into closed cycles (``dissipation``)."""
+        limits, rate = data.limits_of(recordings, self.inputs), max(r.sample_rate for r in recordings)
+        split = sequences.split(self.seed)
+        parts = sequences.pick(split["train"]), sequences.pick(split["validation"])
+
+        def sequences_of(motions: Sequence[Recording], weights: Sequence[Array]) -> Sequences:
+            moved = data.motions(motions, self.inputs, self.lags, self.level)
+            return Sequences.of(moved, TurningPoints(), weights, len(self.inputs))
+
+        def job(start: Start) -> Callable[[threading.Event], Start]:
+            def run(stop: threading.Event) -> Start:
+                member = dissipating(
+                    start.member, lambda m: self.model([m], rate, limits), recordings, parts, sequences_of, rule
+                )
+                return replace(start, member=member)
+
+            return run
+
+        return side_by_side("dissipation", [job(start) for start in chosen], self.workers)[0]
 
     def _steadiest(self, starts: Sequence[Start], recordings: Sequence[Recording], branches: int) -> list[Start]:
         """The starts to be averaged, best first: at most a tenth, none much worse than the best.
 
         Judged by validation error and, where there is a mass, drift in closed loop: a close force and a close run.
-        Where there is none, and few branches or further inputs, the validation error alone says little, least of all
-        about levels between those trained: then the best third.
+        Where there is none, and few branches or further inputs, the validation error alone says little: then the best
+        third. It says nothing about inputs between the levels trained: there, of twice as many, those that agree best.
         """
         ranked = best(starts, len(starts))
         if not self.mass and (branches < _FEW_BRANCHES or self.inputs):
-            return ranked[: max(self._tenth, round(len(starts) / 3))]
+            count = max(self._tenth, round(len(starts) / 3))
+            pool = ranked[: 2 * count]
+            model = self.model([start.member for start in pool], recordings[0].sample_rate)
+            apart = apart_between_levels(model, recordings)
+            if apart is None:
+                return ranked[:count]
+            return [pool[k] for k in sorted(np.argsort(apart, kind="stable")[:count])]
         if not self.mass:
             return [start for start in ranked[: self._tenth] if start.error <= _COMPARABLE * ranked[0].error]
 
+        runs = data.beginnings(recordings, max(_RUN, self.samples))
+
         def median_drift(*members: Start) -> float:
             model = self.model([start.member for start in members], recordings[0].sample_rate)
-            return float(np.median([drift(predict(model, recording)) for recording in recordings]))
+            return float(np.median([drift(predict(model, recording)) for recording in runs]))
 
         hopeful = [start for start in ranked if start.error <= _HOPELESS * ranked[0].error]
         drifts = {start.number: median_drift(start) for start in hopeful}

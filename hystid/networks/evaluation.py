@@ -15,6 +15,7 @@ from hystid import toolchain
 from hystid.errors import NumericalError, ToolchainError, UsageError
 from hystid.networks.level import Level
 from hystid.networks.perceptron import Member, Network
+from hystid.networks.ports import Curve
 from hystid.networks.trust import Tail
 from hystid.recording import Array
 
@@ -48,7 +49,8 @@ class Ensemble:
 
     sources, shares: of the lags, which the networks see after the further inputs: number of the further input that a
     lag follows, -1 for the velocity, and what it makes up of the difference in one sample (``Lag.share``).
-    level: what the networks' force is scaled by. ends: of the training range.
+    level: what the networks' force is scaled by. ends: of the training range. curves: of the further inputs, None for
+    those without one; empty for none at all.
     """
 
     members: tuple[Member, ...]
@@ -57,6 +59,17 @@ class Ensemble:
     shares: tuple[float, ...] = ()
     level: Level | None = None
     ends: Ends | None = None
+    curves: tuple[Curve | None, ...] = ()
+
+    def seen(self, x: float, v: float, further: Array) -> tuple[float, float, Array, float]:
+        """What the networks see of x, v and the further inputs, and the force of the tail."""
+        force = 0.0
+        if self.ends is not None:
+            x, v, further, force = self.ends.inside(x, v, further)
+        if self.curves:
+            bent = zip(further, self.curves, strict=True)
+            further = np.array([u if curve is None else float(curve(u)) for u, curve in bent])
+        return x, v, further, force
 
     @property
     def state_size(self) -> int:
@@ -170,7 +183,14 @@ def _description(ensemble: Ensemble) -> tuple[object, ...]:
         _pointer(np.array(ensemble.shares, dtype=np.float64)),
         _pointer(np.array(ensemble.level.numbers())) if ensemble.level else None,
         _pointer(ensemble.ends.numbers()) if ensemble.ends else None,
+        _pointer(_curves(ensemble)) if ensemble.curves else None,
     )
+
+
+def _curves(ensemble: Ensemble) -> Array:
+    """Of each further input: number of points, at, to."""
+    rows = [[0.0] if curve is None else [len(curve.at), *curve.at, *curve.to] for curve in ensemble.curves]
+    return np.array([value for row in rows for value in row])
 
 
 def interleaved(networks: Sequence[Network]) -> Array:
@@ -198,9 +218,7 @@ class _Stepper:
 
     def evaluate(self, x: float, v: float, further: Array) -> tuple[Array, Array]:
         """Each member's R and Rh with the memory as it stands."""
-        beyond = 0.0
-        if self.ensemble.ends is not None:
-            x, v, further, beyond = self.ensemble.ends.inside(x, v, further)
+        x, v, further, beyond = self.ensemble.seen(x, v, further)
         x0, members = self.memory[1], self.ensemble.members
         further = np.concatenate([further, self.late])
         hysteretic = np.array([m.hysteresis(x, x0, h, *further)[0] for m, h in zip(members, self.held, strict=True)])
@@ -214,13 +232,12 @@ class _Stepper:
         """Renew the memory at a sample; R there, and each member's."""
         last, fast = self.memory[0], abs(v) >= self.ensemble.band
         if last == 0 or (fast and last * v <= 0):
-            self.memory[1] = x if self.ensemble.ends is None else self.ensemble.ends.inside(x, v, further)[0]
+            self.memory[1] = self.ensemble.seen(x, v, further)[0]
             self.held[:] = self.latest
         if fast:
             self.memory[0] = v
         forces, self.latest[:] = self.evaluate(x, v, further)
-        if self.ensemble.ends is not None:
-            _, v, further, _ = self.ensemble.ends.inside(x, v, further)
+        _, v, further, _ = self.ensemble.seen(x, v, further)
         sources = np.array([v if source < 0 else further[source] for source in self.ensemble.sources])
         self.late += np.array(self.ensemble.shares) * (sources - self.late)
         return float(np.mean(forces)), forces

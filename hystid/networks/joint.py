@@ -17,13 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.leastsquares import Rule
-from hystid.networks.normal_equations import KernelSums, aligned, chunked, parameter_count, pointer, unflatten
+from hystid.networks.normal_equations import (
+    CompiledNormal,
+    KernelSums,
+    aligned,
+    chunked,
+    parameter_count,
+    pointer,
+    unflatten,
+)
 from hystid.networks.perceptron import Member, Network
 from hystid.networks.training import Training, descend, draw, simplicity, split_indices
 from hystid.recording import Array
 from hystid.turning_points import TurningPoints
 
 _LENGTH = 256  # samples per chunk
+_BEGINNINGS, _FEWEST_BEGINNINGS = 0.03, 300  # of the samples
 _FEWEST_BRANCHES = 20  # fewer cannot be divided into three parts that resemble each other
 
 
@@ -93,6 +102,30 @@ class Sequences:
         memory = (self.x0, self.before, self.fresh, self.start)
         return Sequences(*memory, *motion, self.segment[rows], self.weight[rows], self.inputs)
 
+    def joined(self, other: Sequences) -> Sequences:
+        """These segments and samples and, after them, those of other recordings."""
+
+        def both(name: str) -> Array:
+            return np.concatenate([getattr(self, name), getattr(other, name)], axis=-1)
+
+        return replace(
+            self,
+            x0=both("x0"),
+            start=both("start"),
+            x=both("x"),
+            v=both("v"),
+            R=both("R"),
+            further=both("further"),
+            weight=both("weight"),
+            before=np.concatenate([self.before, other.before]),
+            fresh=np.concatenate([self.fresh, other.fresh]),
+            segment=np.concatenate([self.segment, other.segment + np.int32(len(self.x0))]),
+        )
+
+    def weighted(self, factor: float) -> Sequences:
+        """The same with all weights times a factor."""
+        return replace(self, weight=factor * self.weight)
+
     def split(self, seed: int) -> dict[str, NDArray[np.intp]]:
         """Sample numbers of the parts "train", "validation", "test": 70, 15, 15 % of the branches, drawn at random.
 
@@ -130,7 +163,7 @@ class JointNormal(KernelSums):
     where there is none.
     """
 
-    def __init__(self, pair: Member, data: Sequences) -> None:
+    def __init__(self, pair: Member, data: Sequences, continuous: bool = False) -> None:
         g, f = pair.hysteresis, pair.restoring
         self._counts = [parameter_count(net.sizes) for net in (g, f)]
         quiet = slice(3, 3 + data.inputs)
@@ -156,6 +189,21 @@ class JointNormal(KernelSums):
         widths = [int(sizes.max()) for sizes in self._sizes]
         activations = sum(int(sizes.sum()) for sizes in self._sizes) + 3 * max(widths)
         self._work = aligned(((self.stride + activations) * _LENGTH,), "float64")
+        self._beginnings = _beginnings(g, data) if continuous else None
+
+    def build(self, w: Array) -> float:
+        found = super().build(w)
+        if self._beginnings is None:
+            return found
+        own, count = self._beginnings, self._counts[0]
+        error = own.build(w[:count])
+        self.sums[:count, :count] += own.sums[:count, :count]
+        self.sums[self.count, :count] += own.gradient()
+        return found + error
+
+    def squares(self, w: Array) -> float:
+        own = self._beginnings.squares(w[: self._counts[0]]) if self._beginnings is not None else 0.0
+        return super().squares(w) + own
 
     def _run(self, w: Array, sums: ctypes.c_void_p | None) -> float:
         if sums is not None and self._slope is None:
@@ -170,6 +218,24 @@ class JointNormal(KernelSums):
                 sums, ctypes.c_long(self.stride), pointer(self._work),
             )
         )  # fmt: skip
+
+
+def _beginnings(g: Network, data: Sequences) -> CompiledNormal:
+    """Samples that say: a branch begins with the force that the one before ended with, g(x0, x0, Rh0) = Rh0.
+
+    Recordings show it for the branches that they hold, mostly full ones. A network left to itself may jump at all the
+    others, and a jump at a turning point feeds energy into cycles however small. A motion may turn wherever it comes:
+    at the points (x, R) of the data, and at those between them and the straight line through all.
+    """
+    rng = np.random.default_rng(0)
+    count = max(_FEWEST_BEGINNINGS, round(_BEGINNINGS * len(data.x)))
+    at = rng.integers(len(data.x), size=count)
+    x, further = data.x[at], data.further[:, at]
+    slope = float(np.mean((data.x - data.x.mean()) * data.R) / (np.var(data.x) or 1.0))
+    line = data.R.mean() + slope * (x - data.x.mean())
+    h = line + rng.uniform(-1, 1, count) * (data.R[at] - line)
+    columns = np.stack([_scaled(g, k, row) for k, row in enumerate([x, x, h, *further])])
+    return CompiledNormal(g.sizes, columns, (h - g.output_offset) / g.output_gain)
 
 
 def parameters_of(pair: Member) -> Array:
@@ -206,3 +272,23 @@ def train_jointly(
     fit, check, test = (JointNormal(pair, data.pick(parts[name])) for name in ("train", "validation", "test"))
     result = descend(fit, check, parameters_of(pair), rule, stop)
     return with_parameters(pair, result.w), replace(result, test=test.squares(result.w) / test.samples)
+
+
+def train_beside(
+    pair: Member, parts: tuple[Sequences, Sequences], beside: Sequences, rule: Rule, stop: threading.Event | None = None
+) -> Member:
+    """The pair after more training on data and, beside them, on wanted answers that weigh as much as the data's error.
+
+    Branches are to begin with the force that the one before ended with.
+
+    parts: for training and for validation; the answers count in both.
+    """
+    w = parameters_of(pair)
+    error, lacking = (JointNormal(pair, part).squares(w) for part in (parts[0], beside))
+    if not lacking > 0:
+        return pair
+    share = len(parts[1].x) / len(parts[0].x)
+    factor = np.sqrt(error / lacking)
+    fit = JointNormal(pair, parts[0].joined(beside.weighted(factor)), continuous=True)
+    check = JointNormal(pair, parts[1].joined(beside.weighted(factor * np.sqrt(share))))
+    return with_parameters(pair, descend(fit, check, w, rule, stop).w)

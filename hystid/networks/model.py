@@ -47,7 +47,8 @@ class TwoNetworkModel:
     mass [kg]; 0 where the force itself was recorded (no free run then). sample_rate [Hz]: that of the training data;
     the model holds at other rates as long as reversals are resolved. training_range: least and greatest value of x, v,
     R and each further input (by its name) in the training data. velocity_band [m/s]: see ``TurningPoints``.
-    metadata: what a reader wants to know (JSON-like). inputs, lags: in the order of the networks.
+    metadata: what a reader wants to know (JSON-like). inputs, lags: in the order of the networks. Where an input has a
+    curve, w is what comes out of it, and lags follow that.
     With lags, ``response`` is to be called at the sample rate of the training data.
     """
 
@@ -81,6 +82,7 @@ class TwoNetworkModel:
         """
         middle = {port.name: 0.5 * sum(self.training_range.get(port.name, (0.0, 0.0))) for port in self.inputs}
         signals = {"x": 0.0, "v": 0.0} | middle | dict(at or {})
+        signals |= {port.name: float(port.seen(np.array(signals[port.name]))) for port in self.inputs}
         late = [signals[lag.source] for lag in self.lags]
         if self.level is not None:
             further = np.array([*(signals[port.name] for port in self.inputs), *late])
@@ -150,7 +152,8 @@ class TwoNetworkModel:
             signals = ["x", "v", *(port.name for port in self.inputs)]
             limits = np.array([self.training_range[name] for name in signals])
             ends = evaluation.Ends(limits, self.tail)
-        return evaluation.Ensemble(self.members, self.velocity_band, sources, shares, self.level, ends)
+        curves = tuple(port.curve for port in self.inputs) if any(port.curve for port in self.inputs) else ()
+        return evaluation.Ensemble(self.members, self.velocity_band, sources, shares, self.level, ends, curves)
 
     def _table(self, inputs: Mapping[str, Array] | None, samples: int) -> Array:
         """Further inputs as rows per sample, shape (n, inputs)."""

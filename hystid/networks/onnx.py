@@ -15,6 +15,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from hystid.files import atomic, check_regular
 from hystid.networks.level import Level
 from hystid.networks.model import TwoNetworkModel
 from hystid.networks.perceptron import Network
-from hystid.networks.ports import FurtherInput, Lag
+from hystid.networks.ports import Curve, FurtherInput, Lag
 from hystid.networks.trust import Spread
 from hystid.rotation import turned_unit
 
@@ -102,7 +103,7 @@ def metadata_of(model: TwoNetworkModel) -> dict[str, str]:
     return {
         "hystid_version": _version(),
         "units": json.dumps(_units(model)),
-        "inputs": json.dumps([{"name": p.name, "unit": p.unit, "column": p.column} for p in model.inputs]),
+        "inputs": json.dumps([_input(port) for port in model.inputs]),
         "lags": json.dumps([{"source": lag.source, "time": lag.time} for lag in model.lags]),
         "tail": json.dumps([model.tail.stiffness, model.tail.damping] if model.tail else []),
         "spread": json.dumps([model.spread.floor, model.spread.factor] if model.spread else []),
@@ -125,6 +126,11 @@ def metadata_of(model: TwoNetworkModel) -> dict[str, str]:
         "initial_state": json.dumps([float(value) for value in model.initial_state()]),
         "identification": json.dumps(dict(model.metadata), default=str),
     }
+
+
+def _input(port: FurtherInput) -> dict[str, Any]:
+    curve = {"curve": [list(port.curve.at), list(port.curve.to)]} if port.curve else {}
+    return {"name": port.name, "unit": port.unit, "column": port.column, **curve}
 
 
 def _units(model: TwoNetworkModel) -> dict[str, str]:
@@ -185,6 +191,7 @@ def _graph(model: TwoNetworkModel) -> GraphProto:
     beyond = ""
     if model.tail is not None:
         x, v, further, beyond = _ends(g, model, x, v, further)
+    further = [_curved(g, port, column) for port, column in zip(model.inputs, further, strict=True)]
     sources = {"v": v} | {port.name: column for port, column in zip(model.inputs, further, strict=True)}
     coming = [
         _follow(g, lag, name, sources[lag.source], 1 / model.sample_rate)
@@ -243,6 +250,21 @@ def _ends(g: _Graph, model: TwoNetworkModel, x: str, v: str, further: Sequence[s
     forces = [force("x", x, x_near, model.tail.stiffness), force("v", v, v_near, model.tail.damping)]
     columns = [near(port.name, column) for port, column in zip(model.inputs, further, strict=True)]
     return x_near, v_near, columns, g.node("Add", forces, "R_beyond")
+
+
+def _curved(g: _Graph, port: FurtherInput, column: str) -> str:
+    """What the networks see of an input: to[0] + sum over the lines of slope * (value within the line - its begin)."""
+    if port.curve is None:
+        return column
+    begin, end = (
+        g.constant(f"{port.name}/{name}", [list(values)])
+        for name, values in (("line_begins", port.curve.at[:-1]), ("line_ends", port.curve.at[1:]))
+    )
+    inside = g.node("Max", [g.node("Min", [column, end], f"{port.name}/below_end"), begin], f"{port.name}/in_line")
+    way = g.node("Sub", [inside, begin], f"{port.name}/along_line")
+    slopes = g.constant(f"{port.name}/slopes", [list(port.curve.slopes)])
+    first = g.constant(f"{port.name}/curve_start", [port.curve.to[0]])
+    return g.node("Gemm", [way, slopes, first], f"{port.name}_seen", transB=1)
 
 
 def _deviation(g: _Graph, mean: str) -> str:
@@ -411,13 +433,29 @@ def _further(path: Path, given: Mapping[str, str]) -> tuple[FurtherInput, ...]:
         return ()
     entries = _entry(path, given, "inputs")
     try:
-        found = tuple(FurtherInput(entry["name"], entry["unit"], entry["column"]) for entry in entries)
+        found = tuple(
+            FurtherInput(entry["name"], entry["unit"], entry["column"], _curve(entry.get("curve"))) for entry in entries
+        )
         whole = all(isinstance(part, str) and part for p in found for part in (p.name, p.unit, p.column))
-    except (KeyError, TypeError):
+    except (AttributeError, KeyError, TypeError, ValueError):
         whole = False
     if not whole:
-        raise NetworkError(f"{path}: the metadata entry 'inputs' must be a list of objects with name, unit and column")
+        raise NetworkError(
+            f"{path}: the metadata entry 'inputs' must be a list of objects with name, unit and column, and a curve of "
+            "two ascending rows where there is one"
+        )
     return found
+
+
+def _curve(rows: Any) -> Curve | None:
+    """The curve of an input; raises ValueError or TypeError where it is none."""
+    if rows is None:
+        return None
+    at, to = (tuple(float(value) for value in row) for row in rows)
+    rising = all(math.isfinite(low) and low < high < math.inf for row in (at, to) for low, high in pairwise(row))
+    if not (rising and len(at) == len(to) >= 2):
+        raise ValueError("a curve needs two ascending rows of one length")
+    return Curve(at, to)
 
 
 def _lags(path: Path, given: Mapping[str, str], further: Sequence[FurtherInput], elements: int) -> tuple[Lag, ...]:

@@ -1,4 +1,4 @@
-"""Further inputs of a model, and signals that follow others late."""
+"""Further inputs of a model, how they are scaled, and signals that follow others late."""
 
 from __future__ import annotations
 
@@ -11,13 +11,39 @@ from hystid.recording import Array
 
 
 @dataclass(frozen=True)
+class Curve:
+    """What the level of the force does between the values of an input that were trained on: straight lines.
+
+    at: the values, ascending; to: what the networks see in their place, ascending too, from the same least to the same
+    greatest value. Outside, the nearest of them.
+    """
+
+    at: tuple[float, ...]
+    to: tuple[float, ...]
+
+    def __call__(self, values: Array) -> Array:
+        """What the networks see, of the shape of the values."""
+        return np.asarray(np.interp(values, self.at, self.to))
+
+    @property
+    def slopes(self) -> tuple[float, ...]:
+        """Slope of each line."""
+        return tuple(float(slope) for slope in np.diff(self.to) / np.diff(self.at))
+
+
+@dataclass(frozen=True)
 class FurtherInput:
     """An input besides the motion, as a current or a pressure. name: of its port, a plain identifier. column: what it
-    is called in recordings. unit: SI, "1" where it has none."""
+    is called in recordings. unit: SI, "1" where it has none. curve: applied to it first, where there is one."""
 
     name: str
     unit: str
     column: str
+    curve: Curve | None = None
+
+    def seen(self, values: Array) -> Array:
+        """What the networks see of values in the input's unit, of their shape."""
+        return values if self.curve is None else self.curve(values)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from hystid.networks.level import Level
+from hystid.networks.ports import FurtherInput
 from hystid.surrogate import block
 from hystid.surrogate.emit import number
 from hystid.surrogate.program import Program
@@ -27,7 +28,7 @@ class OscillatorText:
     """program: inputs x, v, state; outputs R, state_next. n_d: length of the state.
 
     turning: whether state[0] is v_last and the memory is renewed where v_last v <= 0; then it can be held still between
-    samples. force_slots: elements of the state that start at R_start. further: names of the further inputs.
+    samples. force_slots: elements of the state that start at R_start. ports: the further inputs.
     late: elements of the state that follow v or a further input late; they start settled. level: of the
     force; the remembered force is scaled by it. spread: whether there is R_spread.
     """
@@ -37,10 +38,15 @@ class OscillatorText:
     turning: bool
     force_slots: tuple[int, ...]
     training_range: Mapping[str, tuple[float, float]]
-    further: tuple[str, ...] = ()
+    ports: tuple[FurtherInput, ...] = ()
     late: Mapping[int, str] = field(default_factory=dict)
     level: Level | None = None
     spread: bool = False
+
+    @property
+    def further(self) -> tuple[str, ...]:
+        """Names of the further inputs."""
+        return tuple(port.name for port in self.ports)
 
     def text(self) -> str:
         """Everything that the shell calls."""
@@ -190,7 +196,7 @@ static int completed_step(hy_data *m)
 """
 
     def _start(self) -> str:
-        places = {"v": "m->v[X + 1]"} | {name: f"m->v[U + {1 + i}]" for i, name in enumerate(self.further)}
+        places = {"v": "m->v[X + 1]"} | dict(zip(self.further, self._seen(), strict=True))
         forces = "".join(f"    m->v[D + {slot}] = {places[source]};\n" for slot, source in self.late.items())
         if self.turning:
             forces += f"    const double begin = {self._scaled_start()};\n"
@@ -212,12 +218,27 @@ static int initialise(hy_data *m)
 }}
 """
 
+    def _seen(self) -> list[str]:
+        """What the networks see of the further inputs: their values, or those of their curves."""
+        found = []
+        for i, port in enumerate(self.ports, start=1):
+            value = f"m->v[U + {i}]"
+            if port.curve is not None:
+                lines = zip(port.curve.at, port.curve.at[1:], port.curve.slopes, strict=False)
+                along = (
+                    f"{number(slope)} * (fmax(fmin({value}, {number(end)}), {number(begin)}) - {number(begin)})"
+                    for begin, end, slope in lines
+                )
+                value = f"({' + '.join([number(port.curve.to[0]), *along])})"
+            found.append(value)
+        return found
+
     def _scaled_start(self) -> str:
         """R_start as the memory has it."""
         if self.level is None:
             return "m->v[P + 3]"
         signals = [
-            *(f"m->v[U + {1 + i}]" for i in range(len(self.further))),
+            *self._seen(),
             *(f"m->v[D + {slot}]" for slot in self.late),
         ]
 

@@ -141,7 +141,7 @@ def _oscillator_text(program: Program, about: onnx.StepDescription, mass: float)
             turning,
             force_slots(about),
             about.training_range,
-            tuple(port.name for port in about.inputs),
+            about.inputs,
             about.late,
             about.level,
             about.spread,

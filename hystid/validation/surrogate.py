@@ -67,12 +67,13 @@ class Surrogate:
         x, v, start = record.channel("x"), record.channel("v"), float(record.channel("R")[0])
         if self.force_block is not None:
             signals = {"x": x, "v": v} | self.further(record)
+            first = {name: values[:1] for name, values in signals.items()}
+            first |= {port.name: port.seen(first[port.name]) for port in self.inputs}
             if self.level is not None:
-                first = {name: np.array([values[0]]) for name, values in signals.items()}
                 further = np.stack([*(first[p.name] for p in self.inputs), *(first[s] for s in self.late.values())])
                 start = float((start - self.level.centre(first["x"], further)[0]) / self.level.spread(further)[0])
             begin = dict.fromkeys(self.force_states, start)
-            begin |= {state: float(signals[source][0]) for state, source in self.late.items()}
+            begin |= {state: float(first[source][0]) for state, source in self.late.items()}
             return _simulate(self.force_block, record, signals, begin, ("R",))["R"]
         assert self.oscillator is not None
         F = record.F if record.F is not None else np.zeros(len(record))

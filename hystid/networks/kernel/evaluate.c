@@ -28,6 +28,7 @@ typedef struct {
     const double *share;               /* of the difference to its source that a lag makes up in one sample */
     const double *level;               /* Level.numbers(), or NULL */
     const double *ends;                /* Ends.numbers(), or NULL */
+    const double *curves;              /* of each input: number of points n (0: none), n times at, n times to; or NULL */
     double *near;                      /* x, v and the inputs that the networks see */
     network hysteresis, restoring;
     double band;
@@ -86,13 +87,33 @@ static double clip(double value, const double *limits) {
     return value < limits[0] ? limits[0] : value > limits[1] ? limits[1] : value;
 }
 
-/* x, v and inputs into m->near, moved to the nearest of the training range; returns the force of the tail. */
+/* Straight lines between n points; beyond them the value of the nearest. */
+static double along(const double *at, const double *to, int n, double value) {
+    if (value <= at[0]) return to[0];
+    for (int k = 1; k < n; k++)
+        if (value <= at[k]) return to[k - 1] + (to[k] - to[k - 1]) / (at[k] - at[k - 1]) * (value - at[k - 1]);
+    return to[n - 1];
+}
+
+/* What the networks see of the inputs. */
+static void bend(const model *m) {
+    const double *p = m->curves;
+    for (int i = 0; p && i < m->inputs; i++) {
+        int n = (int)*p++;
+        if (n) m->near[2 + i] = along(p, p + n, n, m->near[2 + i]);
+        p += 2 * n;
+    }
+}
+
+/* x, v and inputs into m->near, moved to the nearest of the training range, the inputs along their curves; returns the
+ * force of the tail. */
 static double nearest(const model *m, double x, double v, const double *more) {
     double *near = m->near;
     near[0] = x, near[1] = v;
     for (int i = 0; i < m->inputs; i++) near[2 + i] = more[i];
+    for (int i = 0; m->ends && i < 2 + m->inputs; i++) near[i] = clip(near[i], m->ends + 2 + 2 * i);
+    bend(m);
     if (!m->ends) return 0;
-    for (int i = 0; i < 2 + m->inputs; i++) near[i] = clip(near[i], m->ends + 2 + 2 * i);
     return m->ends[0] * (x - near[0]) + m->ends[1] * (v - near[1]);
 }
 
@@ -127,10 +148,12 @@ static double accept(const model *m, double x, double v, const double *more, sta
 }
 
 static int open_model(model *m, int members, const int *sizes, int nh, int nr, const double *wh, const double *wr,
-                      double band, int lags, const int *source, const double *share, const double *level, const double *ends) {
+                      double band, int lags, const int *source, const double *share, const double *level, const double *ends,
+                      const double *curves) {
     int groups = (members + LANES - 1) / LANES;
     *m = (model){.members = members, .groups = groups, .band = band, .widest = sizes[0]};
     m->lags = lags, m->inputs = sizes[0] - 3 - lags, m->source = source, m->share = share, m->level = level, m->ends = ends;
+    m->curves = curves;
     m->hysteresis = (network){.layers = nh, .sizes = sizes, .w = wh};
     m->restoring = (network){.layers = nr, .sizes = sizes + nh + 1, .w = wr};
     network *nets[2] = {&m->hysteresis, &m->restoring};
@@ -165,14 +188,14 @@ static void store(const model *m, double *state, const state_of *s, const vec *r
 /* Both entry points: sizes = those of the hysteresis network (nh + 1 numbers), then those of the restoring network
  * (nr + 1); weights 64-byte aligned. They return the number of rows done, or -1 when there is no memory.
  *
- * more: further inputs, more[k * inputs + i]; source, share, level, ends: see model.
+ * more: further inputs, more[k * inputs + i]; source, share, level, ends, curves: see model.
  * Open loop: R[k] and each member's own, each[k * members + j]. */
 API long hystid_response(int members, const int *sizes, int nh, int nr, const double *wh, const double *wr, double band,
                          int lags, const int *source, const double *share, const double *level,
-                         const double *ends, long n, const double *x, const double *v, const double *more, double *state, double *R,
+                         const double *ends, const double *curves, long n, const double *x, const double *v, const double *more, double *state, double *R,
                          double *each) {
     model m;
-    if (!open_model(&m, members, sizes, nh, nr, wh, wr, band, lags, source, share, level, ends)) return -1;
+    if (!open_model(&m, members, sizes, nh, nr, wh, wr, band, lags, source, share, level, ends, curves)) return -1;
     vec *rh = m.scratch + 2 * m.widest;
     state_of s = {.rh0 = rh + m.groups, .late = (double *)(rh + 2 * m.groups)};
     load(&m, state, &s, rh);
@@ -189,10 +212,10 @@ API long hystid_response(int members, const int *sizes, int nh, int nr, const do
 /* Closed loop, m a = F - R: rows x, v, a, R; x[0] and v[0] are the start. Stops at the first row that has diverged. */
 API long hystid_free_run(int members, const int *sizes, int nh, int nr, const double *wh, const double *wr, double band,
                          int lags, const int *source, const double *share, const double *level,
-                         const double *ends, double mass, double dt, long n, const double *F, const double *more, double *state, double *x,
+                         const double *ends, const double *curves, double mass, double dt, long n, const double *F, const double *more, double *state, double *x,
                          double *v, double *a, double *R) {
     model m;
-    if (!open_model(&m, members, sizes, nh, nr, wh, wr, band, lags, source, share, level, ends)) return -1;
+    if (!open_model(&m, members, sizes, nh, nr, wh, wr, band, lags, source, share, level, ends, curves)) return -1;
     vec *rh = m.scratch + 2 * m.widest, *trial = rh + 2 * m.groups;
     state_of s = {.rh0 = rh + m.groups, .late = (double *)(trial + m.groups)};
     double *mean = s.late + lags;
