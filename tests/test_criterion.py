@@ -238,3 +238,15 @@ def test_a_damper_of_one_direction_is_no_friction() -> None:
     )
     assert "asymmetric_friction" not in [finding.effect for finding in found.findings]
     assert found.verdict not in ("consistent", "recalibrated")
+
+
+def test_friction_that_turns_quickly_is_dry_friction() -> None:
+    """Its turn takes less than a thousandth of the peak speed; no fall with speed is needed for that."""
+    tests = [
+        rig(seed, level, 0.0, snr=45.0, beside=lambda x, v: 2.0 * np.tanh(v / 2e-4))
+        for seed, level in ((31, 20.0), (32, 35.0))
+    ]
+    (finding,) = answer(tests).findings
+    assert finding.effect == "coulomb_friction"
+    # filters of a recording chain and the smoother round the jump; the level away from it stays
+    assert finding.parameters["Fc"].value == pytest.approx(2.0, rel=0.02)

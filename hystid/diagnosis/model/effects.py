@@ -300,11 +300,16 @@ def _is_per_h(effect: Effect, linear: Sequence[str]) -> bool:
     return np.allclose(found, signals.h * unit, rtol=0, atol=1e-9 * float(np.max(np.abs(found))))
 
 
+# Of the peak speed: one sample in ten thousand of a sine is slower. Friction that may turn no quicker than a thousandth
+# gets help from laws that fall with speed, and takes their name.
+_SMALLEST = {"m/s": 1e-4}
+
+
 def shape_bounds(shape: Variable, scales: Scales) -> tuple[float, float]:
     """Range in which a shape can be told from its limits, given the recordings."""
     tops = {"m": scales.x[-1], "m/s": scales.v[-1], "N": scales.h[-1], "J": 3 * scales.h[-1] * scales.path}
     if shape.unit in tops:
-        return 1e-3 * float(tops[shape.unit]), 1.5 * float(tops[shape.unit])
+        return _SMALLEST.get(shape.unit, 1e-3) * float(tops[shape.unit]), 1.5 * float(tops[shape.unit])
     if shape.unit == "s":
         return 2.0 * scales.dt, 5.0 * scales.span
     if shape.unit == "Hz":
