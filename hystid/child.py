@@ -40,6 +40,7 @@ serve(int(sys.argv[2]))"""
 _BEAT = 1.0  # s between two signs of life
 _GRACE = 0.25  # s between looks at whether it still runs
 _KEPT = 4096  # bytes of what a child printed
+_MESSAGES = 1000  # of one request that are passed on
 _ATTEMPTS = 200  # to see it end, 10 ms apart
 _JSON = 64 << 20  # bytes of JSON in an answer
 _FATES = {"SIGSEGV": "crashed (segmentation fault)", "SIGBUS": "crashed (bus error)", "SIGABRT": "aborted",
@@ -287,9 +288,16 @@ def beat() -> None:
 
 
 class _Told(logging.Handler):
+    """Sends messages on, so many for one request: more tell nothing new, and bury what was said first."""
+
+    left = _MESSAGES
+
     def emit(self, record: logging.LogRecord) -> None:
         assert _answers is not None
-        _send(_answers, {"log": record.levelno, "text": record.getMessage()})
+        self.left -= 1
+        if self.left >= 0:
+            text = record.getMessage() if self.left else "further messages of this call are left out"
+            _send(_answers, {"log": record.levelno, "text": text})
 
 
 def serve(memory: int) -> None:
@@ -301,13 +309,15 @@ def serve(memory: int) -> None:
     os.dup2(2, 1)
     _limit(memory)
     threading.Thread(target=_leave_with, args=(os.getppid(),), daemon=True).start()
-    _log.addHandler(_Told())
+    told = _Told()
+    _log.addHandler(told)
     _log.propagate = False
     while True:
         try:
             request = _receive(questions, 1 << 40, 1 << 40)
         except (EOFError, OSError):
             os._exit(0)
+        told.left = _MESSAGES
         _send(_answers, _answered(request))
 
 

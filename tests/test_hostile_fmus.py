@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 import os
 import subprocess
 import tempfile
@@ -247,3 +248,24 @@ def test_arrays_and_texts_come_through_the_pipe() -> None:
 def test_nonsense_from_over_there_is_no_array(told: list[object]) -> None:
     with pytest.raises((ValueError, TypeError, IndexError)):
         child._unpacked(told, memoryview(bytes(16)))
+
+
+def floods(count: int) -> int:
+    """What a library does that logs at every call."""
+    for i in range(count):
+        logging.getLogger("hystid").warning("message %d", i)
+    return count
+
+
+def test_messages_without_end_are_cut(caplog: pytest.LogCaptureFixture) -> None:
+    """The first ones say what is wrong; each call has its own number of them."""
+    other = child.Child()
+    try:
+        for _ in range(2):
+            caplog.clear()
+            assert other.ask("test_hostile_fmus:floods", count=3000) == 3000
+            assert len(caplog.records) == 1000
+            assert caplog.messages[0] == "message 0"
+            assert caplog.messages[-1] == "further messages of this call are left out"
+    finally:
+        other.close()
