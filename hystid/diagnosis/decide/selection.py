@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hystid.diagnosis.decide.criterion import NAME, Candidate, Criterion, Hypothesis, Posterior, zero_probability
+from hystid.diagnosis.decide.criterion import NAME, SOUND, Candidate, Criterion, Hypothesis, Posterior, zero_probability
 from hystid.diagnosis.decide.independence import is_noise
 from hystid.diagnosis.decide.lawfree import free_curves
 from hystid.diagnosis.decide.part_time import in_windows
@@ -173,10 +173,13 @@ class _Search:
         """Whether any effect could be worth its price, as the scan sees it; scans are linear, hence the factor.
 
         What one column takes does not hang on how well the level of the noise is known, as what is left in all does.
+        Where all is within that level, a column counts from the size on that a sound rig does not leave.
         """
+        criterion = self.criterion
         most = max((c.gain for c in self.candidates), default=0.0) / len(self.baseline.residual)
-        gain = self.criterion.likelihood(0.0) - self.criterion.likelihood(2 * most)
-        return most > 0 and gain > self.criterion.price(1, 0.0)
+        least = SOUND**2 * criterion.force if self.excess < criterion.slack else 0.0
+        gain = criterion.likelihood(0.0) - criterion.likelihood(2 * most)
+        return most > least and gain > criterion.price(1, 0.0)
 
     def formed(self, names: Sequence[str]) -> float:
         """Misfit that is left to those effects of a set that have a form, which may be a little wrong."""

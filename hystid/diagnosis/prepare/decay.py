@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.recording import Recording
@@ -27,6 +28,7 @@ _PLATEAU = 0.97  # share of the largest size at which a driven motion still is: 
 _FALLEN = 0.7  # share of the first size below which a motion has decayed at all
 _THIRD, _SHORTEST = 1 / 3, 400  # fall of the motion over one piece, and its samples: twice what a diagnosis needs
 _RISEN, _CLEAR = 1.5, 5.0  # times the smallest size so far, and times the noise, from which it was pushed again
+_SWINGS, _SHALLOW = 4, 0.02  # reversals of two periods, and share of the range below which one is none
 _GONE = 0.01  # share of the first size below which a motion is creep, or rounding
 GOOD_RIG = 2e-3  # noise of the channels of a good rig (54 dB)
 _MODEL_ERROR = 5e-4  # share of the inertia that integration and interpolation leave of a force of zero; besides, a
@@ -80,10 +82,9 @@ def _decay(test: Recording, mass: float, seed: int, driven: bool) -> list[Record
     first = last + 1 if last else 0  # a recording that begins with its largest motion begins with the decay
     falling = size[first:]
     if len(falling) < 2 or np.min(falling) > _FALLEN * size[last]:
-        raise NoDecay(
-            f"{test.name} has no force, and its motion does not die away: it was driven by a force that nobody "
-            "recorded; record F, or give the free decay alone"
-        )
+        raise _driven(test, "does not die away")
+    if _swings(values[first * window :], noise) < _SWINGS:
+        raise _driven(test, f"does not swing (fewer than {_SWINGS} reversals)")
     least = np.minimum.accumulate(falling)
     gone = falling < max(_CLEAR * noise, _GONE * falling[0])
     ends = np.flatnonzero(gone | (falling > _RISEN * least))  # gone, or pushed again
@@ -111,6 +112,19 @@ def _decay(test: Recording, mass: float, seed: int, driven: bool) -> list[Record
         title = f"{test.name}-{number + 1}" if len(edges) > 1 else test.name
         made.append(replace(piece, name=title, F=force, x=x, notes=(told, *test.notes) if not number else ()))
     return made
+
+
+def _driven(test: Recording, why: str) -> NoDecay:
+    return NoDecay(
+        f"{test.name} has no force, and its motion {why}: it was driven by a force that nobody recorded; record F, or "
+        "give the free decay alone"
+    )
+
+
+def _swings(values: Array, noise: float) -> int:
+    """Number of reversals: what is moved there and back, and then rests, is no structure that was let go."""
+    deep = max(_CLEAR * noise, _SHALLOW * float(np.ptp(values)))
+    return sum(len(find_peaks(side, prominence=deep)[0]) for side in (values, -values))
 
 
 def with_noise(test: Recording, seed: int) -> Recording:
