@@ -266,3 +266,12 @@ def test_a_rest_between_two_motions_is_left_out_of_the_balance() -> None:
     (moving,), (told,) = without_rest([part])
     assert "at rest in" in told and moving.valid is not None
     assert without_rest([moving])[0][0].valid is not None
+
+
+def test_what_is_moved_and_creeps_back_is_no_free_decay() -> None:
+    """An actuator that moves once has no force channel, and was driven all the same."""
+    t = np.arange(900) * 0.01
+    x = 0.1 * np.minimum(t / 0.5, np.exp(-(t - 0.5) / 2.0)) + 1e-4 * np.random.default_rng(1).standard_normal(len(t))
+    found = diagnose([Recording("stroke", t, x=x)], model=LINEAR)
+    assert found.verdict == "not_applicable"
+    assert "does not swing" in found.headline
