@@ -166,7 +166,7 @@ class _Spectrum:
         if self._tones:  # a curved law makes sums and differences of many tones: only the mains are known beforehand
             mains = np.array([k * f for f in _MAINS for k in (1, 2, 3)])
             lines |= np.min(np.abs(frequencies[:, None] - mains), axis=1) > 1 / self.length
-        if self._sine:
+        if self._sine and self._main > 0:
             order = np.rint(2 * frequencies / self._main)  # halves too: a period may double
             there = np.abs(frequencies - order * self._main / 2) < _NEAR / self.length
             lines |= there & (order > 0) & (order <= 2 * _HARMONICS)

@@ -462,7 +462,7 @@ def _trim(samples: int, response: Array | None, first: float) -> int:
         return least
     high = np.flatnonzero(response > 0.7 * np.max(response))[-1] * np.pi / (len(response) - 1)
     slow = min(high, first) if first else high
-    return int(np.clip(_DECAY / slow, least, most))
+    return int(np.clip(_DECAY / slow, least, most)) if slow > 0 else most
 
 
 def _stiffness(parts: Sequence[Part], mass: float) -> float:
