@@ -123,3 +123,11 @@ def test_few_of_many_comments_are_searched_for_a_rate(tmp_path: Path, monkeypatc
     path.write_text("#\n" * 50_000 + f"# {'x' * 100_000}\n" + "\n".join([_HEAD, *_table()]))
     assert len(read(path)) == 400
     assert 0 < len(searched) <= 2000 and max(map(len, searched)) <= 1000
+
+
+def test_a_preamble_with_odd_dates_is_read(tmp_path: Path) -> None:
+    """A date with a digit too many looks like a number with marks of thousands (found by fuzzing)."""
+    rows = [f"{k / 1000};{math.sin(k / 5)};{math.sin(k / 5 - 0.1)}".replace(".", ",") for k in range(300)]
+    path = tmp_path / "odd.csv"
+    path.write_text("\n".join(["Logger 7;v2", "Datum;23.111.2026", "", "Zeit;Kraft;Weg", "s;kN;mm", *rows]))
+    assert len(read(path)) == 300

@@ -261,14 +261,19 @@ def _refuse_scales(path: Path, above: Sequence[Line], separator: str | None) -> 
     """Factors above the samples: nobody knows whether the logger has applied them."""
     for number, line in above[-_HEADERS:]:
         cells = [cell for cell in _cells(line, separator) if cell]
-        factors = {float(_point(cell)) for cell in cells if _is_number(cell) and not is_stamp(cell)}
-        if cells and scales(cells[0]) and factors - {0.0, 1.0}:
+        if cells and scales(cells[0]) and any(_is_factor(cell) for cell in cells[1:]):
             found = f"'{' '.join(cells)[:60]}' scales the columns below, and is not applied"
             raise _refused(path, "columns", found, "write the columns in their units and cut this line", line=number)
 
 
-def _point(cell: str) -> str:
-    return _FORTRAN.sub("e", cell.replace(",", "."))
+def _is_factor(cell: str) -> bool:
+    """Whether a cell is a number other than 0 and 1; one with marks of thousands may be any, a date is none."""
+    if is_stamp(cell) or not _is_number(cell):
+        return False
+    try:
+        return float(_FORTRAN.sub("e", cell.replace(",", "."))) not in (0.0, 1.0)
+    except ValueError:
+        return True
 
 
 def _with_seconds(headers: list[Header], body: list[Line], separator: str | None) -> tuple[list[Header], list[Line]]:
