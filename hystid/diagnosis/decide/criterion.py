@@ -114,7 +114,7 @@ class Criterion:
     def __init__(self, problem: Problem, baseline: Fit, ids: int) -> None:
         self.problem, self.baseline, self.ids = problem, baseline, max(ids, 1)
         self.rows = len(baseline.residual)
-        self.states = effective_states([problem])
+        self.states = effective_states(problem)
         mass = baseline.hypothesis.mass()
         force = problem.reduce([part.F for part in problem.parts])
         restoring = problem.reduce([part.F - mass * part.inertia for part in problem.parts])
@@ -298,20 +298,23 @@ def _split(
         yield h.names, h, m, float(w) * (1 - h.zero)
 
 
-def effective_states(problems: Sequence[Problem]) -> float:
-    """Number of states that the motion visits: cells of the phase plane with at least a thousandth of all rows.
+def visited(problems: Sequence[Problem]) -> list[NDArray[np.bool_]]:
+    """Cells of one phase plane of all problems in which each of them has at least a thousandth of its rows.
 
     A recording that is given twice, or goes on in the same way, visits no further state.
     """
-    x, v = (
-        np.concatenate(
-            [
-                problem.reduce.plain(i, getattr(part, name))
-                for problem in problems
-                for i, part in enumerate(problem.parts)
-            ]
-        )
-        for name in ("x", "v")
-    )
-    count = np.bincount(cells(x, v), minlength=CELLS**2)
-    return float(np.count_nonzero(count > _VISITED * len(x)))
+    pairs = [
+        [
+            np.concatenate([p.reduce.plain(i, getattr(part, name)) for i, part in enumerate(p.parts)])
+            for name in ("x", "v")
+        ]
+        for p in problems
+    ]
+    ends = np.cumsum([len(x) for x, _ in pairs])[:-1]
+    places = np.split(cells(*(np.concatenate(columns) for columns in zip(*pairs, strict=True))), ends)
+    return [np.bincount(place, minlength=CELLS**2) > _VISITED * len(place) for place in places]
+
+
+def effective_states(problem: Problem) -> float:
+    """Number of states that the motion visits."""
+    return float(np.count_nonzero(visited([problem])[0]))

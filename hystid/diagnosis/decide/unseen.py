@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hystid.diagnosis.decide.criterion import Criterion, effective_states
+from hystid.diagnosis.decide.criterion import Criterion, visited
 from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, standing
 from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.model.channel_effects import ChannelEffect
@@ -25,11 +25,10 @@ def unseen_likelihood(problem: Problem, unseen: Sequence[Part]) -> Callable[[Fit
 
     def told(before: Fit, after: Fit) -> float:
         if id(before) not in known:
-            trained = Criterion(problem, before, 1)
-            known[id(before)] = [_Judge(trained, one, before) for one in alone]
+            known[id(before)] = [_Judge(problem, one, before) for one in alone]
         total = 0.0
         for judge in known[id(before)]:
-            gain = judge.added(after) - judge.added(before)
+            gain = judge.gain(after)
             total += float(np.logaddexp(np.log(1 - ANOTHER_STATE) + gain, np.log(ANOTHER_STATE) + max(gain, 0.0)))
         return total
 
@@ -37,35 +36,32 @@ def unseen_likelihood(problem: Problem, unseen: Sequence[Part]) -> Callable[[Fit
 
 
 class _Judge:
-    """One unseen recording beside those that were used.
+    """One unseen recording: what it says about a fit against the baseline.
 
-    A law that is a little wrong is so wherever the motion comes back to the same state. States that the recordings in
-    use have shown already say nothing anew about its form: the likelihood is that of all rows over all states, less
-    that of the rows in use.
+    An error of a law repeats wherever the motion comes back to the same state. Hence a fit that does better in states
+    that the recordings in use have shown proves no form anew, and counts for the share of other states alone. One that
+    does worse than the baseline contradicts the law in any state.
     """
 
-    def __init__(self, trained: Criterion, alone: Problem, before: Fit) -> None:
-        self.trained, self.alone = trained, alone
-        self.seen = Criterion(alone, standing(alone, _without_channel(before.hypothesis)), 1)
-        self.rows = trained.rows + self.seen.rows
-        self.states = effective_states([trained.problem, alone])
+    def __init__(self, trained: Problem, alone: Problem, before: Fit) -> None:
+        self.alone, self.before = alone, standing(alone, _without_channel(before.hypothesis))
+        self.seen = Criterion(alone, self.before, 1)
+        old, own = visited([trained, alone])
+        self.new = float(np.count_nonzero(own & ~old)) / float(np.count_nonzero(own))
 
-    def added(self, fit: Fit) -> float:
-        """What the recording adds to the logarithm of the likelihood of a fit."""
-        used = self.trained.misfit(fit, float("nan"))
+    def gain(self, fit: Fit) -> float:
+        """Logarithm of the likelihood of a fit in this recording, over that of the baseline."""
         try:
-            told = [self._joined(used, _without_channel(variant)) for variant in _variants(fit.hypothesis)]
+            told = [self._likelihood(standing(self.alone, _without_channel(h))) for h in _variants(fit.hypothesis)]
         except NumericalError:
             return -np.inf
-        return float(np.logaddexp.reduce(told) - np.log(len(told))) - self.trained.likelihood(used)
+        gain = float(np.logaddexp.reduce(told) - np.log(len(told))) - self._likelihood(self.before)
+        return gain * (self.new if gain > 0 else 1.0)
 
-    def _joined(self, used: float, hypothesis: Hypothesis) -> float:
-        fit = standing(self.alone, hypothesis)
+    def _likelihood(self, fit: Fit) -> float:
         if not np.isfinite(fit.chi2):
             return -np.inf
-        excesses = (used, self.trained), (self.seen.misfit(fit, self.seen.floor), self.seen)
-        square = sum(c.rows * (max(misfit, 0.0) + c.accuracy) for misfit, c in excesses)
-        return -0.5 * self.states * float(np.log1p(square / self.states))
+        return self.seen.likelihood(self.seen.misfit(fit, self.seen.floor))
 
 
 def _variants(hypothesis: Hypothesis) -> list[Hypothesis]:
