@@ -519,20 +519,23 @@ static int advance(hy_instance *c, double t, double h, int stop_at_events, doubl
     return outcome;
 }
 
-/* How far times may be off: an importer that sums up n steps is off by n roundings of the time, at most. */
-static double blur(const hy_status *s, double t, double h)
+/* Whether a time is off by more than rounding: an importer that sums up n steps is off by n roundings, at most. Most are
+ * off by none, which takes no division to see. */
+static int is_off(const hy_status *s, double by, double t, double h)
 {
-    const double steps = 1 + fabs(t - s->start_time) / h;
-    return fmin(1e-6 * h + DBL_EPSILON * fabs(t) * steps, 0.01 * h);
+    double steps;
+    if (!(by > 1e-6 * h)) return 0;
+    steps = 1 + fabs(t - s->start_time) / h;
+    return by > fmin(1e-6 * h + DBL_EPSILON * fabs(t) * steps, 0.01 * h);
 }
 
 static int check_step(hy_instance *c, double t, double h)
 {
     const hy_status *s = c->engine.status;
     if (!isfinite(t) || !isfinite(h) || h <= 0) return hy_fail(c, "a step must have a finite start and a positive length");
-    if (fabs(t - s->last_time) > blur(s, t, h))
+    if (is_off(s, fabs(t - s->last_time), t, h))
         return hy_fail(c, "a step starts at %.12g s, but the instance stands at %.12g s", t, s->last_time);
-    if (t + h > s->stop_time + blur(s, t + h, h))
+    if (is_off(s, t + h - s->stop_time, t + h, h))
         return hy_fail(c, "a step to %.12g s goes beyond the stop time %.12g s", t + h, s->stop_time);
     return FMI_OK;
 }
