@@ -1,8 +1,8 @@
 """Work in a process of its own, for code that may crash, hang, leak memory, print, or end the process it runs in.
 
 ``Child.ask`` calls a function there by name. Requests and answers are JSON with arrays beside it, so that whatever
-happened over there, nothing but numbers and texts comes back. A child that dies or stays silent for too long is one
-``ChildError`` with the reason; the next request starts another.
+happened over there, nothing but numbers and texts comes back. A child that dies, stays silent for too long, or lives on
+for ever without an answer is one ``ChildError`` with the reason; the next request starts another.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from typing import IO, Any
 import numpy as np
 
 from hystid import errors
-from hystid.limits import CHILD_MEMORY, CHILD_SECONDS, FMU_UNPACKED
+from hystid.limits import CHILD_MEMORY, CHILD_RUN_SECONDS, CHILD_SECONDS, FMU_UNPACKED
 
 _log = logging.getLogger("hystid")
 _HEADER = struct.Struct("<QQ")  # bytes of JSON, bytes of arrays
@@ -38,6 +38,7 @@ sys.path[:] = json.loads(sys.argv[1])
 from hystid.child import serve
 serve(int(sys.argv[2]))"""
 _BEAT = 1.0  # s between two signs of life
+_SHARE = 10  # a busy machine stretches the time between them by so much at most; 100 threads of one library are no load
 _GRACE = 0.25  # s between looks at whether it still runs
 _KEPT = 4096  # bytes of what a child printed
 _MESSAGES = 1000  # of one request that are passed on
@@ -70,7 +71,8 @@ class Child:
     def ask(self, function: str, /, patience: float = 1.0, **arguments: Any) -> Any:
         """Call "module:function" over there; arguments and result are numbers, texts, arrays, lists and mappings.
 
-        patience: factor on the time that may pass without a sign of life (``beat``). Raises ChildError, and the errors
+        patience: factor on the time that may pass without a sign of life (``beat``); however many come, the whole
+        request has a limit of its own. Raises ChildError, and the errors
         of hystid that the function raises.
         """
         request = {"call": function, "arguments": arguments}
@@ -134,10 +136,12 @@ class _Process:
 
     def ask(self, request: Mapping[str, Any], seconds: float) -> Any:
         """One request and its answer."""
-        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
-            _send(self._questions, request)
+        until = time.monotonic() + CHILD_RUN_SECONDS.value
+        sender = threading.Thread(target=self._put, args=(_encoded(request),), daemon=True)
+        self._threads[2:] = [sender]
+        sender.start()  # beside, for it may have stopped to read
         while True:
-            told = self._next(seconds)
+            told = self._next(seconds, until)
             if told is None:
                 raise _Ended(self._fate())
             if "log" in told:
@@ -147,19 +151,26 @@ class _Process:
             elif "answer" in told:
                 return told["answer"]
 
-    def _next(self, seconds: float) -> Any:
+    def _put(self, blocks: Sequence[memoryview]) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            _write(self._questions, blocks)
+
+    def _next(self, seconds: float, until: float) -> Any:
         """What it tells next, None where its process is over."""
-        begin = time.monotonic() - self._waited()
-        while True:
+        begin, waited = time.monotonic(), self._waited()
+        while time.monotonic() < until:
             over = self._over()
             with contextlib.suppress(queue.Empty):
                 return self._told.get(timeout=_GRACE if over else min(_GRACE, seconds))
             if over:  # what it has started keeps its pipes open
                 return None
-            if time.monotonic() - begin > seconds + self._waited():
-                break
+            if time.monotonic() - begin > seconds + min(self._waited() - waited, (_SHARE - 1) * seconds):
+                self.end()
+                raise ChildError(
+                    f"gave no answer within {seconds:g} s and was stopped ({CHILD_SECONDS.name} raises this)"
+                )
         self.end()
-        raise ChildError(f"gave no answer within {seconds:g} s and was stopped ({CHILD_SECONDS.name} raises this)")
+        raise ChildError(f"was not done after {CHILD_RUN_SECONDS} and was stopped")
 
     def _waited(self) -> float:
         """Seconds that it has waited for a processor: on a machine that is busy nothing hangs, it takes longer."""
@@ -271,7 +282,8 @@ def _memory() -> int:
 # ---- over there ----
 
 _answers: IO[bytes] | None = None
-_last_beat = 0.0
+_sending = threading.Lock()
+_beats = 0
 
 
 def is_child() -> bool:
@@ -280,11 +292,9 @@ def is_child() -> bool:
 
 
 def beat() -> None:
-    """A sign of life from work that takes long; nothing where this process is no child."""
-    global _last_beat
-    if _answers is not None and time.monotonic() - _last_beat > _BEAT:
-        _last_beat = time.monotonic()
-        _send(_answers, {"alive": True})
+    """A sign of life from work that takes long. It is counted, and told once a second: steps take microseconds."""
+    global _beats
+    _beats += 1
 
 
 class _Told(logging.Handler):
@@ -293,11 +303,16 @@ class _Told(logging.Handler):
     left = _MESSAGES
 
     def emit(self, record: logging.LogRecord) -> None:
-        assert _answers is not None
         self.left -= 1
         if self.left >= 0:
             text = record.getMessage() if self.left else "further messages of this call are left out"
-            _send(_answers, {"log": record.levelno, "text": text})
+            _tell({"log": record.levelno, "text": text})
+
+
+def _tell(value: Mapping[str, Any]) -> None:
+    assert _answers is not None
+    with _sending:
+        _write(_answers, _encoded(value))
 
 
 def serve(memory: int) -> None:
@@ -308,7 +323,7 @@ def serve(memory: int) -> None:
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
     _limit(memory)
-    threading.Thread(target=_leave_with, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=_watch, args=(os.getppid(),), daemon=True).start()
     told = _Told()
     _log.addHandler(told)
     _log.propagate = False
@@ -318,7 +333,7 @@ def serve(memory: int) -> None:
         except (EOFError, OSError):
             os._exit(0)
         told.left = _MESSAGES
-        _send(_answers, _answered(request))
+        _tell(_answered(request))
 
 
 def _answered(request: Mapping[str, Any]) -> dict[str, Any]:
@@ -347,22 +362,30 @@ def _limit(memory: int) -> None:
             resource.setrlimit(kind, (size, size))
 
 
-def _leave_with(parent: int) -> None:
-    """End where the process that asks has been killed, whatever is being computed."""
+def _watch(parent: int) -> None:
+    """Pass on that the work goes on; end where the process that asks has been killed, whatever is being computed."""
+    told = _beats
     while os.getppid() == parent:
-        time.sleep(1.0)
+        time.sleep(_BEAT)
+        if _beats != told:
+            told = _beats
+            with contextlib.suppress(OSError):
+                _tell({"alive": True})
     os._exit(0)
 
 
 # ---- between the two ----
 
 
-def _send(file: IO[bytes], value: Mapping[str, Any]) -> None:
+def _encoded(value: Mapping[str, Any]) -> list[memoryview]:
     arrays = _Arrays()
     text = json.dumps(_packed(dict(value), arrays)).encode()
     data = b"".join([_HEADER.pack(len(text), arrays.size), text])
-    for block in (memoryview(data), *(memoryview(array).cast("B") for array in arrays if array.nbytes)):
-        rest = block
+    return [memoryview(data), *(memoryview(array).cast("B") for array in arrays if array.nbytes)]
+
+
+def _write(file: IO[bytes], blocks: Sequence[memoryview]) -> None:
+    for rest in blocks:
         while rest:
             rest = rest[file.write(rest) :]
 

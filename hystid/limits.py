@@ -56,6 +56,8 @@ FMU_ENTRIES = Limit("HYSTID_FMU_ENTRIES", 10_000, "", "entries of an FMU")
 FMU_ELEMENTS = Limit("HYSTID_FMU_ELEMENTS", 1_000_000, "", "numbers in the variables of an FMU, arrays included")
 # A call of a model takes micro- to milliseconds; nobody waits half a minute for one without thinking it hangs.
 CHILD_SECONDS = Limit("HYSTID_CHILD_SECONDS", 30, "s", "one call into a foreign FMU, or one file of a binary format")
+# Who runs a model for longer than an hour knows that it takes long.
+CHILD_RUN_SECONDS = Limit("HYSTID_CHILD_RUN_SECONDS", 3600, "s", "one run of a foreign FMU, whatever life it shows")
 CHILD_MEMORY = Limit("HYSTID_CHILD_MEMORY_MB", 8192, "MB", "memory of a foreign FMU, or of a reader of binary files")
 # The largest models of the tests compile in a tenth of this; what takes longer grows without end.
 COMPILE_SECONDS = Limit("HYSTID_COMPILE_SECONDS", 120, "s", "computing time of one compilation, C compiler included")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 import os
+import signal
 import subprocess
 import tempfile
 import time
@@ -33,6 +34,34 @@ DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 </ModelVariables><ModelStructure><Outputs><Unknown index="2"/></Outputs></ModelStructure>
 </fmiModelDescription>
 """
+# The same with a state, for solvers of ours and of FMPy.
+EXCHANGE = {
+    2: """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="model" guid="0" numberOfEventIndicators="0">
+<ModelExchange modelIdentifier="model"/>
+<ModelVariables>
+<ScalarVariable name="u" valueReference="1" causality="input"><Real start="0"/></ScalarVariable>
+<ScalarVariable name="y" valueReference="2" causality="output"><Real/></ScalarVariable>
+<ScalarVariable name="x" valueReference="4" causality="output" initial="exact"><Real start="0"/></ScalarVariable>
+<ScalarVariable name="der(x)" valueReference="5"><Real derivative="3"/></ScalarVariable>
+</ModelVariables><ModelStructure><Outputs><Unknown index="2"/><Unknown index="3"/></Outputs>
+<Derivatives><Unknown index="4"/></Derivatives></ModelStructure>
+</fmiModelDescription>
+""",
+    3: """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="model" instantiationToken="0">
+<ModelExchange modelIdentifier="model"/>
+<ModelVariables>
+<Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
+<Float64 name="u" valueReference="1" causality="input" start="0"/>
+<Float64 name="y" valueReference="2" causality="output"/>
+<Float64 name="x" valueReference="4" causality="output" initial="exact" start="0"/>
+<Float64 name="der(x)" valueReference="5" derivative="4"/>
+</ModelVariables><ModelStructure><Output valueReference="2"/><Output valueReference="4"/>
+<ContinuousStateDerivative valueReference="5"/></ModelStructure>
+</fmiModelDescription>
+""",
+}
 T = np.linspace(0.0, 1.0, 11)
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the FMUs are written for POSIX")
@@ -47,13 +76,13 @@ def _library(wrong: str, where: str) -> bytes:
         return made.read_bytes()
 
 
-def _fmu(folder: Path, wrong: str, where: str = "STEP", **extra: str) -> Path:
+def _fmu(folder: Path, wrong: str, where: str = "STEP", exchange: int = 0) -> Path:
+    """exchange: version of FMI for model exchange, 0 for co-simulation."""
     path = folder / "model.fmu"
+    platform = "x86_64-linux" if exchange == 3 else "linux64"
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", DESCRIPTION)
-        archive.writestr("binaries/linux64/model.so", _library(wrong, where))
-        for name, text in extra.items():
-            archive.writestr(name, text)
+        archive.writestr("modelDescription.xml", EXCHANGE.get(exchange, DESCRIPTION))
+        archive.writestr(f"binaries/{platform}/model.so", _library(wrong, where))
     return path
 
 
@@ -112,6 +141,69 @@ def test_other_fates(tmp_path: Path, wrong: str, says: str) -> None:
 @pytest.mark.parametrize(("wrong", "where"), [("LOOP", "STEP"), ("SLEEP", "LOAD"), ("LOOP", "FREE")])
 def test_hangs_are_stopped(tmp_path: Path, wrong: str, where: str, patience: None) -> None:
     assert "gave no answer within" in _fate(_fmu(tmp_path, wrong, where))
+
+
+def test_signs_of_life_do_not_last_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A million messages per step: each step ends, and all of them would take many times the limit."""
+    monkeypatch.setenv("HYSTID_CHILD_RUN_SECONDS", "2")
+    assert "was not done after 2 s (HYSTID_CHILD_RUN_SECONDS raises this)" in _fate(_fmu(tmp_path, "FLOOD"))
+
+
+def test_events_that_creep_on_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each event names the next one a nanosecond ahead: the solver shows life at every step, 10^9 times."""
+    monkeypatch.setenv("HYSTID_CHILD_RUN_SECONDS", "3")
+    assert "was not done after 3 s" in _fate(_fmu(tmp_path, "CREEP", "NOWHERE", 2))
+
+
+def test_a_process_that_takes_no_more_questions_is_stopped(tmp_path: Path, patience: None) -> None:
+    """Stopped in its last call, it does not read the next question, which is larger than a pipe."""
+    driver = Driver(_fmu(tmp_path, "FINE"))
+    driver.simulate(T, {"u": T})
+    os.kill(driver._foreign._child._running._process.pid, signal.SIGSTOP)
+    t = np.linspace(0.0, 1.0, 20_000)
+    with pytest.raises(FmuError, match="gave no answer within"):
+        driver.simulate(t, {"u": t})
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("where", ["DERIVATIVES", "TIME", "DISCRETE"])
+def test_crashes_under_held_states_are_told(tmp_path: Path, version: int, where: str) -> None:
+    """Our own integration of what a measured motion leaves free."""
+    driver = Driver(_fmu(tmp_path, "CRASH", where, version))
+    with pytest.raises(FmuError, match=r"model\.fmu: its library crashed \(segmentation fault\)"):
+        driver.clamp({}, {"u": np.ones(11)}, 0.1, outputs=["y"])
+
+
+@pytest.mark.parametrize(
+    ("version", "wrong", "where", "says"),
+    [
+        (3, "CRASH", "TIME", "(segmentation fault)"),
+        (2, "ABORT", "DERIVATIVES", "aborted"),
+        (3, "EXIT0", "DERIVATIVES", "exit code 0"),
+        (2, "EXIT0", "TIME", "exit code 0"),
+        (3, "PRINT", "DISCRETE", "the last that it printed was"),
+        (2, "REFUSE", "DERIVATIVES", "failed"),
+        (3, "REFUSE", "DISCRETE", "failed"),
+        (2, "LOOP", "DISCRETE", "gave no answer within"),
+        (3, "LOOP", "DERIVATIVES", "gave no answer within"),
+        (2, "STORM", "NOWHERE", "gave no answer within"),
+        (3, "LEAK", "TIME", "of memory"),
+    ],
+)
+def test_fates_in_model_exchange(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: int, wrong: str, where: str, says: str
+) -> None:
+    """In calls of FMPy's solver."""
+    monkeypatch.setenv("HYSTID_CHILD_SECONDS", "1.5")
+    monkeypatch.setenv("HYSTID_CHILD_MEMORY_MB", "600")
+    assert says in _fate(_fmu(tmp_path, wrong, where, version))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_without_a_fault_model_exchange_runs(tmp_path: Path, version: int) -> None:
+    """der(x) = 1 - x from rest, by a solver whose relative tolerance is 1e-8."""
+    found = Driver(_fmu(tmp_path, "FINE", "NOWHERE", version)).simulate(T, {"u": np.ones(11)}, outputs=["x"])["x"]
+    np.testing.assert_allclose(found, 1 - np.exp(-T), atol=1e-6)
 
 
 def test_leaks_are_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -243,12 +243,12 @@ class Driver:
                 slopes = _InputSlopes(instance, [self._find(name) for name in table], table, times)
             stepper = Stepper(instance)
             readings.get(0)
-            for k in range(len(times) - 1):
+            for k, (now, h) in enumerate(zip(times.tolist(), np.diff(times).tolist(), strict=False)):
                 inputs.set(k)
                 if slopes:
                     slopes.set(k)
                 beat()
-                ended = stepper.step(times[k], times[k + 1] - times[k])
+                ended = stepper.step(now, h)
                 readings.get(k + 1)
                 if ended and k + 2 < len(times):
                     raise FmuError(
@@ -280,7 +280,8 @@ class Driver:
                 relative_tolerance=1e-8, step_finished=_went_on,
             )  # fmt: skip
         except Exception as error:  # FMPy raises bare exceptions
-            raise NumericalError(f"{self._fmu.name}: model exchange failed: {str(error).splitlines()[0]}") from None
+            reason = (str(error).splitlines() or ["no reason given"])[0].replace(f"{self._fmu.folder}/", "")
+            raise NumericalError(f"{self._fmu.name}: model exchange failed: {reason}") from None
         return {
             s.name: _resampled(times, rows["time"], np.asarray(rows[s.name]), linear=s.is_continuous) for s in wanted
         }

@@ -1,8 +1,10 @@
-/* An FMI 2.0 co-simulation FMU, y = gain * u, that goes wrong in the way WRONG at the place WHERE. */
+/* An FMU, y = gain * u and der(x) = u - x, that goes wrong in the way WRONG at the place WHERE: FMI 2.0, and model exchange
+ * of FMI 3.0. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <math.h>
 #include <signal.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,13 +14,21 @@
 typedef void (*logger)(void *, const char *, int, const char *, const char *, ...);
 typedef struct { logger log; void *(*allocate)(size_t, size_t); void (*release)(void *); void *finished, *owner; } callbacks;
 enum { FINE, CRASH, ABORT, LOOP, LEAK, EXIT0, EXIT3, DIVIDE, ILLEGAL, DEEP, KILL, PRINT, NOISE, CLOSE, FORK, NAN_, INFINITE,
-       HUGE_, REFUSE, FATAL, LONG_MESSAGE, NULL_MESSAGE, FORMAT, SLEEP, WRITE_FILE, DOUBLE_FREE, READ_STDIN, BAD_ALLOC, FILL };
-enum { NOWHERE, LOAD, INSTANTIATE, SETUP, STEP, GET, FREE };
+       HUGE_, REFUSE, FATAL, LONG_MESSAGE, NULL_MESSAGE, FORMAT, SLEEP, WRITE_FILE, DOUBLE_FREE, READ_STDIN, BAD_ALLOC, FILL,
+       FLOOD, STORM, CREEP, STOP };
+enum { NOWHERE, LOAD, INSTANTIATE, SETUP, STEP, GET, FREE, TIME, DERIVATIVES, DISCRETE };
 static const callbacks *call;
-static double u, gain = 2;
+static void (*log3)(void *, int, const char *, const char *);
+static double u, gain = 2, now, x;
 static volatile double sink;
 
 static int deep(int n) { volatile char room[4096]; room[n % 4096] = (char)n; return deep(n + 1) + room[0]; }
+
+static void say(const char *text)
+{
+    if (log3) log3(NULL, 1, "all", text);
+    else call->log(call->owner, "i", 1, "all", text);
+}
 
 static int wrong(int where)
 {
@@ -53,6 +63,8 @@ static int wrong(int where)
         while (n < 64 && f && fwrite(block, sizeof block, 1, f) && !fflush(f)) n++;
         static char text[40]; snprintf(text, sizeof text, "wrote %d MB", n); call->log(call->owner, "i", 3, "error", text); return 3; }
     case DOUBLE_FREE: { char *p = malloc(100); free(p); free(p); break; }
+    case FLOOD: for (int i = 0; i < 1000000; i++) say("here I am"); break;
+    case STOP: raise(SIGSTOP); break;
     case READ_STDIN: { char c; if (read(0, &c, 1) == 0) return 3; break; }
     }
     return 0;
@@ -73,14 +85,97 @@ int fmi2SetupExperiment(void *c, int a, double b, double d, int e, double f)
 int fmi2EnterInitializationMode(void *c) { (void)c; return 0; }
 int fmi2ExitInitializationMode(void *c) { (void)c; return 0; }
 int fmi2Terminate(void *c) { (void)c; return 0; }
-int fmi2SetReal(void *c, const unsigned *vr, size_t n, const double *x)
-{ (void)c; for (size_t i = 0; i < n; i++) *(vr[i] == 1 ? &u : &gain) = x[i]; return 0; }
-int fmi2GetReal(void *c, const unsigned *vr, size_t n, double *x)
+int fmi2SetReal(void *c, const unsigned *vr, size_t n, const double *value)
+{ (void)c; for (size_t i = 0; i < n; i++) *(vr[i] == 1 ? &u : vr[i] == 4 ? &x : &gain) = value[i]; return 0; }
+int fmi2GetReal(void *c, const unsigned *vr, size_t n, double *value)
 {
     (void)c;
     for (size_t i = 0; i < n; i++)
-        x[i] = vr[i] == 1 ? u : vr[i] == 3 ? gain : WRONG == NAN_ ? NAN : WRONG == INFINITE ? INFINITY : WRONG == HUGE_ ? 1e308 : gain * u;
+        value[i] = vr[i] == 4 ? x : vr[i] == 5 ? u - x : vr[i] == 1 ? u : vr[i] == 3 ? gain : WRONG == NAN_ ? NAN : WRONG == INFINITE ? INFINITY : WRONG == HUGE_ ? 1e308 : gain * u;
     return wrong(GET);
 }
 int fmi2DoStep(void *c, double t, double h, int n) { (void)c, (void)t, (void)h, (void)n; return wrong(STEP); }
 int fmi2GetBooleanStatus(void *c, int k, int *v) { (void)c, (void)k; *v = 0; return 0; }
+
+/* ---- model exchange ---- */
+
+static int states(double *value) { *value = x; return 0; }
+static int set_states(const double *value) { x = *value; return 0; }
+static int derivatives(double *value) { *value = u - x; return wrong(DERIVATIVES); }
+static int set_time(double t) { now = t; return wrong(TIME); }
+
+typedef struct { int needed, terminate, nominals, values, defined; double next; } event_info;
+/* STORM: the iteration of events has no end. CREEP: each event names the next one, a nanosecond ahead. */
+static int discrete(event_info *e)
+{
+    *e = (event_info){WRONG == STORM, 0, 0, 0, WRONG == CREEP, now + 1e-9};
+    return wrong(DISCRETE);
+}
+
+int fmi2EnterEventMode(void *c) { (void)c; return 0; }
+int fmi2EnterContinuousTimeMode(void *c) { (void)c; return 0; }
+int fmi2NewDiscreteStates(void *c, event_info *e) { (void)c; return discrete(e); }
+int fmi2CompletedIntegratorStep(void *c, int a, int *event, int *end) { (void)c, (void)a; *event = *end = 0; return 0; }
+int fmi2SetTime(void *c, double t) { (void)c; return set_time(t); }
+int fmi2SetContinuousStates(void *c, const double *v, size_t n) { (void)c, (void)n; return set_states(v); }
+int fmi2GetContinuousStates(void *c, double *v, size_t n) { (void)c, (void)n; return states(v); }
+int fmi2GetDerivatives(void *c, double *v, size_t n) { (void)c, (void)n; return derivatives(v); }
+int fmi2GetNominalsOfContinuousStates(void *c, double *v, size_t n) { (void)c, (void)n; *v = 1; return 0; }
+int fmi2GetEventIndicators(void *c, double *v, size_t n) { (void)c, (void)v, (void)n; return 0; }
+
+const char *fmi3GetVersion(void) { return "3.0"; }
+void *fmi3InstantiateModelExchange(const char *n, const char *t, const char *r, bool v, bool l, void *e,
+                                   void (*log)(void *, int, const char *, const char *))
+{
+    (void)n, (void)t, (void)r, (void)v, (void)l, (void)e;
+    log3 = log;
+    return malloc(8);
+}
+void fmi3FreeInstance(void *c) { free(c); }
+int fmi3EnterInitializationMode(void *c, bool a, double b, double t, bool d, double e)
+{ (void)c, (void)a, (void)b, (void)t, (void)d, (void)e; return 0; }
+int fmi3ExitInitializationMode(void *c) { (void)c; return 0; }
+int fmi3Terminate(void *c) { (void)c; return 0; }
+int fmi3EnterEventMode(void *c) { (void)c; return 0; }
+int fmi3EnterContinuousTimeMode(void *c) { (void)c; return 0; }
+int fmi3UpdateDiscreteStates(void *c, bool *needed, bool *end, bool *nominals, bool *values, bool *defined, double *next)
+{
+    event_info e;
+    const int status = discrete(&e);
+    (void)c, *needed = e.needed, *end = *nominals = *values = false, *defined = e.defined, *next = e.next;
+    return status;
+}
+int fmi3CompletedIntegratorStep(void *c, bool a, bool *event, bool *end) { (void)c, (void)a; *event = *end = false; return 0; }
+int fmi3SetTime(void *c, double t) { (void)c; return set_time(t); }
+int fmi3SetContinuousStates(void *c, const double *v, size_t n) { (void)c, (void)n; return set_states(v); }
+int fmi3GetContinuousStates(void *c, double *v, size_t n) { (void)c, (void)n; return states(v); }
+int fmi3GetContinuousStateDerivatives(void *c, double *v, size_t n) { (void)c, (void)n; return derivatives(v); }
+int fmi3GetNominalsOfContinuousStates(void *c, double *v, size_t n) { (void)c, (void)n; *v = 1; return 0; }
+int fmi3GetEventIndicators(void *c, double *v, size_t n) { (void)c, (void)v, (void)n; return 0; }
+int fmi3SetFloat64(void *c, const unsigned *vr, size_t n, const double *value, size_t m)
+{ (void)m; return fmi2SetReal(c, vr, n, value); }
+int fmi3GetFloat64(void *c, const unsigned *vr, size_t n, double *value, size_t m)
+{ (void)m; return fmi2GetReal(c, vr, n, value); }
+
+/* FMPy asks for all functions of the standard. */
+#define NONE(name) int name(void) { return 3; }
+NONE(fmi2CancelStep) NONE(fmi2DeSerializeFMUstate) NONE(fmi2FreeFMUstate) NONE(fmi2GetBoolean)
+NONE(fmi2GetDirectionalDerivative) NONE(fmi2GetFMUstate) NONE(fmi2GetInteger) NONE(fmi2GetIntegerStatus)
+NONE(fmi2GetRealOutputDerivatives) NONE(fmi2GetRealStatus) NONE(fmi2GetStatus) NONE(fmi2GetString)
+NONE(fmi2GetStringStatus) NONE(fmi2Reset) NONE(fmi2SerializeFMUstate) NONE(fmi2SerializedFMUstateSize)
+NONE(fmi2SetBoolean) NONE(fmi2SetDebugLogging) NONE(fmi2SetFMUstate) NONE(fmi2SetInteger)
+NONE(fmi2SetRealInputDerivatives) NONE(fmi2SetString)
+NONE(fmi3ActivateModelPartition) NONE(fmi3DeserializeFMUState) NONE(fmi3DoStep) NONE(fmi3EnterConfigurationMode)
+NONE(fmi3EnterStepMode) NONE(fmi3EvaluateDiscreteStates) NONE(fmi3ExitConfigurationMode) NONE(fmi3FreeFMUState)
+NONE(fmi3GetAdjointDerivative) NONE(fmi3GetBinary) NONE(fmi3GetBoolean) NONE(fmi3GetClock)
+NONE(fmi3GetDirectionalDerivative) NONE(fmi3GetFMUState) NONE(fmi3GetFloat32) NONE(fmi3GetInt16) NONE(fmi3GetInt32)
+NONE(fmi3GetInt64) NONE(fmi3GetInt8) NONE(fmi3GetIntervalDecimal) NONE(fmi3GetIntervalFraction)
+NONE(fmi3GetNumberOfContinuousStates) NONE(fmi3GetNumberOfEventIndicators) NONE(fmi3GetNumberOfVariableDependencies)
+NONE(fmi3GetOutputDerivatives) NONE(fmi3GetShiftDecimal) NONE(fmi3GetShiftFraction) NONE(fmi3GetString)
+NONE(fmi3GetUInt16) NONE(fmi3GetUInt32) NONE(fmi3GetUInt64) NONE(fmi3GetUInt8) NONE(fmi3GetVariableDependencies)
+NONE(fmi3InstantiateCoSimulation) NONE(fmi3InstantiateScheduledExecution) NONE(fmi3Reset)
+NONE(fmi3SerializeFMUState) NONE(fmi3SerializedFMUStateSize) NONE(fmi3SetBinary) NONE(fmi3SetBoolean)
+NONE(fmi3SetClock) NONE(fmi3SetDebugLogging) NONE(fmi3SetFMUState) NONE(fmi3SetFloat32) NONE(fmi3SetInt16)
+NONE(fmi3SetInt32) NONE(fmi3SetInt64) NONE(fmi3SetInt8) NONE(fmi3SetIntervalDecimal) NONE(fmi3SetIntervalFraction)
+NONE(fmi3SetShiftDecimal) NONE(fmi3SetShiftFraction) NONE(fmi3SetString) NONE(fmi3SetUInt16) NONE(fmi3SetUInt32)
+NONE(fmi3SetUInt64) NONE(fmi3SetUInt8)
