@@ -22,23 +22,27 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from io import BufferedReader
 from pathlib import Path
 
 import platformdirs
 
-from hystid.errors import ToolchainError
+from hystid.errors import ToolchainError, UsageError, printable
 from hystid.files import mark, on_disk_of, write_text
 
 _log = logging.getLogger("hystid")
 _LAYOUT = "2"  # of the folder: one that an older version filled is left alone
 _CONTENT = re.compile(r"[0-9a-f]{64}(\.\w{1,8})?")
 _OLDER = re.compile(r"(effect_)?[0-9a-f]{32}\.(so|dylib|dll|o|fmu|json|pickle)")  # layout 1
+_KEY = re.compile(r"\w*[0-9a-f]{32}\.\w{1,8}\.key")
+_BESIDE = re.compile(r"\.hystid-[0-9a-f]{8}-\d+-.*", re.DOTALL)  # see ``files.mark``
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
+_MOST = 1 << 30  # bytes: FMUs and libraries are far smaller, and a larger file takes long to read
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What a cache holds. damaged: names of entries whose content does not fit its hash."""
+    """What a cache holds. damaged: names of entries whose content does not fit its hash, where that was looked at."""
 
     folder: Path
     entries: int
@@ -48,10 +52,24 @@ class Contents:
 
 def folder() -> Path:
     """The folder of the cache: ``HYSTID_CACHE``, or the platform's place, or a private one where that is not safe."""
-    chosen = os.environ.get("HYSTID_CACHE")
-    place = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("hystid")) / _LAYOUT
+    place = _chosen()
     fault = _fault(place)
     return _private(place, fault) if fault else place
+
+
+def _chosen() -> Path:
+    chosen = os.environ.get("HYSTID_CACHE")
+    return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("hystid")) / _LAYOUT
+
+
+def _usable() -> Path:
+    """The folder that was chosen. Raises UsageError where it is not used."""
+    place = _chosen()
+    if fault := _fault(place):
+        raise UsageError(
+            f"the cache {place} is not used: {fault}; set HYSTID_CACHE to a folder that is yours alone, and writable"
+        )
+    return place
 
 
 def _fault(place: Path) -> str:
@@ -68,7 +86,9 @@ def _fault(place: Path) -> str:
                 place.chmod(0o700)
     except OSError as error:
         return (error.strerror or str(error)).lower()
-    return "" if os.access(place, os.W_OK | os.X_OK) else "it cannot be written"
+    if not os.access(place, os.W_OK | os.X_OK):
+        return "it cannot be written"
+    return "" if os.access(place, os.R_OK) else "it cannot be read"
 
 
 @cache
@@ -123,7 +143,9 @@ def keep(name: str) -> Iterator[Path]:
         with on_disk_of(place):
             yield made
             content = place / f"{_digest(made)}{suffix}"
+            _without_folder(content)
             made.replace(content)
+        _without_folder(_key(place, name))
         write_text(_key(place, name), content.name)
     finally:
         made.unlink(missing_ok=True)
@@ -140,26 +162,48 @@ def holds(content: bytes, suffix: str) -> bool:
     return (folder() / f"{hashlib.sha256(content).hexdigest()}{suffix}").is_file()
 
 
-def contents() -> Contents:
-    """Count, measure and check all entries."""
-    place = folder()
-    names = sorted(path.stem for path in place.glob("*.key"))
-    files = [path for path in place.iterdir() if _is_own(path) and path.is_file()]
-    damaged = tuple(name for name in names if (found := _content(place, name)) is None or not _is_whole(found))
-    return Contents(place, len(names), sum(path.stat().st_size for path in files), damaged)
+def contents(*, verify: bool = True) -> Contents:
+    """Count and measure all entries; verify: check them too, which reads them all. Raises UsageError, see ``clear``."""
+    place = _usable()
+    own = [path for path in place.iterdir() if _is_own(path)]
+    names = sorted(path.stem for path in own if path.suffix == ".key")
+    damaged = tuple(name for name in names if not _is_whole(_content(place, name))) if verify else ()
+    return Contents(place, len(names), sum(map(_size, own)), damaged)
 
 
-def clear() -> int:
-    """Remove all entries, those of older versions too; return how many bytes that frees. Other files stay."""
-    place, freed = folder(), 0
-    older = [path for path in place.parent.iterdir() if _OLDER.fullmatch(path.name)] if place.name == _LAYOUT else []
-    for path in [*(path for path in place.iterdir() if _is_own(path)), *older]:
-        if path.is_file():
-            freed += path.stat().st_size
-            path.unlink(missing_ok=True)
-        else:
-            shutil.rmtree(path, ignore_errors=True)
-    return freed
+def clear() -> tuple[Path, int]:
+    """Remove all entries, those of older versions too; return the folder, and how many bytes that frees.
+
+    Other files stay, hidden ones too: the folder may serve for more. Raises UsageError where the folder is not used, or
+    where entries cannot be removed.
+    """
+    place, freed, kept = _usable(), 0, []
+    older = place.parent.iterdir() if place == Path(platformdirs.user_cache_dir("hystid")) / _LAYOUT else ()
+    own = [*(path for path in place.iterdir() if _is_own(path)), *(p for p in older if _OLDER.fullmatch(p.name))]
+    for path in own:
+        size = _size(path)
+        try:
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+            freed += size
+        except OSError as error:
+            kept.append(f"{printable(path.name)} ({(error.strerror or str(error)).lower()})")
+    if kept:
+        raise UsageError(
+            f"the cache {place}: {len(kept)} of {len(own)} entries cannot be removed, the first is {kept[0]}"
+        )
+    return place, freed
+
+
+def _size(path: Path) -> int:
+    """Bytes of an entry itself, 0 where it is gone meanwhile."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return 0
+    return found.st_size if stat.S_ISREG(found.st_mode) else 0
 
 
 @contextmanager
@@ -170,8 +214,17 @@ def workplace() -> Iterator[Path]:
 
 
 def _is_own(path: Path) -> bool:
+    """Whether an entry is of this cache, by its name; of other files that end in ``.key`` what they hold decides."""
     name = path.name
-    return bool(_CONTENT.fullmatch(name) or _OLDER.fullmatch(name)) or path.suffix == ".key" or name.startswith(".")
+    if any(known.fullmatch(name) for known in (_CONTENT, _OLDER, _KEY, _BESIDE)):
+        return True
+    return path.suffix == ".key" and _content(path.parent, path.stem) is not None
+
+
+def _without_folder(path: Path) -> None:
+    """A folder is no entry, and no file can be renamed to its place."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def _key(place: Path, name: str) -> Path:
@@ -180,20 +233,32 @@ def _key(place: Path, name: str) -> Path:
 
 def _content(place: Path, name: str) -> Path | None:
     try:
-        with _key(place, name).open("rb") as file:
+        with _opened(_key(place, name)) as file:
             text = file.read(100).decode("ascii", errors="replace")
     except OSError:
         return None
     return place / text if _CONTENT.fullmatch(text) else None
 
 
-def _is_whole(content: Path) -> bool:
+def _is_whole(content: Path | None) -> bool:
+    if content is None or _size(content) > _MOST:
+        return False
     try:
         return _digest(content) == content.stem
     except OSError:
         return False
 
 
+def _opened(path: Path) -> BufferedReader:
+    """A file itself: a link may lead to what others can change, and a pipe has no end. Raises OSError."""
+    flags = [getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY")]
+    file: BufferedReader = os.fdopen(os.open(path, os.O_RDONLY | sum(flags)), "rb")
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(f"{path} is no file")
+    return file
+
+
 def _digest(path: Path) -> str:
-    with path.open("rb") as file:
+    with _opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -182,13 +182,69 @@ def test_the_command_shows_verifies_and_clears(place: Path, capsys: pytest.Captu
     assert run(["cache", "empty"]) == 2
 
 
+@pytest.mark.parametrize("kind", ["a link", "a folder", "a pipe", "a huge file", "another place"])
+def test_what_is_no_entry_is_told_and_replaced(
+    place: Path, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In place of the content: it was followed, read for ever, or raised. The entry is made anew all the same."""
+    made = shared_library(_ONE, main=["one.c"])
+    whole, key = made.read_bytes(), next(place.glob("*.key"))
+    away = tmp_path / "away.so"
+    made.rename(away)
+    if kind == "a link":
+        made.symlink_to(away)  # to the right content: whoever owns that file could change it after the check
+    elif kind == "a folder":
+        made.mkdir()
+        (made / "file").write_text("")
+        key.rename(tmp_path / "away.key")
+        key.mkdir()
+    elif kind == "a pipe":
+        os.mkfifo(made)
+    elif kind == "a huge file":
+        made.touch()
+        os.truncate(made, 1 << 40)  # takes no room on the disk
+    else:
+        away.rename(made)
+        key.write_text(f"../{away.name}")
+    assert run(["cache"]) == 0 and run(["cache", "verify"]) == 1
+    assert f"{key.stem}: damaged" in capsys.readouterr().out
+    again = shared_library(_ONE, main=["one.c"])
+    assert not again.is_symlink() and again.read_bytes() == whole
+    assert run(["cache", "verify"]) == 0
+    assert run(["cache", "clear"]) == 0 and list(place.iterdir()) == []
+    assert kind != "a link" or away.read_bytes() == whole
+
+
+def test_emptying_leaves_what_is_not_of_the_cache(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``HYSTID_CACHE=~`` is a folder that serves for more: hidden files and keys of servers were removed there."""
+    shared_library(_ONE, main=["one.c"])
+    (place / ".git").mkdir()
+    for name in (".bashrc", "server.key", "d41d8cd98f00b204e9800998ecf8427e.txt", "\x1b[2J.key"):
+        (place / name).write_text("mine")
+    before = sorted(path.name for path in place.parent.iterdir())
+    assert run(["cache", "verify"]) == 0 and run(["cache", "clear"]) == 0
+    assert len(list(place.iterdir())) == 5
+    assert sorted(path.name for path in place.parent.iterdir()) == before
+    assert "\x1b" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("action", ["show", "verify", "clear"])
+def test_a_cache_that_is_not_used_is_refused(place: Path, action: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was said of the private folder, just made instead, that every entry is whole."""
+    made = shared_library(_ONE, main=["one.c"])
+    place.chmod(0o777)
+    assert run(["cache", action]) == 2
+    assert f"the cache {place} is not used: other users can write into it" in capsys.readouterr().err
+    assert made.exists()
+
+
 def test_an_early_end_of_a_file_is_no_interruption(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def broken() -> None:
         raise EOFError("Ran out of input")
 
-    monkeypatch.setattr(cache, "contents", broken)
+    monkeypatch.setattr(cache, "contents", lambda verify: broken())
     assert run(["cache"]) == 1
     said = capsys.readouterr().err
     assert "EOFError" in said and "interrupted" not in said

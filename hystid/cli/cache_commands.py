@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from hystid.cli.commands import app
-from hystid.errors import UsageError
+from hystid.errors import UsageError, printable
 
 _ACTIONS = ("show", "verify", "clear")
 
@@ -32,14 +32,14 @@ def show_cache(
     if action not in _ACTIONS:
         raise UsageError(f"cache {action}: write {', '.join(_ACTIONS[:-1])} or {_ACTIONS[-1]}")
     if action == "clear":
-        place, freed = cache.folder(), cache.clear()
+        place, freed = cache.clear()
         print(f"{place}: emptied, {freed / 1e6:.1f} MB are free again")
         return
-    found = cache.contents()
+    found = cache.contents(verify=action == "verify")
     print(f"{found.folder}: {found.entries} entries, {found.size / 1e6:.1f} MB")
     if action == "verify":
         for name in found.damaged:
-            print(f"{name}: damaged; it is made anew where it is needed")
+            print(f"{printable(name)}: damaged; it is made anew where it is needed")
         if found.damaged:
             raise typer.Exit(1)
         print("every entry is whole")
