@@ -168,6 +168,47 @@ equation
 end A;""",
         "x", 1.0, "unbalanced",
     ),
+    "calls_in_when": (
+        """
+model A
+  discrete Real y(start = 0, fixed = true), z(start = 0, fixed = true);
+  function f
+    input Real u;
+    output Real a = u + 1;
+    output Real b = 2*u;
+  end f;
+equation
+  when sample(0, 0.4) then
+    (y, z) = f(pre(y));
+  end when;
+end A;""",
+        "z", 4.0, "multi-output event calls",
+    ),
+    "random_functions": (
+        """
+package Random
+  package Generators
+    package Xorshift64star
+      function initialState
+        input Integer localSeed, globalSeed;
+        output Integer state[2];
+        external "C" something(localSeed, globalSeed, state);
+      end initialState;
+    end Xorshift64star;
+  end Generators;
+end Random;
+model A
+  Integer s[2](each start = 0);
+  Real y = s[1];
+initial equation
+  pre(s) = Random.Generators.Xorshift64star.initialState(3, 5);
+equation
+  when sample(2, 1) then
+    s = pre(s);
+  end when;
+end A;""",
+        "y", 1_673_190_961.0, "expected Real",
+    ),
     "sample_conditions": (
         """
 model A

@@ -244,14 +244,14 @@ def _simultaneous(equations: Sequence[ScalarEquation], unknowns: Sequence[str]) 
             "they have no solution or many (singular)"
         )
     varies = any(set(unknowns) & refs(entry) for row in jacobian for entry in row)
-    linear = not varies and not any(_has_steps(r, set(unknowns)) for r in residuals)
+    linear = not varies and not any(has_steps(r, set(unknowns)) for r in residuals)
     if linear and len(unknowns) == 1:
         constant = substitute(residuals[0], {unknowns[0]: ZERO})
         return [Assign(unknowns[0], op("/", op("neg", constant), jacobian[0][0]), equations[0].place)]
     return [Solve(tuple(unknowns), tuple(residuals), tuple(tuple(row) for row in jacobian), linear, equations[0].place)]
 
 
-def _has_steps(residual: Expr, unknowns: Set[str]) -> bool:
+def has_steps(residual: Expr, unknowns: Set[str]) -> bool:
     """Whether it jumps with an unknown, as sign(i) does: no derivative tells."""
     stepped = (n for n in nodes(residual) if isinstance(n, Op) and (n.name in STEPS or n.name in LOGICAL))
     return any(refs(n) & unknowns for n in stepped)

@@ -10,9 +10,13 @@ from itertools import islice
 
 from hystid.modelica.curves import C_TEXT, NEXT_TEXT, literal
 from hystid.modelica.expr import CURVES, LOGICAL, Expr, Num, Op, Ref, Text, nodes
+from hystid.modelica.xorshift import C_TEXT as RANDOM_TEXT
+from hystid.modelica.xorshift import C_TEXTS as RANDOM_TEXTS
 
 # Text of small functions, put into model.c only where they are used.
 HELPERS = {
+    "hy_drawn": RANDOM_TEXT,
+    **RANDOM_TEXTS,
     "hy_curve": C_TEXT,
     "hy_next_break": NEXT_TEXT,
     "hy_sign": "static double hy_sign(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : 0.0; }",
@@ -125,6 +129,10 @@ class Printer:
             name, args = _CALLS.get(e.name, e.name), e.args
         if name in CURVES or name == "curve_next":
             return self._curve(name, args)
+        if name in RANDOM_TEXTS:
+            self.used |= {"hy_drawn", name}
+            wanted, *state = map(self.value, args)
+            return f"{name}((int){wanted}, (const double[{len(state)}]){{{', '.join(state)}}})"
         if name in HELPERS:
             self.used.add(name)
         return f"{name}({', '.join(self.value(a) for a in args)})"

@@ -16,28 +16,35 @@ from hystid.modelica.blocks import (
     sources,
     targets,
 )
-from hystid.modelica.events import INITIAL, EventModel, Relation, der, name_events, pre
+from hystid.modelica.corners import corners_in_loops
+from hystid.modelica.events import HOMOTOPY, INITIAL, EventModel, Relation, der, name_events, pre
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, rebuild, refs, substitute
 from hystid.modelica.flat import Assertion, FlatModel
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.index import reduce_index
 from hystid.modelica.matching import augment, matching
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable, scalarise
-from hystid.modelica.silence import silenced
+from hystid.modelica.silence import expressions, silenced
 from hystid.modelica.structure import Incidence, structural_error
 
 
 def causalise(flat: FlatModel, parameters: Mapping[str, float]) -> HybridModel:
     """The flat model with ``parameters`` set, sorted for evaluation. Raises ModelicaError."""
     scalar = scalarise(flat, parameters)  # every variable and equation is scalar
-    events = name_events(scalar)  # everything that acts at instants has a name
+    corners = corners_in_loops(scalar, lambda events: _derivatives(*_sortable(events)))
+    events = name_events(scalar, corners)  # everything that acts at instants has a name
+    events, aliases = _sortable(events)
+    running = _replaced(events, {HOMOTOPY: ONE})  # after the start homotopy means what it is meant to
+    derivatives = _derivatives(running, aliases)  # each unknown once, after what it needs
+    event = _event_order(running, derivatives)
+    start = _Start(events, aliases).run()
+    return _assemble(running, aliases, derivatives, event, start)
+
+
+def _sortable(events: EventModel) -> tuple[EventModel, dict[str, str]]:
     events, aliases = _without_aliases(events)  # no equation says that two unknown variables are equal
     events = silenced(events)  # no event without effect
-    events = reduce_index(events, aliases, _unknowns)  # no equation ties states alone
-    derivatives = _derivatives(events, aliases)  # each unknown once, after what it needs
-    event = _event_order(events, derivatives)
-    start = _Start(events, aliases).run()
-    return _assemble(events, aliases, derivatives, event, start)
+    return reduce_index(events, aliases, _unknowns), aliases  # no equation ties states alone
 
 
 def _of_kind(events: EventModel, *kinds: str) -> list[str]:
@@ -121,10 +128,16 @@ def _choose(
 
 
 def _renamed(events: EventModel, aliases: Mapping[str, str]) -> EventModel:
-    names = {a: Ref(b) for a, b in aliases.items()}
+    return _replaced(events, {a: Ref(b) for a, b in aliases.items()})
+
+
+def _replaced(events: EventModel, values: Mapping[str, Expr]) -> EventModel:
+    """The model with variables replaced everywhere; the same object where it holds none of them."""
+    if not values or not any(refs(expr) & values.keys() for expr in expressions(events)):
+        return events
 
     def new(expr: Expr) -> Expr:
-        return substitute(expr, names)
+        return substitute(expr, values)
 
     def equation(e: ScalarEquation) -> ScalarEquation:
         return ScalarEquation(new(e.left), new(e.right), e.place)
@@ -132,8 +145,6 @@ def _renamed(events: EventModel, aliases: Mapping[str, str]) -> EventModel:
     def assertion(a: Assertion) -> Assertion:
         return replace(a, condition=new(a.condition), message=new(a.message))
 
-    if not names:
-        return events
     return replace(
         events,
         equations=tuple(equation(e) for e in events.equations),
@@ -465,4 +476,9 @@ def _assemble(
         reinits=events.reinits,
         assertions=events.assertions,
         checks=events.checks,
+        homotopy=any(HOMOTOPY in sources(step) for step in start.steps) or any(map(_blends, start.relations)),
     )
+
+
+def _blends(expr: Expr) -> bool:
+    return HOMOTOPY in refs(expr)

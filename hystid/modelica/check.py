@@ -181,7 +181,7 @@ def _dimension(unit: str) -> Dimension | None:
     return Dimension(factor, tuple(found))
 
 
-_ALIKE = frozenset(("+", "-", "min", "max", "mod", "rem"))
+_ALIKE = frozenset(("+", "-", "min", "max", "mod", "rem", "homotopy"))
 _OF_NUMBERS = frozenset(
     ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "^", ".^")
 )

@@ -20,6 +20,7 @@ from hystid.modelica.lookup import Tree, cut
 from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
 from hystid.modelica.sources import Source, declaration, near, only_class, read, read_tree
+from hystid.modelica.workarounds.calls_in_when import with_calls_in_algorithms
 from hystid.modelica.workarounds.derivatives_in_loops import with_derivatives_in_branches
 from hystid.modelica.workarounds.derivatives_of_expressions import with_named_derivatives
 from hystid.modelica.workarounds.dropped_modifiers import (
@@ -29,7 +30,7 @@ from hystid.modelica.workarounds.dropped_modifiers import (
 )
 from hystid.modelica.workarounds.function_bindings import with_counted_bindings
 from hystid.modelica.workarounds.function_bodies import with_readable_functions
-from hystid.modelica.workarounds.homotopy_arguments import with_actual_arguments
+from hystid.modelica.workarounds.homotopy_arguments import with_arguments_in_place
 from hystid.modelica.workarounds.limits import with_limits_kept
 from hystid.modelica.workarounds.literal_arrays import with_elements_of_arrays
 from hystid.modelica.workarounds.model_algorithms import with_carried_algorithms
@@ -37,6 +38,7 @@ from hystid.modelica.workarounds.namesakes import with_functions_apart
 from hystid.modelica.workarounds.nested_bases import with_unwrapped_bases
 from hystid.modelica.workarounds.nested_conditions import with_branches_side_by_side
 from hystid.modelica.workarounds.package_constants import with_separate_packages
+from hystid.modelica.workarounds.random_functions import with_known_starts
 from hystid.modelica.workarounds.sample_conditions import with_plain_samples
 from hystid.modelica.workarounds.shared_sources import with_separate_elements
 
@@ -97,8 +99,9 @@ def flat_from_text(
     _must_be_complete(name, everything)
     refuse_large_arrays(name, everything, structure or {})
     acting = with_acting_modifiers(name, with_limits_kept(name, with_separate_packages(name, everything)))
-    acting = with_separate_elements(with_functions_apart(with_carried_algorithms(acting)))
-    texts = with_counted_bindings([_in_words_that_it_takes(source) for source in acting])
+    acting = with_carried_algorithms([with_calls_in_algorithms(source) for source in acting])
+    acting = with_separate_elements(with_functions_apart(acting))
+    texts = with_counted_bindings(with_plain_samples([_in_words_that_it_takes(source) for source in acting]))
     places = [file for _, file in placed]
     flat = flatten(name, texts[: len(files)], list(zip(texts[len(files) :], places, strict=True)), structure or {})
     refuse_undecided(everything)
@@ -116,8 +119,8 @@ def _unfolded(source: Source) -> Source:
 def _in_words_that_it_takes(source: Source) -> Source:
     """Statements and equations, one after the other: each pass reads what the last one wrote."""
     for reworded in (
-        with_readable_functions, with_elements_of_arrays, with_actual_arguments, with_plain_samples,
-        with_derivatives_in_branches,
+        with_readable_functions, with_elements_of_arrays, with_arguments_in_place,
+        with_derivatives_in_branches, with_known_starts,
     ):  # fmt: skip
         source = reworded(source)
     return source

@@ -4,22 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from hystid.modelica.blocks import Assign, Solve, Step, sources
+from hystid.modelica.blocks import Assign, Solve, Step, components, sources, targets
 from hystid.modelica.c_expr import HELPERS, Printer, comment, number, quoted
-from hystid.modelica.events import INITIAL, pre
-from hystid.modelica.expr import Expr, Num, Op, Ref, Text, op
+from hystid.modelica.events import HOMOTOPY, INITIAL, Relation, pre
+from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text, op, refs
 from hystid.modelica.flat import Assertion
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.layout import Layout, tick, warned
 from hystid.modelica.shown import Shown
-from hystid.modelica.solvers import NEAREST, NEWTON, SOLVERS, TURNS
+from hystid.modelica.solvers import HOMOTOPY_WAY, NEAREST, NEWTON, SEARCH, SILENT, SOLVERS, TURNS
 
 # Arguments of show, and how its text reads them.
 _ROWS = {"v": "v[", "in": " in[", "out": " out["}
 # How often initialisation looks at the relations anew: a start that still changes then has no consistent modes.
 _START_PASSES = 50
+# Relations of which all values are tried where they do not settle: 2^10 evaluations at an instant take milliseconds.
+_MOST_TRIED = 10
 # Sweeps of one instant in which all relations are renewed together, before they take turns.
 _TOGETHER = 3
+
+
+def feedback(model: HybridModel) -> list[Relation]:
+    """Relations that depend on their own value at one instant; none where there are too many to try all values."""
+    graph: dict[str, frozenset[str]] = {}
+    for step in model.event:
+        graph |= dict.fromkeys(targets(step), sources(step))
+    graph |= {r.name: refs(r.value) for r in model.relations}
+    looped = {n for members in components(graph) if len(members) > 1 for n in members}
+    found = [r for r in model.relations if r.name in looped and isinstance(r.value, Op) and r.value.name in RELATIONS]
+    return found if len(found) <= _MOST_TRIED else []
 
 
 class Emitter:
@@ -33,6 +46,7 @@ class Emitter:
         self.needs_nearest = False
         self.needs_newton = False
         self.needs_turns = False
+        self.needs_search = False
         self._blocks: dict[Solve, int] = {}
         self._block_text: list[str] = []
 
@@ -78,18 +92,21 @@ class Emitter:
         slots = ", ".join(f"{self.layout.slots[name]} /* {comment(name)} */" for name in step.variables)
         nominal = ", ".join(number(self._nominal(name)) for name in step.variables)
         start = ", ".join(number(self.model.starts.get(name, 0.0)) for name in step.variables)
+        call = f"hy_newton(v, {n}, slots, nominal, hy_residual{k}, hy_jacobian{k}, r, A, x, whole)"
         return [
             f"{{ /* {self._what(step)} */",
             f"    static const int slots[{n}] = {{{slots}}};",
             f"    static const double nominal[{n}] = {{{nominal}}}, start[{n}] = {{{start}}};",
-            f"    double r[{n}], A[{n * n}], x[{3 * n}];",
-            f"    if (hy_newton(v, {n}, slots, nominal, hy_residual{k}, hy_jacobian{k}, r, A, x)) {{",
-            f"        for (int i = 0; i < {n}; i++) v[slots[i]] = start[i];",
-            f"        if (hy_newton(v, {n}, slots, nominal, hy_residual{k}, hy_jacobian{k}, r, A, x)) {{",
-            f"            for (int i = 0; i < {n}; i++) v[slots[i]] = start[i];",
-            f"            return hy_not_converged(m, {quoted(self._what(step))});",
-            "        }",
+            f"    double r[{n}], A[{n * n}], x[{3 * n}], last[{n}];",
+            "    int failed = 1;",
+            f"    for (int i = 0; i < {n}; i++) last[i] = v[slots[i]];",
+            "    for (int attempt = 0; failed && attempt < 4; attempt++) {",
+            "        const int whole = attempt % 2;",
+            f"        for (int i = 0; attempt && i < {n}; i++) v[slots[i]] = attempt == 1 ? last[i] : start[i];",
+            f"        failed = {call};",
             "    }",
+            f"    for (int i = 0; failed && i < {n}; i++) v[slots[i]] = start[i];",
+            f"    if (failed) return hy_not_converged(m, {quoted(self._what(step))});",
             "}",
         ]
 
@@ -161,12 +178,19 @@ class Emitter:
             lines += [f"{self.slot(s.flag)} = 0;", self._first_tick(s.start, s.interval, s.flag)]
         lines += [f"{self.slot(warned(k))} = 0;" for k in range(len(self.model.assertions))]
         body = self.steps(self.model.initialisation)
-        lines += self._until_settled(body) if self.model.relations else body
+        body = self._until_settled(body) if self.model.relations else body
+        way: list[str] = []
+        if self.model.homotopy:
+            way = self.function("int", "begin", "hy_data *m", body)
+            follow = HOMOTOPY_WAY.format(size=self.layout.size, share=self.layout.slots[HOMOTOPY])
+            way += [*follow.splitlines(), ""]
+            body = ["const int outcome = hy_follow(m);", "if (outcome) return outcome;"]
+        lines += body
         count, d, before = self.layout.count("d"), self.layout.first("d"), self.layout.first("pre")
         if count:
             lines.append(f"for (int i = 0; i < {count}; i++) v[{before} + i] = v[{d} + i]; /* pre := d */")
         lines.append(f"{self.slot(INITIAL)} = 0;")
-        return self.function("int", "initialise", "hy_data *m", lines)
+        return [*way, *self.function("int", "initialise", "hy_data *m", lines)]
 
     def _until_settled(self, body: list[str]) -> list[str]:
         text = quoted("the modes at the start do not settle: relations switch each other back and forth")
@@ -209,15 +233,47 @@ class Emitter:
 
     def update(self) -> list[str]:
         """One pass of event iteration."""
-        lines = ["int changed = 0;"]
+        lines, look = ["int changed = 0;"], list[str]()
+        looped = feedback(self.model)
         if self._remembers():
             lines += self._ticks() + self._sweeps()
+        elif looped:
+            look = self._look(looped)
+            lines += [*self._ticks(), *self._agreement(looped)]
         else:
             lines += self._renew_relations("changed", [r.value for r in self.model.relations])
             lines += [*self._ticks(), *self.steps(self.model.event)]
         lines += self._checks() + self._reinits() + self._settled()
         lines.append("*again = changed;")
-        return self.function("int", "update", "hy_data *m, int *again", lines)
+        return [*look, *self.function("int", "update", "hy_data *m, int *again", lines)]
+
+    def _look(self, looped: Sequence[Relation]) -> list[str]:
+        """A function that computes everything at an event, and then what relations would be."""
+        self.needs_search = True
+        lines = self.steps(self.model.event)
+        lines += [f"now[{k}] = {self.printer.value(r.value)}; /* {comment(r.name)} */" for k, r in enumerate(looped)]
+        return self.function("int", "modes", "hy_data *m, double *now", lines)
+
+    def _agreement(self, looped: Sequence[Relation]) -> list[str]:
+        """Relations and equations until they agree; where that goes round in circles, other values are looked for."""
+        n, size = len(looped), self.layout.size
+        slots = ", ".join(str(self.layout.slots[r.name]) for r in looped)
+        again = [
+            f"static const int slots[{n}] = {{{slots}}};",
+            f"double now[{n}], first[{size}];",
+            f"hy_search(m, {size}, first, {n}, slots, hy_modes, now);",
+            "break;",
+        ]
+        inside = [
+            *self._renew_relations("moved", [r.value for r in self.model.relations]),
+            *self.steps(self.model.event),
+            "changed |= moved;",
+            "if (!moved) break;",
+            f"if (pass == {_START_PASSES}) {{",
+            *indented(again),
+            "}",
+        ]
+        return ["for (int pass = 0;; pass++) {", *indented(["int moved = 0;", *inside]), "}"]
 
     def _remembers(self) -> bool:
         """Whether a discrete variable that an equation states looks at its own past, as the mode of dry friction."""
@@ -359,6 +415,10 @@ class Emitter:
                 lines += [HELPERS[name], ""]
         if self.needs_turns:
             lines.append(TURNS)
+        if self.needs_search or self.model.homotopy:
+            lines.append(SILENT)
+        if self.needs_search:
+            lines.append(SEARCH)
         if self.needs_solve:
             lines += [SOLVERS, *self._outcome("hy_singular", "HY_ERROR", "singular", "HY_FAILURE")]
         if self.needs_nearest:

@@ -10,13 +10,14 @@ from collections.abc import Iterator, Set
 from dataclasses import dataclass, field, replace
 
 from hystid.errors import ModelicaError
-from hystid.modelica.expr import ONE, RELATIONS, ZERO, Expr, Op, Ref, nodes, op, rebuild, refs
+from hystid.modelica.expr import ONE, RELATIONS, ZERO, Expr, Num, Op, Ref, nodes, op, rebuild, refs
 from hystid.modelica.flat import Action, Assertion, Branch, Place
 from hystid.modelica.matching import matching
 from hystid.modelica.scalar import ScalarEquation, ScalarModel
 
 _ROUNDING = frozenset({"floor", "ceil", "integer", "div", "mod", "rem"})
 INITIAL = "initial()"
+HOMOTOPY = "homotopy()"  # at the start, the share of the actual argument in homotopy(actual, simplified)
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,8 @@ class Reinit:
 class EventModel:
     """Postcondition: expressions hold no sample, edge, change, initial, terminal, noEvent, smooth or rounding function
     that could make an event, and no relation of continuous variables outside noEvent other than by its frozen name.
-    ``pre(name)`` and ``der(name)`` are the names of variables. The name "initial()" is 1 during initialisation.
+    ``pre(name)`` and ``der(name)`` are the names of variables. The name "initial()" is 1 during initialisation,
+    "homotopy()" goes from 0 to 1 in it and is 1 ever after.
 
     discrete: name -> equation that defines it; when_start: value at the start for those defined by when-clauses.
     """
@@ -85,14 +87,26 @@ def der(name: str) -> str:
     return f"der({name})"
 
 
-def name_events(scalar: ScalarModel) -> EventModel:
-    """The model with named events. Raises ModelicaError for what has no meaning at events."""
-    return _Namer(scalar).run()
+def name_events(scalar: ScalarModel, corners: Set[Expr] = frozenset()) -> EventModel:
+    """The model with named events. Raises ModelicaError for what has no meaning at events.
+
+    corners: relations inside ``smooth(0, ...)`` that make events; the others there make none.
+    """
+    return _Namer(scalar, corners).run()
+
+
+def mark_corners(scalar: ScalarModel) -> tuple[EventModel, tuple[Expr, ...]]:
+    """The model in which the k-th relation inside ``smooth(0, ...)`` stands as an operation "corner" of it and k, and
+    these relations."""
+    namer = _Namer(scalar, None)
+    return namer.run(), tuple(namer.marked)
 
 
 class _Namer:
-    def __init__(self, scalar: ScalarModel) -> None:
+    def __init__(self, scalar: ScalarModel, corners: Set[Expr] | None) -> None:
         self.scalar = scalar
+        self.corners = corners
+        self.marked: dict[Expr, int] = {}
         self.variables = scalar.variables
         self.states = tuple(sorted(self._find_states(), key=list(self.variables).index))
         self.assigned = {a.target for w in scalar.whens for b in w.branches for a in b.actions if a.kind == "assign"}
@@ -100,7 +114,7 @@ class _Namer:
         self.hidden: dict[str, ScalarEquation] = {}
         self.relations: dict[Expr, Relation] = {}
         self.samplers: dict[Expr, Sampler] = {}
-        self.memos: dict[bool, dict[Expr, Expr]] = {True: {}, False: {}}
+        self.memos: dict[bool | None, dict[Expr, Expr]] = {True: {}, False: {}, None: {}}
         self.place = Place()
         self.discrete_names = self._find_discrete()
 
@@ -309,8 +323,9 @@ class _Namer:
         self.place = e.place
         return ScalarEquation(self._named(e.left, events), self._named(e.right, events), e.place)
 
-    def _named(self, expr: Expr, events: bool = True) -> Expr:
-        """The expression with derivatives, pre-values, relations and samples replaced by names."""
+    def _named(self, expr: Expr, events: bool | None = True) -> Expr:
+        """The expression with derivatives, pre-values, relations and samples replaced by names. events: whether its
+        relations make events; None: only those do that are wanted as corners."""
 
         def change(node: Expr) -> Expr | None:
             if not isinstance(node, Op):
@@ -320,11 +335,16 @@ class _Namer:
             if node.name in ("initial", "terminal"):
                 return Ref(INITIAL) if node.name == "initial" else ZERO
             if node.name in ("noEvent", "smooth"):
-                return self._named(node.args[-1], events=False)
+                continuous = node.name == "smooth" and node.args[0] == ZERO and events
+                return self._named(node.args[-1], events=None if continuous else False)
             if node.name == "sample":
                 return Ref(self._sampler(node).flag)
+            if node.name == "homotopy":
+                return _blended(self._named(node.args[0], events), self._named(node.args[1], events=False))
             if events and node.name in RELATIONS:
                 return self._relation(node)
+            if events is None and node.name in RELATIONS:
+                return self._corner(node)
             if events and node.name in _ROUNDING:
                 return self._rounding(node)
             return None
@@ -384,6 +404,14 @@ class _Namer:
             self.relations[bare] = self._timed(name, bare, a, b) or Relation(name, bare, (indicator,))
         return Ref(self.relations[bare].name)
 
+    def _corner(self, node: Op) -> Expr:
+        bare = op(node.name, *(self._named(x, events=None) for x in node.args))
+        if node.name in ("==", "<>") or not self._continuous(bare):
+            return bare
+        if self.corners is None:
+            return Op("corner", (bare, Num(float(self.marked.setdefault(bare, len(self.marked))))))
+        return self._relation(node) if bare in self.corners else bare
+
     def _timed(self, name: str, node: Op, a: Expr, b: Expr) -> Relation | None:
         """A relation between time and something that holds between events has a known instant."""
         if a == Ref("time") and not self._continuous(b):
@@ -426,6 +454,13 @@ class _Namer:
                 raise ModelicaError(f"{self.place}: start and interval of sample() must be parameters")
             self.samplers[node] = Sampler(f"$sample{len(self.samplers) + 1}", *node.args)
         return self.samplers[node]
+
+
+def _blended(actual: Expr, simplified: Expr) -> Expr:
+    """Between what is easy to solve and what is meant; the latter alone, to the bit, at the end."""
+    share = Ref(HOMOTOPY)
+    between = op("+", op("*", share, actual), op("*", op("-", ONE, share), simplified))
+    return op("if", op(">=", share, ONE), actual, between)
 
 
 def _cases(cases: list[tuple[Expr, Expr]], otherwise: Expr) -> Expr:

@@ -31,10 +31,11 @@ from hystid.modelica.expr import (
 )
 from hystid.modelica.flat import Function, Place
 from hystid.modelica.inlining import NO_NUMBER, Call
+from hystid.modelica.random_numbers import drawn, is_random_function
 from hystid.modelica.tables import is_table_function, looked_up
 from hystid.modelica.values import Array, Record, Value, array, flattened, mapped, matrix, merge, rows, stacked, summed
 
-_KEPT = frozenset({"der", "pre", "edge", "change", "sample", "initial", "terminal", "String"})
+_KEPT = frozenset({"der", "pre", "edge", "change", "sample", "initial", "terminal", "homotopy", "String"})
 _ELEMENTWISE = {".*": "*", "./": "/", ".^": "^"}
 _EVENTS = RELATIONS | {"floor", "ceil", "integer", "div", "mod", "rem"}
 _LOOP_LIMIT = 100_000
@@ -448,6 +449,8 @@ class Expander:
         name, args = call.name.removeprefix("call "), call.args
         if is_table_function(name):
             return [looked_up(self, name, args, local)]
+        if is_random_function(name):
+            return drawn(self, name, [a if isinstance(a, Text) else self.value(a, local) for a in args])
         function = self.functions.get(name)
         if function is None or (name.startswith("Modelica.Math.") and name.rsplit(".", 1)[-1] in FUNCTIONS):
             return [self._library_function(name, args, local)]

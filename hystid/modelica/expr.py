@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 
 from hystid.modelica.curves import Curve
+from hystid.modelica.xorshift import GENERATORS
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +209,7 @@ _RULES: dict[str, Callable[..., Expr]] = {
     "neg": neg,
     "^": power,
     "if": select,
+    "homotopy": lambda actual, simplified: actual if actual == simplified else Op("homotopy", (actual, simplified)),
     "and": _and,
     "or": _or,
 }
@@ -215,6 +217,10 @@ _RULES: dict[str, Callable[..., Expr]] = {
 
 def _quotient(x: float, y: float) -> float:
     return math.trunc(x / y)
+
+
+def _one_of(made: Callable[[Sequence[float]], list[float]]) -> Callable[..., float]:
+    return lambda wanted, *state: made(state)[int(wanted)]
 
 
 _NUMERIC: dict[str, Callable[..., float]] = {
@@ -262,6 +268,7 @@ _NUMERIC: dict[str, Callable[..., float]] = {
     "tanh": math.tanh,
     "hy_power_x": lambda x, n: 0.0 if x == 0 and n < 1 else x ** (n - 1),
     "hy_power_n": lambda x, n: x**n * math.log(x) if x > 0 else 0.0,
+    **{name: _one_of(made) for name, (made, _) in GENERATORS.items()},
 }
 
 # Operators and functions that the C printer and the differentiation know as numbers.
@@ -389,7 +396,7 @@ def _terms(expr: Expr) -> Iterator[tuple[bool, Expr]]:
 
 
 STEPS = frozenset({"sign", "floor", "ceil", "integer", "div", "curve_next", "curve3"})  # flat between their jumps
-_FLAT = STEPS | {"pre", "der"}
+_FLAT = STEPS | {"pre", "der", "corner"} | GENERATORS.keys()
 
 _TWO = Num(2.0)
 

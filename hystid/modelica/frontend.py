@@ -26,14 +26,13 @@ from typing import Any
 from hystid.errors import ModelicaError
 from hystid.files import scratch, scratch_folder
 from hystid.limits import COMPILE_SECONDS, counted, wait_until_over
-from hystid.modelica.adapter import Adapter
+from hystid.modelica.adapter import ASKED_FOR, Adapter
 from hystid.modelica.annotations import description_of, experiment_of
 from hystid.modelica.diagnostics import broken_down, explain, gave_up, located_syntax_error
 from hystid.modelica.expr import Num
 from hystid.modelica.flat import FlatModel
 from hystid.modelica.sources import Source, declaration, library_folder, read
 
-_WRAPPER = "HystidStructure"
 _MEMORY = 8 << 30  # bytes
 _STACK = 256 << 20  # bytes: parentheses nested ten thousand deep fit
 
@@ -155,7 +154,7 @@ class FrontEnd:
 
     def flat_dictionary(self, structure: Mapping[str, float]) -> dict[str, Any]:
         """The front end's flat dictionary. Raises ModelicaError for its complaints, and where it does not answer."""
-        wrapper = {"class": _WRAPPER, "path": f"hystid/{_WRAPPER}.mo", "text": _wrapper(self.name, structure)}
+        wrapper = {"class": ASKED_FOR, "path": f"hystid/{ASKED_FOR}.mo", "text": _wrapper(self.name, structure)}
         answer: dict[str, Any] = json.loads(self._asked(wrapper))
         if "unbalanced model" in answer.get("error", "") and not self._has_streams():
             # it counts alone; of a partial class it counts nothing, and who reads the equations finds which are amiss
@@ -230,7 +229,7 @@ def _memory_limit() -> int:
 def _wrapper(name: str, structure: Mapping[str, float]) -> str:
     """A class that extends the wanted one, so that files, packages and structural values take one way in."""
     values = ", ".join(_modifier(key, value) for key, value in structure.items())
-    return f"model {_WRAPPER}\n  extends {name}{f'({values})' if values else ''};\nend {_WRAPPER};\n"
+    return f"model {ASKED_FOR}\n  extends {name}{f'({values})' if values else ''};\nend {ASKED_FOR};\n"
 
 
 def _modifier(name: str, value: float) -> str:

@@ -19,7 +19,8 @@ class HybridModel:
     dependent: parameters from parameters. derivatives: der(x) and algebraic variables from time, p, u, x, d, relations.
     event: the same and the discrete variables, at an event. initialisation: everything, at the start.
     aliases: variable -> the variable whose slot it shares. clocked: discrete variables of
-    when-clauses, conditions among them. relations_at_start: values of the relations at the start.
+    when-clauses, conditions among them. relations_at_start: values of the relations at the start. homotopy: whether the
+    start goes from simplified to actual values.
     """
 
     flat: FlatModel
@@ -45,6 +46,7 @@ class HybridModel:
     reinits: tuple[Reinit, ...]
     assertions: tuple[Assertion, ...]
     checks: tuple[tuple[Expr, Assertion], ...]
+    homotopy: bool = False
 
 
 def is_output(name: str, v: ScalarVariable) -> bool:

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from hystid.errors import ModelicaError
 from hystid.modelica.blocks import Assign, isolate, preference, solve_order
-from hystid.modelica.events import EventModel, der
+from hystid.modelica.events import HOMOTOPY, EventModel, der
 from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Num, Ref, evaluate, op, refs, substitute
 from hystid.modelica.matching import matching
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable
@@ -237,7 +237,7 @@ def _rate(constraint: Expr, events: EventModel, tie: ScalarEquation, former: Set
         v = variables.get(name)
         if partial == ZERO or (v is not None and v.kind in ("parameter", "dependent", "constant", "free")):
             continue
-        if name in events.discrete or name in events.from_when:
+        if name in events.discrete or name in events.from_when or name == HOMOTOPY:
             continue  # it rests between events
         if name != "time" and name not in events.states and name not in former:
             kind = "the input" if v is not None and v.kind == "input" else "the variable"

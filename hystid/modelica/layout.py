@@ -6,13 +6,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-from hystid.modelica.events import INITIAL, der, pre
+from hystid.modelica.events import HOMOTOPY, INITIAL, der, pre
 from hystid.modelica.hybrid import HybridModel
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Slots of a model. w: the flag of initialisation, the next tick of each sampler, which warnings were given."""
+    """Slots of a model.
+
+    w: the flag of initialisation, how far homotopy has come, the next tick of each sampler, which warnings were given.
+    """
 
     model: HybridModel
 
@@ -36,7 +39,12 @@ class Layout:
             "y": list(m.algebraic),
             "pre": [pre(n) for n in m.discrete],
             "rel": [r.name for r in m.relations],
-            "w": [INITIAL, *(tick(s.flag) for s in m.samplers), *(warned(k) for k in range(len(m.assertions)))],
+            "w": [
+                INITIAL,
+                *([HOMOTOPY] if m.homotopy else []),
+                *(tick(s.flag) for s in m.samplers),
+                *(warned(k) for k in range(len(m.assertions))),
+            ],
         }
 
     @cached_property

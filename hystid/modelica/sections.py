@@ -134,7 +134,7 @@ class Carried:
         condition, message = values
         return Statement("assert", self.reader.at(item), (message,), condition, name=self.reader.level(item["level"]))
 
-    def _relation(self, item: Item) -> tuple[Expr, Expr]:
+    def _relation(self, item: Item, of_several: bool = False) -> tuple[Expr, Expr]:
         """Target and value."""
         self.reader.at(item)
         relation = self.reader.expr(item["condition"])
@@ -142,6 +142,7 @@ class Carried:
         left, right = relation.args
         if isinstance(left, Op) and left.name == "sum" and isinstance(right, Op):
             left, right = left.args[0], right.args[0]
+            left, right = (_bare(left), _bare(right)) if of_several else (left, right)
         return left, right
 
     def _vector(self, item: Item, chains: list[Item]) -> Statement:
@@ -152,7 +153,7 @@ class Carried:
 
     def _assignment(self, item: Item, kind: str) -> Statement:
         place = self.reader.at(item)
-        target, value = self._relation(item)
+        target, value = self._relation(item, kind == "out")
         if kind == "out" and not (isinstance(value, Op) and value.name.startswith("call ")):
             raise ModelicaError(f"{place}: a list of outputs takes a function call")
         return Statement("assign", place, (target,), value)
@@ -160,7 +161,7 @@ class Carried:
     def _several(self, made: list[Statement], item: Item, which: int) -> bool:
         """Joins an output of a call to the statement that takes the first one, or begins such a statement."""
         place = self.reader.at(item)
-        target, value = self._relation(item)
+        target, value = self._relation(item, of_several=True)
         last = made[-1] if made else None
         if last is not None and last.name == "outputs" and last.value == value and len(last.targets) <= which:
             targets = (*last.targets, *([None] * (which - len(last.targets))), target)
@@ -215,6 +216,16 @@ class Carried:
         if rest:
             raise ModelicaError(f"{self.reader.at(rest[0])}: reinit() inside an if in an algorithm is not supported")
         return statements
+
+
+def _bare(expr: Expr) -> Expr:
+    """Without the brackets and the factor 1 that make a Real of an Integer."""
+    while isinstance(expr, Op) and (expr.name in ("*", ".*") or (expr.name == "{}" and len(expr.args) == 1)):
+        inner = expr.args[-1]
+        if expr.name != "{}" and expr.args[0] != ONE:
+            break
+        expr = inner
+    return expr
 
 
 def _mark(item: Item) -> re.Match[str] | None:

@@ -66,7 +66,7 @@ def _guards(events: EventModel) -> dict[str, _Guards]:
             for argument in expr.args:
                 visit(argument, held)
 
-    for expr in _expressions(events):
+    for expr in expressions(events):
         visit(expr, frozenset())
     return found
 
@@ -82,7 +82,7 @@ def _literals(expr: Expr, names: set[str], holds: bool) -> _Guards:
     return frozenset()
 
 
-def _expressions(events: EventModel) -> Iterator[Expr]:
+def expressions(events: EventModel) -> Iterator[Expr]:
     """Everything in which a relation may be asked for."""
     groups = (events.equations, events.initial, events.discrete.values(), events.from_when.values())
     yield from (side for group in groups for e in group for side in (e.left, e.right))

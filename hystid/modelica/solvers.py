@@ -118,9 +118,10 @@ static double hy_norm(int n, const double *r, const double *scale)
 }
 
 /* Newton's method with halved steps: a step is taken when it makes the residual, weighed by the rows of the first
-   jacobian, smaller. r, A and x0 are scratch of n, n*n and 3*n numbers. 1 where it does not converge. */
+   jacobian, smaller. With whole steps it goes from one straight piece of an equation to the next, over a corner where
+   halved ones come to rest. r, A and x0 are scratch of n, n*n and 3*n numbers. 1 where it does not converge. */
 static int hy_newton(double *v, int n, const int *slots, const double *nominal, hy_function *residual,
-                     hy_function *jacobian, double *r, double *A, double *x0)
+                     hy_function *jacobian, double *r, double *A, double *x0, int whole)
 {
     double *const step = x0 + n, *const scale = x0 + 2 * n;
     residual(v, r);
@@ -141,7 +142,7 @@ static int hy_newton(double *v, int n, const int *slots, const double *nominal, 
             for (int i = 0; i < n; i++) v[slots[i]] = x0[i] - part * step[i];
             residual(v, r);
             after = hy_norm(n, r, scale);
-            if (after < before || after <= 1e-15) break;
+            if (after < before || after <= 1e-15 || (whole && isfinite(after))) break;
             if (size <= 1e-9 && isfinite(after)) return 0; /* rounding: no smaller residual to be had */
             part *= 0.5;
             if (part < 1e-10) return 1;
@@ -151,4 +152,68 @@ static int hy_newton(double *v, int n, const int *slots, const double *nominal, 
     }
     return 1;
 }
+"""
+
+SILENT = """\
+static void hy_silent(void *owner, int level, const char *text)
+{
+    (void)owner, (void)level, (void)text;
+}
+"""
+
+SEARCH = """\
+typedef int hy_look(hy_data *m, double *now);
+
+/* Where relations switch each other back and forth, values with which all agree, those that change the fewest: a
+   Schmitt trigger at its threshold has one answer, far away. first: scratch of size numbers. 1 where there are such
+   values. */
+static int hy_search(hy_data *m, int size, double *first, int n, const int *slots, hy_look *look, double *now)
+{
+    double *const v = m->v;
+    hy_data quiet = {v, hy_silent, m->owner};
+    for (int i = 0; i < size; i++) first[i] = v[i];
+    for (int bits = 1; bits <= n; bits++)
+        for (unsigned mask = 1; mask < 1u << n; mask++) {
+            int count = 0, agree;
+            for (int k = 0; k < n; k++) count += mask >> k & 1;
+            if (count != bits) continue;
+            for (int i = 0; i < size; i++) v[i] = first[i];
+            for (int k = 0; k < n; k++)
+                if (mask >> k & 1) v[slots[k]] = v[slots[k]] == 0;
+            agree = look(&quiet, now) == HY_OK;
+            for (int k = 0; agree && k < n; k++) agree = now[k] == v[slots[k]];
+            if (agree) return 1;
+        }
+    for (int i = 0; i < size; i++) v[i] = first[i];
+    return 0;
+}
+"""
+
+HOMOTOPY_WAY = """\
+/* The start from the simplified to the actual arguments of homotopy(), in steps that are halved where there is no
+   answer. The way tells which of many solutions is meant. Where it is blocked, the actual equations by themselves. */
+static int hy_follow(hy_data *m)
+{{
+    double *const v = m->v, *const share = &v[{share}];
+    double first[{size}], last[{size}], step = 1;
+    hy_data quiet = {{v, hy_silent, m->owner}};
+    for (int i = 0; i < {size}; i++) first[i] = v[i];
+    *share = 0;
+    if (hy_begin(&quiet) == HY_OK) {{
+        while (step > 1e-4) {{
+            for (int i = 0; i < {size}; i++) last[i] = v[i];
+            *share = fmin(1.0, last[{share}] + step);
+            if (hy_begin(&quiet) == HY_OK) {{
+                if (*share == 1) return HY_OK;
+                step *= 2;
+                continue;
+            }}
+            for (int i = 0; i < {size}; i++) v[i] = last[i];
+            step *= 0.5;
+        }}
+    }}
+    for (int i = 0; i < {size}; i++) v[i] = first[i];
+    *share = 1;
+    return hy_begin(m);
+}}
 """

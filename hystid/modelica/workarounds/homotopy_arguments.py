@@ -1,4 +1,4 @@
-"""``homotopy(simplified = s, actual = a)``, which means a in the solution, is written as ``(a)``.
+"""``homotopy(simplified = s, actual = a)`` is written by place, ``homotopy(a, s)``.
 
 rumoca 0.10 forgets the names of the arguments, so that the two could be mistaken for each other.
 """
@@ -15,21 +15,34 @@ from hystid.modelica.workarounds.edits import Edit, edited
 _HOMOTOPY = re.compile(r"(?<![\w.])homotopy\s*\(")
 
 
-def with_actual_arguments(source: Source) -> Source:
-    """The text with such calls rewritten; lines stay where they are."""
-    return edited(source, _actual(source.plain))
+def with_arguments_in_place(source: Source) -> Source:
+    """The text with such calls rewritten; what stands behind them stays on its line."""
+    return edited(source, _in_place(source.plain))
 
 
-def _actual(plain: str) -> Iterator[Edit]:
-    """``homotopy(simplified = s, actual = a)`` means a in the solution; the front end forgets which name is which."""
+def _in_place(plain: str) -> Iterator[Edit]:
+    """Calls with names, outermost first; one inside another is rewritten along with it."""
+    done = 0
     for found in _HOMOTOPY.finditer(plain):
         end = closing(plain, found.end() - 1)
-        parts, start = [], found.end()
-        while start < end:
-            stop = next_mark(plain, start, end, ",")
-            parts.append((start, stop))
-            start = stop + 1
-        named = [(a + len(m.group()), b) for a, b in parts if (m := re.match(r"\s*actual\s*=(?!=)", plain[a:b]))]
-        first, last = (named or parts or [(found.end(), end)])[0]
-        yield found.start(), first, "(" + "\n" * plain.count("\n", found.start(), first)
-        yield last, end, " " + "\n" * plain.count("\n", last, end)
+        named = dict(_arguments(plain, found.end(), end))
+        if found.start() < done or set(named) != {"actual", "simplified"}:
+            continue
+        done = end
+        actual, simplified = (_rewritten(named[name]) for name in ("actual", "simplified"))
+        lost = plain.count("\n", found.end(), end) - f"{actual}{simplified}".count("\n")
+        yield found.end(), end, f"{actual}, {simplified}" + "\n" * lost
+
+
+def _arguments(plain: str, start: int, end: int) -> Iterator[tuple[str, str]]:
+    while start < end:
+        stop = next_mark(plain, start, end, ",")
+        name, _, value = plain[start:stop].partition("=")
+        yield name.strip(), value
+        start = stop + 1
+
+
+def _rewritten(text: str) -> str:
+    for start, end, new in sorted(_in_place(text), reverse=True):
+        text = text[:start] + new + text[end:]
+    return text

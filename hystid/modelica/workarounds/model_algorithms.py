@@ -236,6 +236,9 @@ class _Writer:
             kept = (f"when {side} then {self.mark('vector')} end when;" for side in (target, value))
             return f"{self.mark('vector')} {' '.join(kept)}"
         relation = f"sum({target}) == sum({value})" if whole else f"{target} == ({value})"
+        if what != "set" and kind == "Integer":  # the first output of the call may be a Real
+            side = target if whole else f"{{{target}}}"
+            relation = f"sum(1.0*{side}) == sum({{1.0*({value})}})"
         return self.mark(what, relation)
 
     def _several(self, start: int, at: int, value: str, clocked: bool) -> str:

@@ -1,0 +1,46 @@
+"""Which corners of ``smooth(0, ...)`` make events: those of loops that are linear between them.
+
+A loop such as that of an operational amplifier with feedback may have several answers, and jumps from one to another. A
+solver that tries a step and takes it back would jump without a reason; with events the loop stays on its piece until
+the end of the piece is reached. Elsewhere such corners make no event, as the specification leaves open (section 3.7.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from hystid.modelica.blocks import Solve, Step, has_steps
+from hystid.modelica.events import EventModel, mark_corners
+from hystid.modelica.expr import ZERO, Derivative, Expr, Num, Op, Ref, nodes, rebuild, refs
+from hystid.modelica.scalar import ScalarModel
+
+
+def corners_in_loops(scalar: ScalarModel, steps_of: Callable[[EventModel], Sequence[Step]]) -> frozenset[Expr]:
+    """Relations for ``name_events``. steps_of: the order of evaluation between events."""
+    if not any(_corners(side) for e in scalar.equations for side in (e.left, e.right)):
+        return frozenset()
+    events, marked = mark_corners(scalar)
+    found = (k for step in steps_of(events) if isinstance(step, Solve) for k in _in_loop(step))
+    return frozenset(marked[k] for k in found)
+
+
+def _corners(expr: Expr) -> bool:
+    return any(isinstance(n, Op) and n.name == "smooth" and n.args[0] == ZERO for n in nodes(expr))
+
+
+def _in_loop(step: Solve) -> Iterator[int]:
+    """Numbers of the corners of a loop that is linear where they are held."""
+    inside = frozenset(step.variables)
+    numbers: set[int] = set()
+
+    def held(node: Expr) -> Expr | None:
+        if isinstance(node, Op) and node.name == "corner" and refs(node) & inside:
+            assert isinstance(node.args[1], Num)
+            numbers.add(int(node.args[1].value))
+            return Ref(f"$corner{node.args[1].value:g}")
+        return None
+
+    residuals = [rebuild(r, held) for r in step.residuals]
+    slopes = (Derivative(name)(r) for r in residuals for name in step.variables)
+    if not any(refs(slope) & inside for slope in slopes) and not any(has_steps(r, inside) for r in residuals):
+        yield from numbers
