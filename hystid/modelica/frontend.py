@@ -26,9 +26,10 @@ from typing import Any
 from hystid.errors import ModelicaError
 from hystid.files import scratch, scratch_folder
 from hystid.limits import COMPILE_SECONDS, counted, wait_until_over
-from hystid.modelica.adapter import ASKED_FOR, Adapter
+from hystid.modelica.adapter import Adapter
 from hystid.modelica.annotations import description_of, experiment_of
 from hystid.modelica.diagnostics import broken_down, explain, gave_up, located_syntax_error
+from hystid.modelica.dictionary import ASKED_FOR
 from hystid.modelica.expr import Num
 from hystid.modelica.flat import FlatModel
 from hystid.modelica.sources import Source, declaration, library_folder, read
