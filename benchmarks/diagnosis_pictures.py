@@ -18,7 +18,8 @@ from benchmarks.pictures import Panel, write
 from hystid.diagnosis.decide.criterion import PRIOR, Criterion
 from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.fit.case import pose
-from hystid.diagnosis.fit.problem import Fit, Problem
+from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import take

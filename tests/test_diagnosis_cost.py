@@ -9,12 +9,15 @@ import pytest
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.fit.descent import fit
-from hystid.diagnosis.fit.problem import Hypothesis, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Hypothesis, Term
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.baseline import Baseline, baseline_of
 from hystid.diagnosis.model.cache import Memory
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.library import load_effects
-from hystid.diagnosis.prepare.segments import Advanced, Part, Reduction, prepare_part
+from hystid.diagnosis.prepare.differences import Advanced
+from hystid.diagnosis.prepare.reduction import Reduction
+from hystid.diagnosis.prepare.segments import Part, prepare_part
 from hystid.modelica import compile_model
 from hystid.recording import Recording
 

@@ -14,7 +14,7 @@ from benchmarks.concealed.deck import deck
 from benchmarks.concealed.generate import write_case
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.fit.descent import _Normal, fit
-from hystid.diagnosis.fit.problem import Hypothesis
+from hystid.diagnosis.fit.hypothesis import Hypothesis
 from hystid.diagnosis.model.baseline import Baseline, baseline_of
 from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.prepare.segments import Part, prepare_part

@@ -11,7 +11,8 @@ import pytest
 from hystid.diagnosis import diagnose
 from hystid.diagnosis.fit.case import scales_of
 from hystid.diagnosis.fit.descent import fit
-from hystid.diagnosis.fit.problem import Hypothesis, Problem
+from hystid.diagnosis.fit.hypothesis import Hypothesis
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.zeros import zero_of_x
 from hystid.diagnosis.model.baseline import baseline_of
 from hystid.diagnosis.model.channel_effects import force_drift

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from hystid.diagnosis.decide import forms
 from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import fit
-from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.uncertainty import honest
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters

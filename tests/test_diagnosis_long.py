@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import diagnose
-from hystid.diagnosis.prepare.segments import Part, Reduction
+from hystid.diagnosis.prepare.reduction import Reduction
+from hystid.diagnosis.prepare.segments import Part
 from hystid.modelica import compile_model
 from hystid.recording import Recording
 

@@ -9,7 +9,8 @@ import pytest
 from hystid.diagnosis.decide.limits import is_itself
 from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import fit
-from hystid.diagnosis.fit.problem import Fit, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Fit, Term
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.windows import Window, has_edges, windowed
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects

@@ -9,8 +9,9 @@ from scipy.signal import butter, lfilter
 from hystid.diagnosis import diagnose
 from hystid.diagnosis.fit.case import scales_of
 from hystid.diagnosis.fit.descent import fit
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.periodic import PeriodicForce, periodic_forces
-from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.baseline import baseline_of
 from hystid.diagnosis.prepare.segments import prepare_part
 from hystid.modelica import compile_model

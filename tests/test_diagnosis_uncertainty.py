@@ -9,7 +9,8 @@ import pytest
 from hystid.diagnosis.decide.trials import are_reached
 from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import fit
-from hystid.diagnosis.fit.problem import Fit, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Fit, Term
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import downhill
 from hystid.diagnosis.fit.uncertainty import honest
 from hystid.diagnosis.model.library import load_effects

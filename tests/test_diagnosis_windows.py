@@ -12,7 +12,8 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis import diagnose
 from hystid.diagnosis.decide.possible import possible
 from hystid.diagnosis.fit.case import Case, pose
-from hystid.diagnosis.fit.problem import Hypothesis, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Hypothesis, Term
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.windows import Window, Windowed, shared, windowed
 from hystid.diagnosis.fit.windowscan import scan_windows
 from hystid.diagnosis.model.effects import Effect

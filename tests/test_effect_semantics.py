@@ -16,7 +16,8 @@ from hystid.diagnosis import Diagnosis, Finding
 from hystid.diagnosis.decide.criterion import Candidate, Posterior
 from hystid.diagnosis.decide.criterion import Hypothesis as Hypotheses
 from hystid.diagnosis.decide.trials import are_reached
-from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.catalogue import Catalogue, catalogue_of, with_laws
 from hystid.diagnosis.model.effects import Effect, Signals
 from hystid.diagnosis.model.library import load_effects

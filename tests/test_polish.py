@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hystid.compiled import CompiledModel
-from hystid.diagnosis.fit.problem import Hypothesis, Unknown
+from hystid.diagnosis.fit.hypothesis import Hypothesis, Unknown
 from hystid.diagnosis.prepare.segments import Part, prepare_part
 from hystid.diagnosis.prove.freerun import error, free_run
 from hystid.diagnosis.prove.polish import polish

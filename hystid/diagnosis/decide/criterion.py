@@ -28,7 +28,8 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from hystid.diagnosis.fit.curves import CELLS, CURVE, cells
-from hystid.diagnosis.fit.problem import Fit, Problem
+from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.problem import Problem
 
 Array = NDArray[np.float64]
 

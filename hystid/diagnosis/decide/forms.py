@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.decide.trials import are_reached
-from hystid.diagnosis.fit.problem import Fit, Key, Problem, get, put, standing
+from hystid.diagnosis.fit.hypothesis import Fit, Key, get, put
+from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import scan, try_fit
 from hystid.diagnosis.fit.windows import in_window_of
 from hystid.diagnosis.model.effects import Effect

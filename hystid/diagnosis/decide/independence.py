@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis.fit.problem import Fit, Problem
+from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.problem import Problem
 
 Array = NDArray[np.float64]
 _SHIFTS = 40  # circular shifts of the rest against the motion: what independent noise of the same colour shows

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.curves import CURVE, curves
-from hystid.diagnosis.fit.problem import Fit, Problem
+from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import complement
 
 Array = NDArray[np.float64]

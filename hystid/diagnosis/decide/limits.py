@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hystid.diagnosis.fit.problem import Problem, Term, is_mass
+from hystid.diagnosis.fit.hypothesis import Term, is_mass
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.effects import Signals
 from hystid.diagnosis.model.semantics import End
 

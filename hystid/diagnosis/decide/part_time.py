@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.decide.trials import are_reached, fitted_on
-from hystid.diagnosis.fit.problem import Fit, Problem, standing
+from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import try_fit, try_term
 from hystid.diagnosis.fit.windows import has_edges, is_off_outside, settled, shared
 from hystid.diagnosis.fit.windowscan import scan_windows

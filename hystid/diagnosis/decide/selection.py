@@ -32,7 +32,8 @@ from hystid.diagnosis.decide.trials import (
     trials,
 )
 from hystid.diagnosis.fit.clipped import clipped_force
-from hystid.diagnosis.fit.problem import Fit, Key, Problem, is_mass, is_source, standing
+from hystid.diagnosis.fit.hypothesis import Fit, Key, is_mass, is_source
+from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import ABSORBED, other_valleys, scan, try_fit
 from hystid.diagnosis.fit.search import Candidate as Scanned
 from hystid.diagnosis.fit.zeros import zero_of_term

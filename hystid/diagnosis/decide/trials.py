@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hystid.diagnosis.decide.limits import is_itself
-from hystid.diagnosis.fit.problem import DELAY_LIMIT, WEIGHING_LIMIT, Fit, Problem, Term, is_mass, standing
+from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
+from hystid.diagnosis.fit.problem import DELAY_LIMIT, WEIGHING_LIMIT, Problem, standing
 from hystid.diagnosis.fit.search import (
     ABSORBED,
     Candidate,

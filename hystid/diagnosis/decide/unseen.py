@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from hystid.diagnosis.decide.criterion import Criterion, visited
-from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, standing
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
+from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.diagnosis.prepare.segments import Part

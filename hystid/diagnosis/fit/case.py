@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from hystid.diagnosis.fit.colour import coloured_alike, with_colour
+from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.knocks import without_knocks
 from hystid.diagnosis.fit.periodic import periodic_forces
-from hystid.diagnosis.fit.problem import Fit, Problem
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.refit import refit, refit_again
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.model.channel_effects import Saturation, saturation
 from hystid.diagnosis.prepare.clipping import DEEP, level_of, near_top

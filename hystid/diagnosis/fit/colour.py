@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from hystid.diagnosis.fit.curves import cells, curves
-from hystid.diagnosis.fit.problem import Fit, Problem
-from hystid.diagnosis.prepare.segments import Part, band, colouring, filtered
+from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.prepare.reduction import colouring, filtered
+from hystid.diagnosis.prepare.segments import Part, band
 
 Array = NDArray[np.float64]
 _ROWS = 16_000  # of one recording; more are averaged in blocks

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Unknown, get, put
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Unknown, get, put
+from hystid.diagnosis.fit.problem import Problem
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import gamma
 
-from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_term
 from hystid.diagnosis.model.channel_effects import HUM, mains_hum
 

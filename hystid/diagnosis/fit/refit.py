@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import downhill, from_nominal, other_valleys, try_fit
 from hystid.diagnosis.model.channel_effects import history
 from hystid.errors import NumericalError

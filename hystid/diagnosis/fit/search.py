@@ -12,19 +12,8 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from hystid.diagnosis.fit.descent import fit
-from hystid.diagnosis.fit.problem import (
-    Columns,
-    Fit,
-    Hypothesis,
-    Key,
-    Problem,
-    Term,
-    Unknown,
-    get,
-    is_allowed,
-    put,
-    standing,
-)
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Key, Term, Unknown, get, is_allowed, put
+from hystid.diagnosis.fit.problem import Columns, Problem, standing
 from hystid.diagnosis.model.effects import Effect, Signals
 from hystid.errors import NumericalError
 

@@ -16,7 +16,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis.fit.problem import Fit, Problem
+from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.problem import Problem
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel
-from hystid.diagnosis.fit.problem import Fit, Hypothesis, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.modelica import compile_model
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis.fit.problem import Columns, Fit, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Fit, Term
+from hystid.diagnosis.fit.problem import Columns, Problem
 from hystid.diagnosis.fit.search import ABSORBED, Candidate, complement
 from hystid.diagnosis.fit.windows import LEAST_OUT, Window, Windows, windowed
 from hystid.diagnosis.model.effects import Effect

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hystid.diagnosis.fit.problem import Hypothesis, Problem, Term
+from hystid.diagnosis.fit.hypothesis import Hypothesis, Term
+from hystid.diagnosis.fit.problem import Problem
 
 _STEP = 1e-3  # share of the largest displacement by which the law is moved to see its slope
 _STEADY = 1e-6  # relative change of a force that counts as constant

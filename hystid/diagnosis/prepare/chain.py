@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from hystid.diagnosis.prepare.clipping import saturated_motion, stopped
+from hystid.diagnosis.prepare.differences import advanced
 from hystid.diagnosis.prepare.faults import CALIBRATION, DEAD, DELAY, GAIN, SATURATION, ZERO, Fault
 from hystid.diagnosis.prepare.pairs import CHANCE, ORDER, Estimate, Pair, agreed, consistency, pairs, sections
-from hystid.diagnosis.prepare.segments import advanced, measured_motion
+from hystid.diagnosis.prepare.segments import measured_motion
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 

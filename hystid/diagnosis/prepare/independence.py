@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.signal import csd, get_window, welch
 
 from hystid.consistency.kinematics import formula
+from hystid.diagnosis.prepare.differences import FIRST, stencil
 from hystid.recording import Recording
 from hystid.smoothing.noise import is_noise_free
 
@@ -176,9 +177,7 @@ def _is_exact_but_no_derivative(low: Array, high: Array, order: int, dt: float) 
     """Whether the higher channel follows from the lower one to the last digit, by weights that are no derivative."""
     if formula(low, high, order, dt) is None:
         return False
-    from hystid.diagnosis.prepare.segments import FIRST, stencil  # the exact derivative that the balance uses
-
-    exact = low
+    exact = low  # the derivative that the balance uses
     for _ in range(order):
         exact = stencil(exact, FIRST) / dt
     inner = slice(8, -8)

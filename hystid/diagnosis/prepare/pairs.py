@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.signal import csd, welch
 from scipy.stats import t as student
 
-from hystid.diagnosis.prepare.segments import FIRST, measured_motion, stencil
+from hystid.diagnosis.prepare.differences import FIRST, stencil
+from hystid.diagnosis.prepare.segments import measured_motion
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 

@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Literal
 
-from hystid.diagnosis.fit.problem import Hypothesis, Term, is_source
+from hystid.diagnosis.fit.hypothesis import Hypothesis, Term, is_source
 from hystid.diagnosis.fit.values import Value
 from hystid.diagnosis.fit.windows import WINDOW, window_names
 from hystid.diagnosis.model.channel_effects import ChannelEffect

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel, Motion
-from hystid.diagnosis.fit.problem import Hypothesis, Unknown, get, put
+from hystid.diagnosis.fit.hypothesis import Hypothesis, Unknown, get, put
 from hystid.diagnosis.prepare.segments import Part
 from hystid.diagnosis.prove.freerun import (
     SUBSTEPS,

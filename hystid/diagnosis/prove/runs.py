@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.decide.answer import Answer, refit_values
-from hystid.diagnosis.fit.problem import Fit, Hypothesis
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.windows import for_recording, has_own_windows
 from hystid.diagnosis.prepare.segments import Part
 from hystid.diagnosis.prove.extended import CLASS, Skeleton, extended_model, settings_of

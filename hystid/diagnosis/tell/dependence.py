@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from hystid.diagnosis.fit.problem import Hypothesis, Problem
+from hystid.diagnosis.fit.hypothesis import Hypothesis
+from hystid.diagnosis.fit.problem import Problem
 
 Array = NDArray[np.float64]
 CHANCE = 0.01  # probability of a dependence by chance, over all columns, below which it is told: one report in 100

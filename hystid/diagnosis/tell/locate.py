@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis.fit.problem import Problem, Term
+from hystid.diagnosis.fit.hypothesis import Term
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.windows import window_text
 from hystid.diagnosis.model.effects import Signals
 from hystid.diagnosis.prepare.chain import turns

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from hystid.diagnosis.decide.answer import Verdict
 from hystid.diagnosis.decide.criterion import Posterior
 from hystid.diagnosis.decide.selection import Choice
-from hystid.diagnosis.fit.problem import Fit, Problem
+from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.values import Value
 from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.prove.unchanged import Unchanged
