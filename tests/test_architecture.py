@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,58 @@ def test_imports_go_downward(path: Path) -> None:
                 continue
             assert there in RANK, f"{path.name}:{line} imports unknown hystid.{there}"
             assert RANK[there] < RANK[here], f"{path.name}:{line}: {here} may not import {there}"
+
+
+def test_every_layer_exists() -> None:
+    assert RANK.keys() == {top(path) for path in modules()} - {"__init__"}
+
+
+def graph(package: Path) -> dict[str, set[str]]:
+    """Module -> modules of the package that it imports, at its head, in functions, and for types alone."""
+    names = {".".join(p.relative_to(package.parent).with_suffix("").parts).removesuffix(".__init__"): p
+             for p in package.rglob("*.py")}  # fmt: skip
+    found: dict[str, set[str]] = {name: set() for name in names}
+    for here, path in names.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                wanted = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                wanted = [f"{node.module}.{alias.name}" for alias in node.names]
+            else:
+                continue
+            for there in wanted:
+                while there and there not in names:  # a name within a module
+                    there = there.rpartition(".")[0]
+                parents = {".".join(there.split(".")[:k]) for k in range(1, there.count(".") + 1)}  # these run first
+                own = {".".join(here.split(".")[:k]) for k in range(1, here.count(".") + 1)}
+                found[here] |= {there, *(parents - own)} - {"", here}
+    return found
+
+
+def circle(package: Path) -> list[str]:
+    """Modules that import each other, first one again at the end; [] where there are none."""
+    try:
+        TopologicalSorter(graph(package)).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_no_modules_import_each_other() -> None:
+    # One way up is none of imports: a result finds its report by name when it is shown (hystid.results).
+    assert circle(PACKAGE) == []
+
+
+def test_circles_are_seen_inside_functions(tmp_path: Path) -> None:
+    package = tmp_path / "rig"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "a.py").write_text("from rig.b import go\n")
+    (package / "b.py").write_text("def go():\n    from rig.c import stop\n")
+    (package / "c.py").write_text("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from rig import a\n")
+    assert sorted(set(circle(package))) == ["rig.a", "rig.b", "rig.c"]
+    (package / "c.py").write_text("stop = 0\n")
+    assert circle(package) == []
 
 
 # The stages of the diagnosis: a later one may import an earlier one, never the other way.

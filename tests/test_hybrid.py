@@ -14,7 +14,7 @@ from hystid.compiled import CompiledModel
 from hystid.errors import UsageError
 from hystid.fmu import build
 from hystid.identification import identify
-from hystid.identification.hybrid import law_of
+from hystid.identification.hybrid.law import law_of
 from hystid.identification.hybrid.package import OSCILLATOR, package_text
 from hystid.modelica import compile_model
 from hystid.networks import FurtherInput, Lag, Member, Network, TwoNetworkModel

@@ -15,17 +15,18 @@ from hystid import processing
 from hystid.comparison import mse, nrmse
 from hystid.consistency import admit
 from hystid.errors import UsageError
-from hystid.identification import data, export
+from hystid.identification import data
 from hystid.identification.dissipation import feeding
-from hystid.identification.hybrid import Law, combine, law_of
+from hystid.identification.hybrid.fit import combine
+from hystid.identification.hybrid.law import Law, law_of
 from hystid.identification.inputs import check_lags, check_range, resolve, unused_columns
 from hystid.identification.lags import choose_lags
 from hystid.identification.leftout import LeftOut
 from hystid.identification.levels import with_curves
 from hystid.identification.methods import Plan, Recipe, Trained
 from hystid.identification.offsets import constant_and_even
-from hystid.identification.prediction import drift, predict, respond
-from hystid.identification.result import Comparison, Identification, Prediction, Role
+from hystid.identification.prediction import Prediction, Role, drift, predict, respond
+from hystid.identification.result import Comparison, Identification
 from hystid.limits import TRAININGS, check_whole
 from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.ensemble import workers_of
@@ -156,7 +157,7 @@ def identify(
     numbers = tuple(start.number for start in trained.chosen)
     test = _test(comparisons, samples, seed)
     result = Identification(networks, trained.starts, numbers, comparisons, fit, test, settings, notes, hybrid=hybrid)
-    return export.write(result, Path(out)) if out is not None else result
+    return result.written(Path(out)) if out is not None else result
 
 
 def _law(model: str | None, holdout: Sources) -> Law | None:

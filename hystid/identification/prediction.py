@@ -2,16 +2,43 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from hystid.errors import NumericalError
 from hystid.identification.inputs import columns_of
-from hystid.identification.result import Prediction
 from hystid.networks import TwoNetworkModel
+from hystid.networks.trust import BAND
 from hystid.recording import Array, Recording
 from hystid.validation.judged import force_error, run_errors, start_of
+
+Role = Literal["training", "holdout"]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One model on one recording. R: restoring force on the measured motion [N], shape (n,).
+
+    free_run: x, v, a, R of the closed loop from the recording's own start and force, None where there is no mass or
+    where it diverged (then ``diverged`` says so). Errors are NRMSE (fractions); R_mse [N2].
+    spread: standard deviation of the error of R [N], shape (n,).
+    """
+
+    R: Array
+    force_nrmse: float
+    free_run: Mapping[str, Array] | None = None
+    x_nrmse: float | None = None
+    R_nrmse: float | None = None
+    R_mse: float | None = None
+    diverged: str = ""
+    spread: Array | None = None
+
+    def within(self, R: Array) -> float | None:
+        """Share of measured R [N], shape (n,), within the 90 % band of the model; None without a spread."""
+        return None if self.spread is None else float(np.mean(np.abs(R - self.R) <= BAND * self.spread))
 
 
 def respond(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array]:

@@ -3,46 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 
+from hystid.files import atomic, write_json
+from hystid.identification.hybrid.package import OSCILLATOR
+from hystid.identification.hybrid.result import Hybrid
+from hystid.identification.prediction import Prediction, Role
 from hystid.leastsquares import REASONS
 from hystid.networks import TwoNetworkModel
 from hystid.networks.ensemble import Start
-from hystid.networks.trust import BAND
-from hystid.recording import Array, Recording
+from hystid.recording import Recording
 from hystid.results import Result
-
-if TYPE_CHECKING:
-    from hystid.identification.hybrid.result import Hybrid
-
-Role = Literal["training", "holdout"]
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """One model on one recording. R: restoring force on the measured motion [N], shape (n,).
-
-    free_run: x, v, a, R of the closed loop from the recording's own start and force, None where there is no mass or
-    where it diverged (then ``diverged`` says so). Errors are NRMSE (fractions); R_mse [N2].
-    spread: standard deviation of the error of R [N], shape (n,).
-    """
-
-    R: Array
-    force_nrmse: float
-    free_run: Mapping[str, Array] | None = None
-    x_nrmse: float | None = None
-    R_nrmse: float | None = None
-    R_mse: float | None = None
-    diverged: str = ""
-    spread: Array | None = None
-
-    def within(self, R: Array) -> float | None:
-        """Share of measured R [N], shape (n,), within the 90 % band of the model; None without a spread."""
-        return None if self.spread is None else float(np.mean(np.abs(R - self.R) <= BAND * self.spread))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,10 +146,35 @@ class Identification(Result, report="identification", json="identification.json"
             "files": {name: path.name for name, path in self.files.items()},
         }
 
-    def _write(self, folder: Path) -> None:
-        from hystid.identification import export
+    def written(self, folder: Path) -> Identification:
+        """Write surrogate.onnx, surrogate.fmu, oscillator.fmu (where there is a mass), hybrid.mo and hybrid.fmu (where
+        one is offered) and identification.json.
 
-        export.write(self, folder)
+        Returns the result with ``files`` filled in. identification.json comes last: where it stands, all is whole.
+        """
+        from hystid.fmu import build
+        from hystid.modelica import compile_model
+        from hystid.networks import onnx
+        from hystid.surrogate import oscillator_code, surrogate_code
+
+        folder.mkdir(parents=True, exist_ok=True)
+        files = {"onnx": folder / "surrogate.onnx", "surrogate": folder / "surrogate.fmu"}
+        onnx.write(self.model, files["onnx"])
+        build(surrogate_code(files["onnx"]), files["surrogate"])
+        if self.model.mass:
+            files["oscillator"] = folder / "oscillator.fmu"
+            build(oscillator_code(files["onnx"]), files["oscillator"])
+        if self.hybrid and self.hybrid.offered:
+            files |= {"hybrid_package": folder / "hybrid.mo", "hybrid": folder / "hybrid.fmu"}
+            with atomic(files["hybrid_package"]) as beside:
+                beside.write_text(self.hybrid.text, encoding="utf-8")
+            build(compile_model(f"{files['hybrid_package']}:{OSCILLATOR}"), files["hybrid"])
+        result = replace(self, files=files)
+        write_json(folder / "identification.json", result.as_dict())
+        return result
+
+    def _write(self, folder: Path) -> None:
+        self.written(folder)
 
     def _training(self, start: Start) -> dict[str, Any]:
         parts = {"hysteresis": start.hysteresis, "restoring": start.restoring}

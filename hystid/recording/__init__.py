@@ -4,8 +4,7 @@ from hystid.recording.columns import with_column, with_columns
 from hystid.recording.loading import Source, Sources, loaded
 from hystid.recording.problems import Problem, report
 from hystid.recording.reading import read, read_all
-from hystid.recording.types import CHANNELS, Array, Recording
-from hystid.recording.writing import write_csv
+from hystid.recording.types import CHANNELS, Array, Recording, write_csv
 
 __all__ = [
     "CHANNELS", "Array", "Problem", "Recording", "Source", "Sources", "loaded", "read", "read_all", "report",

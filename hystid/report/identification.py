@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hystid.identification import Comparison, Identification, Prediction
-from hystid.identification.hybrid import Hybrid, Pair
+from hystid.identification.hybrid.result import Hybrid, Pair
 from hystid.leastsquares import REASONS
 from hystid.networks.training import Training
 from hystid.recording import Array, Recording

@@ -22,8 +22,8 @@ from hystid.identification.hybrid.package import OSCILLATOR, package_text
 from hystid.identification.hybrid.result import Hybrid, Pair
 from hystid.identification.inputs import columns_of
 from hystid.identification.methods import Plan, Trained, weights_of
-from hystid.identification.prediction import at_rate, begin
-from hystid.identification.result import Comparison, Prediction
+from hystid.identification.prediction import Prediction, at_rate, begin
+from hystid.identification.result import Comparison
 from hystid.modelica import compile_model
 from hystid.networks import TwoNetworkModel
 from hystid.networks.ensemble import refine_ensemble

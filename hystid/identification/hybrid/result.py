@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hystid.identification.result import Prediction, Role
+from hystid.identification.prediction import Prediction, Role
 from hystid.networks import TwoNetworkModel
 from hystid.recording import Array, Recording
 

@@ -14,8 +14,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
-from hystid.files import write_text
-from hystid.modelica.flat import SCHEMA, FlatModel, from_json, to_json
+from hystid.modelica.flat import SCHEMA, FlatModel, from_json
 from hystid.modelica.sources import Source, library_folder, read_tree
 
 FOLDER = Path(__file__).parent
@@ -78,18 +77,3 @@ def _models() -> Iterator[str]:
 
 def _is_model(source: Source, short: str) -> bool:
     return re.search(rf"(?<!partial )\b(?:model|block)\s+{short}\b", source.plain) is not None
-
-
-def regenerate(folder: Path = FOLDER) -> list[str]:
-    """Write the flat model of every library model, remove those of models that are gone; returns the names."""
-    from hystid.modelica.compile import flat_from_text
-
-    names = library_models()
-    for name in names:
-        write_text(folder / f"{name}.json", to_json(flat_from_text(name)))
-    for path in folder.glob("HystId.*.json"):
-        if path.stem not in names:
-            path.unlink()
-    index = {"schema": SCHEMA, "digests": {name: digest(name) for name in names}}
-    write_text(folder / "index.json", json.dumps(index, indent=1) + "\n")
-    return names
