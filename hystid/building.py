@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -40,13 +40,28 @@ def build(
     >>> made.path.name, made.fmi
     ('jenkins.fmu', 2)
     """
-    out = Path(out)
 
     def made_at(path: Path) -> BuildResult:
         return build_afresh(
             model, path, fmi=fmi, parameters=parameters, platforms=platforms, libraries=libraries, about=about
         )
 
+    return _in_place_of(Path(out), made_at)
+
+
+def build_arrays(
+    network: Path, out: Path, *, platforms: str = "host", about: About | None = None, new_reference: bool = False
+) -> BuildResult:
+    """``build`` of a network for FMI 3.0 whose inputs and outputs of several elements are arrays."""
+
+    def made_at(path: Path) -> BuildResult:
+        return build_network(network, path, fmi=3, platforms=platforms, about=about, arrays=True)
+
+    return made_at(out) if new_reference else _in_place_of(out, made_at)
+
+
+def _in_place_of(out: Path, made_at: Callable[[Path], BuildResult]) -> BuildResult:
+    """Build an FMU that keeps the reference of the one that it replaces."""
     if not has_reference(out):
         return made_at(out)
     with scratch() as folder:

@@ -86,6 +86,7 @@ class ModelCode:
     unread: inputs that nothing in the model depends on.
     equations: what the documentation shows of the model, one line each.
     texts: Strings that are built in.
+    arrays: inputs and outputs that are elements, as x[1], are listed as arrays (FMI 3.0).
     token: instantiation token (GUID), a hash of everything above.
     """
 
@@ -106,6 +107,7 @@ class ModelCode:
     experiment: Experiment = field(default_factory=Experiment)
     resources: Mapping[str, bytes] = field(default_factory=dict)
     token: str = ""
+    arrays: bool = False
     reinit: tuple[str, ...] | None = None
     unread: tuple[str, ...] = field(default=(), repr=False)
     equations: tuple[str, ...] = field(default=(), repr=False)

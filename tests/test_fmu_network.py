@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from onnx import TensorProto, helper, numpy_helper
 from surrogate_harness import make_model
 
 from hystid.cli.run import run
-from hystid.errors import FmuError
+from hystid.errors import FmuError, UsageError
 from hystid.fmu import Driver, build_network
 from hystid.fmu.door import open_fmu
 from hystid.fmu.native import Instance
@@ -55,6 +56,65 @@ def test_a_network_becomes_an_fmu(network: Path, tmp_path: Path, fmi: str) -> No
     expected = onnxruntime.InferenceSession(network).run(None, {"u": point})[0][0]
     # both in double precision; only the order of summation may differ
     np.testing.assert_allclose([result[name][-1] for name in outputs], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+def test_arrays_of_fmi_3_run_in_an_independent_importer(network: Path, tmp_path: Path, kind: str) -> None:
+    out = tmp_path / "net.fmu"
+    assert run(["build", str(network), "--fmi", "3", "--arrays", "-o", str(out)]) == 0
+    listed = {v.name: v.shape for v in fmpy.read_model_description(str(out)).modelVariables}
+    assert listed["u"] == (3,) and listed["y"] == (2,) and "u[1]" not in listed
+    assert validate_fmu(str(out)) == []
+    point = np.array([[0.3, -1.2, 2.0]])
+    signals = np.zeros(2, dtype=[("time", "f8"), ("u", "f8", (3,))])
+    signals["time"], signals["u"] = [0.0, 1e-3], point
+    result = fmpy.simulate_fmu(
+        str(out), fmi_type=kind, input=signals, stop_time=1e-3, output_interval=1e-3, output=["y"]
+    )
+    expected = onnxruntime.InferenceSession(network).run(None, {"u": point})[0][0]
+    # both in double precision; only the order of summation may differ
+    np.testing.assert_allclose(result["y"][-1], expected, rtol=1e-12)
+
+
+def test_arrays_of_fmi_3_are_whole(network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Got, set and derived as a whole, by the same driver and the same regression as single numbers."""
+    single = build_network(network, tmp_path / "single.fmu", fmi=3).path
+    out = build_network(network, tmp_path / "net.fmu", fmi=3, arrays=True).path
+    t, u = np.arange(5) * 1e-3, np.random.default_rng(1).normal(size=(5, 3))
+    table = {f"u[{i + 1}]": u[:, i] for i in range(3)}
+    # inputs are held over a step when they are set one by one, and so are those of the table
+    apart = Driver(single).simulate(t, table, interpolation="hold")
+    driver = Driver(out)
+    np.testing.assert_allclose(driver.simulate(t, {"u": u})["y"][0], [apart["y[1]"][0], apart["y[2]"][0]], rtol=1e-14)
+    assert run(["regress", str(out)]) == 0
+    fmu = open_fmu(out)
+    with Instance(fmu, "CoSimulation") as instance:
+        instance.initialise(0.0, [(fmu.signals["u"], u[0])])
+        vr = {name: ctypes.c_uint32(fmu.signals[name].reference) for name in ("u", "y")}
+        jacobian = np.zeros((3, 2))
+        for i, seed in enumerate(np.eye(3)):
+            instance.call(
+                "GetDirectionalDerivative", ctypes.byref(vr["y"]), ctypes.c_size_t(1), ctypes.byref(vr["u"]),
+                ctypes.c_size_t(1), seed.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(3),
+                jacobian[i].ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(2),
+            )  # fmt: skip
+        step = 1e-6  # the error of a central difference is of order 1e-10 there
+        session = onnxruntime.InferenceSession(network)
+        beside = [session.run(None, {"u": u[:1] + s * step * row})[0] for row in np.eye(3) for s in (1, -1)]
+        numeric = [(a - b)[0] / (2 * step) for a, b in zip(beside[::2], beside[1::2], strict=True)]
+        np.testing.assert_allclose(jacobian, numeric, atol=1e-8)
+        room = np.zeros(3)
+        for reference, count in ((fmu.signals["u"].reference + 1, 1), (fmu.signals["u"].reference, 2)):
+            with pytest.raises(FmuError, match=r"inside of an array|1 variables, 2 values"):
+                instance.call(
+                    "GetFloat64", ctypes.byref(ctypes.c_uint32(reference)), ctypes.c_size_t(1),
+                    room.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(count),
+                )  # fmt: skip
+    capsys.readouterr()
+    assert run(["build", str(network), "--arrays", "-o", str(out)]) == 2
+    assert "in FMI 3 only" in capsys.readouterr().err
+    with pytest.raises(UsageError, match=r"FMI 2\.0 has single numbers only"):
+        build_network(network, out, arrays=True)
 
 
 def test_a_network_has_no_parameters(network: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

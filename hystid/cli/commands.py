@@ -89,6 +89,9 @@ def build(
     model_version: Annotated[str, typer.Option(metavar="TEXT", help="Version of the model, as 1.2.0.")] = "",
     license_: Annotated[str, typer.Option("--license", metavar="TEXT", help="Licence of the model.")] = "",
     copyright_: Annotated[str, typer.Option("--copyright", metavar="TEXT", help="Copyright of the model.")] = "",
+    arrays: Annotated[
+        bool, typer.Option("--arrays", help="List inputs and outputs of a network as arrays; needs --fmi 3.")
+    ] = False,
 ) -> None:
     """Compile a Modelica model, or an ONNX network, to an FMU.
 
@@ -102,6 +105,7 @@ def build(
       hystid build Modelica.Mechanics.Translational.Examples.Oscillator --library msl/ -o oscillator.fmu
       hystid build surrogate.onnx -o force.fmu
       hystid build surrogate.onnx --target c -o force.c
+      hystid build net.onnx --fmi 3 --arrays -o net.fmu
     """
     from hystid import building
     from hystid.fmu import About
@@ -117,8 +121,17 @@ def build(
     version: Literal[2, 3] = 2 if fmi == 2 else 3
     values = opt.numbers("--set", set_)
     about = About(author, model_version, license_, copyright_)
-    work = building.build_afresh if new_reference else building.build
-    made = work(model, out, fmi=version, parameters=values, platforms=platforms, libraries=library or (), about=about)
+    if arrays:
+        if fmi != 3 or not model.lower().endswith(".onnx") or values or library:
+            raise UsageError(
+                "--arrays: only networks (.onnx) have them, without --set and --library, and in FMI 3 only"
+            )
+        made = building.build_arrays(Path(model), out, platforms=platforms, about=about, new_reference=new_reference)
+    else:
+        work = building.build_afresh if new_reference else building.build
+        made = work(
+            model, out, fmi=version, parameters=values, platforms=platforms, libraries=library or (), about=about
+        )
     print(f"{made.summary()} from {model}")
     if made.changes is not None:
         print("\n  ".join(["the reference is still that of the FMU before; changed:", *(made.changes or ["nothing"])]))

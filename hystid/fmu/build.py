@@ -37,6 +37,7 @@ _SHELL_C = (
     "hy_fmi.c",
     "hy_derivative.c",
     "hy_state.c",
+    "hy_arrays.c",
 )
 _SHELL_H = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_strip.h", "hy_table.h", "hy_fmi.h")
 _METHODS = {"hy_duhem_methods": "hy_duhem.c", "hy_strip_methods": "hy_strip.c"}  # come with models that name them
@@ -88,6 +89,8 @@ def build(
     """
     if fmi not in (2, 3):
         raise UsageError(f"fmi must be 2 or 3, not {fmi}")
+    if code.arrays and fmi != 3:
+        raise UsageError("arrays: FMI 2.0 has single numbers only; build for FMI 3.0, or leave them out")
     if not code.token:
         raise FmuError(f"{code.name}: the model code carries no instantiation token")
     model, targets = interface(code), chosen(platforms)

@@ -178,8 +178,8 @@ class Driver:
 
     def _batch_entry(self) -> CompiledModel | None:
         kind = self._fmu.co_simulation or self._fmu.model_exchange
-        if kind is None:
-            return None
+        if kind is None or any(s.shape for s in self.signals.values() if s.causality in ("input", "output")):
+            return None  # a table has single numbers
         library = load(self._fmu, kind)
         if not hasattr(library, "hy_run_table"):
             return None
@@ -188,7 +188,7 @@ class Driver:
         return CompiledModel(self.model, TableRunner(library, self._fmu.name))
 
     def _outputs(self) -> tuple[str, ...]:
-        return tuple(v.name for v in self.model.variables if v.causality == "output")
+        return tuple(s.name for s in self.signals.values() if s.causality == "output" and not s.is_text)
 
     def _find(self, name: str) -> Signal:
         if name not in self.signals:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hystid.errors import NetworkError
 from hystid.fmu.about import About
+from hystid.fmu.arrays import with_arrays
 from hystid.fmu.build import BuildResult, Version, build
 from hystid.fmu.platforms import chosen
 from hystid.limits import compiled
@@ -20,17 +21,20 @@ def build_network(
     fmi: Version = 2,
     platforms: str | Iterable[str] = "host",
     about: About | None = None,
+    arrays: bool = False,
 ) -> BuildResult:
     """Compile an ONNX network to plain C and write its FMU.
 
     An identified restoring force becomes the block x, v -> R; any other network keeps its own inputs and outputs, one
-    variable per element, and a pair ``name`` / ``name_next`` of the same shape becomes memory.
+    variable per element, and a pair ``name`` / ``name_next`` of the same shape becomes memory. arrays: inputs and
+    outputs of several elements are one array variable each, in FMI 3.0.
     Raises NetworkError (no such file, damaged, an operator that cannot be compiled), ToolchainError; then nothing is
     written.
     """
     names = [platforms] if isinstance(platforms, str) else list(platforms)
 
     def make() -> BuildResult:
-        return build(model_code(Path(network)), Path(out), fmi=fmi, platforms=names, about=about)
+        code = model_code(Path(network))
+        return build(with_arrays(code) if arrays else code, Path(out), fmi=fmi, platforms=names, about=about)
 
     return compiled(str(network), make, NetworkError, len(chosen(names)))

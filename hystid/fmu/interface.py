@@ -7,11 +7,12 @@ Value references are slots of the value block. The rules are those of FMI 2.0.4,
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from hystid.errors import FmuError
+from hystid.fmu.arrays import ArrayOf, arrays_of
 from hystid.modelcode import BuiltInText, Causality, ModelCode, Variability, Variable
 
 _RANK = {"input": 0, "output": 1, "parameter": 2, "calculatedParameter": 3, "local": 4}
@@ -52,6 +53,18 @@ class Interface:
         for variable in self.variables:
             found.setdefault(variable.slot, []).append(variable)
         return {slot: tuple(sorted(group, key=_rank)) for slot, group in found.items()}
+
+    @cached_property
+    def arrays(self) -> Mapping[int, ArrayOf]:
+        """Slot of the first element -> array, where inputs and outputs are listed so."""
+        single = (v for v in self.variables if len(self.groups[v.slot]) == 1)
+        return arrays_of(single) if self.code.arrays else {}
+
+    @cached_property
+    def first_slots(self) -> Mapping[int, int]:
+        """Slot -> value reference of the variable that it belongs to: its own, or that of the array around it."""
+        inside = {v.slot: first for first, array in self.arrays.items() for v in array.elements}
+        return {slot: inside.get(slot, slot) for slot in self.groups}
 
     @cached_property
     def state_slots(self) -> tuple[int, ...]:

@@ -46,7 +46,8 @@ def _points(reference: Mapping[str, bytes]) -> np.ndarray:
         for name, content in reference.items():
             if name.startswith(FOLDER) and name.endswith(end):
                 t, cells = read_cells(content.decode())
-                columns |= {"time": t, **{key: np.array([float(x) for x in cell]) for key, cell in cells.items()}}
+                single = {key: cell for key, cell in cells.items() if " " not in cell[0]}  # of no array
+                columns |= {"time": t, **{key: np.array([float(x) for x in cell]) for key, cell in single.items()}}
     if len(columns) < 2:
         return np.empty((0, 2))
     up = next((columns[name] for name in _UP if name in columns), list(columns.values())[-1])

@@ -74,10 +74,10 @@ def _entries(model: Interface, t: Array, inputs: Mapping[str, Array], results: M
     stem = model.identifier
     parameters = [v for v in model.variables if v.causality == "parameter"]
     networks = [name for name in model.code.resources if name.endswith(".onnx")]
-    files = {f"{stem}_out.csv": table_text(t, results)}
+    files = {f"{stem}_out.csv": _listed_text(model, t, results)}
     related = [_Related(f"{stem}_out.csv", "text/csv", RESULT_ROLE, "Output of the default experiment")]
     if inputs:
-        files[f"{stem}_in.csv"] = table_text(t, inputs)
+        files[f"{stem}_in.csv"] = _listed_text(model, t, inputs)
         what = "Input of the default experiment, linear between rows"
         related.insert(0, _Related(f"{stem}_in.csv", "text/csv", INPUT_ROLE, what))
     if parameters:
@@ -147,6 +147,16 @@ def _spacing(t: Array) -> float:
 def table_text(t: Array, columns: Mapping[str, Array]) -> str:
     """CSV with a column ``time`` first, whose numbers read back as the same doubles; the others have seven digits."""
     return cells_text(t, {name: [_text(value) for value in values] for name, values in columns.items()})
+
+
+def _listed_text(model: Interface, t: Array, columns: Mapping[str, Array]) -> str:
+    """``table_text`` with a column per variable of the description: elements of an array stand in one cell."""
+    cells = {name: [_text(value) for value in values] for name, values in columns.items()}
+    for array in model.arrays.values():
+        parts = [cells.pop(v.name) for v in array.elements if v.name in cells]
+        if parts:
+            cells[array.name] = [" ".join(row) for row in zip(*parts, strict=True)]
+    return cells_text(t, cells)
 
 
 def cells_text(t: Array, columns: Mapping[str, Sequence[str]]) -> str:

@@ -14,7 +14,7 @@ def variables_source(model: Interface, version: int) -> str:
     """Text of ``hy_variables.c``. version: of FMI; in FMI 2.0 enumerations are read and set as Integers."""
     count = max(model.code.n_values, 1)
     rows = [
-        f"    [{slot}] = {{{_type(group[0], version)}, {_flags(group)}, "
+        f"    [{slot}] = {{{_type(group[0], version)}, {_flags(group)}, {_size(model, slot)}, "
         f'"{_escaped(group[0].name)}", {_limits(group)}}},'
         for slot, group in sorted(model.groups.items())
     ]
@@ -33,7 +33,7 @@ def variables_source(model: Interface, version: int) -> str:
             "",
             f"const double hy_nominals[] = {{{', '.join(map(repr, nominals))}}};",
             "",
-            f"const int hy_n_texts = {len(model.code.texts)};",
+            f"const int hy_n_texts = {len(model.code.texts)}, hy_has_arrays = {int(bool(model.arrays))};",
             f"const char *const hy_texts[] = {{{', '.join(texts)}}};",
             "",
         )
@@ -42,6 +42,12 @@ def variables_source(model: Interface, version: int) -> str:
 
 def _type(v: Variable, version: int) -> str:
     return "ENUMERATION" if v.enumeration and version == 3 else _TYPES[v.type]
+
+
+def _size(model: Interface, slot: int) -> int:
+    if model.first_slots[slot] != slot:
+        return 0
+    return len(model.arrays[slot].elements) if slot in model.arrays else 1
 
 
 def _limits(group: tuple[Variable, ...]) -> str:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from xml.etree import ElementTree as ET
 
+from hystid.fmu.arrays import ArrayOf
 from hystid.fmu.interface import Interface
 from hystid.fmu.model_description.common import (
     add,
@@ -25,6 +28,7 @@ from hystid.fmu.model_description.common import (
 )
 from hystid.modelcode import Variable
 
+_OF_AN_ELEMENT = re.compile(r", element \d+ of \d+")
 _TAG = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 
 
@@ -37,8 +41,11 @@ def describe(model: Interface, generated: datetime) -> ET.Element:
     add_log_categories(root)
     add_experiment(root, model)
     variables = add(root, "ModelVariables")
-    for group in model.groups.values():
-        _add_variable(variables, model, group)
+    for slot, group in model.groups.items():
+        if slot in model.arrays:
+            _add_array(variables, model, model.arrays[slot])
+        elif model.first_slots[slot] == slot:
+            _add_variable(variables, model, group)
     stem = _free_stem(model, "eventIndicator")
     for i in range(model.code.n_indicators):
         _add_indicator(variables, model, stem, i)
@@ -87,7 +94,17 @@ def _add_types(root: ET.Element, model: Interface) -> None:
             add_items(add(definitions, "EnumerationType", {"name": enumeration.name}), enumeration)
 
 
-def _add_variable(parent: ET.Element, model: Interface, group: tuple[Variable, ...]) -> None:
+def _add_array(parent: ET.Element, model: Interface, array: ArrayOf) -> None:
+    first = array.elements[0]
+    text = _OF_AN_ELEMENT.sub("", first.description)
+    element = _add_variable(parent, model, (replace(first, name=array.name, description=text),))
+    if "start" in element.attrib:
+        element.set("start", " ".join(start_text(v) for v in array.elements))
+    for n in array.shape:
+        add(element, "Dimension", {"start": str(n)})
+
+
+def _add_variable(parent: ET.Element, model: Interface, group: tuple[Variable, ...]) -> ET.Element:
     v = group[0]
     attributes: dict[str, str | None] = {
         "name": v.name,
@@ -118,6 +135,7 @@ def _add_variable(parent: ET.Element, model: Interface, group: tuple[Variable, .
     element = add(parent, "Enumeration" if v.enumeration else _TAG[v.type], attributes)
     for alias in _listed_aliases(group):
         add(element, "Alias", {"name": alias.name, "description": one_line(alias.description) or None})
+    return element
 
 
 def _listed_aliases(group: tuple[Variable, ...]) -> tuple[Variable, ...]:
@@ -152,19 +170,30 @@ def _add_indicator(parent: ET.Element, model: Interface, stem: str, i: int) -> N
 def _add_structure(root: ET.Element, model: Interface) -> None:
     structure = add(root, "ModelStructure")
     outputs = [group[0] for group in model.groups.values() if group[0].causality == "output"]
+    outputs = [v for v in outputs if model.first_slots[v.slot] == v.slot]
     _add_unknowns(structure, "Output", model, outputs)
     _add_unknowns(structure, "ContinuousStateDerivative", model, model.derivatives)
     done: set[int] = set()
     for variable in model.initial_unknowns():
         first = model.groups[variable.slot][0]
-        if variable.slot not in done and first.initial in ("calculated", "approx"):
+        if model.first_slots[variable.slot] not in done and first.initial in ("calculated", "approx"):
             add(structure, "InitialUnknown", {"valueReference": str(variable.slot)})
-        done.add(variable.slot)
+        done.add(model.first_slots[variable.slot])
     for i in range(model.code.n_indicators):
         add(structure, "EventIndicator", {"valueReference": str(model.code.n_values + i)})
 
 
 def _add_unknowns(structure: ET.Element, tag: str, model: Interface, variables: Sequence[Variable]) -> None:
     for variable in variables:
-        known = next((k for v in model.groups[variable.slot] if (k := model.known(v, 3)) is not None), None)
-        add(structure, tag, {"valueReference": str(variable.slot), "dependencies": joined(known)})
+        add(structure, tag, {"valueReference": str(variable.slot), "dependencies": joined(_known(model, variable))})
+
+
+def _known(model: Interface, variable: Variable) -> tuple[int, ...] | None:
+    """Value references of what a variable, or any element of an array, depends on; None where that is not known."""
+    if variable.slot not in model.arrays:
+        names = model.groups[variable.slot]
+        slots = next((k for v in names if (k := model.known(v, 3)) is not None), None)
+    else:
+        each = [model.known(v, 3) for v in model.arrays[variable.slot].elements]
+        slots = None if None in each else tuple(slot for k in each for slot in k or ())
+    return None if slots is None else tuple(sorted({model.first_slots[slot] for slot in slots}))

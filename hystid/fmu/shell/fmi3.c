@@ -1,5 +1,6 @@
 /* FMI 3.0, Model Exchange and Co-Simulation. Each function: is it legal here, then one call into hy_fmi.c. */
 #include <math.h>
+#include <stdlib.h>
 
 #include "fmi3Functions.h"
 #include "hy_fmi.h"
@@ -170,9 +171,21 @@ fmi3Status fmi3Reset(fmi3Instance instance)
 
 /* ---- values ---- */
 
+/* The answer of a call whose references have been taken apart into those of elements, where variables are arrays. */
+#define SPREAD(e, call, vr, n, n_values, answer) \
+    do { \
+        hy_elements e; \
+        int code; \
+        if (hy_spread(c, call, vr, n, n_values, &e)) return fmi3Error; \
+        code = answer; \
+        free(e.made); \
+        return status(code); \
+    } while (0)
+
 fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[], size_t n_values)
 {
     CHECK(GET_VALUE);
+    if (hy_has_arrays) SPREAD(e, "fmi3GetFloat64", vr, n, n_values, hy_get(c, "fmi3GetFloat64", e.vr, n_values, REAL, values));
     if (n != n_values) REFUSE("fmi3GetFloat64: %zu variables, room for %zu values", n, n_values);
     return status(hy_get(c, "fmi3GetFloat64", vr, n, REAL, values));
 }
@@ -181,6 +194,7 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], 
                           size_t n_values)
 {
     CHECK(SET_VALUE);
+    if (hy_has_arrays) SPREAD(e, "fmi3SetFloat64", vr, n, n_values, hy_set(c, "fmi3SetFloat64", e.vr, n_values, REAL, values));
     if (n != n_values) REFUSE("fmi3SetFloat64: %zu variables, %zu values", n, n_values);
     return status(hy_set(c, "fmi3SetFloat64", vr, n, REAL, values));
 }
@@ -328,11 +342,27 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[]
     return status(hy_read_state(c, (const char *)bytes, size, state));
 }
 
+typedef int derivative(hy_instance *, const unsigned *, size_t, const unsigned *, size_t, const double *, double *);
+
+static int by_elements(hy_instance *c, derivative *compute, const hy_elements *unknowns, size_t n_unknowns, const unsigned *knowns,
+                       size_t n_knowns, size_t n_values, const double *seed, double *sensitivity)
+{
+    hy_elements e;
+    int code;
+    if (hy_spread(c, "derivative", knowns, n_knowns, n_values, &e)) return FMI_ERROR;
+    code = compute(c, unknowns->vr, n_unknowns, e.vr, n_values, seed, sensitivity);
+    free(e.made);
+    return code;
+}
+
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t n_unknowns,
                                         const fmi3ValueReference knowns[], size_t n_knowns, const fmi3Float64 seed[],
                                         size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity)
 {
     CHECK(DIRECTIONAL);
+    if (hy_has_arrays)
+        SPREAD(u, "fmi3GetDirectionalDerivative", unknowns, n_unknowns, n_sensitivity,
+               by_elements(c, hy_directional, &u, n_sensitivity, knowns, n_knowns, n_seed, seed, sensitivity));
     if (n_seed != n_knowns || n_sensitivity != n_unknowns) REFUSE("fmi3GetDirectionalDerivative: array lengths do not match");
     return status(hy_directional(c, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity));
 }
@@ -342,6 +372,9 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
                                     size_t n_seed, fmi3Float64 sensitivity[], size_t n_sensitivity)
 {
     CHECK(ADJOINT);
+    if (hy_has_arrays)
+        SPREAD(u, "fmi3GetAdjointDerivative", unknowns, n_unknowns, n_seed,
+               by_elements(c, hy_adjoint, &u, n_seed, knowns, n_knowns, n_sensitivity, seed, sensitivity));
     if (n_seed != n_unknowns || n_sensitivity != n_knowns) REFUSE("fmi3GetAdjointDerivative: array lengths do not match");
     return status(hy_adjoint(c, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity));
 }

@@ -28,6 +28,7 @@ enum { NO_VARIABLE = 0, REAL = 1, INTEGER = 2, BOOLEAN = 3, ENUMERATION = 4 }; /
 enum { HAS_START = 1, IS_INPUT = 2, IS_TUNABLE = 4, IS_DISCRETE = 8, IS_OUTPUT = 16 };
 typedef struct {
     unsigned char type, flags;
+    int size; /* of the array that begins here, 1 of a single value, 0 inside of an array (FMI 3) */
     const char *name;
     double min, max; /* of a parameter; infinite without a limit */
 } hy_variable;
@@ -35,6 +36,7 @@ extern const hy_variable hy_variables[]; /* n_values entries */
 extern const double hy_nominals[];       /* one per continuous state */
 extern const char *const hy_texts[];     /* Strings that are built in: their references follow those of the indicators */
 extern const int hy_n_texts;
+extern const int hy_has_arrays;
 
 typedef struct hy_instance hy_instance;
 typedef void (*hy_logger)(const hy_instance *c, int status, const char *category, const char *text);
@@ -65,6 +67,12 @@ int hy_set_logging(hy_instance *c, int on, size_t n, const char *const *categori
 int hy_get(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, double *value);
 int hy_may_set(hy_instance *c, const char *call, unsigned vr, int type, double value);
 int hy_set(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, const double *value);
+/* References of single elements in place of those of variables, n_values of them; the caller frees what was made. */
+typedef struct {
+    const unsigned *vr;
+    unsigned *made;
+} hy_elements;
+int hy_spread(hy_instance *c, const char *call, const unsigned *vr, size_t n, size_t n_values, hy_elements *e);
 int hy_get_texts(hy_instance *c, const char *call, const unsigned *vr, size_t n, const char **value);
 int hy_set_texts(hy_instance *c, const char *call, const unsigned *vr, size_t n);
 int hy_set_time(hy_instance *c, double time);
