@@ -125,6 +125,14 @@ def broken(folder: Path) -> list[str]:
     return [str(path) for path in _seen(folder) if not _is_whole(path)]
 
 
+def told(files: list[str]) -> bool:
+    """Print the files that are not whole, with their sizes, and say whether there are any."""
+    for name in files:
+        path = Path(name)
+        print(f"not whole: {name} ({path.stat().st_size if path.exists() else 'gone'})", file=sys.stderr, flush=True)
+    return bool(files)
+
+
 def _seen(folder: Path) -> Iterator[Path]:
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
@@ -197,7 +205,7 @@ def killed(name: str, kills: int, place: Path, dice: random.Random, longest: flo
         for k in range(min(_ROUND, kills - found.kills)):
             begin = time.monotonic()
             again = ended(forked(text.format(out)), dice.uniform(0, lasted))
-            found.half_written += bool(broken(out))
+            found.half_written += told(broken(out))
             if again is not None:
                 found.late += 1
                 if not k:  # later ones go on where others were killed
@@ -262,7 +270,7 @@ def killed_workers(kills: int, place: Path, dice: random.Random) -> Found:
                 workers[0].kill()
                 workers[0].wait()
                 found.kills += 1
-                found.half_written += bool(broken(out))
+                found.half_written += told(broken(out))
                 workers = [workers[1], subprocess.Popen(work, stderr=subprocess.DEVNULL, env=environment)]
             code = ended(study, 300)
             lasted = lasted or time.monotonic() - begin

@@ -1,10 +1,12 @@
 """What an importer's solver gives at its default settings: oscillators in Model Exchange, error against fine steps.
 
-    python -m benchmarks.fmu.solver_settings [--fmusim PROGRAM]
+    python -m benchmarks.fmu.solver_settings [--fmusim PROGRAM] [--as-fmusim]
 
 FMPy's CVode takes tolerance and nominal values from the FMU, and so does PyFMI, which runs where it is installed. The
 fmusim in C, where it is named, runs Co-Simulation by default. In Model Exchange it takes the Euler method, or CVode
-where that is asked for, with a tolerance of its own (1e-4) and the FMU's nominal values.
+where that is asked for, with a tolerance of its own (1e-4) and the FMU's nominal values. --as-fmusim: what nominal
+values can do about that, by the same method in FMPy (BDF, absolute tolerances of 1e-4 of the nominal values) with the
+FMU's nominal values, a tenth, a hundredth and a thousandth of them.
 
 Two cases, half a second: a constant force of 60 N from rest, and free motion from 5 mm. Error: rms of the difference in
 x, v and R over the standard deviation of the reference, the worst of the three, in per cent. Reference: the same FMU,
@@ -21,6 +23,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import fmpy
+import fmpy.sundials as sundials
 import numpy as np
 
 from hystid.fmu import Driver, build_model
@@ -35,12 +38,32 @@ Rows = Mapping[str, np.ndarray]
 Client = Callable[[Path, Mapping[str, float]], Rows]
 
 
-def by_fmpy(path: Path, start: Mapping[str, float]) -> Rows:
+def by_fmpy(path: Path, start: Mapping[str, float], **further: float) -> Rows:
     """CVode of FMPy."""
     return fmpy.simulate_fmu(  # type: ignore[no-any-return]
         str(path), fmi_type="ModelExchange", stop_time=STOP, output_interval=STOP / (ROWS - 1),
-        start_values=dict(start), output=NAMES, record_events=False,
+        start_values=dict(start), output=NAMES, record_events=False, **further,
     )  # fmt: skip
+
+
+def as_fmusim(share: float) -> Client:
+    """CVode of FMPy at the tolerance of fmusim, with a share of the FMU's nominal values."""
+
+    def run(path: Path, start: Mapping[str, float]) -> Rows:
+        def scaled(memory: object, relative: float, absolute: object) -> int:
+            values = sundials.NV_DATA_S(absolute)
+            for i in range(n):
+                values[i] *= share
+            return usual(memory, relative, absolute)  # type: ignore[no-any-return]
+
+        n, usual = len(Driver(path).model.states), sundials.CVodeSVtolerances
+        sundials.CVodeSVtolerances = scaled
+        try:
+            return by_fmpy(path, start, relative_tolerance=1e-4)
+        finally:
+            sundials.CVodeSVtolerances = usual
+
+    return run
 
 
 def by_fmusim(program: Path, *further: str) -> Client:
@@ -95,8 +118,14 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--fmusim", type=Path, help="the program, where it is at hand")
-    program = parser.parse_args().fmusim
+    parser.add_argument(
+        "--as-fmusim", action="store_true", help="FMPy at the tolerance of fmusim, nominal values varied"
+    )
+    given = parser.parse_args()
+    program = given.fmusim
     clients: dict[str, Client] = {"FMPy": by_fmpy}
+    if given.as_fmusim:
+        clients |= {f"as fmusim, nominal x {share:g}": as_fmusim(share) for share in (1, 0.1, 0.01, 0.001)}
     if program:
         cvode = ("--interface-type", "me", "--solver", "cvode")
         clients |= {
