@@ -202,30 +202,35 @@ def _reduced(
 ) -> tuple[list[ScalarEquation], list[str], list[Assign]]:
     """Substitutes what an equation states explicitly, as long as one equation and small expressions remain."""
     later: list[Assign] = []
+    names = [refs(e.left) | refs(e.right) for e in equations]
     while len(equations) > 1:
-        choice = next(_substitutable(equations, unknowns), None)
+        choice = next(_substitutable(equations, names, unknowns), None)
         if choice is None:
             break
         k, name, value = choice
         place = equations.pop(k).place
+        names.pop(k)
         unknowns.remove(name)
         later.append(Assign(name, value, place))
-        equations = [
-            ScalarEquation(substitute(e.left, {name: value}), substitute(e.right, {name: value}), e.place)
-            for e in equations
-        ]
+        for j, e in enumerate(equations):
+            if name in names[j]:
+                left, right = (substitute(side, {name: value}) for side in (e.left, e.right))
+                equations[j], names[j] = ScalarEquation(left, right, e.place), refs(left) | refs(right)
     return equations, unknowns, later
 
 
-def _substitutable(equations: list[ScalarEquation], unknowns: list[str]) -> Iterator[tuple[int, str, Expr]]:
+def _substitutable(
+    equations: list[ScalarEquation], names: list[frozenset[str]], unknowns: list[str]
+) -> Iterator[tuple[int, str, Expr]]:
+    """names: the variables of each equation."""
     for k, e in enumerate(equations):
         for name in unknowns:
-            if _rank(e, name) > 1:
+            if name not in names[k] or _rank(e, name) > 1:
                 continue
             value = isolate(e, name)
             if value is None or _contains(value, name):
                 continue
-            uses = sum(name in refs(o.left) | refs(o.right) for j, o in enumerate(equations) if j != k)
+            uses = sum(name in other for other in names) - 1
             if uses * sum(1 for _ in nodes(value)) <= _SUBSTITUTION_LIMIT:
                 yield k, name, value
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 from hystid.modelica.reach import Class
 
@@ -217,25 +218,32 @@ def _plain_element(
     )  # fmt: skip
 
 
+_BRACKETS = re.compile(r"[()\[\]{}]")
+
+
 def next_mark(text: str, start: int, end: int, mark: str) -> int:
     """Offset of the next ``mark`` outside all brackets, ``end`` without one."""
     depth = 0
-    for k in range(start, end):
-        letter = text[k]
-        if letter in "([{":
-            depth += 1
-        elif letter in ")]}":
-            depth -= 1
-        elif letter == mark and depth <= 0:
-            return k
+    for found in _marks(mark).finditer(text, start, end):
+        letter = found.group()
+        if letter == mark and depth <= 0:
+            return found.start()
+        depth += (letter in "([{") - (letter in ")]}")
     return end
+
+
+@cache
+def _marks(mark: str) -> re.Pattern[str]:
+    return re.compile(rf"[()\[\]{{}}{re.escape(mark)}]")
 
 
 def closing(text: str, opening: int) -> int:
     """Position of the bracket that closes the one at ``opening`` (the text's end without one)."""
+    if text[opening : opening + 1] not in tuple("([{"):
+        return opening
     depth = 0
-    for k in range(opening, len(text)):
-        depth += (text[k] in "([{") - (text[k] in ")]}")
+    for found in _BRACKETS.finditer(text, opening):
+        depth += 1 if found.group() in "([{" else -1
         if depth == 0:
-            return k
+            return found.start()
     return len(text)

@@ -7,25 +7,29 @@ the end of the piece is reached. Elsewhere such corners make no event, as the sp
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 
 from hystid.modelica.blocks import Solve, Step, has_steps
 from hystid.modelica.events import EventModel, mark_corners
-from hystid.modelica.expr import ZERO, Derivative, Expr, Num, Op, Ref, nodes, rebuild, refs
+from hystid.modelica.expr import RELATIONS, ZERO, Derivative, Expr, Num, Op, Ref, nodes, rebuild, refs
 from hystid.modelica.scalar import ScalarModel
 
 
 def corners_in_loops(scalar: ScalarModel, steps_of: Callable[[EventModel], Sequence[Step]]) -> frozenset[Expr]:
     """Relations for ``name_events``. steps_of: the order of evaluation between events."""
-    if not any(_corners(side) for e in scalar.equations for side in (e.left, e.right)):
+    running = {n for n, v in scalar.variables.items() if v.kind == "unknown"}
+    if not any(_corners(side, running) for e in scalar.equations for side in (e.left, e.right)):
         return frozenset()
     events, marked = mark_corners(scalar)
     found = (k for step in steps_of(events) if isinstance(step, Solve) for k in _in_loop(step))
     return frozenset(marked[k] for k in found)
 
 
-def _corners(expr: Expr) -> bool:
-    return any(isinstance(n, Op) and n.name == "smooth" and n.args[0] == ZERO for n in nodes(expr))
+def _corners(expr: Expr, running: Set[str]) -> bool:
+    """Whether there are corners that may lie in a loop: of more than time and parameters."""
+    parts = (n for n in nodes(expr) if isinstance(n, Op) and n.name == "smooth" and n.args[0] == ZERO)
+    inside = (n for part in parts for n in nodes(part) if isinstance(n, Op) and n.name in RELATIONS)
+    return any(refs(relation) & running for relation in inside)
 
 
 def _in_loop(step: Solve) -> Iterator[int]:

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any, NoReturn
 
 from hystid.errors import ModelicaError
+from hystid.modelica.connections import Connections, is_connection
 from hystid.modelica.diagnostics import declared_at
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text, balanced_sum
 from hystid.modelica.flat import Place
@@ -82,6 +83,10 @@ class DictionaryReader:
         return Place(str(source.path), source.line(span["start"]))
 
     @cached_property
+    def _connections(self) -> Connections:
+        return Connections(self.sources)
+
+    @cached_property
     def _declaration(self) -> Place:
         """Where the model itself is declared: for what the front end made without a place of its own."""
         return Place(declared_at(self.name, self.sources))
@@ -91,7 +96,10 @@ class DictionaryReader:
         raise ModelicaError(f"{place}: {what} is not supported: {way}")
 
     def place(self, item: Mapping[str, Any]) -> Place:
-        """The first line of an equation; connections report the line of a connected variable."""
+        """The first line of an equation; of a connection, that of its clause, or of the model where none is found."""
+        origin = item.get("origin")
+        if is_connection(origin):
+            return self._connections.place(origin) or self._declaration
         known = (n for n in spans(item) if self._source(n["span"]["source"]) is not None)
         first = next(known, None)
         return self._declaration if first is None else self._place(first)

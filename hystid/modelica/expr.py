@@ -327,7 +327,11 @@ def substitute(expr: Expr, values: Mapping[str, Expr]) -> Expr:
 
 def evaluate(expr: Expr, values: Mapping[str, float]) -> float | None:
     """Value where every variable is in ``values``; None where one is missing or the operation has no finite value."""
-    folded = substitute(expr, {name: Num(value) for name, value in values.items()})
+
+    def number(node: Expr) -> Expr | None:
+        return Num(values[node.name]) if isinstance(node, Ref) and node.name in values else None
+
+    folded = rebuild(expr, number)
     return folded.value if isinstance(folded, Num) else None
 
 

@@ -7,6 +7,7 @@ at the sign changes of the states: relations that make events stand still there.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,6 +22,9 @@ _JUMP = 1e-9  # least, as part of the derivative away from 0: a thousand roundin
 _LARGEST = 400  # steps of evaluation: the models that this is about are small
 
 
+_Needs = tuple[Assign, frozenset[str]]
+
+
 def jumps_without_event(model: HybridModel) -> bool:
     """Whether a derivative jumps where a state changes its sign, parameters as they stand."""
     steps = (*model.dependent, *model.derivatives)
@@ -28,12 +32,15 @@ def jumps_without_event(model: HybridModel) -> bool:
         return False
     rng = np.random.default_rng(0)
     named = {name for step in steps for name in sources(step)}
+    assigns = [(step, sources(step)) for step in steps if isinstance(step, Assign)]
+    after = {state: _behind(assigns, state) for state in model.states}
     for _ in range(_DRAWS):
         point = {name: model.starts.get(name, float(rng.integers(2))) for name in named}
         point |= {name: float(rng.uniform(-1e-3, 1e-3)) for name in (*model.states, *model.inputs)}
-        usual = _derivatives(model, steps, dict(point))
+        _evaluate(assigns, point)
+        usual = _slopes(model, point)
         for state in model.states:
-            far, near = (_changes(model, steps, point, state, distance) for distance in _NEAR)
+            far, near = (_changes(model, after[state], point, state, distance) for distance in _NEAR)
             if any(abs(near[n]) > max(0.5 * abs(far[n]), _JUMP * abs(usual.get(n, 0.0)), 1e-300) for n in near):
                 return True
     return False
@@ -43,20 +50,36 @@ def _has_sign(step: Step) -> bool:
     return isinstance(step, Assign) and any(isinstance(n, Op) and n.name == "sign" for n in nodes(step.value))
 
 
+def _behind(assigns: Sequence[_Needs], state: str) -> list[_Needs]:
+    """The steps that a state acts upon, the others stay as they are."""
+    changed, found = {state}, []
+    for step, needs in assigns:
+        if needs & changed:
+            changed.add(step.variable)
+            found.append((step, needs))
+    return found
+
+
 def _changes(
-    model: HybridModel, steps: tuple[Step, ...], point: dict[str, float], state: str, distance: float
+    model: HybridModel, steps: Sequence[_Needs], point: Mapping[str, float], state: str, distance: float
 ) -> dict[str, float]:
     """What each derivative changes by where the state changes its sign."""
-    high, low = (_derivatives(model, steps, {**point, state: side * distance}) for side in (1, -1))
+    sides = []
+    for side in (1, -1):
+        values = {**point, state: side * distance}
+        _evaluate(steps, values)
+        sides.append(_slopes(model, values))
+    high, low = sides
     return {name: high[name] - low[name] for name in model.states if name in high and name in low}
 
 
-def _derivatives(model: HybridModel, steps: tuple[Step, ...], values: dict[str, float]) -> dict[str, float]:
-    """State -> its derivative, where it can be computed."""
-    for step in steps:
-        if isinstance(step, Assign) and sources(step) <= values.keys():
-            found = evaluate(step.value, values)
-            if found is not None:
-                values[step.variable] = found
+def _evaluate(steps: Sequence[_Needs], values: dict[str, float]) -> None:
+    """Adds what can be computed."""
+    for step, needs in steps:
+        if needs <= values.keys() and (found := evaluate(step.value, values)) is not None:
+            values[step.variable] = found
+
+
+def _slopes(model: HybridModel, values: Mapping[str, float]) -> dict[str, float]:
     slopes = {name: values[der(name)] for name in model.states if der(name) in values}
     return {name: value for name, value in slopes.items() if math.isfinite(value)}

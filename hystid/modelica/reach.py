@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from hystid.modelica.sources import Source
 
@@ -75,6 +76,7 @@ def _named(source: Source, o: _Open, parent: Class | None) -> Iterator[Class]:
         yield from _named(source, inner, made)
 
 
+@lru_cache(maxsize=1024)  # several passes ask for it; a text that none of them changed is the same
 def _outline(plain: str) -> list[_Open] | None:
     stack = [_Open("", "", 0, 0)]
     depth = 0
