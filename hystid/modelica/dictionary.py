@@ -98,7 +98,7 @@ class DictionaryReader:
     def place(self, item: Mapping[str, Any]) -> Place:
         """The first line of an equation; of a connection, that of its clause, or of the model where none is found."""
         origin = item.get("origin")
-        if is_connection(origin):
+        if origin and is_connection(origin):
             return self._connections.place(origin) or self._declaration
         known = (n for n in spans(item) if self._source(n["span"]["source"]) is not None)
         first = next(known, None)
