@@ -135,3 +135,22 @@ def test_a_hidden_state_is_refused(tmp_path: Path, drawn) -> None:
     (tmp_path / "B.mo").write_text(text + "end when; end B;\n")
     with pytest.raises(ModelicaError, match=r"B\.mo:1: impureRandom\(\) is not supported: it keeps a state"):
         compile_model(f"{tmp_path / 'B.mo'}:B", libraries=[tmp_path / "lib"])
+
+
+def test_a_component_may_be_called_sample(tmp_path: Path) -> None:
+    (tmp_path / "A.mo").write_text("""
+block Ticker
+  parameter Real period = 1;
+  Boolean b = sample(0, period);
+  discrete Integer n(start = 0, fixed = true);
+equation
+  when sample(0, period) then
+    n = pre(n) + 1;
+  end when;
+end Ticker;
+model A
+  Ticker sample(period = 0.25);
+end A;
+""")
+    got = CompiledModel(compile_model(f"{tmp_path / 'A.mo'}:A")).simulate({}, 0.1, rows=11, outputs=["sample.n"])
+    np.testing.assert_array_equal(got["sample.n"], np.floor(np.arange(11) * 0.4 + 1 + 1e-9))
