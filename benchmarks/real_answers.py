@@ -244,10 +244,10 @@ def _structures() -> Iterator[Case]:
 
 def _pendulums() -> Iterator[Case]:
     # Friction that grows with the load of the gear, torque computed from the voltage with a scale that is not certain;
-    # sin x beside a linear spring is softening.
+    # sin x beside a linear spring is softening. v is the servo's own estimate, late by what its source says.
     gear = Known(
         (("cubic_stiffness",), (*FRICTION, "position_dependent_friction")),
-        open=("force_gain", "added_mass", *OFFSET),
+        open=("force_gain", "added_mass", "channel_delay", *OFFSET),
         knowable=False,
     )
     dry = replace(gear, effects=gear.effects[1:], open=(*gear.open, "cubic_stiffness"), knowable=True)

@@ -11,9 +11,9 @@ import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.decide.criterion import ACCURACY, ZERO, Criterion, Hypothesis, effective_states, zero_probability
-from hystid.diagnosis.decide.independence import _cells, _independent
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_allowed
+from hystid.diagnosis.fit.independence import _cells, _independent
 from hystid.diagnosis.fit.problem import standing
 from hystid.diagnosis.model.library import load_effects
 from hystid.recording import Recording

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from hystid.consistency import words
+from hystid.consistency.cut_off import allowing, stopping
 from hystid.consistency.filters import Form, filtered
 from hystid.consistency.force import FOURFOLD, Force, examine_force
 from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, computed, formula, motion, pairs, spectrum
@@ -90,7 +91,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     findings: list[Finding] = []
     moves = all(np.ptp(values) > 0 for values in motion(recording).values())  # a constant channel is told as such
     timed = not recording.quasi_static and len(recording) >= _SHORTEST and moves
-    compared = pairs(recording) if timed else []
+    compared = allowing(pairs(recording), motion(recording)) if timed else []
     force = examine_force(recording) if len(recording) >= _SHORTEST and moves else None
     inertia = _inertia(recording, force, mass)
     forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
@@ -105,7 +106,9 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
             force = examine_force(mended) if best.slips and len(recording) >= _SHORTEST else force
             findings += _judged_force(mended, force)
             findings += [] if findings else _sizes(mended)
-        findings += _lags(recording, compared, best, forms) + _filters(recording, compared, best, forms)
+        cut_off = stopping(motion(recording))  # it loses motion where that is large, not by frequency
+        whole = [p for p in compared if not {p.low, p.high} & cut_off]
+        findings += _lags(recording, compared, best, forms) + _filters(recording, whole, best, forms)
         findings += _strangers(recording, compared, best)
     channels = _channels(recording, compared)
     relations = [

@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from hystid.diagnosis.decide.criterion import NAME, SOUND, Candidate, Criterion, Hypothesis, Posterior, zero_probability
-from hystid.diagnosis.decide.independence import is_noise
 from hystid.diagnosis.decide.lawfree import free_curves
 from hystid.diagnosis.decide.part_time import in_windows
 from hystid.diagnosis.decide.trials import (
@@ -33,6 +32,7 @@ from hystid.diagnosis.decide.trials import (
 )
 from hystid.diagnosis.fit.clipped import clipped_force
 from hystid.diagnosis.fit.hypothesis import Fit, Key, is_mass, is_source
+from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import ABSORBED, other_valleys, scan, try_fit
 from hystid.diagnosis.fit.search import Candidate as Scanned

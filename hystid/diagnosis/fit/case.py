@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from hystid.diagnosis.fit.colour import coloured_alike, with_colour
+from hystid.diagnosis.fit.colour import coloured_alike, with_colour, with_colour_above
 from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import without_knocks
 from hystid.diagnosis.fit.periodic import periodic_forces
 from hystid.diagnosis.fit.problem import Problem
@@ -28,12 +29,13 @@ from hystid.diagnosis.prepare import chain
 from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.rest import trimmed, without_rest
-from hystid.diagnosis.prepare.segments import Part, band, prepare_part, visible, without_x
+from hystid.diagnosis.prepare.segments import Flags, Part, band, prepare_part, visible, without_x
 from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
 
 _LIBRARY = "HystId."
+_BEGUN = 3  # times that the beginning is judged again by a refit
 
 
 @dataclass(frozen=True)
@@ -90,11 +92,17 @@ def pose(taken: Taken, model: str) -> Case:
         told = [f"the parameters that were given are no start: {sentence}", *told]
     if sentence := _no_force(baseline, parts):
         raise NumericalError(f"{sentence}; give parameters at which {model} has an answer on these recordings")
-    parts, kept, running = beginning(parts, baseline)
+    parts, kept, running = beginning(parts, baseline, baseline.nominal)
     baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
     sized, _ = _starts(parts, code, {n: v for n, v in values.items() if n in {"m", *fixed}}, model, quasi_static=still)
     refitted, valleys, nominal = refit(problem, kept, sized)
+    for _ in range(_BEGUN):  # a contact that slips later than was believed remembers longer
+        longer, _, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values)
+        if all(_same(a.valid, b.valid) for a, b in zip(longer, problem.parts, strict=True)):
+            break
+        problem, running = problem.of(longer), told_again
+        refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])
     held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
     if (coloured := _colour(problem, refitted)) is not None:
         problem, held = problem.of(coloured), coloured_alike(held, coloured)
@@ -120,14 +128,26 @@ def pose(taken: Taken, model: str) -> Case:
     )  # fmt: skip
 
 
+def _same(one: Flags | None, other: Flags | None) -> bool:
+    return one is other or (one is not None and other is not None and bool(np.array_equal(one, other)))
+
+
 def _colour(problem: Problem, refitted: Fit) -> list[Part] | None:
     """The parts with the colour of their noise, None where it is white.
 
     Measured twice: a constant force that is missing leads the first refit astray, and the way it does is slow. A refit
     that gives little for slow forces does not follow it.
     """
-    first = with_colour(problem, refitted) if problem.timed else None
-    return None if first is None else with_colour(problem, refit_again(problem.of(first), [refitted])[0])
+    if not problem.timed:
+        return None
+    first = with_colour(problem, refitted)
+    if first is not None:
+        return with_colour(problem, refit_again(problem.of(first), [refitted])[0])
+    above = with_colour_above(problem, refitted)
+    if above is None:
+        return None
+    coloured = problem.of(above)
+    return above if is_noise(coloured, refit_again(coloured, [refitted])[0]) else None
 
 
 def _no_force(baseline: Baseline, parts: Sequence[Part]) -> str:

@@ -9,10 +9,11 @@ motion is taken out, and then the force balance is whitened by it (generalised l
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import label
 from scipy.optimize import lsq_linear
 
 from hystid.diagnosis.fit.curves import cells, curves
@@ -37,15 +38,52 @@ def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
 
     One colour for all channels and recordings, relative to their white noise: they come from the same amplifiers.
     """
-    rests = problem.reduce.whitened(problem.balance(fitted.hypothesis))
-    moved = [problem.reduce.whitened(draw) for draw in problem.moved(fitted.hypothesis)]
-    found = [_below(part, rests[i], [draw[i] for draw in moved]) for i, part in enumerate(problem.parts)]
-    frequency, power, dt = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    seen = _seen(problem, fitted)
+    frequency, power, dt = (np.concatenate(columns) for columns in zip(*map(_below, seen), strict=True))
     if len(power) < _FEWEST:
         return None
     lowest = min(band(part)[0] * part.dt for part in problem.parts)
-    pink, red = _fitted(frequency, power, dt, _most(problem.parts, rests), lowest)
+    slope, error = _above_all(seen)
+    pink, red = _fitted(frequency, power, dt, slope + 2 * error if slope > 2 * error else 0.0, lowest)
     return [_coloured(part, (pink, red * part.dt)) for part in problem.parts] if pink or red else None
+
+
+def with_colour_above(problem: Problem, fitted: Fit) -> list[Part] | None:
+    """The same by what is above the motion, where that fills the recordings and leaves nothing below it.
+
+    What moves the structure may be there as well: the caller has to see that what is left then follows no motion.
+    """
+    slope, error = _above_all(_seen(problem, fitted))
+    return [_coloured(part, (slope, 0.0)) for part in problem.parts] if slope > 2 * error else None
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """What a fit leaves of the longest stretch of a recording that has no gaps, in units of the white noise.
+
+    rest: (n,); x, v: motion there; moved: what draws of the noise of the motion do to the force.
+    """
+
+    part: Part
+    rest: Array
+    x: Array
+    v: Array
+    moved: tuple[Array, ...]
+
+
+def _seen(problem: Problem, fitted: Fit) -> list[_Rest]:
+    """The rests of all parts; where a law is not sure of a sample, as where it jumps, little of it counts."""
+    rests = problem.reduce.whitened(problem.balance(fitted.hypothesis))
+    moved = [problem.reduce.whitened(draw) for draw in problem.moved(fitted.hypothesis)]
+    found = []
+    for i, part in enumerate(problem.parts):
+        sure = problem.reduce.trusted(i)
+        runs, count = label(sure > 0)
+        longest = int(np.argmax(np.bincount(runs.ravel(), minlength=2)[1:])) + 1 if count else 0
+        at = slice(*(np.flatnonzero(runs == longest)[[0, -1]] + [0, 1])) if count else slice(0, 0)
+        draws = tuple((draw[i] * sure)[at] for draw in moved)
+        found.append(_Rest(part, (rests[i] * sure)[at], part.x[at], part.v[at], draws))
+    return found
 
 
 def _coloured(part: Part, colour: tuple[float, float]) -> Part:
@@ -55,18 +93,17 @@ def _coloured(part: Part, colour: tuple[float, float]) -> Part:
     return replace(part, colour=colour, jitter=jitter)
 
 
-def _below(part: Part, rest: Array, moved: Sequence[Array]) -> tuple[Array, Array, Array]:
-    """Lines of the spectrum below the motion: frequency [cycles per sample], power over that of white noise, dt [s].
-
-    moved: what white noise of the motion does to the force.
-    """
+def _below(seen: _Rest) -> tuple[Array, Array, Array]:
+    """Lines of the spectrum below the motion: frequency [cycles per sample], power over that of white noise, dt [s]."""
+    part, rest = seen.part, seen.rest
     block = max(1, len(rest) // _ROWS)
     rows = len(rest) // block
-    # lines that a filter has taken out, or a gap fills with anything, say nothing
-    last = 0 if part.lowest or part.valid is not None else int(_BELOW * band(part)[0] * rows * block * part.dt)
+    # lines that a filter has taken out say nothing
+    last = 0 if part.lowest else int(_BELOW * band(part)[0] * rows * block * part.dt)
     if last <= _FIRST:
         return np.empty(0), np.empty(0), np.empty(0)
-    x, v, left, *noises = (u[: rows * block].reshape(rows, block).mean(axis=1) for u in (part.x, part.v, rest, *moved))
+    columns = (seen.x, seen.v, rest, *seen.moved)
+    x, v, left, *noises = (u[: rows * block].reshape(rows, block).mean(axis=1) for u in columns)
     follows = [table for u in (x, v) for table in curves([u])]
     cell = cells(x, v)
     inside = cell[:, None] == np.unique(cell)
@@ -81,16 +118,15 @@ def _below(part: Part, rest: Array, moved: Sequence[Array]) -> tuple[Array, Arra
     return np.arange(_FIRST, last) / (rows * block), lines(left) / white, np.full(last - _FIRST, part.dt)
 
 
-def _most(parts: Sequence[Part], rests: Sequence[Array]) -> float:
-    """Largest coefficient of 1/f that the noise above the motion allows, two standard errors beyond the likeliest; 0
-    where none is seen there.
+def _above_all(seen: Sequence[_Rest]) -> tuple[float, float]:
+    """Coefficient of 1/f in the noise above the motion, and its standard error; 0 where none is seen there.
 
-    What moves the structure there adds to it: a bound from above, and no estimate.
+    What moves the structure there adds to it.
     """
-    found = [_above(part, rest) for part, rest in zip(parts, rests, strict=True)]
+    found = [_above(one) for one in seen]
     frequency, power = (np.concatenate(columns) for columns in zip(*found, strict=True))
     if len(power) < _MANY:
-        return 0.0
+        return 0.0, 0.0
     shapes = np.column_stack([np.ones_like(frequency), 1 / frequency])
     expected = np.full_like(power, float(np.mean(power)))
     for _ in range(_ROUNDS):
@@ -98,17 +134,18 @@ def _most(parts: Sequence[Part], rests: Sequence[Array]) -> float:
         level, slope = np.linalg.lstsq(weighted, power / expected, rcond=None)[0]
         expected = np.maximum(shapes @ [level, slope], 0.1 * float(np.mean(power)))
     error = float(np.sqrt(np.linalg.inv(weighted.T @ weighted)[1, 1]))
-    return float((slope + 2 * error) / level) if level > 0 and slope > 2 * error else 0.0
+    return (float(slope / level), error / float(level)) if level > 0 else (0.0, 0.0)
 
 
-def _above(part: Part, rest: Array) -> tuple[Array, Array]:
+def _above(seen: _Rest) -> tuple[Array, Array]:
     """Lines of the spectrum above the motion: frequency [cycles per sample], and power over that of white noise."""
-    first, last = (int(share * len(rest)) for share in (_ABOVE * band(part)[1] * part.dt, 0.49))
-    if part.valid is not None or last <= first:
+    count = len(seen.rest)
+    first, last = (int(share * count) for share in (_ABOVE * band(seen.part)[1] * seen.part.dt, 0.49))
+    if seen.part.lowest or last <= first:
         return np.empty(0), np.empty(0)
-    window = np.hanning(len(rest))
-    power = np.abs(np.fft.rfft(rest * window)[first:last]) ** 2 / float(window @ window)
-    return np.arange(first, last) / len(rest), np.asarray(power)
+    window = np.hanning(count)
+    power = np.abs(np.fft.rfft(seen.rest * window)[first:last]) ** 2 / float(window @ window)
+    return np.arange(first, last) / count, np.asarray(power)
 
 
 def _fitted(frequency: Array, power: Array, dt: Array, most: float, lowest: float) -> tuple[float, float]:

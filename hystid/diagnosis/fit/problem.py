@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, Unknown, get, is_mass, is_source, put
@@ -20,7 +21,7 @@ from hystid.diagnosis.model.cache import Memory
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.prepare.differences import Advanced
 from hystid.diagnosis.prepare.reduction import Reduction
-from hystid.diagnosis.prepare.segments import DRAWS, Part
+from hystid.diagnosis.prepare.segments import DRAWS, Part, band
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -38,6 +39,16 @@ _SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembere
 # Bytes that are remembered: laws, forces of effects, and of scans columns, and forces per unit of h.
 _KEPT = (40_000_000, 24_000_000, 120_000_000, 40_000_000)
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
+# Gauss-Hermite quadrature of five nodes over a normal distribution (Abramowitz and Stegun 1964, table 25.10).
+_NODES = (-2.856970, -1.355626, 0.0, 1.355626, 2.856970)
+_WEIGHTS = (0.011257, 0.222076, 0.533333, 0.222076, 0.011257)
+
+
+def _local(part: Part) -> Array:
+    """Error of the velocity [m/s], (n,): rms of its draws over half a period of the quickest motion."""
+    width = max(1, int(0.5 / (part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))))
+    squares = np.mean([np.asarray(dv, dtype=float) ** 2 for _, dv, _, _ in part.jitter], axis=0)
+    return np.asarray(np.sqrt(uniform_filter1d(squares, width)))
 
 
 @dataclass(frozen=True)
@@ -296,7 +307,8 @@ class Problem:
         if self.baseline.memoryless:
             turns, filtered = (np.maximum.reduce(rows) for rows in zip(*map(self._jumps, hypotheses), strict=True))
             self.turns = float(np.quantile(np.maximum(turns, filtered) ** 2, _RARE)) > _SEEN
-            self.reduce.distrust([*self.movements(hypotheses[0]), turns], filtered)
+            unsure = self._unsure(hypotheses[0])
+            self.reduce.distrust([*self.movements(hypotheses[0]), turns], np.hypot(filtered, unsure))
         else:
             self.turns = False
             self.reduce.distrust(self.movements(hypotheses[0]), np.zeros(1))
@@ -330,6 +342,31 @@ class Problem:
         share = 1.0 if sharp else _ROUND
         # Their sign changes with that of v: blocks would lose it.
         return self.reduce([share * s for s in slow]), self.reduce([_FILTERED * q for q in quick])
+
+    def _unsure(self, hypothesis: Hypothesis) -> Array:
+        """Rows of the standard deviation that the error of the velocity leaves to a law without memory.
+
+        A few draws of the noise miss most of the samples beside a turn of slow motion, whose side nobody knows. So the
+        whole velocity is moved by its local error, by the nodes of a Gauss-Hermite quadrature. A contact that may
+        stand still holds any force between those of sliding either way.
+        """
+        error = [_local(part) for part in self.parts]
+        fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
+
+        def law(shifts: Sequence[Array]) -> list[Array]:
+            moved = [self._hold(p, p.x, p.v + shift) for p, shift in zip(self.parts, shifts, strict=True)]
+            return [R for R, _ in self._follow(moved, hypothesis.values)]
+
+        turned = zip(*(law([node * e for e in error]) for node in _NODES), strict=True)
+        sliding = zip(*(law([side * _TURN * fastest + 0 * e for e in error]) for side in (-1, 1)), strict=True)
+        weights = np.array(_WEIGHTS)[:, None]
+        spread = []
+        for part, e, forces, (back, forth) in zip(self.parts, error, turned, sliding, strict=True):
+            mean = np.sum(weights * forces, axis=0)
+            variance = np.sum(weights * (np.array(forces) - mean) ** 2, axis=0)
+            rests = np.exp(-0.5 * (part.v / np.maximum(e, 1e-300)) ** 2)  # likelihood of standing still
+            spread.append(np.sqrt(variance + rests * (forth - back) ** 2 / 12))
+        return self.reduce.spread(spread)
 
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
         moved = []

@@ -6,7 +6,7 @@ first full stroke; until then their force may be anything within the loop, and t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,9 +24,14 @@ _STROKE = 60  # samples of a stroke that is put before a recording
 _NEAR, _LAST = 0.03, 20  # share of the stroke that is near an end, and part of a recording that has forgotten most
 
 
-def beginning(parts: Sequence[Part], baseline: Baseline) -> tuple[list[Part], tuple[int, ...], list[str]]:
+def beginning(
+    parts: Sequence[Part], baseline: Baseline, values: Mapping[str, float]
+) -> tuple[list[Part], tuple[int, ...], list[str]]:
     """The parts with a past where they begin in mid-motion, and their first samples not valid while the law still knows
-    of it; numbers of the recordings in which a contact keeps a force of that time; sentences."""
+    of it; numbers of the recordings in which a contact keeps a force of that time; sentences.
+
+    values: parameters of the law. Parts that were begun before, at other values, leave out what either says.
+    """
     if baseline.memoryless:
         return list(parts), (), []
     found, kept, told = list(parts), [], []
@@ -34,9 +39,9 @@ def beginning(parts: Sequence[Part], baseline: Baseline) -> tuple[list[Part], tu
         if _rests(part):
             continue
         past = _past(part)
-        lasting, keeps = _remembered(replace(part, past=past), baseline)
+        lasting, keeps = _remembered(replace(part, past=past), baseline, values)
         valid = np.ones(len(part), dtype=bool) if part.valid is None else part.valid.copy()
-        left_out = min(lasting, int(_MOST * len(part)))
+        left_out = max(min(lasting, int(_MOST * len(part))), int(np.argmax(valid)) if part.past else 0)
         valid[:left_out] = False
         found[number] = replace(part, valid=valid, past=past)
         kept += [number] if keeps else []
@@ -79,14 +84,14 @@ def _past(part: Part) -> int:
     return int(np.clip(max(ends), 1, len(part) - 1))
 
 
-def _remembered(part: Part, baseline: Baseline) -> tuple[int, bool]:
+def _remembered(part: Part, baseline: Baseline, values: Mapping[str, float]) -> tuple[int, bool]:
     """Samples from the first one to the last at which the past changes the force, and whether it leaves a constant:
     from rest at the first sample, through the part's past, or at the end of a full stroke of either sense."""
     pasts = [part.led_in(part.x, part.v), *(_after_stroke(part, sense) for sense in (-1.0, 1.0))]
-    there, _ = baseline.force(part.x, part.v, part.dt, baseline.nominal)
+    there, _ = baseline.force(part.x, part.v, part.dt, values)
     seen, lasting, keeps = _VISIBLE * part.balance_noise(baseline.mass), 0, False
     for x, v in pasts:
-        apart = baseline.force(x, v, part.dt, baseline.nominal)[0][-len(part) :] - there
+        apart = baseline.force(x, v, part.dt, values)[0][-len(part) :] - there
         constant = float(np.median(apart[-len(apart) // _LAST :]))
         changing = np.flatnonzero(np.abs(apart - constant) > seen)
         lasting = max(lasting, int(changing[-1]) + 1 if len(changing) else 0)

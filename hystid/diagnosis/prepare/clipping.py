@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
+from hystid.consistency import cut_off
 from hystid.diagnosis.prepare.faults import CALIBRATION, SATURATION, Fault
 from hystid.diagnosis.prepare.pairs import CHANCE, agreed
 from hystid.diagnosis.prepare.segments import measured_motion
@@ -116,20 +117,6 @@ def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
 
 
 def _stopped(recordings: Sequence[Recording], name: str) -> Fault | None:
-    """A channel that takes its exact extreme far more often than any value near it: cut off behind the noise.
-
-    Values far below say nothing: a sensor at rest repeats its zero.
-    """
-    channels = [np.asarray(values) for r in recordings if (values := getattr(r, name)) is not None]
-    if not channels:
-        return None
-    top = max(float(np.max(np.abs(channel))) for channel in channels)
-    touched, usual, total = 0, 1, 0
-    for channel in channels:
-        total += len(channel)
-        touched += int(np.count_nonzero(np.abs(channel) >= top * (1 - 1e-9)))
-        inside = channel[(np.abs(channel) < top * (1 - 1e-9)) & (np.abs(channel) > top / 2)]
-        usual = max(usual, int(np.max(np.unique(inside, return_counts=True)[1], initial=1)))
-    if touched < max(10, 3 * usual):  # a coarse converter repeats every value, a clipped channel only its last one
-        return None
-    return Fault(SATURATION, name, top, 1e-3 * top, touched / total)
+    """A channel that takes its exact extreme far more often than other values: cut off behind the noise."""
+    found = cut_off.level([np.asarray(values) for r in recordings if (values := getattr(r, name)) is not None])
+    return None if found is None else Fault(SATURATION, name, found.value, 1e-3 * found.value, found.share)

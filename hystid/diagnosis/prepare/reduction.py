@@ -59,6 +59,10 @@ class Reduction:
             rows *= self._even
         return rows if self._trust is None else rows * self._trust
 
+    def spread(self, columns: Sequence[Array]) -> Array:
+        """Rows of standard deviations, one column per part: of one sign all along a row, and hence not filtered."""
+        return np.concatenate([np.sqrt(self.plain(i, u**2)) * self._weights[i] for i, u in enumerate(columns)])
+
     def whitened(self, columns: Sequence[Array]) -> list[Array]:
         """One column per part at all its samples, (n,), in units of the white noise."""
         noises = [np.sqrt(self.block) / weight for weight in self._weights]
@@ -93,9 +97,28 @@ class Reduction:
         """Weigh all rows alike again."""
         self._trust, self.jumps = None, False
 
+    def trusted(self, index: int) -> Array:
+        """Weight of each sample of one part beside that of its noise, (n,): 1 where the law is sure, 0 where no row is
+        made of it."""
+        weights = np.zeros(len(self.parts[index]))
+        trim, kept = self._trims[index], self._kept[index]
+        rows = (len(weights) - 2 * trim) // self.block
+        taken = np.ones(rows, dtype=bool) if kept is None else kept
+        first = sum(len(self.plain(i, part.x)) for i, part in enumerate(self.parts[:index]))
+        found = np.zeros(rows)
+        count = int(np.count_nonzero(taken))
+        found[taken] = 1.0 if self._trust is None else self._trust[first : first + count]
+        weights[trim : trim + rows * self.block] = np.repeat(found, self.block)
+        return weights
+
     def evenly(self, rows: Array) -> Array:
         """Rows as if all were trusted alike."""
         return rows if self._trust is None else rows / self._trust
+
+    def sure(self) -> Flags:
+        """Rows, (rows,), that are not weighed down."""
+        count = sum(len(self.plain(i, part.x)) for i, part in enumerate(self.parts))
+        return np.ones(count, dtype=bool) if self._trust is None else self._trust == 1.0
 
     @property
     def is_local(self) -> bool:

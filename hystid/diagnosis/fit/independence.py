@@ -16,6 +16,7 @@ from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 _SHIFTS = 40  # circular shifts of the rest against the motion: what independent noise of the same colour shows
 _CELLS = 7  # bins per axis
 _KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it where most of the rest is excess:
@@ -40,13 +41,25 @@ def is_noise(problem: Problem, fitted: Fit, *, shown: bool = True) -> bool:
     ]
     ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
     residual = problem.reduce.evenly(fitted.residual)  # weights that follow the motion would make any noise follow it
-    rests = [(rest - np.mean(rest)) / (float(np.std(rest)) or 1.0) for rest in np.split(residual, ends)]
+    sure = np.split(problem.reduce.sure(), ends)
+    rests = [_standard(rest, seen) for rest, seen in zip(np.split(residual, ends), sure, strict=True)]
     if any(_has_shocks(rest) or _has_line(rest) for rest in rests):
         return False
     pairs = [(0, 1), (1, 2), (3, 1), (4, 0), *([(4, 1)] if shown else [])]
     excess = max(0.0, 1.0 - problem.reduce.level / fitted.chi2)
     known = _KNOWN[0] + _KNOWN[1] * excess
-    return all(_independent(rests, [_cells(m[a], m[b]) for m in motion], known, shown=shown) for a, b in pairs)
+    powers = [(rest**2 - 1.0) * seen for rest, seen in zip(rests, sure, strict=True)]
+    return all(
+        _independent(values, [_cells(m[a], m[b]) for m in motion], known, shown=shown)
+        for a, b in pairs
+        for values in (rests, powers)
+    )
+
+
+def _standard(rest: Array, sure: Flags) -> Array:
+    """A rest of unit variance where the law is sure of it, and 0 elsewhere: where a jump falls, noise decides."""
+    seen = rest[sure] if np.any(sure) else np.zeros(1)
+    return np.where(sure, (rest - np.mean(seen)) / (float(np.std(seen)) or 1.0), 0.0)
 
 
 def _cells(one: Array, other: Array) -> NDArray[np.int64]:
@@ -66,22 +79,19 @@ def _ranks(values: Array, bins: int) -> NDArray[np.int64]:
     return found
 
 
-def _independent(rests: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float, *, shown: bool) -> bool:
-    """Whether mean and power of the rest differ between the cells no more than when the rest is moved in time.
+def _independent(values: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float, *, shown: bool) -> bool:
+    """Whether means of values differ between the cells no more than when the values are moved in time.
 
     shown: and what moved ones show scatters by less than counts as known.
     """
-    shares = np.random.default_rng(0).uniform(0.05, 0.95, (_SHIFTS, len(rests)))
-    for powers in (rests, [rest**2 - 1.0 for rest in rests]):
-        moved = [
-            _between([np.roll(p, int(share * len(p))) for p, share in zip(powers, row, strict=True)], cells)
-            for row in shares
-        ]
-        limit = known * sum(map(len, rests))
-        scatter = _TWO_SIDED * float(np.std(moved)) if shown else 0.0
-        if _between(powers, cells) - float(np.median(moved)) > limit or scatter > limit:
-            return False
-    return True
+    shares = np.random.default_rng(0).uniform(0.05, 0.95, (_SHIFTS, len(values)))
+    moved = [
+        _between([np.roll(p, int(share * len(p))) for p, share in zip(values, row, strict=True)], cells)
+        for row in shares
+    ]
+    limit = known * sum(map(len, values))
+    scatter = _TWO_SIDED * float(np.std(moved)) if shown else 0.0
+    return _between(values, cells) - float(np.median(moved)) <= limit and scatter <= limit
 
 
 def _between(values: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> float:

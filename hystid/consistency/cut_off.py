@@ -1,0 +1,92 @@
+"""Channels that stop at a level, as a recorder repeats its last value, and what that takes from their size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hystid.consistency.kinematics import Pair
+from hystid.recording import Array
+
+_FEWEST = 10  # samples at one value from which it is a level
+_OFTEN = 3  # times as often as any other value in the upper half: a coarse converter repeats them all alike
+_DIGITS = 1e-9  # of the level: the same number, written by another program
+
+
+_SECTIONS = 16  # of a recording: motion grows and falls, and most is lost where it is large
+_LONGEST = 0.9  # share of a section at the level: beyond it, nothing tells the size of the motion
+
+
+@dataclass(frozen=True)
+class Level:
+    """Where a channel stops: the value (positive, both ways), and the share of all samples that stand there."""
+
+    value: float
+    share: float
+
+
+def level(channels: Sequence[Array]) -> Level | None:
+    """Level at which a channel stops, in one or more recordings of shape (n,); None where it takes its exact extreme
+    no more often than other values.
+
+    Values far below say nothing: a sensor at rest repeats its zero. Nor does what a recording begins and ends with: a
+    test that starts at the end of its stroke rests there.
+    """
+    top = max((float(np.max(np.abs(values), initial=0.0)) for values in channels), default=0.0)
+    touched, usual, total = 0, 1, 0
+    for values in channels:
+        stands = _stands(values, top)
+        total += len(values)
+        moving = np.flatnonzero(~stands)
+        inner = slice(moving[0], moving[-1]) if len(moving) else slice(0, 0)
+        touched += int(np.count_nonzero(stands[inner]))
+        inside = values[~stands & (np.abs(values) > top / 2)]
+        usual = max(usual, int(np.max(np.unique(inside, return_counts=True)[1], initial=1)))
+    return Level(top, touched / total) if touched >= max(_FEWEST, _OFTEN * usual) else None
+
+
+def kept_size(values: Array) -> float:
+    """Share of its size that a channel keeps where it stops at a level (1 where it does not).
+
+    Each section is taken for a sine that is cut off for as long as the section stands at the level (describing
+    function of saturation: Gelb and Vander Velde 1968, section 2.3), with the weight of its power before.
+    """
+    found = level([values])
+    if found is None:
+        return 1.0
+    kept, power = 0.0, 0.0
+    for section in np.array_split(values, _SECTIONS):
+        share = min(float(np.mean(_stands(section, found.value))), _LONGEST)
+        angle = 0.5 * math.pi * (1.0 - share)
+        before = 0.5 * (found.value / math.sin(angle)) ** 2 if share else float(np.mean(section**2))
+        kept += before * 2.0 / math.pi * (angle + math.sin(angle) * math.cos(angle))
+        power += before
+    return kept / power
+
+
+def stopping(held: Mapping[str, Array]) -> frozenset[str]:
+    """The channels that stop at a level."""
+    return frozenset(name for name, values in held.items() if level([values]) is not None)
+
+
+def allowing(compared: Sequence[Pair], held: Mapping[str, Array]) -> list[Pair]:
+    """The pairs with the sizes that their channels had before they were cut off.
+
+    How much is missing beyond a level depends on the motion, so all of the correction counts as its error.
+    """
+    lost = {name: math.log(kept_size(values)) for name, values in held.items()}
+    return [
+        replace(
+            pair,
+            gain=pair.gain * math.exp(lost[pair.low] - lost[pair.high]),
+            error=math.hypot(pair.error, lost[pair.low], lost[pair.high]),
+        )
+        for pair in compared
+    ]
+
+
+def _stands(values: Array, top: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    return np.asarray(np.abs(values) >= top * (1 - _DIGITS))

@@ -1,0 +1,46 @@
+"""Channels that stop at a level: what that takes from their size, and that the door knows it for no slip of a unit."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hystid import check
+from hystid.consistency.cut_off import kept_size, level
+from hystid.recording import Recording
+
+Array = NDArray[np.float64]
+N, DT = 8000, 1e-3
+
+
+def test_a_sine_that_is_cut_off_keeps_what_its_first_harmonic_keeps() -> None:
+    t = np.arange(N) * DT
+    sine = np.sin(2 * np.pi * 5 * t)
+    for top in (0.9, 0.6, 0.3):
+        cut = np.clip(sine, -top, top)
+        harmonic = 2 * float(np.mean(cut * sine))  # of a sine of amplitude 1
+        # 0.01: shares are counted in whole samples, 200 to a period
+        assert kept_size(cut) == pytest.approx(harmonic, abs=0.01)
+
+
+def test_rest_before_and_after_the_motion_is_no_level() -> None:
+    t = np.arange(N) * DT
+    stroke = np.concatenate([np.full(300, -1.0), -np.cos(2 * np.pi * 0.5 * t[:4000]), np.full(300, -1.0)])
+    assert level([stroke]) is None
+    assert level([np.zeros(100)]) is None
+
+
+@pytest.mark.parametrize("top", [0.9, 0.56, 0.25])
+def test_a_displacement_that_is_cut_off_is_no_wrong_unit(top: float) -> None:
+    # Steady motion of a few lines; a, v and F are whole, and x ends at a share of its peak.
+    rng = np.random.default_rng(3)
+    t = np.arange(N) * DT
+    omega, phase = 2 * np.pi * rng.uniform(5, 11, 8), rng.uniform(0, 2 * np.pi, 8)
+    x, v, a = (
+        1e-3 * np.sum(omega[:, None] ** k * np.cos(omega[:, None] * t + phase[:, None] + k * np.pi / 2), axis=0)
+        for k in range(3)
+    )
+    F = 2.0 * a + 5.0 * v + 5e3 * x
+    noisy = {name: u + 1e-3 * np.std(u) * rng.standard_normal(N) for name, u in zip("Fxva", (F, x, v, a), strict=True)}
+    limit = top * float(np.max(np.abs(x)))
+    cut = Recording("cut", t, **{**noisy, "x": np.clip(noisy["x"], -limit, limit)})
+    assert not [str(f) for f in check(cut, mass=2.0, accept=("clipped",)).findings]
