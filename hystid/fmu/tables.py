@@ -15,7 +15,7 @@ def variables_source(model: Interface, version: int) -> str:
     count = max(model.code.n_values, 1)
     rows = [
         f"    [{slot}] = {{{_type(group[0], version)}, {_flags(group)}, {_size(model, slot)}, "
-        f'"{_escaped(group[0].name)}", {_limits(group)}}},'
+        f'"{_escaped(group[0].name)}", {", ".join(map(_bound, _limits(group)))}}},'
         for slot, group in sorted(model.groups.items())
     ]
     nominals = [abs(model.named(name).nominal or 1.0) for name in model.code.states] or [1.0]
@@ -50,17 +50,23 @@ def _size(model: Interface, slot: int) -> int:
     return len(model.arrays[slot].elements) if slot in model.arrays else 1
 
 
-def _limits(group: tuple[Variable, ...]) -> str:
+def _limits(group: tuple[Variable, ...]) -> tuple[float, float]:
     """Least and greatest value of a parameter: what an importer sets is held to them. Inputs come from solvers, whose
     trial steps may overshoot, and from masters that begin with 0."""
     held = [v for v in group if v.causality in ("parameter", "structuralParameter")]
     low = max((v.min for v in held if v.min is not None), default=-math.inf)
     high = min((v.max for v in held if v.max is not None), default=math.inf)
-    return ", ".join({-math.inf: "-INFINITY", math.inf: "INFINITY"}.get(x, repr(float(x))) for x in (low, high))
+    return low, high
+
+
+def _bound(value: float) -> str:
+    return {-math.inf: "-INFINITY", math.inf: "INFINITY"}.get(value, repr(float(value)))
 
 
 def _flags(group: tuple[Variable, ...]) -> str:
     flags = {flag for variable in group for flag in _flags_of(variable)}
+    if any(map(math.isfinite, _limits(group))):
+        flags.add("HAS_LIMITS")
     return " | ".join(sorted(flags)) or "0"
 
 

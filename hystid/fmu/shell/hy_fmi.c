@@ -278,13 +278,17 @@ static int settable_now(const hy_instance *c, unsigned vr, double value)
 int hy_may_set(hy_instance *c, const char *call, unsigned vr, int type, double value)
 {
     const hy_variable *variable = vr < (unsigned)c->engine.model->n_values ? hy_variables + vr : NULL;
+    /* what is set before each step needs no further look */
+    if (variable && variable->type == type && (variable->flags & (IS_INPUT | IS_DISCRETE | HAS_LIMITS)) == IS_INPUT
+        && c->engine.status->mode == STEP && isfinite(value))
+        return 1;
     if (!variable || variable->type != type)
         hy_fail(c, "%s: there is no variable of this type with value reference %u", call, vr);
     else if (!isfinite(value))
         hy_fail(c, "%s: %s must be a finite number", call, variable->name);
-    else if (value < variable->min)
+    else if (variable->flags & HAS_LIMITS && value < variable->min)
         hy_fail(c, "%s: %s = %g is below its minimum %g", call, variable->name, value, variable->min);
-    else if (value > variable->max)
+    else if (variable->flags & HAS_LIMITS && value > variable->max)
         hy_fail(c, "%s: %s = %g is above its maximum %g", call, variable->name, value, variable->max);
     else if (settable_now(c, vr, value))
         return 1;

@@ -25,7 +25,7 @@ typedef struct {
 
 /* One slot of the block as FMI sees it; generated from the model's variables. */
 enum { NO_VARIABLE = 0, REAL = 1, INTEGER = 2, BOOLEAN = 3, ENUMERATION = 4 }; /* the last in FMI 3 */
-enum { HAS_START = 1, IS_INPUT = 2, IS_TUNABLE = 4, IS_DISCRETE = 8, IS_OUTPUT = 16 };
+enum { HAS_START = 1, IS_INPUT = 2, IS_TUNABLE = 4, IS_DISCRETE = 8, IS_OUTPUT = 16, HAS_LIMITS = 32 };
 typedef struct {
     unsigned char type, flags;
     int size; /* of the array that begins here, 1 of a single value, 0 inside of an array (FMI 3) */
