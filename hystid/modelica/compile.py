@@ -10,6 +10,7 @@ from pathlib import Path
 from hystid.errors import ModelicaError
 from hystid.limits import compiled
 from hystid.modelcode import ModelCode
+from hystid.modelica.absent import refuse_absent_classes, refuse_absent_model
 from hystid.modelica.causalise import causalise
 from hystid.modelica.check import check_units
 from hystid.modelica.describe import model_code
@@ -19,7 +20,7 @@ from hystid.modelica.library import library_sources, shipped
 from hystid.modelica.lookup import Tree, cut
 from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
-from hystid.modelica.sources import Source, declaration, near, only_class, read, read_tree
+from hystid.modelica.sources import Source, declaration, only_class, read, read_tree
 from hystid.modelica.workarounds.calls_in_when import with_calls_in_algorithms
 from hystid.modelica.workarounds.derivatives_in_loops import with_derivatives_in_branches
 from hystid.modelica.workarounds.derivatives_of_expressions import with_named_derivatives
@@ -164,7 +165,8 @@ def texts_for(model: str, libraries: Sequence[Path]) -> tuple[str, list[Source],
     given = [(s, s.path.relative_to(p.parent)) for p in packages for s in read_tree(p)]
     given = [*given, *((s, s.path) for s in library_sources())]
     tree = Tree([*((s, s.path) for s in files), *given], [*folders, *_search_path(), _STANDARD])
-    _must_exist(name, tree, files)
+    refuse_absent_model(name, tree, files, [Path(entry) for entry in libraries])
+    refuse_absent_classes(name, tree, files)
     return name, files, [*given, *cut(tree, name, [*((s, s.path) for s in files), *given])]
 
 
@@ -204,12 +206,6 @@ def _kind_of(entry: Path) -> tuple[str, Path]:
         raise ModelicaError(f"{entry}: a folder without Modelica packages; name the .mo files")
     while (folder.parent / "package.mo").is_file():
         folder = folder.parent
+    if folder.name.split()[0] == "Modelica":  # the standard library itself: only what is reached is read
+        return "folder", folder.parent
     return "package", folder
-
-
-def _must_exist(name: str, tree: Tree, files: Sequence[Source]) -> None:
-    """The class is declared somewhere; else near names are suggested."""
-    if tree.find(name) is not None or any(name.rsplit(".", 1)[-1] in s.classes() for s in files):
-        return
-    where = ", ".join(str(f.path) for f in files) or "the library HystId"
-    raise ModelicaError(f"{where}: there is no class '{name}'{near(name, tree.names_beside(name))}")
