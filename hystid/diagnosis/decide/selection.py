@@ -257,8 +257,7 @@ class _Search:
 
     def _in_windows(self) -> Iterator[Hypothesis]:
         """Effects that act for a part of the time."""
-        reached = min((trial.chi2 for trial in self.first), default=np.inf)
-        for fit in in_windows(self.problem, self.criterion, self.baseline, self.effects, reached):
+        for fit in in_windows(self.problem, self.criterion, self.baseline, self.effects):
             effect = fit.hypothesis.terms[-1].effect
             yield self._hypothesis((effect.id,), effect.size, fit, windowed=True)
 

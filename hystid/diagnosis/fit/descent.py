@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Unknown, get, put
 from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.prepare.segments import Flags
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -19,6 +20,7 @@ _ANOTHER = 0.1  # relative difference of steps that makes another one worth its 
 _NOTHING = 1e-5  # share of the sum of squares below which a promised fall is not worth a step
 _REFUSED, _MUCH = 2, 0.1  # refusals after which the law is held, and share of the promised fall that must be left then
 _FIRST = 1e-4  # damping at the start
+_SMALL = 1e-4  # relative fall of the sum of squares that is small
 _EASIER, _LEAST = 0.1, 1e-9  # factor by which a damping falls at most, and how far
 
 
@@ -28,44 +30,70 @@ def fit(
     start: Hypothesis,
     *,
     iterations: int = 25,
-    tolerance: float = 1e-4,
     bar: float = 0.0,
     most: bool = False,
+    kept: Flags | None = None,
+    last: bool = False,
 ) -> Fit:
     """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
 
     bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
-    most: whether amplitudes keep to the largest values that their blocks allow.
-    Ends when an accepted step lowers the sum of squares by less than the relative tolerance twice in a row. The
+    most: whether amplitudes keep to the largest values that their blocks allow. kept: rows that count, all without it;
+    last: whether the last effect alone moves.
+    Ends when an accepted step lowers the sum of squares by less than ``_SMALL`` of it twice in a row. The
     covariance is that of the last point at which derivatives were taken: a step that ends the fit is too small to
     matter, or the fit is given up.
     Raises NumericalError when the start itself has no finite residual.
     """
     unknowns = problem.unknowns(start, most=most)
+    unknowns = tuple(u for u in unknowns if not last or u.key[0] == str(len(start.terms) - 1))
     here = _clip(start, unknowns)
-    rows = problem.rows(here)
+    view = _View(problem, unknowns, slice(None) if kept is None else kept)
+    rows = view.rows(here)
     cost = float(rows @ rows)
     if not np.isfinite(cost):
         raise NumericalError("the start of a fit has no finite residual; check the nominal parameters")
     damping, small = _FIRST, 0
-    normal = _Normal(problem.jacobian(here, unknowns), rows)
+    normal = view.normal(here, rows)
     for done in range(iterations):
-        taken = _step(problem, here, unknowns, normal, cost, damping)
+        taken = _step(view, here, normal, cost, damping)
         if taken is None and problem.renew(here):
-            normal, damping = _Normal(problem.jacobian(here, unknowns), rows), _FIRST
+            normal, damping = view.normal(here, rows), _FIRST
             continue
         if taken is None:
             break
         gain = 1.0 - taken.cost / cost
         here, rows, cost, damping = taken.there, taken.rows, taken.cost, taken.damping
-        small = small + 1 if gain < tolerance else 0
+        small = small + 1 if gain < _SMALL else 0
         if done > 2 and gain < _PACE * (1.0 - bar * len(rows) / cost):
             break
         if small == 2 or gain < 1e-8:
             break
-        normal = _Normal(problem.jacobian(here, unknowns), rows)
+        normal = view.normal(here, rows)
     freedom = max(1, len(rows) - len(unknowns))
     return Fit(here, rows, cost / freedom, unknowns, normal.covariance())
+
+
+@dataclass(frozen=True)
+class _View:
+    """What a fit sees of a problem: its unknowns, and the rows that count."""
+
+    problem: Problem
+    unknowns: tuple[Unknown, ...]
+    kept: Flags | slice
+
+    def rows(self, here: Hypothesis) -> Array:
+        return self.problem.rows(here)[self.kept]
+
+    def normal(self, here: Hypothesis, rows: Array) -> _Normal:
+        return _Normal(self.problem.jacobian(here, self.unknowns)[self.kept], rows)
+
+    def rows_or_none(self, here: Hypothesis) -> Array | None:
+        try:
+            rows = self.rows(here)
+        except NumericalError:
+            return None
+        return rows if np.all(np.isfinite(rows)) else None
 
 
 @dataclass(frozen=True)
@@ -88,37 +116,33 @@ def _taken(there: Hypothesis, rows: Array | None, cost: float, promised: float, 
     return _Step(there, rows, found, max(damping * max(_EASIER, 1 - kept**3), _LEAST))
 
 
-def _step(
-    problem: Problem, here: Hypothesis, unknowns: Sequence[Unknown], normal: _Normal, cost: float, damping: float
-) -> _Step | None:
+def _step(view: _View, here: Hypothesis, normal: _Normal, cost: float, damping: float) -> _Step | None:
     """The first step that lowers the sum of squares; None where there is none worth its name.
 
     Corners of the law may refuse step after step, each of which costs an evaluation of it: then all else moves alone.
     """
-    for refused, (tried, promised, there) in enumerate(normal.steps(here, unknowns, damping)):
+    for refused, (tried, promised, there) in enumerate(normal.steps(here, view.unknowns, damping)):
         if promised < _NOTHING * cost:
             return None
         if refused == _REFUSED:
-            alone = _beside_law(problem, here, unknowns, normal, max(_NOTHING * cost, _MUCH * promised))
-            beside = _taken(alone, _rows_or_none(problem, alone), cost, promised, tried) if alone is not None else None
+            alone = _beside_law(view, here, normal, max(_NOTHING * cost, _MUCH * promised))
+            beside = _taken(alone, view.rows_or_none(alone), cost, promised, tried) if alone is not None else None
             if beside is not None:
                 return beside
-        taken = _taken(there, _rows_or_none(problem, there), cost, promised, tried)
+        taken = _taken(there, view.rows_or_none(there), cost, promised, tried)
         if taken is not None:
             return taken
     return None
 
 
-def _beside_law(
-    problem: Problem, here: Hypothesis, unknowns: Sequence[Unknown], normal: _Normal, least: float
-) -> Hypothesis | None:
+def _beside_law(view: _View, here: Hypothesis, normal: _Normal, least: float) -> Hypothesis | None:
     """Where the step leads with the shapes of the law held; None where it promises less than the least, or there are
     none."""
-    shapes = {("base", name) for name in problem.baseline.shapes}
-    held = frozenset(i for i, unknown in enumerate(unknowns) if unknown.key in shapes)
+    shapes = {("base", name) for name in view.problem.baseline.shapes}
+    held = frozenset(i for i, unknown in enumerate(view.unknowns) if unknown.key in shapes)
     if not held:
         return None
-    _, promised, there = next(normal.steps(here, unknowns, _FIRST, held))
+    _, promised, there = next(normal.steps(here, view.unknowns, _FIRST, held))
     return there if promised > least else None
 
 
@@ -201,11 +225,3 @@ def _move(here: Hypothesis, unknown: Unknown, target: float) -> float:
 
 def _clip(hypothesis: Hypothesis, unknowns: Sequence[Unknown]) -> Hypothesis:
     return put(hypothesis, {u.key: float(np.clip(get(hypothesis, u.key), u.low, u.high)) for u in unknowns})
-
-
-def _rows_or_none(problem: Problem, hypothesis: Hypothesis) -> Array | None:
-    try:
-        rows = problem.rows(hypothesis)
-    except NumericalError:
-        return None
-    return rows if np.all(np.isfinite(rows)) else None

@@ -15,6 +15,7 @@ from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Key, Term, Unknown, get, is_allowed, put
 from hystid.diagnosis.fit.problem import Columns, Problem, standing
 from hystid.diagnosis.model.effects import Effect, Signals
+from hystid.diagnosis.prepare.segments import Flags
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -148,15 +149,25 @@ def try_term(problem: Problem, fitted: Fit, term: Term, iterations: int = 12, ba
     return try_fit(problem, replace(start, terms=(*start.terms, term)), iterations, bar)
 
 
-def try_fit(problem: Problem, start: Hypothesis, iterations: int = 12, bar: float = 0.0) -> Fit | None:
+def try_fit(
+    problem: Problem,
+    start: Hypothesis,
+    iterations: int = 12,
+    bar: float = 0.0,
+    *,
+    kept: Flags | None = None,
+    last: bool = False,
+) -> Fit | None:
     """``fit``, or None where it has no finite answer.
 
     The way to a share of less than all may lead over more, as other forces are still too small: the largest amplitudes
     that blocks allow hold for where a fit ends.
     """
     try:
-        made = fit(problem, start, iterations=iterations, bar=bar)
-        return made if is_allowed(made.hypothesis) else fit(problem, made.hypothesis, iterations=iterations, most=True)
+        made = fit(problem, start, iterations=iterations, bar=bar, kept=kept, last=last)
+        if is_allowed(made.hypothesis):
+            return made
+        return fit(problem, made.hypothesis, iterations=iterations, most=True, kept=kept, last=last)
     except (NumericalError, np.linalg.LinAlgError):
         return None
 

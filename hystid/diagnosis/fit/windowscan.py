@@ -7,14 +7,14 @@ additions and no further evaluation of the law. Recordings have windows of their
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.hypothesis import Fit, Term
-from hystid.diagnosis.fit.problem import Columns, Problem
-from hystid.diagnosis.fit.search import ABSORBED, Candidate, complement
+from hystid.diagnosis.fit.problem import Columns, Problem, standing
+from hystid.diagnosis.fit.search import ABSORBED, Candidate, complement, try_fit
 from hystid.diagnosis.fit.windows import LEAST_OUT, Window, Windows, windowed
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.segments import Part
@@ -24,6 +24,8 @@ Numbers = NDArray[np.int64]
 _BLOCKS = 40  # blocks of each recording between which a window may begin and end
 _FIRST, _LAST = np.triu_indices(_BLOCKS + 1, 1)  # blocks at which intervals begin, and before which they end
 _LEAST_IN = 0.03  # share of all rows inside of windows
+_TRIMMED, _TRIMS = 0.5, 4  # share of the rows that a trimmed fit keeps (less could not be told from more), and rounds
+_CHANCE = 3.0  # standard errors of the power of a block up to which it is noise
 _POINTS = 2  # grid points of each form of which the windows of all recordings are looked for together
 _SWEEPS = 4  # of choosing the window of each recording beside those of the others
 _SETTLED = 1e-3  # relative gain of a sweep that ends them
@@ -71,10 +73,9 @@ class _Seen:
         self.problem, self.fitted = problem, fitted
         self.signals = problem.signals(fitted.hypothesis)
         self.spans = [float(part.t[-1]) for part in problem.parts]
-        times = [problem.reduce.plain(i, part.t) for i, part in enumerate(problem.parts)]
-        own = [_blocks(t, span) for t, span in zip(times, self.spans, strict=True)]
-        place = np.concatenate([block + i * _BLOCKS for i, block in enumerate(own)])
-        self.ends = np.cumsum([len(t) for t in times])
+        own = _blocks(problem)
+        place = np.concatenate(own)
+        self.ends = np.cumsum([len(block) for block in own])
         self.counts = np.bincount(place, minlength=len(own) * _BLOCKS)
         before = np.cumsum(self.counts) - self.counts
         self.at = place * int(np.max(self.counts)) + np.arange(len(place)) - before[place]  # rows follow the time
@@ -200,9 +201,40 @@ class _Seen:
         return _Choice(float(gain[0]), tuple(intervals), amplitudes[0])
 
 
-def _blocks(t: Array, span: float) -> Numbers:
-    """Number of the block of each time."""
-    return np.minimum((t / span * _BLOCKS).astype(np.int64), _BLOCKS - 1)
+def _blocks(problem: Problem) -> list[Numbers]:
+    """Number of the block of time of each row, per recording; those of all recordings are counted on."""
+    shares = [problem.reduce.plain(i, part.t) / part.t[-1] for i, part in enumerate(problem.parts)]
+    return [np.minimum((t * _BLOCKS).astype(np.int64), _BLOCKS - 1) + i * _BLOCKS for i, t in enumerate(shares)]
+
+
+def outside(problem: Problem, before: Fit) -> tuple[Fit, float]:
+    """The baseline as it fits where it leaves least, and the mean square that it leaves there.
+
+    Least trimmed squares (Rousseeuw 1984) over blocks of time, from the refit and from nominal values: what acts for
+    less than half of the time does not move such a fit. Blocks are compared by what they leave of the restoring force
+    beyond noise; of those that leave nothing, the loudest motion says most.
+    """
+    place = np.concatenate(_blocks(problem))
+    rows = np.bincount(place)
+    noise = rows + _CHANCE * np.sqrt(2.0 * rows)
+    mass = before.hypothesis.mass()
+    restoring = problem.reduce([part.F - mass * part.inertia for part in problem.parts])
+    power = np.bincount(place, restoring**2)
+    nominal = replace(before.hypothesis, values=dict(problem.baseline.nominal), delay=0.0, weighing=0.0)
+    best = before, float(np.mean(before.residual**2))
+    for fitted in (before, standing(problem, nominal)):
+        kept = np.zeros(0, dtype=bool)
+        for _ in range(_TRIMS):
+            beyond = np.maximum(np.bincount(place, fitted.residual**2) - noise, 0.0)
+            order = np.lexsort((-power, beyond / np.maximum(power, np.finfo(float).tiny)))
+            half = order[np.cumsum(rows[order]) <= _TRIMMED * len(place)]
+            last, kept = kept, np.isin(place, half)
+            made = None if np.array_equal(kept, last) else try_fit(problem, fitted.hypothesis, 25, kept=kept)
+            if made is None:
+                break
+            fitted = standing(problem, made.hypothesis)
+            best = min(best, (fitted, made.chi2), key=lambda pair: pair[1])
+    return best
 
 
 def _gate(t: Array, span: float, first: int, last: int) -> Array:
