@@ -11,6 +11,7 @@ import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.decide.criterion import ACCURACY, ZERO, Criterion, Hypothesis, effective_states, zero_probability
+from hystid.diagnosis.decide.selection import _Search
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_allowed
 from hystid.diagnosis.fit.independence import _cells, _independent
@@ -105,6 +106,43 @@ def test_the_better_a_law_fits_the_more_probable_it_is(stiffening: Diagnosis) ->
         seen.append(candidate.probability)
     assert seen == sorted(seen)
     assert seen[0] < 0.1 and seen[-1] > 0.9
+
+
+def test_a_law_is_the_more_probable_the_less_it_leaves_down_to_nothing(stiffening: Diagnosis) -> None:
+    """Recordings of 100 dB show shares of 1e-8: leaving that little never speaks against a law."""
+    criterion, _ = fits(stiffening, 0.0)
+    whole = 1e10 * criterion.slack
+    for exact in (False, True):
+        forms = [
+            criterion.form(share * whole, whole, exact=exact) for share in (0, 1e-8, 1e-6, 1e-4, 1e-2, 0.1, 0.5, 1)
+        ]
+        assert forms == sorted(forms, reverse=True)
+        assert forms[0] > 5.0 and forms[-1] < 0.0
+
+
+def test_a_further_law_is_no_name_where_noise_hides_what_it_leaves(stiffening: Diagnosis) -> None:
+    """What others leave by their form is taken down to the noise by anything, if the noise is louder than that."""
+    criterion, _ = fits(stiffening, 0.0)
+    hidden = 0.5 * criterion.slack
+    assert not criterion.is_worth_a_name(0.0, hidden, 20 * hidden)
+    assert criterion.is_worth_a_name(0.0, hidden, 2 * hidden)  # no form leaves half of all
+    clear = 1e4 * criterion.slack
+    assert criterion.is_worth_a_name(0.0, clear, 20 * clear)
+    assert not criterion.is_worth_a_name(0.5 * clear, clear, 20 * clear)  # nor does what leaves half of the rest
+
+
+def test_a_set_is_compared_with_what_it_is_without_an_idle_member(stiffening: Diagnosis) -> None:
+    assert stiffening.choice is not None and stiffening.problem is not None
+    problem, choice = stiffening.problem, stiffening.choice
+    preload = next(e for e in load_effects([]) if e.id == "preload" and e.size == 1)
+    idle = Term(preload, dict.fromkeys(preload.amplitudes, 0.0))
+    both = standing(problem, replace(choice.after.hypothesis, terms=(*choice.after.hypothesis.terms, idle)))
+    search = _Search(problem, choice.before, [], lambda: None, ())
+    rests = {
+        rest.names: counts
+        for rest, counts in search.without_one(Hypothesis(("cubic_stiffness", "preload"), 2, both), 0.0)
+    }
+    assert rests == {("cubic_stiffness",): False, ("preload",): True}
 
 
 def test_the_same_recording_twice_makes_nothing_more_certain() -> None:

@@ -11,8 +11,10 @@ leaves, and the likelihood with the model error at its best is S^(-M/2). Where n
 ratio, where the model error rules it is the ratio of the misfits to the power M / 2, whatever the number of samples.
 
 A name is earned by form: a right law leaves what textbook laws leave on structures, a share of the misfit with a
-log-normal distribution (``FORM``). Of a law that is in no catalogue the best of the effects imitates any share, small
-or large; where several are curves of one and the same signal, each imitates any share of what the others left.
+half-Cauchy distribution (``FORM``; Gelman 2006): it may leave nothing at all, and now and then much. So a law is the
+more probable the less it leaves, down to nothing. Of a law that is in no catalogue the best of the effects imitates any
+share, small or large; where several are curves of one and the same signal, each imitates any share of what the others
+left.
 docs/decisions.md lists the constants.
 """
 
@@ -36,8 +38,8 @@ Array = NDArray[np.float64]
 ACCURACY = 0.002  # of the force: what smoothing, interpolation and integration leave (measured without noise)
 SOUND = 0.005  # of the force: model error of a structure from which nothing is missing (matched sensors: 0.5 %)
 NOISE_ERROR = 0.05  # relative error of the noise power that is estimated from a recording
-FORM = (0.1, 1.0)  # median and log-standard deviation of the model error of a right law, over the misfit it explains
-EXACT = (0.02, 1.0)  # the same of a fault of a channel, which is a gain, a delay or a polynomial and nothing else
+FORM = 0.1  # scale (median) of the model error of a right law, over the misfit it explains (amplitudes)
+EXACT = 0.02  # the same of a fault of a channel, which is a gain, a delay or a polynomial and nothing else
 PRIOR: dict[str | int, float] = {
     "nothing": 0.5,
     "unknown": 0.1,
@@ -46,6 +48,7 @@ PRIOR: dict[str | int, float] = {
     3: 0.02,
     "window": 0.05,
 }  # before any data are seen
+_THIN = 1e-9  # width of an interval of shares whose probability rounding leaves
 _VISITED = 0.001  # of the rows: a cell that holds fewer says nothing
 ZERO = 0.02  # of the standard deviation of a channel: how far sensors are off their zero after they were set
 _BY_CHANCE = 0.05  # probability at which draws of the noise count as agreeing by chance
@@ -172,7 +175,7 @@ class Criterion:
 
         formed: misfit that is left to laws with a form, of which a right one leaves a little.
         """
-        return misfit < FORM[0] ** 2 * formed or self.is_reached(misfit)
+        return misfit < FORM**2 * formed or self.is_reached(misfit)
 
     def is_reached(self, misfit: float) -> bool:
         """Whether noise, and the error of the preparation, are all that is left."""
@@ -194,22 +197,35 @@ class Criterion:
         What the noise level leaves open counts as left: a small misfit says little about forms.
         """
         open_ = self.slack + ACCURACY**2 * self.force
-        least, most = (min(m / (max(whole, 0.0) + open_), 1.0) for m in (max(misfit, 0.0), max(misfit, 0.0) + open_))
-        median, spread = EXACT if exact else FORM
-        below = norm.cdf(np.log(np.sqrt(np.maximum([least, most], 1e-12)) / median) / spread)
-        by_chance = _product(max(most, least + 1e-12), curves) - _product(least, curves)
-        return float(np.log(max(below[1] - below[0], 1e-300) / max(by_chance, 1e-12)))
+        left = max(misfit, 0.0) / (max(whole, 0.0) + open_)
+        least = min(left, 1.0 - _THIN)
+        most = min(max(left + open_ / (max(whole, 0.0) + open_), least + _THIN), 1.0)
+        scale = EXACT if exact else FORM
+        right = (math.atan(math.sqrt(most) / scale) - math.atan(math.sqrt(least) / scale)) / math.atan(1 / scale)
+        by_chance = max(_product(most, curves) - _product(least, curves), most - least)
+        return math.log(right / by_chance)
 
     @property
     def usual(self) -> float:
-        """Share of the misfit that a right law leaves by its form, one standard deviation above the median."""
-        return float((FORM[0] * np.exp(FORM[1])) ** 2)
+        """Share of the misfit that a right law leaves by its form with the probability that a normal variable is below
+        one standard deviation."""
+        return float((FORM * np.tan(norm.cdf(1.0) * np.arctan(1 / FORM))) ** 2)
 
     def is_worth_a_name(self, misfit: float, without: float, formed: float) -> bool:
-        """Whether one member of a set explains what the others leave as a law does, rather than their form."""
-        if without - misfit < FORM[0] ** 2 * formed and not self.is_reached(misfit):
+        """Whether one member of a set explains what the others leave as a law does, rather than their form.
+
+        Of what their form may leave, a law must show that it takes more than any curve would, by the odds against a
+        further one.
+        """
+        if without - misfit < FORM**2 * formed and not self.is_reached(misfit):
             return False
-        return bool(without > self.usual * formed or self.form(misfit, without) > np.log(PRIOR["unknown"] / PRIOR[1]))
+        return without > self.usual * formed or self.form(misfit, without) > np.log(PRIOR[1] / PRIOR[2])
+
+    def level(self, found: Sequence[Hypothesis], reached: float) -> float:
+        """Mean square by which the noise differs from what the channels show above the motion: what the best hypothesis
+        leaves, as far as the noise may be off, or all of it where that is noise alone (reached; infinite where not)."""
+        best = min([self.misfit(self.baseline, self.floor), *(self.misfit(h.fit, h.floor) for h in found)])
+        return best if best < 0 else max(min(best, self.slack), reached if np.isfinite(reached) else 0.0)
 
     def posterior(
         self, found: Sequence[Hypothesis], *, is_noise: bool, reached: float = np.inf, curves: Sequence[float] = ()
@@ -217,14 +233,11 @@ class Criterion:
         """Probabilities of the hypotheses.
 
         curves: what forces without a law explain of the mean square (``lawfree``). is_noise: the baseline leaves
-        noise, whatever its level. reached: misfit of a hypothesis that leaves
-        noise alone: then that is the level of the noise, and what the channels show above the motion was too little.
+        noise, whatever its level. reached: as in ``level``.
         """
         misfits = [self.misfit(h.fit, h.floor) for h in found]
-        whole = self.misfit(self.baseline, self.floor)
-        shift = min([whole, *misfits])
-        shift = shift if shift < 0 else max(min(shift, self.slack), reached if np.isfinite(reached) else 0.0)
-        whole, misfits = whole - shift, [m - shift for m in misfits]
+        level = self.level(found, reached)
+        whole, misfits = self.misfit(self.baseline, self.floor) - level, [m - level for m in misfits]
         plain = [
             self.likelihood(m) + h.unseen - self.penalty(h.size, len(h.names), m)
             for h, m in zip(found, misfits, strict=True)
@@ -270,7 +283,7 @@ class Criterion:
         """Whether the predictions of two hypotheses differ by more than noise and the model error of a right law."""
         apart = float(np.mean((one.fit.residual - other.fit.residual) ** 2))
         explained = float(np.mean((self.baseline.residual - other.fit.residual) ** 2))
-        return apart > FORM[0] * explained + self.least / self.each
+        return apart > FORM * explained + self.least / self.each
 
 
 def _product(share: float, factors: int) -> float:

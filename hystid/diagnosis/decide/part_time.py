@@ -40,16 +40,14 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
 
 
 def _leading(problem: Problem, criterion: Criterion, before: Fit, effects: Sequence[Effect]) -> list[Fit]:
-    """The best fit of each law, best first.
+    """The best fit of each law, best first; [] where there is no time in which nothing acts.
 
     A refit without the effect stands where a part of the time pulls it. Hence law and window are looked for beside the
-    baseline as it fits where nothing acts, and fitted alone before both are. Where there is no such time, the refit is
-    the best start that is known.
+    baseline as it fits where nothing acts, and fitted alone before both are. There the baseline is a right law.
     """
     start, left = outside(problem, before)
-    whole = criterion.misfit(before, float("nan"))
-    if left - criterion.floor > criterion.usual * whole:
-        start = before
+    if left - criterion.floor > criterion.usual * criterion.misfit(before, float("nan")):
+        return []
     scanned = scan_windows(problem, start, effects)
     laws = {candidate.effect.id: candidate for candidate in reversed(scanned)}
     alone = _alone(problem, start, laws.values())

@@ -141,7 +141,9 @@ class _Search:
     def hypotheses(self) -> list[Hypothesis]:
         """Sets of effects, each fitted."""
         found: list[Hypothesis] = []
-        if not self._may_gain() and (self.is_noise or self.criterion.is_reached(self.excess)):
+        if not self._may_gain(self.candidates, self.excess) and (
+            self.is_noise or self.criterion.is_reached(self.excess)
+        ):
             return self._singles(chain_trials(self.problem, self.baseline, self.effects))
         self.first = self._trials()
         found = self._singles(self.first)
@@ -152,8 +154,9 @@ class _Search:
             found += self._in_windows()
         if self.first and not self._all_is_explained(found):
             found += self._sets()
-        elif self.first and not self._is_reached(self.first[0]):
-            found += self._beside(self.first[0])
+        else:
+            for start in distinct(self.first)[:_STARTS]:
+                found += self._beside(start)
         return found
 
     @cached_property
@@ -170,15 +173,16 @@ class _Search:
             if (m := criterion.misfit(h.fit, h.floor)) < whole
         )
 
-    def _may_gain(self) -> bool:
-        """Whether any effect could be worth its price, as the scan sees it; scans are linear, hence the factor.
+    def _may_gain(self, candidates: Sequence[Scanned], misfit: float) -> bool:
+        """Whether any effect could be worth its price beside a fit, as a scan sees it; scans are linear, hence the
+        factor.
 
         What one column takes does not hang on how well the level of the noise is known, as what is left in all does.
         Where all is within that level, a column counts from the size on that a sound rig does not leave.
         """
         criterion = self.criterion
-        most = max((c.gain for c in self.candidates), default=0.0) / len(self.baseline.residual)
-        least = SOUND**2 * criterion.force if self.excess < criterion.slack else 0.0
+        most = max((c.gain for c in candidates), default=0.0) / criterion.rows
+        least = SOUND**2 * criterion.force if misfit < criterion.slack else 0.0
         gain = criterion.likelihood(0.0) - criterion.likelihood(2 * most)
         return most > least and gain > criterion.price(1, 0.0)
 
@@ -190,7 +194,10 @@ class _Search:
         best = min(found, key=lambda h: self.criterion.misfit(h.fit, h.floor), default=None)
         if best is None:
             return self.criterion.is_reached(self.excess)
-        return self.criterion.is_settled(self.criterion.misfit(best.fit, best.floor), self.formed(best.names))
+        misfit = self.criterion.misfit(best.fit, best.floor)
+        if self.criterion.is_settled(misfit, self.formed(best.names)):
+            return True
+        return best.windowed and is_noise(self.problem, best.fit, shown=False)
 
     def _trials(self) -> list[Trial]:
         """Joint fits of the promising effects, each from the best starts that are known."""
@@ -256,10 +263,12 @@ class _Search:
         return Hypothesis(names, size, fit, windowed, exact, floor, curves=max(curves.values(), default=1))
 
     def _in_windows(self) -> Iterator[Hypothesis]:
-        """Effects that act for a part of the time."""
+        """Effects that act for a part of the time. What these cost is not taken from the sets."""
+        began = self.problem.work
         for fit in in_windows(self.problem, self.criterion, self.baseline, self.effects):
             effect = fit.hypothesis.terms[-1].effect
             yield self._hypothesis((effect.id,), effect.size, fit, windowed=True)
+        self.began += self.problem.work - began
 
     def _sets(self) -> list[Hypothesis]:
         """Two or three effects: forward from the leading singles, then members exchanged for others."""
@@ -280,15 +289,19 @@ class _Search:
     def _beside(self, start: Trial) -> Iterator[Hypothesis]:
         """A small effect beside one that explains nearly all: what the form of a law leaves, no other law takes down to
         the noise."""
-        nexts = self._further([start], self.library, most=len(self.library), fits=3 * _TRIED)  # simple ones too
+        misfit = self.criterion.misfit(start.fit, float("nan"))
+        scanned = scan(self.problem, start.fit, self.library) if self._is_settled([start]) else []
+        if not self._may_gain(scanned, misfit):
+            return
+        nexts = self._further([start], scanned, most=len(self.library), fits=3 * _TRIED)  # simple ones too
         made = (self._of([start, further]) for further in nexts)
-        return (h for h in made if self.criterion.is_reached(self.criterion.misfit(h.fit, h.floor)))
+        yield from (h for h in made if self.criterion.is_reached(self.criterion.misfit(h.fit, h.floor)))
 
     def _line(self, start: Trial, library: Sequence[Effect], found: list[Hypothesis]) -> list[Trial]:
         """A set that grows from one effect by the best further one; all that was tried is added to what was found."""
         line = [start]
         while len(line) < _MEMBERS and not self._is_settled(line) and self.problem.work - self.began < _WORK:
-            nexts = self._further(line, library)
+            nexts = self._further(line, scan(self.problem, line[-1].fit, library))
             if not nexts:
                 break
             found += [self._of([*line, trial]) for trial in nexts]
@@ -299,11 +312,11 @@ class _Search:
         return self._hypothesis(tuple(t.name for t in line), sum(t.size for t in line), line[-1].fit)
 
     def _further(
-        self, line: Sequence[Trial], library: Sequence[Effect], most: int = _STARTS, fits: int = _TRIED
+        self, line: Sequence[Trial], scanned: Sequence[Scanned], most: int = _STARTS, fits: int = _TRIED
     ) -> list[Trial]:
         """The best further effects of a set, one per id. fits: how many forms are fitted."""
         end, used = line[-1], {trial.name for trial in line}
-        scanned = [c for c in scan(self.problem, end.fit, library) if c.effect.id not in used]
+        scanned = [c for c in scanned if c.effect.id not in used]
         best = _one_per_id(scanned)[:_LAWS]  # forms of one law fit alike, and would take the places of simpler laws
         scanned = [*best, *(c for c in scanned if not any(c is one for one in best))]
         left = end.chi2 - self.floor
@@ -331,21 +344,25 @@ class _Search:
                     found.append(self._hypothesis(names, size, made))
         return found
 
-    def each_counts(self, hypothesis: Hypothesis) -> bool:
-        """Whether taking any member away and fitting again costs more than the member does."""
-        here = hypothesis.fit.hypothesis
-        misfit = self.criterion.misfit(hypothesis.fit, hypothesis.floor)
+    def without_one(self, hypothesis: Hypothesis, level: float) -> Iterator[tuple[Hypothesis, bool]]:
+        """A set without each of its members, fitted again, and whether the member counts: whether that costs more than
+        it does. level: of the noise, as the criterion has it."""
+        criterion, here = self.criterion, hypothesis.fit.hypothesis
+        misfit, formed = (
+            m - level for m in (criterion.misfit(hypothesis.fit, hypothesis.floor), self.formed(hypothesis.names))
+        )
         for at, term in enumerate(here.terms):
             if term.effect.id in hypothesis.names:
                 rest = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
-                made = try_fit(self.problem, rest, iterations=6)
-                without = self.criterion.misfit(made, hypothesis.floor) if made is not None else misfit
-                gain = self.criterion.likelihood(misfit) - self.criterion.likelihood(without)
-                if gain < self.criterion.price(term.effect.size, misfit) or not self.criterion.is_worth_a_name(
-                    misfit, without, self.formed(hypothesis.names)
-                ):
-                    return False
-        return True
+                made = try_fit(self.problem, rest)
+                if made is None:
+                    continue
+                names = tuple(name for name in hypothesis.names if name != term.effect.id)
+                without = criterion.misfit(made, hypothesis.floor) - level
+                gain = criterion.likelihood(misfit) - criterion.likelihood(without)
+                counts = gain > criterion.price(term.effect.size, misfit)
+                counts = counts and criterion.is_worth_a_name(misfit, without, formed)
+                yield self._hypothesis(names, hypothesis.size - term.effect.size, made), counts
 
 
 def _is_exact(effect: Effect) -> bool:
@@ -366,16 +383,18 @@ def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Ch
     noise = search.is_noise
     reached = _level(search, found)
     curves = tuple(free_curves(search.problem, before)) if len(found) > 0 else ()
-    posterior = criterion.posterior(found, is_noise=noise, reached=reached, curves=curves)
-    near = [c.hypothesis for c in posterior.candidates if c.probability > _CHANCE]
+
+    def weighed(hypotheses: Sequence[Hypothesis]) -> Posterior:
+        return criterion.posterior(hypotheses, is_noise=noise, reached=reached, curves=curves)
+
+    found = _pruned(search, found, weighed, criterion.level(found, reached))
+    near = _near(weighed(found))
     zeros = {id(h): _with_zero(search.problem, h) for h in near}
     found, near = [zeros.get(id(h), h) for h in found], list(zeros.values())
-    idle = [h for h in near if len(h.names) > 1 and not search.each_counts(h)]
-    found = [h for h in found if not any(set(h.names) == set(one.names) for one in idle)]
     heard = [
         replace(h, unseen=unseen(before, h.fit)) if any(h is one for one in near) else h for h in found
     ]  # held-out recordings cost a run each: those without a chance are not asked
-    posterior = criterion.posterior(heard, is_noise=noise, reached=reached, curves=curves)
+    posterior = weighed(heard)
     untestable = _untestable(search.candidates)
     chosen = _told(criterion, posterior)
     if chosen is None:
@@ -392,6 +411,32 @@ def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Ch
         tuple(alike for alike, _ in classes), tuple(p for _, p in classes), _shares(search, leader, names),
         tuple(search.first), untestable,
     )  # fmt: skip
+
+
+def _near(posterior: Posterior) -> list[Hypothesis]:
+    return [c.hypothesis for c in posterior.candidates if c.probability > _CHANCE]
+
+
+def _pruned(
+    search: _Search,
+    found: Sequence[Hypothesis],
+    weighed: Callable[[Sequence[Hypothesis]], Posterior],
+    level: float,
+) -> list[Hypothesis]:
+    """Hypotheses without the sets of which a member does not count, and with what sets are without one of theirs: what
+    grew by the best further effect may hold one that the next makes idle."""
+    pruned, seen, idle = list(found), set[frozenset[str]](), set[frozenset[str]]()
+    for _ in range(_ROUNDS):
+        for h in _near(weighed(pruned)):
+            if len(h.names) < 2 or frozenset(h.names) in seen:
+                continue
+            seen.add(frozenset(h.names))
+            rests = list(search.without_one(h, level))
+            pruned += [rest for rest, _ in rests if are_reached(search.problem, rest.fit)]
+            if not all(counts for _, counts in rests):
+                idle.add(frozenset(h.names))
+        pruned = [h for h in pruned if frozenset(h.names) not in idle]
+    return pruned
 
 
 def _with_zero(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 _MAINS = (50.0, 60.0)  # Hz
 _CHANCE = 1e-3  # probability by chance of a line, over all frequencies: one false alarm in 1000 diagnoses
 _SHARE = (
-    0.074  # of the misfit: less is what laws leave by their form (decide.criterion.FORM, one standard deviation up)
+    0.084  # of the misfit: less is what laws leave by their form (decide.criterion.FORM, one standard deviation up)
 )
 _MOST = 5  # lines that are taken out
 _NEAR, _FAR = 3, 15  # distance of the neighbours from a line, in steps of the frequency resolution

@@ -24,7 +24,7 @@ Numbers = NDArray[np.int64]
 _BLOCKS = 40  # blocks of each recording between which a window may begin and end
 _FIRST, _LAST = np.triu_indices(_BLOCKS + 1, 1)  # blocks at which intervals begin, and before which they end
 _LEAST_IN = 0.03  # share of all rows inside of windows
-_TRIMMED, _TRIMS = 0.5, 4  # share of the rows that a trimmed fit keeps (less could not be told from more), and rounds
+_TRIMMED, _TRIMS = 1 / 3, 4  # share of the rows that a trimmed fit keeps, and rounds
 _CHANCE = 3.0  # standard errors of the power of a block up to which it is noise
 _POINTS = 2  # grid points of each form of which the windows of all recordings are looked for together
 _SWEEPS = 4  # of choosing the window of each recording beside those of the others
@@ -211,8 +211,8 @@ def outside(problem: Problem, before: Fit) -> tuple[Fit, float]:
     """The baseline as it fits where it leaves least, and the mean square that it leaves there.
 
     Least trimmed squares (Rousseeuw 1984) over blocks of time, from the refit and from nominal values: what acts for
-    less than half of the time does not move such a fit. Blocks are compared by what they leave of the restoring force
-    beyond noise; of those that leave nothing, the loudest motion says most.
+    less than two thirds of the time does not move such a fit. Blocks are compared by what they leave of the restoring
+    force beyond noise; of those that leave nothing, the loudest motion says most.
     """
     place = np.concatenate(_blocks(problem))
     rows = np.bincount(place)
