@@ -35,11 +35,12 @@ _SHELL_C = (
     "hy_stops.c",
     "hy_table.c",
     "hy_fmi.c",
+    "hy_values.c",
     "hy_derivative.c",
     "hy_state.c",
     "hy_arrays.c",
 )
-_SHELL_H = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_strip.h", "hy_table.h", "hy_fmi.h")
+_SHELL_H = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_strip.h", "hy_table.h", "hy_fmi.h", "fmi_common.h")
 _METHODS = {"hy_duhem_methods": "hy_duhem.c", "hy_strip_methods": "hy_strip.c"}  # come with models that name them
 _FMI_H = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),

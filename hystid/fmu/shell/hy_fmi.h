@@ -60,6 +60,10 @@ int hy_allowed(hy_instance *c, const hy_call *call);
 int hy_fail(hy_instance *c, const char *format, ...); /* logs and returns FMI_ERROR */
 int hy_fmi_status(hy_instance *c, int outcome);       /* an outcome of the engine as a status; errors end the instance's run */
 
+const char *hy_mode_name(int mode);
+int hy_enter(hy_instance *c, int mode);
+int hy_begin_again(hy_instance *c); /* as just made */
+
 int hy_present(hy_instance *c); /* values belong together and can be shown */
 int hy_setup(hy_instance *c, double start, int stop_defined, double stop);
 int hy_exit_initialization(hy_instance *c);
@@ -67,6 +71,9 @@ int hy_set_logging(hy_instance *c, int on, size_t n, const char *const *categori
 int hy_get(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, double *value);
 int hy_may_set(hy_instance *c, const char *call, unsigned vr, int type, double value);
 int hy_set(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, const double *value);
+/* The same for whole numbers and truth values in elements of 1, 4 or 8 bytes. */
+int hy_get_whole(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, void *values, size_t size);
+int hy_set_whole(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, const void *values, size_t size);
 /* References of single elements in place of those of variables, n_values of them; the caller frees what was made. */
 typedef struct {
     const unsigned *vr;
@@ -86,6 +93,7 @@ int hy_enter_continuous(hy_instance *c);
 int hy_completed_step(hy_instance *c);
 int hy_input_derivatives(hy_instance *c, const unsigned *vr, size_t n, const int *order, const double *value);
 int hy_check_numbers(hy_instance *c, const char *what, const double *values, size_t n); /* HY_RETRY, and told, where one is not finite */
+int hy_check_values(hy_instance *c); /* the same for outputs and states */
 int hy_directional(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known,
                    const double *seed, double *sensitivity);
 int hy_adjoint(hy_instance *c, const unsigned *unknown, size_t n_unknown, const unsigned *known, size_t n_known,
