@@ -153,7 +153,7 @@ def _is_whole(path: Path) -> bool:
             rows = path.read_text()
             return rows.endswith("\n") and len({line.count(",") for line in rows.splitlines()}) == 1
         elif path.suffix == ".onnx":
-            from hystid.networks.onnx import load
+            from hystid.networks.onnx_reading import load
 
             load(path)
     except Exception:  # whatever a reader says of it, it is not whole

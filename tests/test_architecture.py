@@ -17,7 +17,7 @@ LAYERS = [
     {"errors"},
     {"files", "leastsquares", "limits", "progress", "units", "modelcode"},
     {"cache", "child", "outputs", "rotation"},
-    {"toolchain"},
+    {"batch", "toolchain"},
     {"results"},
     {"recording"},
     {"turning_points", "comparison", "excitation", "processing"},
@@ -186,7 +186,6 @@ OPTIONS = {
     "validation/cases.py": {"validate"},
 }
 WIDE = {
-    "compiled.py": {"run"},
     "diagnosis/decide/trials.py": {"trials"},
     "fmu/clamping.py": {"clamp_model_exchange", "_run"},
     "fmu/ssp.py": {"write_ssp"},

@@ -17,14 +17,14 @@ import pytest
 from fmu_models import jenkins, linear, unpacked
 from onnx import TensorProto, helper, numpy_helper
 
-from hystid import compiled
+from hystid import batch, compiled
 from hystid.errors import ModelicaError, NetworkError, RecordingError
 from hystid.fmu.from_modelica import _modelica_files
 from hystid.fmu.native import Instance
 from hystid.limits import OutOfTime, bounded
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
-from hystid.networks.onnx import load
+from hystid.networks.onnx_reading import load
 from hystid.recording import read
 from hystid.surrogate import network_code
 
@@ -264,7 +264,7 @@ def test_tables_with_slots_outside_the_block_are_refused(what: str, slot: int) -
     """The batch entry is exported: whoever calls it reads and writes no memory beside the block."""
     slots, values = (ctypes.c_int * 1)(slot), (ctypes.c_double * 2)()
     arrays, modes = (ctypes.c_void_p * 1)(ctypes.addressof(values)), (ctypes.c_int * 1)()
-    table = compiled._Table(version=1, rows=2, dt=0.01, substeps=1)
+    table = batch._Table(version=1, rows=2, dt=0.01, substeps=1)
     setattr(table, f"n_{what}s", 1)
     setattr(table, f"{what}_slots", ctypes.addressof(slots))
     table.settings = ctypes.addressof(values)

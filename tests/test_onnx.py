@@ -14,7 +14,7 @@ from onnx import TensorProto, helper
 from surrogate_harness import make_model, motion, random_model
 
 from hystid.errors import NetworkError
-from hystid.networks import TwoNetworkModel
+from hystid.networks import TwoNetworkModel, onnx_reading
 from hystid.networks import onnx as exchange
 
 
@@ -58,7 +58,7 @@ def test_a_batch_steps_independent_recordings(saved: tuple[TwoNetworkModel, Path
 
 def test_the_file_tells_all_that_is_needed(saved: tuple[TwoNetworkModel, Path]) -> None:
     model, path = saved
-    proto, about = exchange.read(path)
+    proto, about = onnx_reading.read(path)
     assert about.mass == model.mass and about.sample_rate == model.sample_rate
     assert about.training_range == model.training_range
     assert about.initial_state == tuple(model.initial_state())
@@ -159,7 +159,7 @@ def test_a_bad_file_gets_one_sentence(saved: tuple[TwoNetworkModel, Path], tmp_p
     change(proto)
     path.write_bytes(proto.SerializeToString())
     with pytest.raises(NetworkError, match=sentence) as caught:
-        exchange.read(path)
+        onnx_reading.read(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -168,7 +168,7 @@ def test_a_foreign_network_is_no_surrogate(tmp_path: Path) -> None:
     path = tmp_path / "foreign.onnx"
     path.write_bytes(proto.SerializeToString())
     with pytest.raises(NetworkError, match="has the inputs x, v, state, found u"):
-        exchange.read(path)
+        onnx_reading.read(path)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a network", b"PK\x03\x04" + bytes(40), bytes(1000), b"\x08"])
@@ -176,12 +176,12 @@ def test_what_is_not_onnx(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "n.onnx"
     path.write_bytes(content)
     with pytest.raises(NetworkError, match=r"the file is empty|not an ONNX file"):
-        exchange.load(path)
+        onnx_reading.load(path)
 
 
 def test_no_such_file(tmp_path: Path) -> None:
     with pytest.raises(NetworkError, match="there is no such file"):
-        exchange.load(tmp_path / "none.onnx")
+        onnx_reading.load(tmp_path / "none.onnx")
 
 
 def test_truncation_anywhere_is_noticed(saved: tuple[TwoNetworkModel, Path], tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_truncation_anywhere_is_noticed(saved: tuple[TwoNetworkModel, Path], tmp
     for size in np.linspace(1, len(whole) - 1, 60).astype(int):
         path.write_bytes(whole[:size])
         with pytest.raises(NetworkError) as caught:
-            exchange.read(path)
+            onnx_reading.read(path)
         assert "\n" not in str(caught.value)
 
 
@@ -203,4 +203,4 @@ def test_units_that_are_no_object_are_one_sentence(
     next(entry for entry in proto.metadata_props if entry.key == "units").value = text
     onnx.save(proto, tmp_path / "odd.onnx")
     with pytest.raises(NetworkError, match=r"odd\.onnx: the metadata entry 'units'"):
-        exchange.read(tmp_path / "odd.onnx")
+        onnx_reading.read(tmp_path / "odd.onnx")

@@ -11,7 +11,7 @@ import pytest
 from surrogate_harness import compile_all
 
 from hystid.compiled import CompiledModel
-from hystid.networks import onnx as exchange
+from hystid.networks import onnx_reading
 from hystid.surrogate import network_code
 
 torch = pytest.importorskip("torch", reason="exports by PyTorch need the extra 'train'")
@@ -143,7 +143,7 @@ def test_what_people_export(tmp_path: Path) -> None:
         x = torch.randn(*kind.shape, dtype=torch.float64)
         export(module, (x,), tmp_path / "m.onnx", ["x"], ["y"], dynamic_axes={"x": {0: "batch"}})
         name = kind.__name__
-        models[name], inputs[name] = exchange.load(tmp_path / "m.onnx"), x.numpy()
+        models[name], inputs[name] = onnx_reading.load(tmp_path / "m.onnx"), x.numpy()
         with torch.no_grad():
             expected[name] = module(x).numpy()
     for name, net in compile_all(models).items():

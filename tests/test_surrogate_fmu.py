@@ -21,6 +21,7 @@ from surrogate_harness import make_model, motion, random_model, smooth_slider
 
 from hystid.fmu import build
 from hystid.networks import onnx as exchange
+from hystid.networks import onnx_reading
 from hystid.surrogate import network_code, oscillator_code, surrogate_code
 
 DT = 1e-4
@@ -77,7 +78,7 @@ def test_agrees_with_onnx_runtime_over_100_000_samples(folder: Path) -> None:
     with running(folder / "surrogate") as (fmu, vr):
         ours = drive(fmu, vr, x, v)
     session = onnxruntime.InferenceSession(str(folder / "surrogate.onnx"))
-    state, theirs = np.array([exchange.read(folder / "surrogate.onnx")[1].initial_state]), np.empty(len(x))
+    state, theirs = np.array([onnx_reading.read(folder / "surrogate.onnx")[1].initial_state]), np.empty(len(x))
     for k in range(len(x)):
         force, state = session.run(None, {"x": x[k : k + 1], "v": v[k : k + 1], "state": state})
         theirs[k] = force[0]

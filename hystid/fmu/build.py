@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree as ET
 
-from hystid.compiled import FLAGS, TableRunner, shell_text
+from hystid.batch import TableRunner
+from hystid.compiled import FLAGS, shell_text
 from hystid.errors import FmuError, UsageError
 from hystid.files import atomic
 from hystid.fmu.about import About
@@ -40,7 +41,9 @@ _SHELL_C = (
     "hy_state.c",
     "hy_arrays.c",
 )
-_SHELL_H = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_strip.h", "hy_table.h", "hy_fmi.h", "fmi_common.h")
+_SHELL_H = (
+    "hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_strip.h", "hy_table.h", "hy_fmi.h", "fmi_common.h",
+)  # fmt: skip
 _METHODS = {"hy_duhem_methods": "hy_duhem.c", "hy_strip_methods": "hy_strip.c"}  # come with models that name them
 _FMI_H = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),

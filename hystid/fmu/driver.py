@@ -10,8 +10,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hystid.batch import TableRunner
 from hystid.child import beat
-from hystid.compiled import CompiledModel, TableRunner, check_finite
+from hystid.compiled import CompiledModel, check_finite
 from hystid.errors import FmuError, NumericalError
 from hystid.fmu.clamping import clamp_model_exchange
 from hystid.fmu.door import open_fmu, opened_from

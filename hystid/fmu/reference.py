@@ -18,7 +18,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.compiled import CompiledModel, TableRunner
+from hystid.batch import TableRunner
+from hystid.compiled import CompiledModel
 from hystid.errors import NumericalError
 from hystid.fmu.interface import Interface, interface
 from hystid.fmu.model_description.common import start_text, text_of

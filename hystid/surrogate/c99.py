@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from hystid.errors import NetworkError, UsageError
-from hystid.networks import onnx
+from hystid.networks import onnx_reading
 from hystid.surrogate import block, reader
 from hystid.surrogate.emit import Functions, number, value_function
 from hystid.surrogate.names import Names, identifier, readable
@@ -69,11 +69,13 @@ def c_source(path: Path, *, name: str = "surrogate", real: Real = "double") -> d
     if real not in ("double", "float"):
         raise UsageError(f"--real {real}: choose double or float")
     path = Path(path)
-    proto = onnx.load(path)
+    proto = onnx_reading.load(path)
     try:
         program = reader.program(proto, "step")
         given = {entry.key: entry.value for entry in proto.metadata_props}
-        interface = interface_of_surrogate(onnx.read(path)[1]) if is_surrogate(given) else interface_of(program, given)
+        interface = (
+            interface_of_surrogate(onnx_reading.read(path)[1]) if is_surrogate(given) else interface_of(program, given)
+        )
         return _Text(program, interface, name, real).files()
     except NetworkError as error:
         text = str(error)

@@ -18,7 +18,7 @@ import numpy as np
 
 from hystid.errors import NetworkError
 from hystid.modelcode import Experiment, ModelCode, Variable
-from hystid.networks import onnx
+from hystid.networks import onnx_reading
 from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
 from hystid.surrogate.emit import functions
@@ -71,7 +71,7 @@ def network_code(
     Raises NetworkError naming file, node and operator.
     """
     path = Path(path)
-    proto = onnx.load(path)
+    proto = onnx_reading.load(path)
     title = name or path.stem
     try:
         program = reader.program(proto, identifier(title), sizes)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from hystid.errors import NetworkError, UsageError
 from hystid.modelcode import Experiment, ModelCode, Variable
-from hystid.networks import onnx
+from hystid.networks import onnx_reading
+from hystid.networks.onnx_reading import TURNING_POINTS, StepDescription
 from hystid.rotation import turned_code
 from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
@@ -29,7 +30,7 @@ def model_code(path: Path) -> ModelCode:
 
     Raises NetworkError as they do.
     """
-    given = {entry.key for entry in onnx.load(Path(path)).metadata_props}
+    given = {entry.key for entry in onnx_reading.load(Path(path)).metadata_props}
     return surrogate_code(path) if is_surrogate(given) else network_code(path)
 
 
@@ -38,7 +39,7 @@ def is_surrogate(keys: Collection[str]) -> bool:
     return {"hystid_version", "initial_state"} <= set(keys)
 
 
-def interface_of_surrogate(about: onnx.StepDescription) -> Interface:
+def interface_of_surrogate(about: StepDescription) -> Interface:
     """What the ports of an identified restoring force mean."""
     return Interface(
         memory={"state": "state_next"},
@@ -54,7 +55,7 @@ def surrogate_code(path: Path) -> ModelCode:
     network; outputs R [N] and ``outside_training_range``; the memory is local and moves on once per accepted sample
     (see ``network``).
 
-    Raises NetworkError when the file is no surrogate (``hystid.networks.onnx.read``) or cannot be compiled.
+    Raises NetworkError when the file is no surrogate (``hystid.networks.onnx_reading.read``) or cannot be compiled.
     """
     program, about = _read(path)
     code = block_code(
@@ -63,17 +64,17 @@ def surrogate_code(path: Path) -> ModelCode:
     return _shown(replace(code, resources={NETWORK: Path(path).read_bytes()}), about)
 
 
-def _shown(code: ModelCode, about: onnx.StepDescription) -> ModelCode:
+def _shown(code: ModelCode, about: StepDescription) -> ModelCode:
     return turned_code(code) if about.rotational else code
 
 
-def middle(about: onnx.StepDescription) -> dict[str, float]:
+def middle(about: StepDescription) -> dict[str, float]:
     """A value for each further input: the middle of its training range, 0 where there is none."""
     ranges = {port.name: about.training_range.get(port.name, (0.0, 0.0)) for port in about.inputs}
     return {name: 0.5 * (low + high) for name, (low, high) in ranges.items()}
 
 
-def force_slots(about: onnx.StepDescription) -> tuple[int, ...]:
+def force_slots(about: StepDescription) -> tuple[int, ...]:
     """Elements of the state that hold the restoring force of the sample before, one per member of the ensemble."""
     return tuple(i for i, name in enumerate(about.state_layout) if name.startswith("Rh["))
 
@@ -117,8 +118,12 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
     return _shown(code, about)
 
 
-def _oscillator_text(program: Program, about: onnx.StepDescription, mass: float) -> tuple[Block, str]:
-    text, n_d, turning = functions(program, "network"), len(about.initial_state), about.memory == onnx.TURNING_POINTS
+def _oscillator_text(program: Program, about: StepDescription, mass: float) -> tuple[Block, str]:
+    text, n_d, turning = (
+        functions(program, "network"),
+        len(about.initial_state),
+        about.memory == TURNING_POINTS,
+    )
     sizes = Block(
         n_p=3 + turning,
         n_u=1 + len(about.inputs),
@@ -151,17 +156,17 @@ def _oscillator_text(program: Program, about: onnx.StepDescription, mass: float)
     return sizes, "\n".join(parts)
 
 
-def _read(path: Path) -> tuple[Program, onnx.StepDescription]:
-    proto, about = onnx.read(Path(path))
+def _read(path: Path) -> tuple[Program, StepDescription]:
+    proto, about = onnx_reading.read(Path(path))
     try:
         return reader.program(proto, "step"), about
     except NetworkError as error:
         raise NetworkError(f"{path}: {error}") from error
 
 
-def _variables(sizes: Block, mass: float, about: onnx.StepDescription) -> tuple[Variable, ...]:
+def _variables(sizes: Block, mass: float, about: StepDescription) -> tuple[Variable, ...]:
     p, x, dx, y = sizes.p, sizes.x, sizes.dx, sizes.y
-    turning = about.memory == onnx.TURNING_POINTS
+    turning = about.memory == TURNING_POINTS
     size = {name: usual(trained) for name, trained in about.training_range.items()}
     force = Variable("F", sizes.u, "input", "continuous", start=0.0, unit="N", description="force on the mass")
     memory = (
@@ -187,7 +192,7 @@ def _variables(sizes: Block, mass: float, about: onnx.StepDescription) -> tuple[
     )
 
 
-def _dependencies(about: onnx.StepDescription) -> dict[str, tuple[str, ...]]:
+def _dependencies(about: StepDescription) -> dict[str, tuple[str, ...]]:
     force = (*(port.name for port in about.inputs), *_STATES)
     return {
         "x": ("x",),
@@ -200,7 +205,7 @@ def _dependencies(about: onnx.StepDescription) -> dict[str, tuple[str, ...]]:
     }
 
 
-def _further(about: onnx.StepDescription, first: int) -> list[Variable]:
+def _further(about: StepDescription, first: int) -> list[Variable]:
     """The further inputs, each starting in the middle of its training range."""
     found, starts = [], middle(about)
     for slot, port in enumerate(about.inputs, start=first):

@@ -14,7 +14,7 @@ from hystid.errors import RecordingError, UsageError
 from hystid.files import scratch
 from hystid.fmu import Driver
 from hystid.fmu.door import read_entry
-from hystid.networks import FurtherInput, onnx
+from hystid.networks import FurtherInput, onnx_reading
 from hystid.networks.level import Level
 from hystid.recording import Array, Recording
 from hystid.simulation import driven
@@ -139,7 +139,7 @@ def open_surrogate(path: Path, mass: float | None) -> Surrogate:
 
 
 def _from_network(path: Path, mass: float | None) -> Surrogate:
-    _, about = onnx.read(path)
+    _, about = onnx_reading.read(path)
     kilograms = about.mass if mass is None else mass
     oscillator = CompiledModel(oscillator_code(path, mass=kilograms)) if kilograms else None
     states = tuple(f"state[{slot + 1}]" for slot in force_slots(about))
@@ -181,7 +181,7 @@ def _from_oscillator_fmu(path: Path, driver: Driver, mass: float | None) -> Surr
     with scratch() as folder:
         network = _network_inside(path, folder)
         if network is not None:
-            _, about = onnx.read(network)
+            _, about = onnx_reading.read(network)
             rate, limits, further = about.sample_rate, dict(about.training_range), about.inputs
     return Surrogate("oscillator", kilograms, rate, limits, None, driver, inputs=further)
 
