@@ -151,7 +151,8 @@ def _is_whole(path: Path) -> bool:
             return path.read_text().rstrip().endswith("</html>")
         elif path.suffix == ".csv":
             rows = path.read_text()
-            return rows.endswith("\n") and len({line.count(",") for line in rows.splitlines()}) == 1
+            lines = [line for line in rows.splitlines() if not line.startswith("#")]  # what is told above has commas
+            return rows.endswith("\n") and len({line.count(",") for line in lines}) == 1
         elif path.suffix == ".onnx":
             from hystid.networks.onnx_reading import load
 

@@ -7,11 +7,13 @@ static void quiet(fmi2ComponentEnvironment e, fmi2String name, fmi2Status status
     (void)e, (void)name, (void)status, (void)category, (void)text;
 }
 
+static _Thread_local int trying; /* how many values there are */
+
 /* Long runs: why a call failed, in the words of the FMU. */
 static void tell(fmi2ComponentEnvironment e, fmi2String name, fmi2Status status, fmi2String category, fmi2String text, ...)
 {
     (void)e, (void)name, (void)category;
-    if (status > fmi2Warning) fprintf(stderr, "%s\n", text);
+    if (status > fmi2Warning && !trying) fprintf(stderr, "%s\n", text);
 }
 
 static const fmi2CallbackFunctions callbacks = {quiet, calloc, free, NULL, NULL};
@@ -186,9 +188,11 @@ static int exchanged(fmi2Component c, int n)
     fmi2EventInfo info;
     fmi2Boolean enter, end;
     size_t n_x = 0, n_z = 0;
+    trying = 1;
     while (n_x < 64 && fmi2GetNominalsOfContinuousStates(c, x, n_x) > fmi2Warning) n_x++;
     if (fmi2NewDiscreteStates(c, &info) > fmi2Warning || fmi2EnterContinuousTimeMode(c)) return 4;
     while (n_z < 64 && fmi2GetEventIndicators(c, z, n_z) > fmi2Warning) n_z++;
+    trying = 0;
     if (n_x == 64 || n_z == 64) return 5;
     for (int k = 0; k < n; k++) {
         if (fmi2SetTime(c, k * 1e-5) > fmi2Warning || fmi2GetContinuousStates(c, x, n_x) > fmi2Warning) return 6;
