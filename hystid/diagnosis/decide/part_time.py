@@ -29,7 +29,8 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
         one = shared(problem, begun.hypothesis)
         made = try_fit(problem, one) if one is not None else None
         for fit in (begun, *([made] if made is not None else [])):
-            ended = fit if _is_reached(criterion, fit) else fitted_on(problem, fit)
+            near = _left(criterion, fit) < criterion.usual * _left(criterion, before)  # a right law leaves no more
+            ended = fitted_on(problem, fit) if near and not _is_reached(criterion, fit) else fit
             term = ended.hypothesis.terms[-1]
             if (
                 has_edges(ended)
@@ -46,7 +47,7 @@ def _leading(problem: Problem, criterion: Criterion, before: Fit, effects: Seque
     baseline as it fits where nothing acts, and fitted alone before both are. There the baseline is a right law.
     """
     start, left = outside(problem, before)
-    if left - criterion.floor > criterion.usual * criterion.misfit(before, float("nan")):
+    if left - criterion.floor > criterion.usual * _left(criterion, before):
         return []
     scanned = scan_windows(problem, start, effects)
     laws = {candidate.effect.id: candidate for candidate in reversed(scanned)}

@@ -156,7 +156,10 @@ class _Search:
             found += self._sets()
         else:
             for start in distinct(self.first)[:_STARTS]:
-                found += self._beside(start)
+                pairs = list(self._beside(start))
+                found += pairs
+                if not pairs:  # what fits less well leaves more, and would win by no further law
+                    break
         return found
 
     @cached_property
