@@ -187,7 +187,6 @@ OPTIONS = {
 }
 WIDE = {
     "diagnosis/decide/trials.py": {"trials"},
-    "fmu/clamping.py": {"clamp_model_exchange", "_run"},
     "fmu/ssp.py": {"write_ssp"},
     "networks/ensemble.py": {"train_ensemble"},
 }

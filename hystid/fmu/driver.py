@@ -14,7 +14,7 @@ from hystid.batch import TableRunner
 from hystid.child import beat
 from hystid.compiled import CompiledModel, check_finite
 from hystid.errors import FmuError, NumericalError
-from hystid.fmu.clamping import clamp_model_exchange
+from hystid.fmu.clamping import Clamping, clamp_model_exchange
 from hystid.fmu.door import open_fmu, opened_from
 from hystid.fmu.foreign import Foreign, runs_here
 from hystid.fmu.native import Instance, Stepper, load
@@ -173,9 +173,9 @@ class Driver:
                 f"{self._fmu.name}: its states cannot be held to a measured motion, for it offers co-simulation only; "
                 "an FMU with Model Exchange can, and this one can still be simulated freely"
             )
-        return clamp_model_exchange(
-            self._fmu, states, inputs, dt, dict(parameters or {}), names, substeps, sensitivities
-        )
+        motion, signals = ({n: np.asarray(u, np.float64) for n, u in table.items()} for table in (states, inputs))
+        given = Clamping(motion, signals, dt, names, substeps)
+        return clamp_model_exchange(self._fmu, given, parameters or {}, sensitivities)
 
     def _batch_entry(self) -> CompiledModel | None:
         kind = self._fmu.co_simulation or self._fmu.model_exchange
