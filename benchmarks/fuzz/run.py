@@ -77,7 +77,8 @@ def _watched(command: list[str], counts: Path, until: float, printed: Path) -> s
             except subprocess.TimeoutExpired:
                 now, tried = time.monotonic(), _counts(counts)[0]
                 last, since = (tried, now) if tried != last else (last, since)
-                if now < until and now - since < _SILENT:
+                # it takes its time to start, on a busy machine more than its share: nothing tried is nothing found
+                if (now < until or tried <= 0) and now - since < _SILENT:
                     continue
                 process.kill()
                 process.wait()
