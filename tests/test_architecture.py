@@ -158,8 +158,8 @@ def test_outside_libraries_have_one_home(path: Path) -> None:
 
 
 def test_no_file_is_too_long_to_read() -> None:
-    # 650 lines: the largest file of the code bases that this layout follows.
-    long = {str(p.relative_to(ROOT)): n for p in modules() if (n := len(p.read_text().splitlines())) > 650}
+    # 450 lines are the aim; the largest file of the code bases that this layout follows has 650.
+    long = {str(p.relative_to(ROOT)): n for p in modules() if (n := len(p.read_text().splitlines())) > 580}
     assert not long
 
 

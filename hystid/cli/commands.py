@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -11,7 +11,6 @@ import typer
 from hystid.cli import options as opt
 from hystid.errors import UsageError
 from hystid.outputs import check_file
-from hystid.results import Result
 
 Choice = TypeVar("Choice", bound=str)
 
@@ -25,11 +24,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-study = typer.Typer(
-    rich_markup_mode=None,
-    help="Many trainings: which structure, which mass. Resumable; on this machine or a Dask cluster.",
-)
-app.add_typer(study, name="study", no_args_is_help=True)
 
 
 def _version(asked: bool) -> None:
@@ -203,8 +197,8 @@ def check(
     if out is not None:
         with opt.results(out) as folder:
             write_json(folder / "check.json", result.as_dict())
-            result.report(folder / "report.html", _command("check"))
-        _done(result, out)
+            result.report(folder / "report.html", opt.command_line("check"))
+        opt.done(result, out)
     else:
         opt.show(result.summary())
     return 1 if result.refusals else 0
@@ -271,8 +265,8 @@ def identify(
             workers=workers,
             out=folder,
         )
-        result.report(folder / "report.html", _command("identify"))
-    _done(result, out)
+        result.report(folder / "report.html", opt.command_line("identify"))
+    opt.done(result, out)
     if result.failure:
         print(f"this model is of no use: {result.failure}")
     return 1 if result.failure else 0
@@ -329,8 +323,8 @@ def validate(
             decimate=decimate,
             out=folder,
         )
-        result.report(folder / "report.html", _command("validate"))
-    _done(result, out)
+        result.report(folder / "report.html", opt.command_line("validate"))
+    opt.done(result, out)
 
 
 @app.command()
@@ -376,8 +370,8 @@ def diagnose(
             result = diagnose(
                 used, model=model, parameters=known, holdout=held, effects=tuple(effects or ()), out=folder
             )
-        result.report(folder / "report.html", _command("diagnose"))
-    _done(result, out)
+        result.report(folder / "report.html", opt.command_line("diagnose"))
+    opt.done(result, out)
     return 0 if result.verdict in ("consistent", "recalibrated") and not result.misread else 1
 
 
@@ -438,84 +432,8 @@ def demo(
     return 1 if strict and not outcome.passed else 0
 
 
-@study.command("grid")
-@opt.grouped
-def study_grid(
-    recordings: opt.Recordings,
-    mass: opt.Mass,
-    out: opt.Folder,
-    holdout: opt.Holdout = None,
-    *,
-    settings: opt.Study,
-    reading: opt.Reading,
-) -> None:
-    """Which network structure: 1-3 hidden layers of 2-13 neurons, many starts each, tested on held-out recordings.
-
-    \b
-    Examples:
-      hystid study grid chirp*.csv --mass 4.2 --holdout sine20.csv --starts 30 -o grid
-    """
-    from hystid import study
-
-    _study(study.grid, recordings, mass, out, holdout, settings, reading)
-
-
-@study.command("mass")
-@opt.grouped
-def study_mass(
-    recordings: opt.Recordings,
-    mass: opt.Mass,
-    out: opt.Folder,
-    holdout: opt.Holdout = None,
-    *,
-    settings: opt.Study,
-    reading: opt.Reading,
-) -> None:
-    """How much a mass that is weighed wrongly (-20 to +20 %) costs, for two hidden layers of each size.
-
-    \b
-    Examples:
-      hystid study mass chirp*.csv --mass 4.2 --holdout sine20.csv -o mass
-    """
-    from hystid import study
-
-    _study(study.mass, recordings, mass, out, holdout, settings, reading)
-
-
-def _study(
-    kind: Callable[..., Result],
-    recordings: Sequence[Path],
-    mass: float,
-    out: Path,
-    holdout: Sequence[Path] | None,
-    settings: opt.Study,
-    reading: opt.Reading,
-) -> None:
-    from hystid.processing import parse_band
-
-    unseen = opt.apart(recordings, holdout)
-    with opt.resumable(out):
-        used, held = reading.load(recordings), reading.load(unseen)
-        options = vars(settings) | {"band": parse_band(settings.band) if settings.band is not None else None}
-        result = kind(used, mass=mass, holdout=held, out=out, **options)
-        result.report(out / "report.html", _command(f"study {kind.__name__}"))
-    _done(result, out)
-
-
 def _choice(option: str, value: str, allowed: Sequence[Choice]) -> Choice:
     for item in allowed:
         if item == value:
             return item
     raise UsageError(f"{option} {value}: choose {' or '.join(allowed)}")
-
-
-def _done(result: Result, out: Path) -> None:
-    opt.show(result.summary())
-    print(f"results and report.html in {out}")
-
-
-def _command(name: str) -> str:
-    import shlex
-    import sys
-
-    return shlex.join(["hystid", *sys.argv[1:]]) if sys.argv[1:] else f"hystid {name}"

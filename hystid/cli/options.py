@@ -18,6 +18,7 @@ from hystid.errors import UsageError, printable, sentence
 from hystid.files import json_of
 from hystid.outputs import check_folder, replaced
 from hystid.progress import tell
+from hystid.results import Result
 
 if TYPE_CHECKING:
     from hystid.recording import Recording
@@ -261,3 +262,16 @@ def grouped(command: Command) -> Command:
     flat.__signature__ = inspect.Signature(shown, return_annotation=hints["return"])  # type: ignore[attr-defined]  # any object may have it
     flat.__annotations__ = {parameter.name: parameter.annotation for parameter in shown} | {"return": hints["return"]}
     return cast(Command, flat)
+
+
+def done(result: Result, out: Path) -> None:
+    """Print what a command has found, and where it lies."""
+    show(result.summary())
+    print(f"results and report.html in {out}")
+
+
+def command_line(name: str) -> str:
+    """What was typed, or the bare name of the command where it was called from Python."""
+    import shlex
+
+    return shlex.join(["hystid", *sys.argv[1:]]) if sys.argv[1:] else f"hystid {name}"

@@ -30,7 +30,7 @@ def run(arguments: Sequence[str]) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import typer
 
-    from hystid.cli import cache_commands  # noqa: F401  (adds its command)
+    from hystid.cli import cache_commands, study_commands  # noqa: F401  (add their commands)
     from hystid.cli.commands import app
 
     try:
