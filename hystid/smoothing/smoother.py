@@ -176,8 +176,8 @@ def _incoherent(values: Array, force: Array, dt: float) -> float:
     _, common = coherence(values, force, fs=1.0 / dt, nperseg=section)
     power[0] = 0.0  # the mean was taken out
     top = int(np.argmax(power))
-    valley = 1 + int(np.argmin(power[1 : top + 1])) if top > 1 else top
-    rises = np.flatnonzero((common[1:valley] < _CLEAR / (1 + _CLEAR)) & (power[1:valley] > power[valley]))
+    least = 1 + int(np.argmin(power[1 : top + 1])) if top > 1 else top
+    rises = np.flatnonzero((common[1:least] < _CLEAR / (1 + _CLEAR)) & (power[1:least] > power[least]))
     if len(rises) == 0:
         return 0.0
     above = int(rises[-1]) + 2

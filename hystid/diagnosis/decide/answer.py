@@ -164,12 +164,6 @@ class Answer:
         terms = self.choice.after.hypothesis.terms
         return not self.faults and len(self.terms()) == len(terms) and not has_own_windows(self.choice.after.hypothesis)
 
-    def is_beside_a_drift(self) -> bool:
-        """Whether physics is named beside a drift of the force channel, and the model has everything else: a recording
-        that was held out, of whose drift nothing is known, can then tell against the physics, but not for it."""
-        own = has_own_windows(self.choice.after.hypothesis)
-        return DRIFT in self.choice.named and bool(self.terms()) and not self.faults and not own
-
     def remarks(self) -> list[str]:
         """What the model file should say about the recordings."""
         told = ["Written by hystid diagnose. Standard errors stand behind the values."]
