@@ -41,13 +41,13 @@ def is_noise(problem: Problem, fitted: Fit, *, shown: bool = True) -> bool:
     ]
     ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
     residual = problem.reduce.evenly(fitted.residual)  # weights that follow the motion would make any noise follow it
-    sure = np.split(problem.reduce.sure(), ends)
+    sure = [one if np.any(one) else ~one for one in np.split(problem.reduce.sure(), ends)]
     rests = [_standard(rest, seen) for rest, seen in zip(np.split(residual, ends), sure, strict=True)]
     if any(_has_shocks(rest) or _has_line(rest) for rest in rests):
         return False
     pairs = [(0, 1), (1, 2), (3, 1), (4, 0), *([(4, 1)] if shown else [])]
     excess = max(0.0, 1.0 - problem.reduce.level / fitted.chi2)
-    known = _KNOWN[0] + _KNOWN[1] * excess
+    known = (_KNOWN[0] + _KNOWN[1] * excess) * int(np.count_nonzero(np.concatenate(sure)))
     powers = [(rest**2 - 1.0) * seen for rest, seen in zip(rests, sure, strict=True)]
     return all(
         _independent(values, [_cells(m[a], m[b]) for m in motion], known, shown=shown)
@@ -82,16 +82,15 @@ def _ranks(values: Array, bins: int) -> NDArray[np.int64]:
 def _independent(values: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float, *, shown: bool) -> bool:
     """Whether means of values differ between the cells no more than when the values are moved in time.
 
-    shown: and what moved ones show scatters by less than counts as known.
+    known: power between the cells from which the values know them. shown: and what moved ones show scatters by less.
     """
     shares = np.random.default_rng(0).uniform(0.05, 0.95, (_SHIFTS, len(values)))
     moved = [
         _between([np.roll(p, int(share * len(p))) for p, share in zip(values, row, strict=True)], cells)
         for row in shares
     ]
-    limit = known * sum(map(len, values))
     scatter = _TWO_SIDED * float(np.std(moved)) if shown else 0.0
-    return _between(values, cells) - float(np.median(moved)) <= limit and scatter <= limit
+    return _between(values, cells) - float(np.median(moved)) <= known and scatter <= known
 
 
 def _between(values: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> float:

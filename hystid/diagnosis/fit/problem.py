@@ -29,7 +29,7 @@ DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fau
 LATE_LIMIT = 8.0  # samples
 WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _TURN = 0.05  # share of the peak speed over which a contact may turn
-_ROUND = 0.1  # share of a jump that the shape of a turn leaves open, where the law has its own turn
+_ROUND = 12**-0.5  # share of a jump that the shape of a turn leaves open, where the law has its own turn (uniform)
 _FILTERED = 0.3  # share of a jump that filters of the recording chain leave open in the samples beside it
 _RARE, _SEEN = 0.999, 0.1  # quantile of rows, and noise power, from which what a turn leaves open is seen
 _AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
@@ -344,11 +344,12 @@ class Problem:
         return self.reduce([share * s for s in slow]), self.reduce([_FILTERED * q for q in quick])
 
     def _unsure(self, hypothesis: Hypothesis) -> Array:
-        """Rows of the standard deviation that the error of the velocity leaves to a law without memory.
+        """Rows of the standard deviation that the error of the velocity leaves to a law without memory where it bends.
 
         A few draws of the noise miss most of the samples beside a turn of slow motion, whose side nobody knows. So the
         whole velocity is moved by its local error, by the nodes of a Gauss-Hermite quadrature. A contact that may
-        stand still holds any force between those of sliding either way.
+        stand still holds any force between those of sliding either way. What is linear in the velocity is a damper,
+        and no bend.
         """
         error = [_local(part) for part in self.parts]
         fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
@@ -358,14 +359,16 @@ class Problem:
             return [R for R, _ in self._follow(moved, hypothesis.values)]
 
         turned = zip(*(law([node * e for e in error]) for node in _NODES), strict=True)
-        sliding = zip(*(law([side * _TURN * fastest + 0 * e for e in error]) for side in (-1, 1)), strict=True)
-        weights = np.array(_WEIGHTS)[:, None]
+        sliding = zip(*(law([side * _TURN * fastest + 0 * e for e in error]) for side in (-2, -1, 1, 2)), strict=True)
+        weights, nodes = np.array(_WEIGHTS)[:, None], np.array(_NODES)[:, None]
         spread = []
-        for part, e, forces, (back, forth) in zip(self.parts, error, turned, sliding, strict=True):
-            mean = np.sum(weights * forces, axis=0)
-            variance = np.sum(weights * (np.array(forces) - mean) ** 2, axis=0)
+        for part, e, forces, (further, back, forth, beyond) in zip(self.parts, error, turned, sliding, strict=True):
+            damper = ((beyond - forth) + (back - further)) / (2 * _TURN * fastest)
+            bent = np.array(forces) - damper * nodes * e
+            variance = np.sum(weights * (bent - np.sum(weights * bent, axis=0)) ** 2, axis=0)
+            jump = (forth - back) - (beyond - forth) - (back - further)
             rests = np.exp(-0.5 * (part.v / np.maximum(e, 1e-300)) ** 2)  # likelihood of standing still
-            spread.append(np.sqrt(variance + rests * (forth - back) ** 2 / 12))
+            spread.append(np.sqrt(variance + rests * jump**2 / 12))
         return self.reduce.spread(spread)
 
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
