@@ -104,6 +104,7 @@ def pose(taken: Taken, model: str) -> Case:
         problem, running = problem.of(longer), told_again
         refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])
     held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
+    held = beginning(held, baseline, refitted.hypothesis.values)[0]
     if (coloured := _colour(problem, refitted)) is not None:
         problem, held = problem.of(coloured), coloured_alike(held, coloured)
         refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])

@@ -136,12 +136,17 @@ def _mean(force: Sequence[tuple[float, float]], which: int) -> float:
 
 
 def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """NRMSE of the force balance before and after, per training and held-out recording."""
+    """NRMSE of the force balance before and after, per training and held-out recording. What is left out of a held-out
+    one, as what a contact remembers from before it began, says nothing of the law."""
     problem, found = case.problem, []
     unseen = for_recording(choice.after.hypothesis)
     groups = [(problem, choice.after.hypothesis), *([(problem.of(case.unseen), unseen)] if case.unseen else [])]
     for group, last in groups:
-        rests = [group.balance_shown(h) for h in (choice.before.hypothesis, last)]
+        seen = [p.valid if group is not problem and p.valid is not None else slice(None) for p in group.parts]
+        rests = [
+            [rest[at] for rest, at in zip(group.balance_shown(h), seen, strict=True)]
+            for h in (choice.before.hypothesis, last)
+        ]
         mass = choice.after.hypothesis.mass()
         spread = [float(np.std(p.F - mass * p.a)) or 1.0 for p in group.parts]
         found.append([(float(np.std(b)) / s, float(np.std(a)) / s) for b, a, s in zip(*rests, spread, strict=True)])
