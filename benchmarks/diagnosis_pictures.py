@@ -86,7 +86,7 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("-o", "--out", type=Path, default=Path("build/pictures"))
     out = parser.parse_args(given).out
     case = pose(take(record()[0], [], given_parameters(NOMINAL)), BELIEVED)
-    choice = choose(case.problem, case.refit, load_effects(), valleys=case.valleys)
+    choice = choose(case.problem, case.refit, load_effects(), minima=case.minima)
     write(
         out / "diagnosis-rest.svg",
         "What is left of the force: the lab case",

@@ -1,4 +1,4 @@
-"""Fits that arrive: bounds, redundant parameters, side valleys, starts; and names that unseen recordings contradict."""
+"""Fits that arrive: bounds, redundant parameters, local minima, starts; and names that unseen recordings contradict."""
 
 import json
 from collections.abc import Mapping
@@ -132,6 +132,6 @@ def test_a_preloaded_contact_is_no_quadratic_spring(tmp_path: Path) -> None:
     ("seed", "index", "given"),
     [(20261122, 93, {"Ks": 14144.0, "fc": 5.87, "B": 99.1, "Kl": 231459.0}), (173205, 15, {})],
 )
-def test_a_refit_leaves_side_valleys(tmp_path: Path, seed: int, index: int, given: dict[str, float]) -> None:
-    """Iwan laws with parameters off by a factor of three, and by 15 %: steps along slopes end in a side valley."""
+def test_a_refit_leaves_local_minima(tmp_path: Path, seed: int, index: int, given: dict[str, float]) -> None:
+    """Iwan laws with parameters off by a factor of three, and by 15 %: steps along slopes end in a local minimum."""
     assert run(from_deck(tmp_path, seed, index, **given)).verdict == "recalibrated"

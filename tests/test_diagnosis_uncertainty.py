@@ -1,4 +1,4 @@
-"""Standard errors, valleys behind ridges, and laws that the motion cannot show."""
+"""Standard errors, minima behind ridges, and laws that the motion cannot show."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -73,8 +73,8 @@ def test_friction_that_never_slides_is_none(healthy: tuple[Problem, Fit]) -> Non
         assert are_reached(problem, replace(fitted, hypothesis=there)) == kept
 
 
-def test_a_fit_in_a_side_valley_is_led_out(tmp_path: Path) -> None:
-    """Few sliders make valleys along the stiffness and strength of a group; a simplex across them finds the deeper."""
+def test_a_fit_in_a_local_minimum_is_led_out(tmp_path: Path) -> None:
+    """Few sliders make minima along the stiffness and strength of a group; a simplex across them finds the deeper."""
     place, _ = case(tmp_path, spec("null", (), "iwan"), 87)
     tests = loaded(sorted(place.glob("rec_*.csv")))
     made = pose(Taken(tests, [], given_parameters(place / "parameters.json"), ()), "HystId.Oscillators.Iwan")

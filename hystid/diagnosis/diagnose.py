@@ -81,7 +81,7 @@ def diagnose(
                 case = replace(case, catalogue=catalogue_of(everything))
                 library, untestable = possible(everything, case, exclude)
                 choice = choose(
-                    case.problem, case.refit, library, _every(step, max(1, len(library) // 70)), valleys=case.valleys,
+                    case.problem, case.refit, library, _every(step, max(1, len(library) // 70)), minima=case.minima,
                     unseen=unseen_likelihood(case.problem, case.unseen),
                 )  # fmt: skip
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))

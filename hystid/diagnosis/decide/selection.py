@@ -34,7 +34,7 @@ from hystid.diagnosis.fit.clipped import clipped_force
 from hystid.diagnosis.fit.hypothesis import Fit, Key, is_mass, is_source
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.problem import Problem, standing
-from hystid.diagnosis.fit.search import ABSORBED, other_valleys, scan, try_fit
+from hystid.diagnosis.fit.search import ABSORBED, other_minima, scan, try_fit
 from hystid.diagnosis.fit.search import Candidate as Scanned
 from hystid.diagnosis.fit.zeros import zero_of_term
 from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drift
@@ -95,14 +95,14 @@ def choose(
     effects: Sequence[Effect],
     progress: Callable[[], None] = lambda: None,
     *,
-    valleys: Sequence[Fit] = (),
+    minima: Sequence[Fit] = (),
     unseen: Unseen = lambda before, after: 0.0,
 ) -> Choice:
     """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there.
 
-    valleys: other local minima of the refit. unseen: what held-out recordings say about a fit.
+    minima: other local minima of the refit. unseen: what held-out recordings say about a fit.
     """
-    search = _Search(problem, baseline, effects, progress, valleys)
+    search = _Search(problem, baseline, effects, progress, minima)
     found = search.hypotheses()
     return _decided(search, found, unseen)
 
@@ -116,9 +116,9 @@ class _Search:
         baseline: Fit,
         effects: Sequence[Effect],
         progress: Callable[[], None],
-        valleys: Sequence[Fit],
+        minima: Sequence[Fit],
     ) -> None:
-        self.problem, self.baseline, self.effects, self.valleys = problem, baseline, effects, valleys
+        self.problem, self.baseline, self.effects, self.minima = problem, baseline, effects, minima
         drifts = (force_drift(len(problem.parts), bow=bow) for bow in (False, True))
         self.library = [*effects, *drifts, *clipped_force(problem, baseline)]
         self.candidates = scan(problem, baseline, self.library, progress)
@@ -212,7 +212,7 @@ class _Search:
         freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=before.hypothesis.terms, late=False), 25)
         if freed is not None and before.chi2 - freed.chi2 > 0.1 * self.excess and not self.restarted:
             self.baseline, self.restarted = freed, True  # the refit was stuck, and the effect a way out
-            self.valleys = (before, *self.valleys)
+            self.minima = (before, *self.minima)
             self.criterion = Criterion(problem, freed, self.criterion.ids)
             self.__dict__.pop("is_noise", None)
             self.candidates = scan(problem, freed, self.library)
@@ -223,7 +223,7 @@ class _Search:
             if first[0].chi2 - self.floor < _LEAP * (stuck - self.floor):  # nothing was fitted from there yet
                 first = exchanged(problem, first, self.baseline, self.library)
         if not self._is_reached(first[0]):
-            first = searched_again(problem, first, self.baseline, self.floor, self.valleys)
+            first = searched_again(problem, first, self.baseline, self.floor, self.minima)
         for _ in range(_ROUNDS):
             best = first[0].chi2
             first = finished(problem, exchanged(problem, first, self.baseline), self.excess)
@@ -517,7 +517,7 @@ def _to_the_end(problem: Problem, criterion: Criterion, reached: Fit) -> Fit:
         if criterion.is_reached(reached.chi2 - problem.floor(reached.hypothesis)):
             return reached
         on = try_fit(problem, reached.hypothesis, LAST) or reached
-        fits = [try_fit(problem, start, LAST, bar=on.chi2) for start in other_valleys(problem, on)]
+        fits = [try_fit(problem, start, LAST, bar=on.chi2) for start in other_minima(problem, on)]
         best = min([reached, on, *(made for made in fits if made is not None)], key=lambda made: made.chi2)
         if best.chi2 > reached.chi2 - criterion.slack:
             return best

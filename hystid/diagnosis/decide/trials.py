@@ -15,7 +15,7 @@ from hystid.diagnosis.fit.search import (
     Candidate,
     downhill,
     from_nominal,
-    other_valleys,
+    other_minima,
     scan,
     try_fit,
     try_term,
@@ -173,12 +173,12 @@ def also_from_nominal(problem: Problem, found: Sequence[Trial], before: Fit, lib
 
 
 def searched_again(
-    problem: Problem, found: Sequence[Trial], before: Fit, floor: float, valleys: Sequence[Fit]
+    problem: Problem, found: Sequence[Trial], before: Fit, floor: float, minima: Sequence[Fit]
 ) -> list[Trial]:
     """The leading ids from other starts, where the best explains much, and not enough.
 
-    A law with corners has side valleys: the refit without the missing effect may stand in one, and no fit that starts
-    there comes out. Other starts are other valleys that the refit has seen, and scattered shapes.
+    A law with corners has local minima: the refit without the missing effect may stand in one, and no fit that starts
+    there comes out. Other starts are other minima that the refit has seen, and scattered shapes.
     """
     left, excess = found[0].chi2 - floor, before.chi2 - floor
     if left > _HOPEFUL * excess:
@@ -186,14 +186,14 @@ def searched_again(
     again = list(found)
     leading = [trial for trial in distinct(found)[:_SEARCHED] if trial.chi2 - floor < _NEAR * left]
     forms = {t.form_of.class_name: t for t in reversed(found) if t.form_of and t.name in {one.name for one in leading}}
-    for valley in valleys:
-        for candidate in scan(problem, valley, [t.form_of for t in forms.values() if t.form_of])[:_FORMS]:
-            made = try_term(problem, valley, candidate.term, bar=again[0].chi2)
+    for minimum in minima:
+        for candidate in scan(problem, minimum, [t.form_of for t in forms.values() if t.form_of])[:_FORMS]:
+            made = try_term(problem, minimum, candidate.term, bar=again[0].chi2)
             known = forms[candidate.effect.class_name]
             again += [replace(known, fit=made, others=())] if made is not None and made.chi2 < known.chi2 else []
     again = ranked(problem, again)
     for trial in leading:
-        starts = other_valleys(problem, trial.fit)
+        starts = other_minima(problem, trial.fit)
         fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
         again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
     return ranked(problem, again)
@@ -245,7 +245,7 @@ def finished(problem: Problem, found: Sequence[Trial], excess: float) -> list[Tr
 
 
 def fitted_on(problem: Problem, fit: Fit) -> Fit:
-    """A fit continued, also over the ridges between side valleys."""
+    """A fit continued, also over the ridges between local minima."""
     made = try_fit(problem, fit.hypothesis, LAST) or fit
     fits = [try_fit(problem, start, LAST) for start in downhill(problem, made)]
     return min([made, *(f for f in fits if f is not None)], key=lambda f: f.chi2)

@@ -49,7 +49,7 @@ class Case:
     problem: Problem
     baseline: Baseline
     refit: Fit
-    valleys: tuple[Fit, ...]
+    minima: tuple[Fit, ...]
     nominal_chi2: float
     faults: tuple[Fault, ...]
     consistency: Mapping[str, Any]
@@ -96,21 +96,21 @@ def pose(taken: Taken, model: str) -> Case:
     baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
     sized, _ = _starts(parts, code, {n: v for n, v in values.items() if n in {"m", *fixed}}, model, quasi_static=still)
-    refitted, valleys, nominal = refit(problem, kept, sized)
+    refitted, minima, nominal = refit(problem, kept, sized)
     for _ in range(_BEGUN):  # a contact that slips later than was believed remembers longer
         longer, _, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values)
         if all(_same(a.valid, b.valid) for a, b in zip(longer, problem.parts, strict=True)):
             break
         problem, running = problem.of(longer), told_again
-        refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])
+        refitted, minima, nominal = refit_again(problem, [refitted, *minima])
     held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
     held = beginning(held, baseline, refitted.hypothesis.values)[0]
     if (coloured := _colour(problem, refitted)) is not None:
         problem, held = problem.of(coloured), coloured_alike(held, coloured)
-        refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])
+        refitted, minima, nominal = refit_again(problem, [refitted, *minima])
     if (knocked := without_knocks(problem, refitted)) is not None:
         problem, running = problem.of(knocked[0]), [*running, *knocked[1]]
-        refitted, valleys, nominal = refit_again(problem, [refitted, *valleys])
+        refitted, minima, nominal = refit_again(problem, [refitted, *minima])
     refitted, lines = periodic_forces(problem, refitted)
     told += [chain.NO_CLOCK] if still else []
     notes = (
@@ -124,7 +124,7 @@ def pose(taken: Taken, model: str) -> Case:
         *(note for test in tests for note in test.notes),
     )
     return Case(
-        problem, baseline, refitted, valleys, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
+        problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
     )  # fmt: skip
 

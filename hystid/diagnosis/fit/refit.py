@@ -8,12 +8,12 @@ import numpy as np
 
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.search import downhill, from_nominal, other_valleys, try_fit
+from hystid.diagnosis.fit.search import downhill, from_nominal, other_minima, try_fit
 from hystid.diagnosis.model.channel_effects import history
 from hystid.errors import NumericalError
 
 _STARTS = (0.5, 2.0)  # factors on the nominal shapes of the law, for further starts of the refit
-_VALLEYS = 2  # rounds of looking for a better valley of the refit
+_MINIMA = 2  # rounds of looking for a better minimum of the refit
 _JUMPS = 2  # rounds in which rows near jumps are found, and the refit begins again without them
 _APART = 0.01  # relative difference of mean squares that makes two optima of the refit
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
@@ -25,7 +25,7 @@ def refit(
     """The baseline from several starts, other optima that were met, and the mean square at the nominal values.
 
     Further starts only while something is left: where a simplex comes to from the nominal shapes, these made smaller
-    and larger, then where it comes to from the best, and shapes scattered around: a law with corners has side valleys.
+    and larger, then where it comes to from the best, and shapes scattered around: a law with corners has local minima.
     sized: values that the recordings suggest, for a further start: nominal ones may be such that a contact never slips.
     kept: numbers of recordings in which a contact keeps a force of the time before.
     """
@@ -50,10 +50,10 @@ def refit(
     fits.sort(key=lambda f: f.chi2)
     if not fits:
         raise NumericalError("the baseline has no finite force on these recordings; check its nominal parameters")
-    for _ in range(_VALLEYS):
+    for _ in range(_MINIMA):
         if _sits(problem, best := fits[0]):
             break
-        starts = other_valleys(problem, best)
+        starts = other_minima(problem, best)
         fits += [made for h in starts if (made := try_fit(problem, h, 25, bar=best.chi2)) is not None]
         fits.sort(key=lambda f: f.chi2)
         if fits[0].chi2 > (1 - _APART) * best.chi2:
@@ -80,8 +80,8 @@ def _without_jumps(problem: Problem, fits: Sequence[Fit], nominal: Hypothesis) -
         again = [best.hypothesis, nominal]  # jumps may have led the fits astray: begin again without them
         fits = [made for h in again if (made := try_fit(problem, h, 25)) is not None]
         best, rows, others = min(fits, key=lambda f: f.chi2), problem.rows(nominal), []
-    valleys = [f for f in others if f.chi2 > (1 + _APART) * best.chi2]
-    return best, tuple(valleys[:2]), float(np.mean(rows**2))
+    minima = [f for f in others if f.chi2 > (1 + _APART) * best.chi2]
+    return best, tuple(minima[:2]), float(np.mean(rows**2))
 
 
 def _sits(problem: Problem, fitted: Fit) -> bool:

@@ -175,7 +175,7 @@ def try_fit(
 def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) -> list[Hypothesis]:
     """New starts: shapes of the law and of the effects spread around a fit, everything linear solved at each point.
 
-    A law with corners has side valleys in its shapes, and a refit without the missing effect often ends in one. The
+    A law with corners has local minima in its shapes, and a refit without the missing effect often ends in one. The
     points are those of a Sobol sequence, hence the same in every run; the best few are returned.
     """
     unknowns = problem.unknowns(fitted.hypothesis)
@@ -196,8 +196,8 @@ def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) ->
     return [hypothesis for _, hypothesis in sorted(found, key=lambda item: item[0])[:kept]]
 
 
-def other_valleys(problem: Problem, fitted: Fit) -> list[Hypothesis]:
-    """Starts for leaving a side valley: where a simplex comes to from a fit, and scattered ones."""
+def other_minima(problem: Problem, fitted: Fit) -> list[Hypothesis]:
+    """Starts for leaving a local minimum: where a simplex comes to from a fit, and scattered ones."""
     return [*downhill(problem, fitted), *scattered(problem, fitted)]
 
 

@@ -1,4 +1,4 @@
-"""The proof: the refitted baseline and the extended model in free run, and the polish that the extended model gets."""
+"""The proof: the refitted baseline and the extended model in free run, and the output-error fit of the latter."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hystid.diagnosis.fit.windows import for_recording, has_own_windows
 from hystid.diagnosis.prepare.segments import Part
 from hystid.diagnosis.prove.extended import CLASS, Skeleton, extended_model, settings_of
 from hystid.diagnosis.prove.freerun import diverges, error, errors
-from hystid.diagnosis.prove.polish import polish
+from hystid.diagnosis.prove.output_error import output_error_fit
 from hystid.errors import FmuError, NumericalError
 from hystid.files import scratch
 from hystid.fmu import build
@@ -28,13 +28,13 @@ from hystid.modelica import compile_model
 
 Array = NDArray[np.float64]
 _LONGEST = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
-_BALANCE = 1.3  # rise of the balance's mean square beyond which a polish contradicts the measured forces
+_BALANCE = 1.3  # rise of the balance's mean square beyond which an output-error fit contradicts the measured forces
 Run = list[tuple[Array | None, float | None]]
 
 
 @dataclass(frozen=True)
 class Runs:
-    """Free runs before and after, of the recordings used and of those held out; the answer with what the polish moved.
+    """Free runs before and after, of the recordings used and held out; the answer with what the output-error fit moved.
 
     text: the extended model. notes: what was done to the parameters.
     """
@@ -47,7 +47,7 @@ class Runs:
 
 
 def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Runs:
-    """Run the baseline and, where something was named, the extended model, polished where that clearly helps."""
+    """Run the baseline and, where something was named, the extended model, fitted on its run where that helps."""
     choice, base = answer.choice, answer.baseline
     groups = (answer.problem.parts, unseen)
     first = choice.before.hypothesis
@@ -64,7 +64,7 @@ def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Run
     extended = CompiledModel(compile_text(text))
     notes: tuple[str, ...] = ()
     if answer.is_model():
-        answer, notes = _polished(answer, skeleton, extended)
+        answer, notes = _output_error(answer, skeleton, extended)
         text = written(answer, skeleton) if notes else text
     last = answer.choice.after.hypothesis
     at = settings_of(skeleton, for_recording(last)) if notes else {}
@@ -106,14 +106,14 @@ def _coupled_run(
     return None if diverges(x, part) else x
 
 
-def _polished(answer: Answer, skeleton: Skeleton, model: CompiledModel) -> tuple[Answer, tuple[str, ...]]:
-    """The answer with polished parameters, and a sentence; without one where the balance's parameters stay."""
+def _output_error(answer: Answer, skeleton: Skeleton, model: CompiledModel) -> tuple[Answer, tuple[str, ...]]:
+    """The answer with parameters fitted so, and a sentence; without one where the balance's parameters stay."""
     fit, problem = answer.choice.after, answer.problem
 
     def settings(at: Hypothesis) -> Mapping[str, float]:
         return settings_of(skeleton, at)
 
-    found = polish(model, fit.hypothesis, fit.unknowns, problem.parts, settings)
+    found = output_error_fit(model, fit.hypothesis, fit.unknowns, problem.parts, settings)
     if found is None:
         return answer, ()
     rows = problem.rows(found.hypothesis)

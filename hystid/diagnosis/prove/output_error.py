@@ -1,4 +1,4 @@
-"""Output-error polish: parameters from the force balance, moved so that the free run meets the measured displacement.
+"""Output-error fit: parameters from the force balance, moved so that the free run meets the measured displacement.
 
 The balance judges every sample by itself, so that small biases of the regressors add up in a free run. Here the whole
 run is compared. The last quarter of every recording is kept back: what does not help there is not taken.
@@ -32,7 +32,7 @@ WORK = 1_500_000  # samples that may be simulated: two seconds, counted so that 
 _FITTED = 0.75  # share of each recording that is fitted; the rest decides
 _WORTH = 0.8  # error on the rest, over that before, above which the parameters of the balance are kept
 _HOPEFUL = 0.8  # sum of squares over that at the start, above which nothing that counts can be reached: 0.8^2 counts
-_QUIET = 1.5  # error of the free run in units of the noise of x below which nothing is left to polish
+_QUIET = 1.5  # error of the free run in units of the noise of x below which nothing is left to fit
 _LOST = 0.7  # error of the free run beyond which the run tells nothing about the parameters
 _EXACT = 0.01  # error of the integration, units of the noise of x: it averages out as noise does, over 10,000 samples
 _STEP = 1e-4  # step of difference quotients in scaled unknowns
@@ -41,7 +41,7 @@ _REACH = 0.5  # largest move of a scaled unknown in one step
 _ROUNDS = 12
 _LEAST = 4  # steps for which there must be work
 _SMALL = 1e-3  # fall of the sum of squares by which a step ends the search
-_SHORTEST = 1000  # samples per recording below which a polish is no longer worth its name
+_SHORTEST = 1000  # samples per recording below which an output-error fit is no longer worth its name
 _BLOCKS = 40  # of all recordings, for the standard errors: each must be long against the memory of the residual
 
 
@@ -94,7 +94,7 @@ class _Track:
         return misfit[:kept], misfit[kept:]
 
 
-def polish(
+def output_error_fit(
     model: CompiledModel,
     start: Hypothesis,
     unknowns: Sequence[Unknown],

@@ -1,4 +1,4 @@
-"""Output-error polish: what it reaches, and that it keeps its hands off what it cannot improve."""
+"""Output-error fit: what it reaches, and that it keeps its hands off what it cannot improve."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Unknown
 from hystid.diagnosis.prepare.segments import Part, prepare_part
 from hystid.diagnosis.prove.freerun import error, free_run
-from hystid.diagnosis.prove.polish import polish
+from hystid.diagnosis.prove.output_error import output_error_fit
 from hystid.modelica import compile_model
 from hystid.recording import Recording, read
 
@@ -40,7 +40,7 @@ def recorded(model: CompiledModel, seed: int, n: int = 4000, dt: float = 1 / 750
 def test_biased_parameters_come_back_to_the_truth(model: CompiledModel) -> None:
     parts = [recorded(model, seed) for seed in (1, 2)]
     start = Hypothesis({**TRUE, "Kl": 5.1e4, "alpha": 4.85e4, "B": 11.0, "gamma": 0.84})
-    found = polish(model, start, unknowns(), parts, lambda h: h.values)
+    found = output_error_fit(model, start, unknowns(), parts, lambda h: h.values)
     assert found is not None and found.after < 0.5 * found.before
     # with 1 % noise and thousands of samples the stiffness is known to 0.1 %, the damping to some per cent
     assert found.hypothesis.values["Kl"] == pytest.approx(TRUE["Kl"], rel=5e-3)
@@ -50,8 +50,8 @@ def test_biased_parameters_come_back_to_the_truth(model: CompiledModel) -> None:
 def test_standard_errors_are_those_of_repeated_measurements(model: CompiledModel) -> None:
     """Six tests of five parameters; the residual is coloured, as noise of the smoothed start and of the run add up."""
     start = Hypothesis({**TRUE, "Kl": 5.1e4, "alpha": 4.85e4, "B": 11.0, "gamma": 0.84})
-    found = [polish(model, start, unknowns(), [recorded(model, s), recorded(model, s + 1)], lambda h: h.values)
-             for s in range(100, 112, 2)]  # fmt: skip
+    pairs = [[recorded(model, seed), recorded(model, seed + 1)] for seed in range(100, 112, 2)]
+    found = [output_error_fit(model, start, unknowns(), pair, lambda h: h.values) for pair in pairs]
     off = []
     for one in found:
         assert one is not None
@@ -63,7 +63,7 @@ def test_standard_errors_are_those_of_repeated_measurements(model: CompiledModel
 
 
 def test_true_parameters_stay(model: CompiledModel) -> None:
-    assert polish(model, Hypothesis(TRUE), unknowns(), [recorded(model, 3)], lambda h: h.values) is None
+    assert output_error_fit(model, Hypothesis(TRUE), unknowns(), [recorded(model, 3)], lambda h: h.values) is None
 
 
 def test_what_does_not_help_on_samples_kept_back_is_not_taken(model: CompiledModel) -> None:
@@ -74,13 +74,13 @@ def test_what_does_not_help_on_samples_kept_back_is_not_taken(model: CompiledMod
     x = model.simulate(force, part.dt, parameters=other, outputs=("x",), interpolation="cubic", substeps=4)["x"]
     mixed = np.where(np.arange(len(x)) < 0.75 * len(x), part.measured["x"], x)
     made = prepare_part(Recording("mixed", part.t, F=part.F, x=mixed))
-    assert polish(model, Hypothesis(other), unknowns(), [made], lambda h: h.values) is None
+    assert output_error_fit(model, Hypothesis(other), unknowns(), [made], lambda h: h.values) is None
 
 
 def test_the_work_is_bounded(model: CompiledModel) -> None:
     """Too little work for four steps over 1000 samples: nothing is begun."""
     start = Hypothesis({**TRUE, "Kl": 5.2e4})
-    assert polish(model, start, unknowns(), [recorded(model, 5)], lambda h: h.values, work=10_000) is None
+    assert output_error_fit(model, start, unknowns(), [recorded(model, 5)], lambda h: h.values, work=10_000) is None
 
 
 def test_a_period_of_steady_motion_runs_twice(model: CompiledModel) -> None:
@@ -104,7 +104,7 @@ def test_benchmark_from_parameters_of_the_balance(model: CompiledModel) -> None:
     )
     start = Hypothesis({**TRUE, "Kl": 4.95e4, "alpha": 5.03e4, "gamma": 0.81, "delta": -1.12}, delay=0.025)
     moved = [*unknowns(), Unknown(("chain", "delay"), low=-0.5, high=0.5)]
-    found = polish(model, start, moved, [train], lambda h: h.values)
+    found = output_error_fit(model, start, moved, [train], lambda h: h.values)
     assert found is not None
     run = free_run(model, test, found.hypothesis.values, found.hypothesis.delay)
     assert run is not None
