@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from hystid.diagnosis.fit.colour import NOISE_ERROR
 from hystid.diagnosis.fit.curves import CELLS, CURVE, cells
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
@@ -37,7 +38,6 @@ Array = NDArray[np.float64]
 
 ACCURACY = 0.002  # of the force: what smoothing, interpolation and integration leave (measured without noise)
 SOUND = 0.005  # of the force: model error of a structure from which nothing is missing (matched sensors: 0.5 %)
-NOISE_ERROR = 0.05  # relative error of the noise power that is estimated from a recording
 FORM = 0.1  # scale (median) of the model error of a right law, over the misfit it explains (amplitudes)
 EXACT = 0.02  # the same of a fault of a channel, which is a gain, a delay or a polynomial and nothing else
 PRIOR: dict[str | int, float] = {

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hystid.diagnosis.fit.colour import coloured_alike, with_colour, with_colour_above
+from hystid.diagnosis.fit.colour import NOISE_ERROR, coloured_alike, fainter, with_colour, with_colour_above
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import without_knocks
@@ -35,6 +35,7 @@ from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
 
 _LIBRARY = "HystId."
+_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no louder than all that is left
 _BEGUN = 3  # times that the beginning is judged again by a refit
 
 
@@ -137,18 +138,22 @@ def _colour(problem: Problem, refitted: Fit) -> list[Part] | None:
     """The parts with the colour of their noise, None where it is white.
 
     Measured twice: a constant force that is missing leads the first refit astray, and the way it does is slow. A refit
-    that gives little for slow forces does not follow it.
+    that gives little for slow forces does not follow it. No noise is louder than all that is left: what moves the
+    structure may have added to it.
     """
     if not problem.timed:
         return None
-    first = with_colour(problem, refitted)
-    if first is not None:
-        return with_colour(problem, refit_again(problem.of(first), [refitted])[0])
-    above = with_colour_above(problem, refitted)
-    if above is None:
-        return None
-    coloured = problem.of(above)
-    return above if is_noise(coloured, refit_again(coloured, [refitted])[0]) else None
+    below = with_colour(problem, refitted)
+    if below is not None:
+        below = with_colour(problem, refit_again(problem.of(below), [refitted])[0])
+    seen = below or with_colour_above(problem, refitted)
+    for share in _SHARES if seen is not None else ():
+        parts = fainter(problem.parts, seen or (), share)
+        coloured = problem.of(parts)
+        again = refit_again(coloured, [refitted])[0]
+        if again.chi2 >= coloured.floor(again.hypothesis) - NOISE_ERROR:
+            return parts if below is not None or is_noise(coloured, again) else None
+    return None
 
 
 def _no_force(baseline: Baseline, parts: Sequence[Part]) -> str:

@@ -23,6 +23,7 @@ from hystid.diagnosis.prepare.reduction import colouring, filtered
 from hystid.diagnosis.prepare.segments import Part, band
 
 Array = NDArray[np.float64]
+NOISE_ERROR = 0.05  # relative error of the noise power that is estimated from a recording
 _ROWS = 16_000  # of one recording; more are averaged in blocks
 _POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of their own
 _FIRST = 3  # line of the spectrum from which the polynomial and the window leave it alone
@@ -51,10 +52,16 @@ def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
 def with_colour_above(problem: Problem, fitted: Fit) -> list[Part] | None:
     """The same by what is above the motion, where that fills the recordings and leaves nothing below it.
 
-    What moves the structure may be there as well: the caller has to see that what is left then follows no motion.
+    What moves the structure may be there too: the caller has to see that what is left then follows no motion, and is
+    no quieter than noise.
     """
     slope, error = _above_all(_seen(problem, fitted))
     return [_coloured(part, (slope, 0.0)) for part in problem.parts] if slope > 2 * error else None
+
+
+def fainter(parts: Sequence[Part], seen: Sequence[Part], share: float) -> list[Part]:
+    """Parts of white noise with a share of the colour that was seen."""
+    return [_coloured(p, (share * q.colour[0], share * q.colour[1])) for p, q in zip(parts, seen, strict=True)]
 
 
 @dataclass(frozen=True)
