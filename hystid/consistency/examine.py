@@ -26,7 +26,7 @@ _CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
 _SOUND = 0.005**2  # share of the power of the force that sensors leave which match to 0.5 %: less tells no sign
 _SIGMAS = 6.9  # standard errors of a lag, from six sections: one sound pair in a thousand (Student, 5 degrees)
 _SIGMAS_FORCE = 5.0
-_SIGMAS_POWER = 1.96  # standard errors of the correlation of F and v (95 %), from which a structure takes up energy
+_SIGMAS_SIGN = 1.96  # standard errors of a quantity, from which its sign is known (95 %)
 _PHASE = 0.5  # radians of the main motion beyond which a lag spoils the balance: an eighth of the force moves over
 _LOST = 0.7  # response over the gain below which a channel does not count (3 dB)
 _CERTAIN = 0.8  # coherence at which a response is read band by band
@@ -294,9 +294,10 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
     elastic = recording.quasi_static or "a" not in names
     if elastic and abs(force.correlation) > 0.9 and abs(odds) < 20 * _CLEAR:  # the slope of a spring says it
         odds += _CLEAR * 2 * math.copysign(1.0, force.correlation) if recording.quasi_static else 0.0
-    # energy that a structure takes up speaks against a reversed force, whatever drift of x makes of the rest
-    takes_up = not shifted and force.power > _SIGMAS_POWER / math.sqrt(max(force.samples, 1.0))
-    if odds < -_CLEAR and other > 0.2 and not takes_up:
+    # energy that is taken up, and a mass, speak against a reversed force, whatever drift and decays make of the rest
+    takes_up = not shifted and force.power > _SIGMAS_SIGN / math.sqrt(max(force.samples, 1.0))
+    moves_mass = not shifted and force.mass > 0 and force.mass_ratio_error < 1 / _SIGMAS_SIGN
+    if odds < -_CLEAR and other > 0.2 and not (takes_up or moves_mass):
         found.append(words.force_reversed(recording.name, force, other, share, names))
     if shifted:
         severe = _main(recording) * abs(force.lag) > _PHASE and _fits_aligned(force)
