@@ -141,13 +141,14 @@ def test_an_effect_is_given_only_what_its_equations_read(parts: list[Part], effe
 
 
 def test_steps_from_normal_equations_reach_the_least_squares_solution(
-    parts: list[Part], baseline: Baseline, effects: dict[str, Effect]
+    parts: list[Part], baseline: Baseline, effects: dict[str, Effect], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a hypothesis that is linear in its unknowns: the mean square is that of an orthogonal projection."""
     held = replace(baseline, free=("B", "Kl"), linear=("B", "Kl"), weighed=False)
     problem = problem_of(parts, held)
     start = Hypothesis(VALUES, (Term(effects["CubicStiffness"], {"k3": 0.0}),))
-    found = fit(problem, start, tolerance=1e-12)
+    monkeypatch.setattr("hystid.diagnosis.fit.descent._SMALL", 1e-12)
+    found = fit(problem, start)
     jacobian = problem.jacobian(found.hypothesis, found.unknowns)
     scaled = jacobian / np.linalg.norm(jacobian, axis=0)
     left = found.residual - scaled @ np.linalg.lstsq(scaled, found.residual, rcond=None)[0]

@@ -195,7 +195,8 @@ def test_fates_in_model_exchange(
 ) -> None:
     """In calls of FMPy's solver."""
     monkeypatch.setenv("HYSTID_CHILD_SECONDS", "1.5")
-    monkeypatch.setenv("HYSTID_CHILD_MEMORY_MB", "600")
+    if wrong == "LEAK":  # a solver needs some hundreds of megabytes for itself, and more after others
+        monkeypatch.setenv("HYSTID_CHILD_MEMORY_MB", "600")
     assert says in _fate(_fmu(tmp_path, wrong, where, version))
 
 
