@@ -148,6 +148,7 @@ def _above(seen: _Rest) -> tuple[Array, Array]:
     """Lines of the spectrum above the motion: frequency [cycles per sample], and power over that of white noise."""
     count = len(seen.rest)
     first, last = (int(share * count) for share in (_ABOVE * band(seen.part)[1] * seen.part.dt, 0.49))
+    first = max(first, _FIRST)
     if seen.part.lowest or last <= first:
         return np.empty(0), np.empty(0)
     window = np.hanning(count)
