@@ -78,7 +78,9 @@ def test_reinforced_concrete_degrades_and_is_pinched(specimen: str, request: pyt
     assert "hysteretic_friction" in names(found) or found.verdict == "unknown_physics"
     assert all(finding.confidence < 0.95 for finding in found.findings)  # an eighth of the force stays unexplained
     before, after = found.force_nrmse
-    assert after < 0.17 < 0.4 < before  # 16 % where hysteresis alone is told
+    # 15 % in the column with degradation by the path alone and no pinching; 16 % in the wall, where nothing is told
+    # beside the hysteresis
+    assert after < {"column": 0.14, "wall": 0.17}[specimen] < 0.4 < before
     for finding in found.findings[1:]:
         share = finding.parameters["share"]
         assert share.value > 1.645 * share.stderr  # the interval of 90 % keeps clear of none

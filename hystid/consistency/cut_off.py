@@ -14,8 +14,6 @@ from hystid.recording import Array
 _FEWEST = 10  # samples at one value from which it is a level
 _OFTEN = 3  # times as often as any other value in the upper half: a coarse converter repeats them all alike
 _DIGITS = 1e-9  # of the level: the same number, written by another program
-
-
 _SECTIONS = 16  # of a recording: motion grows and falls, and most is lost where it is large
 _LONGEST = 0.9  # share of a section at the level: beyond it, nothing tells the size of the motion
 
@@ -67,17 +65,13 @@ def kept_size(values: Array) -> float:
     return kept / power
 
 
-def stopping(held: Mapping[str, Array]) -> frozenset[str]:
-    """The channels that stop at a level."""
-    return frozenset(name for name, values in held.items() if level([values]) is not None)
-
-
-def allowing(compared: Sequence[Pair], held: Mapping[str, Array]) -> list[Pair]:
+def with_full_sizes(compared: Sequence[Pair], kept: Mapping[str, float]) -> list[Pair]:
     """The pairs with the sizes that their channels had before they were cut off.
 
-    How much is missing beyond a level depends on the motion, so all of the correction counts as its error.
+    kept: share of its size that each channel keeps. How much is missing beyond a level depends on the motion, so all of
+    the correction counts as its error.
     """
-    lost = {name: math.log(kept_size(values)) for name, values in held.items()}
+    lost = {name: math.log(share) for name, share in kept.items()}
     return [
         replace(
             pair,

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from hystid.consistency import words
-from hystid.consistency.cut_off import allowing, stopping
+from hystid.consistency.cut_off import kept_size, with_full_sizes
 from hystid.consistency.filters import Form, filtered
 from hystid.consistency.force import FOURFOLD, Force, examine_force
 from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, computed, formula, motion, pairs, spectrum
@@ -92,7 +92,8 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     findings: list[Finding] = []
     moves = all(np.ptp(values) > 0 for values in motion(recording).values())  # a constant channel is told as such
     timed = not recording.quasi_static and len(recording) >= _SHORTEST and moves
-    compared = allowing(pairs(recording), motion(recording)) if timed else []
+    kept = {name: kept_size(values) for name, values in motion(recording).items()} if timed else {}
+    compared = with_full_sizes(pairs(recording), kept) if timed else []
     force = examine_force(recording) if len(recording) >= _SHORTEST and moves else None
     inertia = _inertia(recording, force, mass)
     forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
@@ -107,8 +108,8 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
             force = examine_force(mended) if best.slips and len(recording) >= _SHORTEST else force
             findings += _judged_force(mended, force)
             findings += [] if findings else _sizes(mended)
-        cut_off = stopping(motion(recording))  # it loses motion where that is large, not by frequency
-        whole = [p for p in compared if not {p.low, p.high} & cut_off]
+        # a channel that is cut off loses motion where that is large, not by frequency
+        whole = [p for p in compared if kept[p.low] == kept[p.high] == 1.0]
         findings += _lags(recording, compared, best, forms) + _filters(recording, whole, best, forms)
         findings += _strangers(recording, compared, best)
     channels = _channels(recording, compared)
