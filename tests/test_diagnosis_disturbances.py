@@ -96,6 +96,20 @@ def test_a_stop_that_is_met_three_times_is_no_knock() -> None:
     assert found.verdict not in CALM
 
 
+def test_a_stop_that_is_there_for_a_second_is_no_knock() -> None:
+    """All that goes so far in that second meets it, and the motion goes further at other times."""
+    motion, t = tones(18), np.arange(N) * DT
+    window = (t > 2.0) & (t < 3.0)
+    x = motion["x"]
+    tops = np.sort([np.max(part) for part in np.split(x[window], np.flatnonzero(np.diff(np.sign(x[window]))) + 1)])
+    gap = 0.5 * (tops[-5] + tops[-4])
+    assert np.count_nonzero(np.diff((x > gap).astype(int)) > 0) > 10  # of which four are met
+    force = balance(motion) + window * 20 * K * np.maximum(x - gap, 0.0)
+    found = asked(recorded(motion, force, 19, snr=60.0))
+    assert not [note for note in found.notes if "knock" in note]
+    assert found.verdict not in CALM
+
+
 def gust(seed: int, share: float) -> Array:
     """White noise that is there for a third of the time."""
     place = np.linspace(0, 1, N)

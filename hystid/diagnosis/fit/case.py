@@ -106,11 +106,15 @@ def pose(taken: Taken, model: str) -> Case:
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
     held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
     held = beginning(held, baseline, refitted.hypothesis.values)[0]
+    every = problem.parts
+    if (knocked := without_knocks(problem, refitted)) is not None:
+        problem, running = problem.of(knocked.parts), [*running, *knocked.told]
+        refitted, minima, nominal = refit_again(problem, [refitted, *minima])
     if (coloured := _colour(problem, refitted)) is not None:
         problem, held = problem.of(coloured), coloured_alike(held, coloured)
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
-    if (knocked := without_knocks(problem, refitted)) is not None:
-        problem, running = problem.of(knocked[0]), [*running, *knocked[1]]
+    if knocked is not None and not knocked.told:  # they belong to the law, and only the noise was to be seen without
+        problem = problem.of([replace(p, valid=q.valid) for p, q in zip(problem.parts, every, strict=True)])
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
     refitted, lines = periodic_forces(problem, refitted)
     told += [chain.NO_CLOCK] if still else []

@@ -1,8 +1,8 @@
 """Single knocks that nobody measured: short forces on the structure that no channel shows, and no law repeats.
 
 The motion after a knock is measured as ever, and the balance holds again. During the knock it does not, for a small
-part of a period, a few times in a recording. An impact of the structure's own comes with the motion: wherever the
-motion goes further, it comes as well. A knock does not know where the motion is, which other passes of it show.
+part of a period, a few times in a recording. An impact of the structure's own does the same, but it comes with the
+motion: it strikes where the motion goes furthest, as long as it acts at all. A knock does not know where the motion is.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import mannwhitneyu
 
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
@@ -22,7 +23,7 @@ _WIDTH = 8  # averages in a period of the quickest motion
 _CLEAR = 10.0  # robust standard deviations of these averages: noise of any colour reaches 6 in 10^5 of them
 _MOST, _LONGEST = 5, 3  # knocks in a recording, and periods of the quickest motion that one lasts with what filters
 # make of it: what comes more often, or lasts, belongs to the motion
-_PASSES = 3  # other passes of the motion that go further and show nothing
+_BY_CHANCE = 0.05  # probability at which knocks that do not know the motion come with its largest displacements
 _MAD = 0.6745  # median of the absolute value of a normal variable
 
 
@@ -34,19 +35,27 @@ class Knock:
     last: int
 
 
-def without_knocks(problem: Problem, fitted: Fit) -> tuple[list[Part], list[str]] | None:
-    """Parts without the samples of knocks, and sentences about them; None where there are none."""
+@dataclass(frozen=True)
+class Knocked:
+    """Parts without the samples of short forces, and sentences about them; no sentence where these come with the
+    motion, so that a law of the structure may have made them."""
+
+    parts: list[Part]
+    told: list[str]
+
+
+def without_knocks(problem: Problem, fitted: Fit) -> Knocked | None:
+    """What is left without short forces that the fit does not hold; None where there are none."""
     rests = problem.reduce.whitened(problem.balance(fitted.hypothesis))
     found = [
         _knocks(p, rest, problem.reduce.used(i)) for i, (p, rest) in enumerate(zip(problem.parts, rests, strict=True))
     ]
-    found = [
-        [knock for knock in knocks if _is_no_law(problem.parts, found, i, knock)] for i, knocks in enumerate(found)
-    ]
     if not any(found):
         return None
-    parts = [_without(part, knocks) for part, knocks in zip(problem.parts, found, strict=True)]
-    return parts, [_sentence(part, knocks) for part, knocks in zip(problem.parts, found, strict=True) if knocks]
+    pairs = list(zip(problem.parts, found, strict=True))
+    struck = [(part, knocks) for part, knocks in pairs if knocks]
+    told = [] if _come_with_motion(struck) else [_sentence(part, knocks) for part, knocks in struck]
+    return Knocked([_without(part, knocks) for part, knocks in pairs], told)
 
 
 def _knocks(part: Part, rest: Array, used: Flags) -> list[Knock]:
@@ -65,18 +74,30 @@ def _knocks(part: Part, rest: Array, used: Flags) -> list[Knock]:
     return found if short and len(found) <= _MOST else []
 
 
-def _is_no_law(parts: Sequence[Part], found: Sequence[Sequence[Knock]], index: int, knock: Knock) -> bool:
-    """Whether the motion goes further elsewhere, on the same side, without anything there."""
-    x = parts[index].x[knock.first : knock.last]
+def _come_with_motion(struck: Sequence[tuple[Part, Sequence[Knock]]]) -> bool:
+    """Whether the motion goes further in what was struck than elsewhere on one side (Mann and Whitney 1947): all the
+    time, or between the first and the last knock, as a law may act for a part of the time."""
+    chances = []
     for side in (1.0, -1.0):
-        furthest, passes = float(np.max(side * x)), 0
-        for part, knocks in zip(parts, found, strict=True):
-            beyond = side * part.x > furthest
-            starts = np.flatnonzero(np.diff(np.concatenate([[0], beyond.astype(int)])) > 0)
-            passes += sum(not any(k.first <= at < k.last for k in knocks) for at in starts)
-        if passes < _PASSES:
-            return False
-    return True
+        for between in (False, True):
+            heights = [_heights(side * part.x, knocks, between=between) for part, knocks in struck]
+            hit, free = (np.concatenate(columns) for columns in zip(*heights, strict=True))
+            if len(free):
+                chances.append(float(mannwhitneyu(hit, free, alternative="greater").pvalue))
+    return min(chances, default=1.0) * len(chances) < _BY_CHANCE
+
+
+def _heights(x: Array, knocks: Sequence[Knock], *, between: bool) -> tuple[Array, Array]:
+    """How far a motion goes in each knock, and in stretches of the same length without one."""
+    length = int(np.median([k.last - k.first for k in knocks]))
+    ends = [0, *(at for k in knocks for at in (k.first, k.last)), len(x)]
+    gaps = list(zip(ends[::2], ends[1::2], strict=True))
+    free = [
+        float(np.max(x[at : at + length]))
+        for first, last in (gaps[1:-1] if between else gaps)
+        for at in range(first, last - length + 1, length)
+    ]
+    return np.array([np.max(x[k.first : k.last]) for k in knocks]), np.array(free)
 
 
 def _without(part: Part, knocks: Sequence[Knock]) -> Part:
