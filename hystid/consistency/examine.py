@@ -217,7 +217,7 @@ def _undecided(recording: Recording, situation: Situation, force: Force | None) 
             called = "the mass" if name == "m" else name
             found[name] = f"whether {called} is in {', '.join(doubtful)} does not show: {reason}"
     if force is not None and not recording.quasi_static and _main(recording) * force.hidden_lag > _PHASE:
-        late = f"a lag of F below {1e3 * force.hidden_lag:.3g} ms does not show: hysteresis explains F as well"
+        late = f"a lag of F below {words.milliseconds(force.hidden_lag)} does not show: hysteresis explains F as well"
         found["F"] = f"{found['F']}; {late}" if "F" in found else late
     return found
 

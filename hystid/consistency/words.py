@@ -154,7 +154,7 @@ def force_reversed(name: str, force: Force, other: float, share: float, names: M
 def force_late(name: str, force: Force, *, severe: bool) -> Finding:
     """The force runs on another clock."""
     word = "later" if force.lag > 0 else "earlier"
-    sentence = f"F comes {_milliseconds(abs(force.lag))} {word} than the motion, all through the test"
+    sentence = f"F comes {milliseconds(abs(force.lag))} {word} than the motion, all through the test"
     sentence += f" ({100 * force.share:.0f} % of F fits as it stands, {100 * force.lag_share:.0f} % aligned)"
     aligned = max(force.lag_share, force.lag_reversed, force.free_lag_share)
     seen = {"lag": force.lag, "lag_error": force.lag_error, "explained": aligned}
@@ -165,7 +165,7 @@ def force_late(name: str, force: Force, *, severe: bool) -> Finding:
 def channel_late(name: str, channel: str, p: Pair, lag: float, *, severe: bool) -> Finding:
     """A channel of the motion runs on another clock."""
     word, other = "later" if lag > 0 else "earlier", p.low if channel == p.high else p.high
-    sentence = f"{channel} comes {_milliseconds(abs(lag))} {word} than {other} shows, all through the test"
+    sentence = f"{channel} comes {milliseconds(abs(lag))} {word} than {other} shows, all through the test"
     seen = {"lag": lag, "lag_error": p.lag_error}
     mend = f"align it with --align {channel}, or check the filter of its amplifier"
     return Finding(name, channel, "lag", sentence, mend, "refuse" if severe else "note", seen, {"align": channel})
@@ -212,5 +212,6 @@ def _number(value: float) -> str:
     return f"{value:.4g}" if 1e-3 <= abs(value) < 1e5 else f"{value:.3e}"
 
 
-def _milliseconds(seconds: float) -> str:
+def milliseconds(seconds: float) -> str:
+    """A time in ms, or in s where it is longer than that."""
     return f"{1e3 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"

@@ -13,7 +13,9 @@ from hystid.recording import Array, Recording
 from hystid.report.plots import Axis, Bars, Line, Plot, Role, Series, thin
 
 X_AXIS = Axis("Displacement x", "m")
+V_AXIS = Axis("Velocity v", "m/s")
 R_AXIS = Axis("Restoring force R", "N")
+FORCE = Axis("Force", "N")
 T_AXIS = Axis("Time t", "s", prefix=False)
 
 _BROAD, _THIN = 4.5, 1.6  # pixels

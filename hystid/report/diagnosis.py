@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis import Diagnosis, Finding, Traces
 from hystid.report import evidence
+from hystid.report.curves import FORCE, T_AXIS, V_AXIS, X_AXIS
 from hystid.report.linked import Linked, Signal, views_of, windows
 from hystid.report.page import Fact, Page, Table, Tone, Verdict, number, percent, with_error
 from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
@@ -78,7 +79,7 @@ def summary(result: Diagnosis) -> str:
     lines += [f"to be mended: {text}" for text in result.misread]
     lines += [f"doubtful: {text}" for text in result.doubts]
     for finding in result.findings:
-        values = ", ".join(f"{name} = {_value(finding, name)}" for name in finding.parameters)
+        values = ", ".join(f"{name} = {value_text(finding, name)}" for name in finding.parameters)
         ids = ", ".join(finding.alike)
         lines.append(f"  {title(finding)} ({ids}), probability {percent(finding.confidence)}: {values}")
         lines.append(f"    where: {finding.where.text}")
@@ -137,10 +138,10 @@ def title(finding: Finding) -> str:
     return finding.title or finding.effect.replace("_", " ")
 
 
-_SIDES = {1.0: "+1 (at positive x)", -1.0: "-1 (at negative x)", 0.0: "0 (on both sides)"}
+_SIDES = {1.0: "+1 (x > 0)", -1.0: "-1 (x < 0)", 0.0: "0 (both)"}
 
 
-def _value(finding: Finding, name: str) -> str:
+def value_text(finding: Finding, name: str) -> str:
     """A parameter with its error; the side of a one-sided law in words."""
     value = finding.parameters[name]
     if name == finding.roles.get("switch") and value.value in _SIDES:
@@ -161,7 +162,7 @@ def _what(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     if not d.findings:
         page.text(d.headline + ".")
     for finding in d.findings:
-        rows = [[name, _value(finding, name), text] for name, text in _meanings(d, finding).items()]
+        rows = [[name, value_text(finding, name), text] for name, text in _meanings(d, finding).items()]
         share = getattr(finding, "explained", None)
         where = finding.where.text[:1].upper() + finding.where.text[1:]
         note = f"{where}. " + (f"It explains {percent(share)} of the misfit above the noise." if share else "")
@@ -193,7 +194,7 @@ def _candidates(page: Page, said: Mapping[str, Any]) -> None:
             [str(one["title"]), _chance(one.get("probability")), percent(one.get("explained"))]
             for one in ranked[:_CANDIDATES]
         ]
-        columns = ["effect", "probability", "explains of the misfit"]
+        columns = ["effect", "probability", "share of the misfit explained"]
         page.table(
             Table("What it could be", columns, rows, "Ranked. Each effect is fitted together with the baseline.")
         )
@@ -202,7 +203,8 @@ def _candidates(page: Page, said: Mapping[str, Any]) -> None:
 def _parameters(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     """Every parameter in the end, and what the refit of the baseline alone had to move."""
     if d.findings:
-        rows = [[name, with_error(v.value, v.stderr, v.unit)] for name, v in d.final_values().items()]
+        sides = {f"{f.effect}.{name}": value_text(f, name) for f in d.findings for name in f.parameters}
+        rows = [[k, sides.get(k, with_error(v.value, v.stderr, v.unit))] for k, v in d.final_values().items()]
         note = "Baseline and findings, fitted together. These are the values in extended.mo."
         page.table(Table("Final parameters", ["parameter", "value ± standard error"], rows, note))
     moved = []
@@ -266,7 +268,7 @@ def _map(d: Diagnosis, which: str) -> Plot:
     heading = "Residual of the baseline" if which == "residual" else "Residual with findings"
     heat = Heat(middle[0], middle[1], mean.T, "mean residual", "N")
     caption = f"Mean over all recordings. Empty: fewer than {least} samples."
-    return Plot(heading, Axis("displacement", "m"), Axis("velocity", "m/s"), (heat,), caption)
+    return Plot(heading, X_AXIS, V_AXIS, (heat,), caption)
 
 
 def _tonality(trace: Traces) -> float:
@@ -306,7 +308,7 @@ def _spectrum_bars(trace: Traces, named: bool) -> Plot:
         f"Multiples of {line / (n * dt):.4g} Hz, dB above -80 dB of the first. Even ones (2, 4, ...) tell of a law "
         "that differs between the two directions."
     )
-    return Plot(f"Harmonics of the force, {trace.name}", Axis("harmonic"), Axis("level", "dB"), series, caption)
+    return Plot(f"Harmonics of the force, {trace.name}", Axis("Harmonic order"), Axis("Level", "dB"), series, caption)
 
 
 def _near(spectrum: Array, line: int) -> float:
@@ -325,7 +327,7 @@ def _levels(d: Diagnosis, named: bool) -> Plot:
         Points(amplitude, before, "baseline", "before", names),
         *([Points(amplitude, after, "with findings", "after", names)] if named else []),
     )
-    axes = Axis("amplitude", "m"), Axis("residual in units of the noise")
+    axes = Axis("Amplitude", "m"), Axis("Residual over the noise")
     return Plot("Residual by recording", *axes, series, "1 is the noise. Amplitude: rms times 1.41.")
 
 
@@ -334,7 +336,7 @@ def _in_time(trace: Traces, named: bool) -> Plot:
         Line(trace.t, trace.residual, "baseline", "before", width=1.0),
         *([Line(trace.t, trace.left, "with findings", "after", width=1.0, opacity=0.8)] if named else []),
     )
-    return Plot(f"Residual in time, {trace.name}", Axis("time", "s"), Axis("force", "N"), series)
+    return Plot(f"Residual in time, {trace.name}", T_AXIS, FORCE, series)
 
 
 def _how_good(page: Page, d: Diagnosis) -> None:
@@ -344,7 +346,7 @@ def _how_good(page: Page, d: Diagnosis) -> None:
         for kind, listed in (("used", d.errors), ("held out", d.holdout))
         for e in listed
     ]
-    columns = ["recording", "", "force before", "force after", "free run before", "free run after"]
+    columns = ["recording", "use", "force before", "force after", "free run before", "free run after"]
     page.table(Table("Errors (NRMSE)", columns, rows, "Before: the baseline after its own refit."))
     if d.as_given:
         told = [[one.name, percent(one.force), percent(one.free_run)] for one in d.as_given]
@@ -366,7 +368,7 @@ def _free_run(trace: Traces, named: bool) -> Plot:
     runs += [(trace.free_after, "with findings", "after")] if named else []
     lines = [Line(trace.t[window], run[window], name, role, width=1.3) for run, name, role in runs if run is not None]
     heading = f"Free run, {trace.name}{' (held out)' if trace.held_out else ''}"
-    return Plot(heading, Axis("time", "s", prefix=False), Axis("displacement", "m"), (*series, *lines))
+    return Plot(heading, T_AXIS, X_AXIS, (*series, *lines))
 
 
 def _free_errors(trace: Traces) -> Plot:
@@ -377,8 +379,7 @@ def _free_errors(trace: Traces) -> Plot:
     )
     series = tuple(Line(trace.t, run - trace.x, name, role, width=1.0) for run, name, role in runs if run is not None)
     heading = f"Error of the free run, {trace.name}"
-    axes = Axis("time", "s", prefix=False), Axis("displacement", "m")
-    return Plot(heading, *axes, series, "Simulated less measured.", height=260)
+    return Plot(heading, T_AXIS, X_AXIS, series, "Simulated less measured.", height=260)
 
 
 def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
@@ -391,8 +392,8 @@ def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
         page.plots(likeness, columns=1)
     for finding in d.findings:
         if len(finding.alike) > 1:
-            members = ", ".join(d.catalogue.title(name) for name in finding.alike)
-            page.text(f"{title(finding)}: these recordings do not distinguish {members}. {d.next_experiment}")
+            first, *others = (d.catalogue.title(name) for name in finding.alike)
+            page.text(f"These recordings do not distinguish {first} from {' or '.join(others)}. {d.next_experiment}")
     if d.untestable:
         listed = ", ".join(d.catalogue.title(name) for name in d.untestable)
         page.text(f"Not identifiable from these recordings: {listed}.")
@@ -410,18 +411,17 @@ def _went_in(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
         entries = channels.items() if isinstance(channels, Mapping) else enumerate(channels)
         page.bullets(f"{name}: {text}" if isinstance(name, str) else str(text) for name, text in entries)
     for trace in d.traces[:_OVERVIEWS]:
-        time = Axis("time", "s", prefix=False)
         page.plots(
             Plot(
                 f"x, {trace.name}",
-                time,
+                T_AXIS,
                 Axis("x", "m"),
                 [Line(trace.t, trace.x, "", "measured", width=1.0)],
                 height=190,
             ),
             Plot(
                 f"R, {trace.name}",
-                time,
+                T_AXIS,
                 Axis("R", "N"),
                 [Line(trace.t, trace.R, "", "measured", width=1.0)],
                 height=190,

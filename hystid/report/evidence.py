@@ -12,7 +12,7 @@ from scipy.signal import welch
 from hystid.diagnosis import Diagnosis, Finding, Traces
 from hystid.diagnosis.decide.trials import Trial
 from hystid.diagnosis.prepare.chain import turns
-from hystid.report.curves import response
+from hystid.report.curves import FORCE, V_AXIS, X_AXIS, response
 from hystid.report.page import Cell, Table, number, percent
 from hystid.report.plots import Axis, Bars, Line, Mark, Plot, Points, Role, Series
 from hystid.rotation import turned_unit
@@ -27,7 +27,7 @@ _LOOPS = 500  # of the loops whose energy is shown
 _LAGS = 200
 _CANDIDATES = 10
 _TRIALS = 15
-_TRIED_HEAD = ["effect", "form", "mean square left", "collinear with the refit", ""]
+_TRIED_HEAD = ["effect", "form", "mean square left", "collinear with the refit", "outcome"]
 
 _STAGES: tuple[tuple[str, str, Role], ...] = (("residual", "baseline", "before"), ("left", "with findings", "after"))
 
@@ -51,7 +51,7 @@ def both_ways(d: Diagnosis) -> Plot:
         "The mean of the two curves is the elastic part, half their distance the dissipative one. "
         "Both bend at a threshold of displacement."
     )
-    return Plot("Residual over displacement", Axis("displacement", "m"), Axis("force", "N"), tuple(series), caption)
+    return Plot("Residual over displacement", X_AXIS, FORCE, tuple(series), caption)
 
 
 def force_curve(d: Diagnosis) -> Plot | None:
@@ -66,7 +66,7 @@ def force_curve(d: Diagnosis) -> Plot | None:
         for columns in zip(*((t.x, t.v, t.effect, t.effect + t.left) for t in d.traces), strict=True)
     )
     over_x = _scatter(x, law) <= _scatter(v, law)
-    at, axis = (x, Axis("displacement", "m")) if over_x else (v, Axis("velocity", "m/s"))
+    at, axis = (x, X_AXIS) if over_x else (v, V_AXIS)
     step = max(1, len(at) // _POINTS)
     series = (
         Points(at[::step], missing[::step], "measured force less baseline", "measured", size=5.0, opacity=0.35),
@@ -76,7 +76,7 @@ def force_curve(d: Diagnosis) -> Plot | None:
     span = float(np.max(np.abs(at)))
     shown = tuple(mark for mark in marks if abs(mark.at) <= span)
     caption = f"One sample in {step} of all recordings." + (" Dotted: the threshold of the law." if shown else "")
-    return Plot("Force that was missing", axis, Axis("force", "N"), series, caption, marks=shown)
+    return Plot("Force that was missing", axis, FORCE, series, caption, marks=shown)
 
 
 def _scatter(at: Array, values: Array) -> float:
@@ -107,7 +107,7 @@ def stiffness(d: Diagnosis) -> Plot | None:
     ]
     if not curves:
         return None
-    axes = Axis("frequency", "Hz", log=True, prefix=False), Axis("|R/x|", "N/m", log=True)
+    axes = Axis("Frequency", "Hz", log=True, prefix=False), Axis("|R/x|", "N/m", log=True)
     caption = "By level of motion. A linear structure gives one curve; friction softens and stops stiffen with level."
     return Plot("Frequency response by level", *axes, curves, caption)
 
@@ -131,7 +131,7 @@ def since_turn(d: Diagnosis) -> Plot | None:
         r = np.concatenate([getattr(t, attribute) for t in d.traces]) * sign
         series.append(Line(*_binned(far, r, edges, known), name, role))
     caption = "Along the motion. A law with memory rises over the first part; one without memory jumps."
-    axes = Axis("distance from the turn", "m"), Axis("force", "N")
+    axes = Axis("Distance since reversal", "m"), FORCE
     return Plot("Residual since the last reversal", *axes, tuple(series), caption)
 
 
@@ -148,7 +148,7 @@ def loop_energy(d: Diagnosis) -> Plot | None:
         good = good[:: max(1, len(good) // _LOOPS)]
         series.append(Points(amplitude[good], energy[good], name, role, size=6.0))
     caption = "Slopes: 1 dry friction, 2 a viscous damper at one frequency, 3 micro-slip or quadratic damping."
-    axes = Axis("amplitude", "m", log=True, prefix=False), Axis("energy per loop", "J", log=True, prefix=False)
+    axes = Axis("Amplitude", "m", log=True, prefix=False), Axis("Energy per loop", "J", log=True, prefix=False)
     return Plot("Energy lost per loop", *axes, tuple(series), caption)
 
 
@@ -161,7 +161,7 @@ def spectrum(trace: Traces, named: bool) -> Plot:
         series.append(Line(frequency[1:], np.sqrt(power[1:]), name, role))
     noise = trace.noise * np.sqrt(2.0 / rate)
     series.append(Line(frequency[[1, -1]], np.full(2, noise), "noise", "muted", "dot"))
-    axes = Axis("frequency", "Hz", log=True, prefix=False), Axis("density", "N/√Hz", log=True)
+    axes = Axis("Frequency", "Hz", log=True, prefix=False), Axis("Density", "N/√Hz", log=True)
     return Plot(f"Spectrum of the residual, {trace.name}", *axes, tuple(series), "White noise is the dotted line.")
 
 
@@ -177,7 +177,7 @@ def autocorrelation(trace: Traces, named: bool) -> Plot:
     bound = 2.0 / np.sqrt(n)
     marks = tuple(Mark(at, axis="y") for at in (-bound, bound))
     caption = "Outside the grey lines something other than white noise is left."
-    heading, axes = f"Autocorrelation of the residual, {trace.name}", (Axis("lag", "s"), Axis("correlation"))
+    heading, axes = f"Autocorrelation of the residual, {trace.name}", (Axis("Lag", "s"), Axis("Correlation"))
     return Plot(heading, *axes, tuple(series), caption, marks=marks)
 
 
@@ -203,7 +203,7 @@ def look_alikes(d: Diagnosis) -> Plot | None:
     caption = (
         "Where both are near 1, these recordings hardly distinguish the two. Likeness: cosine of what they explain."
     )
-    return Plot("What else it could be", Axis("share", bounds=(0.0, 1.0)), Axis(" "), series, caption)
+    return Plot("What else it could be", Axis("Share", bounds=(0.0, 1.0)), Axis(" "), series, caption)
 
 
 def _binned(at: Array, values: Array, edges: Array, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -177,8 +177,8 @@ def _pictures(recording: Recording) -> list[Plot]:
     if recording.quasi_static:
         return found
     lines = [_spectrum(name, values, recording.dt) for name, values in held.items() if values is not None]
-    caption = "Each channel over its rms. A flat end is noise; the motion stands above it."
-    axis = Axis("Power density over the largest", "", log=True)
+    caption = "Each channel over its own largest density. A flat end is noise; the motion stands above it."
+    axis = Axis("Power density", "1", log=True)
     return [*found, Plot("Spectra", Axis("Frequency", "Hz", log=True), axis, lines, caption)]
 
 

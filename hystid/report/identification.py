@@ -148,7 +148,7 @@ def _errors(page: Page, result: Identification) -> None:
             "NRMSE per recording",
             columns,
             rows,
-            "NRMSE: rms of the error over the standard deviation of the reference. Band: R +/- 1.64 R_spread.",
+            "NRMSE: rms of the error over the standard deviation of the reference. Band: R ± 1.64 R_spread.",
         )
     )
     _as_recorded(page, result)
@@ -182,7 +182,7 @@ def _as_recorded(page: Page, result: Identification) -> None:
 def _row(comparison: Comparison, published: bool, mass: bool) -> list[str | Cell]:
     network, linear = comparison.network, comparison.linear
     tone: Tone = "good" if network.force_nrmse <= _GOOD else "warn" if network.force_nrmse <= _FAIR else "bad"
-    row: list[str | Cell] = [comparison.recording.name, "holdout" if comparison.role == "holdout" else "training"]
+    row: list[str | Cell] = [comparison.recording.name, "held out" if comparison.role == "holdout" else "training"]
     row.append(Cell(percent(network.force_nrmse), tone))
     row.append(percent(network.within(comparison.recording.channel("R"))))
     if published:

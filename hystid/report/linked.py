@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.recording import Array
+from hystid.report.curves import FORCE, R_AXIS, T_AXIS, V_AXIS, X_AXIS
 from hystid.report.plots import Axis, Line, Plot, Points, Role, packed, prefix_for, turned_axis
 from hystid.rotation import turned_text
 
@@ -143,19 +144,14 @@ def views_of(
     t [s], x [m], v [m/s], shape (n,). forces [N]: first the measured one. rest [N]. motion [m]: instead of ``rest``
     where that is empty.
     """
-    displacement, force, time = (
-        Axis("displacement x", "m"),
-        Axis("restoring force R", "N"),
-        Axis("time t", "s", prefix=False),
-    )
     measured = Signal("measured", v, "measured")
     made = [
-        View("Loop", displacement, x, force, forces),
-        View("Phase plane", displacement, x, Axis("velocity v", "m/s"), [measured]),
-        View("Force over time", time, t, force, forces),
+        View("Loop", X_AXIS, x, R_AXIS, forces),
+        View("Phase plane", X_AXIS, x, V_AXIS, [measured]),
+        View("Force over time", T_AXIS, t, R_AXIS, forces),
     ]
     if rest:
-        made.append(View("Residual over time", time, t, Axis("force", "N"), rest))
+        made.append(View("Residual over time", T_AXIS, t, FORCE, rest))
     elif motion:
-        made.append(View("Displacement over time", time, t, displacement, motion))
+        made.append(View("Displacement over time", T_AXIS, t, X_AXIS, motion))
     return made

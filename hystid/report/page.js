@@ -50,7 +50,7 @@
     var look = grounds[theme()];
     var axis = {
       automargin: true, gridcolor: look.grid, linecolor: look.edge, zerolinecolor: look.edge, ticks: "outside",
-      tickcolor: look.edge, ticklen: 4, nticks: narrow.matches ? 5 : 8, exponentformat: "power", showexponent: "all",
+      tickcolor: look.edge, ticklen: 4, nticks: narrow.matches || printing ? 5 : 8, exponentformat: "power", showexponent: "all",
       hoverformat: ".5g"
     };
     var all = Object.assign({
@@ -62,19 +62,30 @@
     all.xaxis = Object.assign({}, axis, layout.xaxis);
     all.yaxis = Object.assign({}, axis, layout.yaxis);
     [all.xaxis, all.yaxis].forEach(function (one) { if (one.type === "category") { delete one.nticks; } });
-    if (narrow.matches) { all.height = Math.min(layout.height, 320); }
+    if (narrow.matches || printing) { all.height = Math.min(layout.height, 320); }
     return all;
   }
+  function sheet(place) {  // width on paper in pixels, for two columns of a page; CSS fits it to the sheet
+    var figure = place.closest("figure");
+    return figure.matches(".grid.one > *, .grid > :last-child:nth-child(odd)") ? 640 : 310;
+  }
+  function scalable(place) {  // so that CSS can change the size of what is drawn
+    place.querySelectorAll(".main-svg").forEach(function (svg) {
+      svg.setAttribute("viewBox", "0 0 " + svg.getAttribute("width") + " " + svg.getAttribute("height"));
+    });
+  }
   function draw(place, figure) {
-    var most = Math.max(18, Math.floor(place.clientWidth / 9));  // letters that a legend has room for
+    var layout = styled(resolved(figure.layout)), width = printing ? sheet(place) : place.clientWidth;
+    var most = Math.max(18, Math.floor(width / 9));  // letters that a legend has room for
     var shown = figure.data.map(function (trace) {
       var name = trace.name && trace.name.length > most ? trace.name.slice(0, most - 1) + "\u2026" : trace.name;
       return Object.assign(resolved(trace), { visible: !hidden[role(trace)], name: name });
     });
-    return Plotly.react(place, shown, styled(resolved(figure.layout)), {
+    if (printing) { layout.width = width; }
+    return Plotly.react(place, shown, layout, {
       responsive: true, displaylogo: false, displayModeBar: place.clientWidth > 440 ? "hover" : false,
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"]
-    });
+    }).then(function () { if (printing) { scalable(place); } });
   }
 
   function linked(holder) {
@@ -150,7 +161,10 @@
     });
     night.addEventListener("change", again);
     window.addEventListener("beforeprint", function () { printing = true; again(); });
-    window.addEventListener("afterprint", function () { printing = false; again(); });
+    window.addEventListener("afterprint", function () {
+      printing = false;
+      again().then(function () { document.querySelectorAll(".plot").forEach(function (one) { Plotly.Plots.resize(one); }); });
+    });
     return Promise.all(first);
   }
   function fail(error) {

@@ -21,6 +21,7 @@ import base64
 import gzip
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -35,6 +36,7 @@ from hystid.report.linked import Linked
 from hystid.report.plots import COLOURS, DARK, Plot, Role, compact, prefix_for, turned_plot
 from hystid.rotation import turned_text
 
+_UNIT = re.compile(r"(?<=\d) (?=(?:%|\S{1,5}$))")  # a unit stays with its number
 _BESIDE = 3  # columns that fit beside each other on a phone
 Tone = Literal["good", "warn", "bad", "neutral"]
 
@@ -107,11 +109,12 @@ def with_error(value: float, stderr: float | None, unit: str = "") -> str:
         return number(value, unit, 4)
     scale, shown = _prefixed(value, unit)
     value, stderr = value / scale, stderr / scale
+    place = 1 - math.floor(math.log10(stderr))
+    if 0 <= place < 10 and abs(value) < 1e7:
+        return f"{value:.{place}f} ± {stderr:.{place}f} {shown}".strip()
     magnitude = math.floor(math.log10(max(abs(value), stderr)))
     digits = min(max(magnitude - math.floor(math.log10(stderr)) + 2, 2), 9)
-    place = 1 - math.floor(math.log10(stderr))
-    error = f"{stderr:.{place}f}" if 4 <= place < 10 and abs(value) < 1e3 else _significant(stderr, 2)
-    return f"{_significant(value, digits)} ± {error} {shown}".strip()
+    return f"{_significant(value, digits)} ± {_significant(stderr, 2)} {shown}".strip()
 
 
 def _significant(value: float, digits: int) -> str:
@@ -367,7 +370,8 @@ def _cell(cell: str | Cell, text: bool, column: str) -> str:
     content, tone = (cell.text, cell.tone) if isinstance(cell, Cell) else (cell, "neutral")
     kind = " ".join(part for part in ("text" if text else "", tone if tone != "neutral" else "") if part)
     label = f' data-label="{escape(column)}"' if column else ""
-    return f"<td{_class(kind)}{label}><span>{escape(content)}</span></td>"
+    content = _UNIT.sub("\u00a0", escape(content))
+    return f"<td{_class(kind)}{label}><span>{content}</span></td>"
 
 
 def _class(name: str) -> str:

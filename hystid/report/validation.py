@@ -120,7 +120,9 @@ def add_errors(page: Page, result: Validation) -> None:
         "energy",
     ]
     note = "NRMSE: rms of the error over the standard deviation of the reference. MSE: mean square error. "
-    note += "Odd harmonics: largest difference of the 3rd to 9th. Energy: work against R re the reference's."
+    note += (
+        "Odd harmonics: largest difference of the 3rd to 9th. Energy: work done against R over that of the reference."
+    )
     page.table(Table("Errors", columns, [_row(case) for case in result.cases], note))
     names = [case.name for case in result.cases]
     bars = [Bars(names, 100 * result.figures("force_nrmse"), "force on the reference motion", "model")]

@@ -9,7 +9,8 @@ import numpy as np
 from hystid.diagnosis import Traces
 from hystid.recording import Recording
 from hystid.report.curves import X_AXIS, Curve, loops, over_time
-from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent, with_error
+from hystid.report.diagnosis import value_text
+from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent
 from hystid.report.plots import Axis, Band, Bars, Line, Plot, Role, Series
 from hystid.report.validation import content
 from hystid.validation import Case
@@ -169,12 +170,12 @@ def _diagnosis(page: Page, lab: LabCase) -> None:
     said = f"{found.verdict.replace('_', ' ').capitalize()}: {found.headline}"
     page.verdict(Verdict("good" if lab.named else "bad", said))
     for finding in found.findings:
-        truth = {"gap": number(_TRUE_GAP, "m"), "share": "0.9", "w": number(1e-4, "m"), "side": "1 (positive)"}
-        rows = [
-            [name, with_error(p.value, p.stderr, p.unit), truth.get(name, "")] for name, p in finding.parameters.items()
-        ]
+        truth = {"gap": number(_TRUE_GAP, "m"), "share": "0.9", "w": number(1e-4, "m"), "side": "+1 (x > 0)"}
+        rows = [[name, value_text(finding, name), truth.get(name, "")] for name in finding.parameters]
         title = finding.title.capitalize()
-        page.table(Table(title, ["parameter", "found ± standard error", "concealed truth"], rows, finding.where.text))
+        page.table(
+            Table(title, ["parameter", "found ± standard error", "concealed truth"], rows, f"It {finding.where.text}.")
+        )
     traces = [trace for trace in found.traces if not trace.held_out]
     if traces:
         page.plots(_missing_force(max(traces, key=lambda trace: float(np.max(np.abs(trace.x))))))

@@ -88,7 +88,7 @@ class LabCase:
         gap = next((f.threshold.value for f in self.diagnosis.findings if f.threshold is not None), np.nan)
         even = max(abs(test.even_db("extended") - test.even_db("recorded")) for test in self.tests)
         return (
-            Check(part, "concealed loss of contact is named first (1 yes, 0 no)", float(self.named), 1, least=True),
+            Check(part, "concealed loss of contact is named first", float(self.named), 1, "yes", least=True),
             Check(part, "displacement at which contact is lost, off by", 100 * abs(gap / 1.2e-3 - 1), 5.0, "%"),
             Check(
                 part,

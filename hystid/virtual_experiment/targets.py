@@ -11,7 +11,10 @@ from hystid.report.text import columns
 
 @dataclass(frozen=True)
 class Check:
-    """One target. value and limit in ``unit`` ("" for a count or a ratio); least: the value must not be below."""
+    """One target. value and limit in ``unit``: "" for a count or a ratio, "yes" where 1 is yes and 0 is no.
+
+    least: the value must not be below the limit.
+    """
 
     part: str
     what: str
@@ -28,11 +31,15 @@ class Check:
     @property
     def value_text(self) -> str:
         """The value with its unit."""
+        if self.unit == "yes":
+            return "yes" if self.value == 1 else "no"
         return f"{self.value:.3g} {self.unit}".strip()
 
     @property
     def limit_text(self) -> str:
         """The limit with its sense."""
+        if self.unit == "yes":
+            return "yes"
         return f"{'at least' if self.least else 'at most'} {self.limit:.3g} {self.unit}".strip()
 
 
