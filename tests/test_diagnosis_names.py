@@ -42,11 +42,14 @@ def test_a_contact_that_damps_more_than_it_carries_is_none(sound: tuple[Problem,
     problem, fitted = sound
     signals = problem.signals(fitted.hypothesis)
     speed, top = problem.scales.v[-1], problem.scales.x[-1]
-    for form in ("", "Linear", "KelvinVoigt"):
-        contact = {"k": 1e4, "c": 0.0, "gap": 0.3 * top, "side": 0.0}
-        damped = 1e4 * (top if form == "KelvinVoigt" else 1.0) / speed
+    contact = {"k": 1e4, "gap": 0.3 * top, "side": 0.0}
+    for form in ("", "Linear"):
+        damped = 1e4 / speed
         assert is_itself(problem, Term(law("impact", form), {**contact, "c": 0.1 * damped}), signals)
         assert not is_itself(problem, Term(law("impact", form), {**contact, "k": 0.0, "c": damped}), signals)
+    spring, damper = ({**contact, "tau": share / (2 * np.pi * problem.scales.band[0])} for share in (0.1, 1.0))
+    assert is_itself(problem, Term(law("impact", "KelvinVoigt"), spring), signals)
+    assert not is_itself(problem, Term(law("impact", "KelvinVoigt"), damper), signals)
 
 
 @pytest.mark.parametrize(("name", "form"), [("bilinear_stiffness", "Rough"), ("contact_loss", "Smooth")])

@@ -129,3 +129,12 @@ def test_relaxation_follows_the_maxwell_response() -> None:
     work = float(np.sum(f[last] * V[last]) * DT)
     exact = np.pi * k * (2e-3) ** 2 * w * tau / (1 + (w * tau) ** 2)
     assert abs(work / exact - 1) < 2e-3  # linear input between samples: (w dt)^2 / 12 = 2e-5, and the rest of the start
+
+
+def test_a_spring_and_dashpot_that_meet_push_and_never_pull() -> None:
+    effect = library()["impact", "KelvinVoigt"]
+    values = {"k": 1e4, "gap": 1e-3, "tau": 0.02, "side": 1.0}
+    force = effect.force(signals(), values)
+    assert np.all(force >= 0.0)
+    assert np.any((force == 0.0) & (X > 1e-3) & (V < 0.0))  # it parts before the gap is passed again
+    assert np.sum(force * V) > 0.0

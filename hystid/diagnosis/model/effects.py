@@ -29,6 +29,7 @@ _SHORT = (0.003, 0.012)  # shares of the stroke over which friction may build up
 _BELOW = (0.7, 0.35)
 _SLOWEST = 0.1  # but not below this share of the highest
 _APART = 0.08  # relative distance of such starts: a resonance is 0.1 wide at the damping ratio that is tried
+_LEAD = (0.01, 0.05, 0.2, 1.0)  # of the time in which the quickest motion turns by a radian: least time, and starts
 _PROBE = 2001  # samples of the signal on which linearity is tested
 
 
@@ -140,11 +141,22 @@ class Effect:
 
     def bounds(self, shape: Variable, scales: Scales) -> tuple[float, float]:
         """Range in which a shape can be told from its limits, given the recordings."""
-        return (0.02 * scales.path, 3.0 * scales.path) if self.is_path(shape) else shape_bounds(shape, scales)
+        if self.is_path(shape):
+            return 0.02 * scales.path, 3.0 * scales.path
+        if self._is_lead(shape):
+            return _LEAD[0] / (2 * np.pi * scales.band[1]), 1 / (2 * np.pi * scales.band[0])
+        return shape_bounds(shape, scales)
+
+    def _is_lead(self, shape: Variable) -> bool:
+        """Whether a shape is a time in a law without memory: it weighs the velocity against the displacement."""
+        own = shape.unit == "s" and shape in self.law.shapes  # and no time of a window
+        return own and not self.remembers and not self.needs_clock
 
     def _starts(self, shape: Variable, scales: Scales, *, fine: bool) -> Array:
         if self.is_path(shape):
             return np.geomspace(0.1, 1.0, 3) * scales.path
+        if self._is_lead(shape):
+            return np.array(_LEAD[1:]) / (2 * np.pi * scales.band[1])
         return shape_values(shape, scales, fine=fine)
 
     @property
