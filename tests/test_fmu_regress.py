@@ -82,6 +82,7 @@ def test_a_changed_model_is_found_shown_and_accepted(tmp_path):
     path = other_stiffness(tmp_path)
     result = regress(path)
     assert not result.passed
+    assert {s.name: s.text(result.t).split()[-1] for s in result.signals} == {"x": "m", "v": "m/s", "R": "N"}
     assert "leaves the tube at t = " in result.text() and result.text().startswith("linear.fmu: differs")
     picture = ET.fromstring(result.picture())
     assert picture.tag.endswith("svg") and len(list(picture.iter("{http://www.w3.org/2000/svg}circle"))) > 10

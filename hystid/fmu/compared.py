@@ -30,7 +30,8 @@ class Tolerance:
 class SignalResult:
     """One signal: new values (n,) beside the reference (n,), and the tube around the latter.
 
-    labels: of a signal of texts, whose values are places in this list. exact: compared value by value.
+    unit: of the values. labels: of a signal of texts, whose values are places in this list. exact: compared value by
+    value.
     """
 
     name: str
@@ -39,6 +40,7 @@ class SignalResult:
     tube: Tube
     exact: bool = False
     labels: tuple[str, ...] = ()
+    unit: str = ""
 
     @property
     def first_outside(self) -> int | None:
@@ -53,7 +55,7 @@ class SignalResult:
         if self.exact:
             now, then = self._shown(self.values[first]), self._shown(self.reference[first])
             return f"is {now} at t = {t[first]:.6g} s, where the reference has {then}"
-        return f"leaves the tube at t = {t[first]:.6g} s, by up to {self.tube.worst:.3g}"
+        return f"leaves the tube at t = {t[first]:.6g} s, by up to {self.tube.worst:.3g} {self.unit}".rstrip()
 
     def _shown(self, value: float) -> str:
         return f"'{self.labels[int(value)]}'" if self.labels else f"{value:.17g}"
@@ -69,7 +71,7 @@ def compared(
         if signal.is_real:
             rounding = _DIGITS * float(np.max(np.abs(old), where=np.isfinite(old), initial=0.0))
             band = tube(new, old, relative=tolerance.relative, absolute=rounding, samples=tolerance.samples)
-            yield SignalResult(name, new, old, band)
+            yield SignalResult(name, new, old, band, unit="" if signal.unit == "1" else signal.unit)
         else:
             yield _exactly(name, new, old, tolerance.samples)
 

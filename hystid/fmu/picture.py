@@ -46,10 +46,10 @@ def _panels(t: Array, signal: SignalResult, top: int) -> str:
     x = _LEFT + _WIDTH * (t - t[0]) / max(t[-1] - t[0], 1e-300)
     first = int(np.argmax(tube.outside)) if np.any(tube.outside) else None
     beyond = np.nan_to_num(np.maximum(0.0, np.maximum(values - tube.upper, tube.lower - values)))
-    nothing = np.zeros(len(x))
+    nothing, unit = np.zeros(len(x)), f" [{signal.unit}]" if signal.unit else ""
     mark = "" if first is None else _line(x[first], top, x[first], below + _STRIP, "#c00", dashes="4 3")
     return (
-        f'<text x="{_LEFT}" y="{top - 8}">{escape(f"{signal.name}: {signal.text(t)}")}</text>'
+        f'<text x="{_LEFT}" y="{top - 8}">{escape(f"{signal.name}{unit}: {signal.text(t)}")}</text>'
         + _panel(x, (top, _HEIGHT), (tube.lower, tube.upper), (reference, values), tube.outside)
         + _panel(x, (below, _STRIP), (nothing, beyond), (beyond,), tube.outside)
         + f'{mark}<text x="14" y="{below + _STRIP // 2 + 5}">outside by</text>'

@@ -58,8 +58,11 @@ def _changed_variables(old: Path, new: Path) -> Iterator[str]:
         if names:
             yield f"{word}: {_listed(sorted(names))}"
     both = [(then[name], now[name]) for name in now if name in then]
-    starts = [f"{a.name} {a.start:.6g} -> {b.start:.6g}" for a, b in both if a.start != b.start and a.start is not None
-              and b.start is not None]  # fmt: skip
+    starts = [
+        f"{a.name} {a.start:.6g} -> {b.start:.6g} {b.unit}".rstrip()
+        for a, b in both
+        if a.start != b.start and a.start is not None and b.start is not None
+    ]
     if starts:
         yield f"start values: {_listed(starts)}"
     for attribute in _ASKED:

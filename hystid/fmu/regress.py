@@ -90,7 +90,7 @@ def regress(
     kept = Kept.of(path, Path(reference) if reference is not None else None)
     if update and kept.entry and kept.place != path:
         raise UsageError(f"--update would change {kept.place}, which is another FMU; update a table or the FMU itself")
-    rows = _Table.of(path, driver, kept.result)
+    rows = _Table.of(kept.place, driver, kept.result)
     t, back = np.unique(rows.t, return_inverse=True)  # a row before and one after an event have one time
     results = {name: values[back] for name, values in _replay(driver, t, _inputs(path, driver, kept, t), rows.names)}
     tolerance = Tolerance(relative, samples)
@@ -122,18 +122,18 @@ class _Table:
         return list(self.columns)
 
     @staticmethod
-    def of(path: Path, driver: Driver, text: str) -> _Table:
+    def of(place: Path, driver: Driver, text: str) -> _Table:
         try:
             t, cells = read_cells(text)
             if np.any(np.diff(t) < 0) or not np.all(np.isfinite(t)):
                 raise ValueError("its times are not in order")
             unknown = [name for name in cells if not driver.lists(name)]
             if unknown:
-                raise FmuError(f"{path.name}: its reference names '{unknown[0]}', which is no variable of the FMU")
+                raise FmuError(f"{place.name}: the reference names '{unknown[0]}', which is no variable of the FMU")
             usable = {name: driver.signals[name] for name in cells if _can_be_read(driver, name)}
             columns = {name: signal.parsed(cells[name]) for name, signal in usable.items()}
         except ValueError as error:
-            raise FmuError(f"{path.name}: its reference results cannot be read: {error}") from None
+            raise FmuError(f"{place.name}: the reference results cannot be read: {error}") from None
         return _Table(t, columns, tuple(name for name in cells if name not in usable))
 
 

@@ -30,7 +30,10 @@ _WIRE: dict[int, dict[str, tuple[str, type[np.generic]]]] = {
 
 @dataclass(frozen=True)
 class Signal:
-    """One variable. suffix: of the functions that get and set it, as "Int64". shape: of an array, () of one value."""
+    """One variable. suffix: of the functions that get and set it, as "Int64". shape: of an array, () of one value.
+
+    unit: "" without one.
+    """
 
     name: str
     reference: int
@@ -40,6 +43,7 @@ class Signal:
     shape: tuple[int, ...]
     causality: str
     variability: str
+    unit: str = ""
 
     @property
     def size(self) -> int:
@@ -141,6 +145,7 @@ def signals_of(variables: Sequence[Any], version: int) -> Mapping[str, Signal]:
             tuple(v.shape or ()),
             v.causality or "local",
             v.variability or ("continuous" if v.type in _REALS else "discrete"),
+            v.unit or getattr(v.declaredType, "unit", None) or "",
         )
         for v in variables
         if v.type in wire
