@@ -65,7 +65,6 @@ REFUSED = {
         4,
         "external functions are not supported",
     ),
-    "delay": (model("  Real x;\nequation\n  x = delay(time, 1.0);\n"), 4, r"delay\(\) is not supported"),
     "clock": (
         model("  Real x;\nequation\n  when Clock(0.1) then\n    x = previous(x) + 1;\n  end when;\n"),
         4,

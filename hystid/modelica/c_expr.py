@@ -129,6 +129,10 @@ class Printer:
             name, args = _CALLS.get(e.name, e.name), e.args
         if name in CURVES or name == "curve_next":
             return self._curve(name, args)
+        if name == "delayed":
+            assert isinstance(args[0], Text)
+            self.used.add("hy_delayed")
+            return f"hy_delayed(&{self.name(args[0].value)}, {self.value(args[1])})"
         if name in RANDOM_TEXTS:
             self.used |= {"hy_drawn", name}
             wanted, *state = map(self.value, args)

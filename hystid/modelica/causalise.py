@@ -17,8 +17,9 @@ from hystid.modelica.blocks import (
     targets,
 )
 from hystid.modelica.corners import corners_in_loops
+from hystid.modelica.delays import room
 from hystid.modelica.events import HOMOTOPY, INITIAL, EventModel, Relation, der, name_events, pre
-from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, rebuild, refs, substitute
+from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text, rebuild, refs, substitute
 from hystid.modelica.flat import Assertion, FlatModel
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.index import reduce_index
@@ -163,6 +164,7 @@ def _replaced(events: EventModel, values: Mapping[str, Expr]) -> EventModel:
         reinits=tuple(replace(r, value=new(r.value), active=new(r.active)) for r in events.reinits),
         assertions=tuple(assertion(a) for a in events.assertions),
         checks=tuple((new(active), assertion(a)) for active, a in events.checks),
+        delays=tuple(replace(d, value=new(d.value), time=new(d.time), most=new(d.most)) for d in events.delays),
     )
 
 
@@ -332,7 +334,13 @@ class _Start:
 
     def _value_at_start(self, expr: Expr) -> Expr:
         """initial() is true; when-conditions have not just become true; pre() is the start value."""
-        return substitute(expr, self._before_start)
+        return substitute(rebuild(expr, self._undelayed), self._before_start)
+
+    def _undelayed(self, node: Expr) -> Expr | None:
+        """delay(u, T) is u at the start."""
+        if not (isinstance(node, Op) and node.name == "delayed"):
+            return None
+        return next(rebuild(d.value, self._undelayed) for d in self.events.delays if Text(d.name) == node.args[0])
 
     @cached_property
     def _before_start(self) -> dict[str, Expr]:
@@ -476,6 +484,7 @@ def _assemble(
         reinits=events.reinits,
         assertions=events.assertions,
         checks=events.checks,
+        delays={d: room(d, events.scalar.flat.experiment.step, start.dependent, start.starts) for d in events.delays},
         homotopy=any(HOMOTOPY in sources(step) for step in start.steps) or any(map(_blends, start.relations)),
     )
 

@@ -235,7 +235,9 @@ _RULES: dict[str, Callable[[Op, _Known], Dimension | None]] = {
     "der": _rate,
     "noEvent": _like_last,
     "smooth": _like_last,
-    **dict.fromkeys(("neg", "abs", "pre", "sum", "min", "max", "[]", "{}", "transpose", "vector", "for"), _like_first),
+    **dict.fromkeys(
+        ("neg", "abs", "pre", "sum", "min", "max", "[]", "{}", "transpose", "vector", "for", "delay"), _like_first
+    ),
 }
 
 

@@ -22,6 +22,7 @@ from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
 from hystid.modelica.sources import Source, declaration, only_class, read, read_tree
 from hystid.modelica.workarounds.calls_in_when import with_calls_in_algorithms
+from hystid.modelica.workarounds.delay_times import with_real_delays
 from hystid.modelica.workarounds.derivatives_in_loops import with_derivatives_in_branches
 from hystid.modelica.workarounds.derivatives_of_expressions import with_named_derivatives
 from hystid.modelica.workarounds.dropped_modifiers import (
@@ -121,7 +122,7 @@ def _in_words_that_it_takes(source: Source) -> Source:
     """Statements and equations, one after the other: each pass reads what the last one wrote."""
     for reworded in (
         with_readable_functions, with_elements_of_arrays, with_arguments_in_place,
-        with_derivatives_in_branches, with_known_starts,
+        with_derivatives_in_branches, with_known_starts, with_real_delays,
     ):  # fmt: skip
         source = reworded(source)
     return source

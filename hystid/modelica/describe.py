@@ -11,6 +11,7 @@ from hystid.modelcode import Experiment, ModelCode, Variable
 from hystid.modelica.blocks import Step, sources, targets
 from hystid.modelica.c_expr import comment, number, quoted
 from hystid.modelica.check import equation_text
+from hystid.modelica.delays import slots
 from hystid.modelica.duhem import DuhemState, duhem_states
 from hystid.modelica.emit_c import Emitter, indented
 from hystid.modelica.emit_derivatives import DerivativeEmitter
@@ -42,9 +43,9 @@ def model_code(model: HybridModel) -> ModelCode:
         n_indicators=sum(len(r.indicators) for r in model.relations),
         n_values=layout.size,
         dependencies=_dependencies(model),
-        has_forward=True,
-        has_adjoint=True,
-        has_memory=bool(model.assertions),
+        has_forward=not model.delays,  # they would lack what goes through the past
+        has_adjoint=not model.delays,
+        has_memory=bool(model.assertions or model.delays),
         experiment=model.flat.experiment,
         unread=_unread(model),
         jumps=jumps_without_event(model),
@@ -74,14 +75,14 @@ def _c_text(model: HybridModel, layout: Layout, token: str) -> str:
         functions["show"] = emitter.show(shown)
     if any(r.indicators for r in model.relations):
         functions["indicators"] = emitter.indicators()
-    if model.relations or model.discrete or model.reinits or model.checks:
+    if model.relations or model.discrete or model.reinits or model.checks or model.delays:
         functions["update"] = emitter.update()
-    if model.samplers or any(r.deadline is not None for r in model.relations):
+    if model.samplers or model.delays or any(r.deadline is not None for r in model.relations):
         functions["next_time_event"] = emitter.next_time_event()
-    if model.assertions:
+    if model.assertions or model.delays:
         functions["completed_step"] = emitter.completed_step()
-    functions["forward"] = derivatives.forward()
-    functions["adjoint"] = derivatives.adjoint()
+    if not model.delays:
+        functions |= {"forward": derivatives.forward(), "adjoint": derivatives.adjoint()}
     body = [line for lines in functions.values() for line in lines]
     head = [
         f"/* {comment(model.flat.name)}: {comment(model.flat.description)}",
@@ -109,7 +110,7 @@ class _Known:
 def _table(
     model: HybridModel, layout: Layout, functions: Mapping[str, list[str]], token: str, known: _Known
 ) -> list[str]:
-    starts = [0.0] * layout.size
+    starts = [0.0] * (layout.size - sum(len(slots(*delay)) for delay in model.delays.items()))  # the rest is 0
     starts[0] = model.flat.experiment.start
     for name, value in model.starts.items():
         if name in layout.slots and name not in model.aliases:
@@ -274,6 +275,7 @@ def _running_names(model: HybridModel) -> frozenset[str]:
     found = {n for s in (*model.derivatives, *model.event) for n in sources(s)}
     found |= {n for r in model.relations for n in refs(r.value)}
     found |= {n for r in model.reinits for n in refs(r.value) | refs(r.active)}
+    found |= {n for d in model.delays for e in (d.value, d.time, d.most) for n in refs(e)}
     found |= {n for s in model.samplers for n in refs(s.start) | refs(s.interval)}
     for step in reversed(model.dependent):
         if any(t in found for t in targets(step)):
@@ -303,6 +305,7 @@ def _unread(model: HybridModel) -> tuple[str, ...]:
     steps = (*model.dependent, *model.derivatives, *model.event, *model.initialisation)
     exprs = [e for r in model.relations for e in (r.value, *r.indicators, *((r.deadline,) if r.deadline else ()))]
     exprs += [e for s in model.samplers for e in (s.start, s.interval)]
+    exprs += [e for d in model.delays for e in (d.value, d.time, d.most)]
     exprs += [e for r in model.reinits for e in (r.value, r.active)]
     exprs += [e for a in (*model.assertions, *(a for _, a in model.checks)) for e in (a.condition, a.message)]
     exprs += [condition for condition, _ in model.checks]

@@ -24,7 +24,6 @@ _UNARY = {"Minus": "neg", "Not": "not", "Plus": "+", "DotMinus": "neg", "DotPlus
 ASKED_FOR = "HystidStructure"
 # Built-in operators outside the subset, with the way around.
 REFUSED = {
-    "delay": "keep the delayed signal out of the model, or approximate it by a first-order lag",
     "spatialDistribution": "discretise in space with an array of states",
     "terminate": "end the experiment from outside",
     "inStream": "streams are not supported: use plain connectors",

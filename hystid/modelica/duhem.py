@@ -30,7 +30,7 @@ class _Other(Exception):
 def duhem_states(model: HybridModel) -> tuple[DuhemState, ...]:
     """All rate-independent states of a model; none where something happens at instants."""
     happens = bool(model.relations or model.discrete or model.samplers or model.reinits or model.checks)
-    if happens or model.assertions:
+    if happens or model.assertions or model.delays:
         return ()
     return tuple(found for state in model.states for found in _speeds(model, state))
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from hystid.modelica.blocks import Assign, Solve, Step, components, sources, targets
 from hystid.modelica.c_expr import HELPERS, Printer, comment, number, quoted
+from hystid.modelica.delays import TEXTS, DelayPrinter
 from hystid.modelica.events import HOMOTOPY, INITIAL, Relation, pre
 from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text, op, refs
 from hystid.modelica.flat import Assertion
@@ -47,6 +48,7 @@ class Emitter:
         self.needs_newton = False
         self.needs_turns = False
         self.needs_search = False
+        self.delays = [DelayPrinter(d, n, model.flat.experiment.step, self.printer) for d, n in model.delays.items()]
         self._blocks: dict[Solve, int] = {}
         self._block_text: list[str] = []
 
@@ -189,6 +191,7 @@ class Emitter:
         count, d, before = self.layout.count("d"), self.layout.first("d"), self.layout.first("pre")
         if count:
             lines.append(f"for (int i = 0; i < {count}; i++) v[{before} + i] = v[{d} + i]; /* pre := d */")
+        lines += [line for d in self.delays for line in d.begin()]
         lines.append(f"{self.slot(INITIAL)} = 0;")
         return [*way, *self.function("int", "initialise", "hy_data *m", lines)]
 
@@ -233,7 +236,7 @@ class Emitter:
 
     def update(self) -> list[str]:
         """One pass of event iteration."""
-        lines, look = ["int changed = 0;"], list[str]()
+        lines, look = ["int changed = 0;", *(line for d in self.delays for line in d.before())], list[str]()
         looped = feedback(self.model)
         if self._remembers():
             lines += self._ticks() + self._sweeps()
@@ -243,6 +246,7 @@ class Emitter:
         else:
             lines += self._renew_relations("changed", [r.value for r in self.model.relations])
             lines += [*self._ticks(), *self.steps(self.model.event)]
+        lines += [line for d in self.delays for line in d.after()]
         lines += self._checks() + self._reinits() + self._settled()
         lines.append("*again = changed;")
         return [*look, *self.function("int", "update", "hy_data *m, int *again", lines)]
@@ -357,7 +361,7 @@ class Emitter:
 
     def completed_step(self) -> list[str]:
         """Assertions, looked at once per step: a warning is given when the condition begins to fail."""
-        lines = []
+        lines = [line for d in self.delays for line in d.keep()]
         for k, a in enumerate(self.model.assertions):
             mark = self.slot(warned(k))
             lines += [f"if (!({self.printer.truth(a.condition)})) {{"]
@@ -391,6 +395,7 @@ class Emitter:
             if r.deadline is not None:
                 text = self.printer.value(r.deadline, 4)
                 lines.append(f"if ({text} > {self.slot('time')}) next = fmin(next, {text});")
+        lines += [line for d in self.delays for line in d.next_event()]
         lines.append("return next;")
         return self.function("double", "next_time_event", "const hy_data *m", lines, returns=False)
 
@@ -410,9 +415,9 @@ class Emitter:
         lines: list[str] = []
         for name, values in self.printer.tables.items():
             lines += [f"static const double {name}[{len(values)}] = {{{', '.join(map(number, values))}}};", ""]
-        for name in HELPERS:
+        for name, text in (HELPERS | TEXTS).items():
             if name in self.printer.used:
-                lines += [HELPERS[name], ""]
+                lines += [text, ""]
         if self.needs_turns:
             lines.append(TURNS)
         if self.needs_search or self.model.homotopy:

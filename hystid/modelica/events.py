@@ -10,7 +10,7 @@ from collections.abc import Iterator, Set
 from dataclasses import dataclass, field, replace
 
 from hystid.errors import ModelicaError
-from hystid.modelica.expr import ONE, RELATIONS, ZERO, Expr, Num, Op, Ref, nodes, op, rebuild, refs
+from hystid.modelica.expr import ONE, RELATIONS, ZERO, Expr, Num, Op, Ref, Text, nodes, op, rebuild, refs
 from hystid.modelica.flat import Action, Assertion, Branch, Place
 from hystid.modelica.matching import matching
 from hystid.modelica.scalar import ScalarEquation, ScalarModel
@@ -54,11 +54,24 @@ class Reinit:
 
 
 @dataclass(frozen=True)
+class Delay:
+    """``value`` as it was ``time`` ago, at most ``most``; fixed: ``time`` holds between events."""
+
+    name: str
+    value: Expr
+    time: Expr
+    most: Expr
+    fixed: bool
+    place: Place
+
+
+@dataclass(frozen=True)
 class EventModel:
     """Postcondition: expressions hold no sample, edge, change, initial, terminal, noEvent, smooth or rounding function
     that could make an event, and no relation of continuous variables outside noEvent other than by its frozen name.
     ``pre(name)`` and ``der(name)`` are the names of variables. The name "initial()" is 1 during initialisation,
-    "homotopy()" goes from 0 to 1 in it and is 1 ever after.
+    "homotopy()" goes from 0 to 1 in it and is 1 ever after. An operation "delayed" of the number of a delay and an
+    instant is what the delay's value was then.
 
     discrete: name -> equation that defines it; when_start: value at the start for those defined by when-clauses.
     """
@@ -75,6 +88,7 @@ class EventModel:
     reinits: tuple[Reinit, ...]
     assertions: tuple[Assertion, ...]
     checks: tuple[tuple[Expr, Assertion], ...] = field(default=())
+    delays: tuple[Delay, ...] = ()
 
 
 def pre(name: str) -> str:
@@ -114,6 +128,7 @@ class _Namer:
         self.hidden: dict[str, ScalarEquation] = {}
         self.relations: dict[Expr, Relation] = {}
         self.samplers: dict[Expr, Sampler] = {}
+        self.delays: dict[Expr, Delay] = {}
         self.memos: dict[bool | None, dict[Expr, Expr]] = {True: {}, False: {}, None: {}}
         self.place = Place()
         self.discrete_names = self._find_discrete()
@@ -195,6 +210,7 @@ class _Namer:
             tuple(reinits),
             assertions,
             tuple(checks),
+            tuple(self.delays.values()),
         )
 
     # -- discrete equations
@@ -339,6 +355,8 @@ class _Namer:
                 return self._named(node.args[-1], events=None if continuous else False)
             if node.name == "sample":
                 return Ref(self._sampler(node).flag)
+            if node.name == "delay":
+                return self._delayed(node, events)
             if node.name == "homotopy":
                 return _blended(self._named(node.args[0], events), self._named(node.args[1], events=False))
             if events and node.name in RELATIONS:
@@ -447,6 +465,14 @@ class _Namer:
             above, below = op("-", x, op("+", Ref(name), ONE)), op("-", Ref(name), x)
             self.relations[value] = Relation(name, value, (below, op("neg", above)))
         return Ref(self.relations[value].name)
+
+    def _delayed(self, node: Op, events: bool | None) -> Expr:
+        value, time, most = (self._named(node.args[k], events) for k in (0, 1, -1))
+        key = Op("delay", (value, time, most))
+        if key not in self.delays:
+            name = f"$delay{len(self.delays) + 1}"
+            self.delays[key] = Delay(name, value, time, most, not self._continuous(time), self.place)
+        return Op("delayed", (Text(self.delays[key].name), op("-", Ref("time"), time)))
 
     def _sampler(self, node: Op) -> Sampler:
         if node not in self.samplers:

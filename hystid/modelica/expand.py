@@ -35,7 +35,7 @@ from hystid.modelica.random_numbers import drawn, is_random_function
 from hystid.modelica.tables import is_table_function, looked_up
 from hystid.modelica.values import Array, Record, Value, array, flattened, mapped, matrix, merge, rows, stacked, summed
 
-_KEPT = frozenset({"der", "pre", "edge", "change", "sample", "initial", "terminal", "homotopy", "String"})
+_KEPT = frozenset({"der", "pre", "edge", "change", "sample", "initial", "terminal", "homotopy", "delay", "String"})
 _ELEMENTWISE = {".*": "*", "./": "/", ".^": "^"}
 _EVENTS = RELATIONS | {"floor", "ceil", "integer", "div", "mod", "rem"}
 _LOOP_LIMIT = 100_000

@@ -400,7 +400,7 @@ def _terms(expr: Expr) -> Iterator[tuple[bool, Expr]]:
 
 
 STEPS = frozenset({"sign", "floor", "ceil", "integer", "div", "curve_next", "curve3"})  # flat between their jumps
-_FLAT = STEPS | {"pre", "der", "corner"} | GENERATORS.keys()
+_FLAT = STEPS | {"pre", "der", "corner", "delayed"} | GENERATORS.keys()
 
 _TWO = Num(2.0)
 

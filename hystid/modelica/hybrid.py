@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from hystid.modelica.blocks import Step
-from hystid.modelica.events import Reinit, Relation, Sampler
+from hystid.modelica.events import Delay, Reinit, Relation, Sampler
 from hystid.modelica.expr import Expr
 from hystid.modelica.flat import Assertion, FlatModel
 from hystid.modelica.scalar import ScalarVariable
@@ -20,7 +20,7 @@ class HybridModel:
     event: the same and the discrete variables, at an event. initialisation: everything, at the start.
     aliases: variable -> the variable whose slot it shares. clocked: discrete variables of
     when-clauses, conditions among them. relations_at_start: values of the relations at the start. homotopy: whether the
-    start goes from simplified to actual values.
+    start goes from simplified to actual values. delays: with the number of points that each keeps.
     """
 
     flat: FlatModel
@@ -47,6 +47,7 @@ class HybridModel:
     assertions: tuple[Assertion, ...]
     checks: tuple[tuple[Expr, Assertion], ...]
     homotopy: bool = False
+    delays: Mapping[Delay, int] = field(default_factory=dict)
 
 
 def is_output(name: str, v: ScalarVariable) -> bool:

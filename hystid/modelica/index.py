@@ -15,7 +15,7 @@ from dataclasses import replace
 from hystid.errors import ModelicaError
 from hystid.modelica.blocks import Assign, isolate, preference, solve_order
 from hystid.modelica.events import HOMOTOPY, EventModel, der
-from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Num, Ref, evaluate, op, refs, substitute
+from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Num, Op, Ref, evaluate, nodes, op, refs, substitute
 from hystid.modelica.matching import matching
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable
 
@@ -232,6 +232,8 @@ def _rate(constraint: Expr, events: EventModel, tie: ScalarEquation, former: Set
     """d/dt of an expression of states and time."""
     variables = events.scalar.variables
     total: Expr = ZERO
+    if any(isinstance(n, Op) and n.name == "delayed" for n in nodes(constraint)):
+        raise ModelicaError(f"{tie.place}: states are tied by an equation with delay(), whose derivative is not known")
     for name in sorted(refs(constraint)):
         partial = Derivative(name)(constraint)
         v = variables.get(name)

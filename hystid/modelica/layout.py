@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
+from hystid.modelica.delays import slots
 from hystid.modelica.events import HOMOTOPY, INITIAL, der, pre
 from hystid.modelica.hybrid import HybridModel
 
@@ -14,7 +15,8 @@ from hystid.modelica.hybrid import HybridModel
 class Layout:
     """Slots of a model.
 
-    w: the flag of initialisation, how far homotopy has come, the next tick of each sampler, which warnings were given.
+    w: the flag of initialisation, how far homotopy has come, the next tick of each sampler, which warnings were given,
+    what delays keep.
     """
 
     model: HybridModel
@@ -44,6 +46,7 @@ class Layout:
                 *([HOMOTOPY] if m.homotopy else []),
                 *(tick(s.flag) for s in m.samplers),
                 *(warned(k) for k in range(len(m.assertions))),
+                *(name for delay, points in m.delays.items() for name in slots(delay, points)),
             ],
         }
 

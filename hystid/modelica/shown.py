@@ -29,6 +29,6 @@ def shown_of(model: HybridModel) -> Shown | None:
             needed |= sources(step)
             steps.insert(0, step)
     modes = {*model.discrete, *map(pre, model.discrete), *(relation.name for relation in model.relations)}
-    if needed & modes:
+    if needed & modes or model.delays:
         return None
     return Shown(tuple(steps), tuple(name for name in model.algebraic if name in needed))

@@ -91,6 +91,7 @@ def expressions(events: EventModel) -> Iterator[Expr]:
         if relation.deadline is not None:
             yield relation.deadline
     yield from (part for sampler in events.samplers for part in (sampler.start, sampler.interval))
+    yield from (part for d in events.delays for part in (d.value, d.time, d.most))
     yield from (part for reinit in events.reinits for part in (reinit.value, reinit.active))
     yield from (part for a in events.assertions for part in (a.condition, a.message))
     yield from (part for active, a in events.checks for part in (active, a.condition, a.message))

@@ -38,7 +38,7 @@ def stops_of(model: HybridModel) -> tuple[Stop, ...]:
     """
     found = tuple(stop for state in model.states if (stop := _stop(model, state)) is not None)
     theirs = {name for stop in found for name in (stop.above, stop.forward, stop.below, stop.backward)}
-    happens = bool(model.samplers or model.reinits or model.checks or model.assertions)
+    happens = bool(model.samplers or model.reinits or model.checks or model.assertions or model.delays)
     complete = {stop.slips for stop in found} == set(model.discrete) and theirs == {r.name for r in model.relations}
     return found if complete and not happens else ()
 

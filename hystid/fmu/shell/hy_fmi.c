@@ -169,15 +169,20 @@ int hy_exit_initialization(hy_instance *c)
     return outcome ? hy_fmi_status(c, HY_ERROR) : hy_fmi_status(c, HY_OK);
 }
 
+static int differ(const double *before, const double *after, int slot, int n)
+{
+    return memcmp(before + slot, after + slot, sizeof(double) * (size_t)n) != 0;
+}
+
 /* Whether the derivatives may jump at this event: a relation or a discrete state is another than before it. A sampled
- * memory is another after each sample, and most often without a jump: there the derivatives themselves are compared. */
+ * memory is another after each sample, and most often without a jump: there the derivatives themselves are compared, as
+ * for a memory of the past, whose jumps are in no relation. */
 static int switched(const hy_engine *e, const double *before)
 {
     const hy_model *m = e->model;
     const double *const after = e->data.v;
-    const int slot = hy_has_ticks(e) ? m->dx : m->d, n = hy_has_ticks(e) ? m->n_x : m->n_d;
-    return memcmp(before + m->rel, after + m->rel, sizeof(double) * (size_t)m->n_rel) != 0
-        || memcmp(before + slot, after + slot, sizeof(double) * (size_t)n) != 0;
+    return differ(before, after, m->rel, m->n_rel) || (!hy_has_ticks(e) && differ(before, after, m->d, m->n_d))
+        || (m->completed_step && differ(before, after, m->dx, m->n_x));
 }
 
 /* Model exchange: the memory moves on at time events of its own, the first time when the start is over. */
@@ -205,7 +210,7 @@ int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_define
 {
     hy_engine *e = &c->engine;
     double *const before = c->backup;
-    int outcome = hy_has_ticks(e) ? hy_settle(e) : HY_OK;
+    int outcome = e->model->completed_step ? hy_settle(e) : HY_OK;
     memcpy(before, e->data.v, sizeof(double) * (size_t)e->model->n_values);
     if (!outcome) outcome = hy_event(e, states_changed);
     if (!outcome) outcome = tick(c);
