@@ -72,7 +72,10 @@ def test_python_dash_m_starts_without_heavy_imports() -> None:
     [
         (["nonsense"], "No such command 'nonsense'"),
         (["simulate"], "Missing argument 'FMU'"),
-        (["identify", "a.csv", "--mass", "heavy", "-o", "d"], "Invalid value for '--mass'"),
+        (
+            ["identify", "a.csv", "--mass", "heavy", "-o", "d"],
+            "--mass heavy: 'heavy' is no number",
+        ),
         (["identify", "a.csv", "--mas", "1", "-o", "d"], "--mass"),
         (["identify", "missing.csv", "--mass", "1", "-o", "d"], "missing.csv: there is no such file"),
         (["study"], ""),

@@ -208,7 +208,7 @@ def check(
 @opt.grouped
 def identify(
     recordings: opt.Recordings,
-    mass: opt.Mass,
+    mass: opt.Masses,
     out: opt.Folder,
     layers: Annotated[str, typer.Option(metavar="N,N", help="Neurons of each hidden layer, as 5,5.")] = "5,5",
     ensemble: Annotated[int, typer.Option(metavar="N", help="Trainings; the best tenth is averaged.")] = 30,
@@ -241,6 +241,7 @@ def identify(
       hystid identify damper.csv --mass 0 --band 0-50Hz --decimate 4 -o model
       hystid identify mr1.csv mr2.csv --mass 0 --input current --holdout mr3.csv -o model
       hystid identify b20.csv b80.csv --mass 0 --input tension=20lbf,80lbf -o model
+      hystid identify light.csv heavy.csv --mass 4.2,6.1 -o model
       hystid identify chirp*.csv --mass 4.2 --model why/extended.mo --holdout sine20.csv -o model
     """
     from hystid import identification
@@ -248,10 +249,11 @@ def identify(
 
     with opt.results(out) as folder:
         unseen = opt.apart(recordings, holdout)
-        inputs, (used, held) = opt.with_inputs(further, reading.load(recordings), reading.load(unseen))
+        kilograms, groups = opt.with_masses(mass, reading.load(recordings), reading.load(unseen))
+        inputs, (used, held) = opt.with_inputs(further, *groups)
         result = identification.identify(
             used,
-            mass=mass,
+            mass=kilograms,
             layers=opt.layer_sizes(layers),
             ensemble=ensemble,
             band=parse_band(band) if band is not None else None,

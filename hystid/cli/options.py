@@ -40,6 +40,16 @@ Folder = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="P=V", help="Parameter value in SI units; may be repeated.")
 ]
+Masses = Annotated[
+    list[str],
+    typer.Option(
+        "--mass",
+        callback=lambda texts: _mass_texts(texts),
+        metavar="KG",
+        help="Moving mass in kg; 0: F is the restoring force itself. One per recording as 4.2,6.1 (those of --holdout "
+        "last) or *heavy*:6.1 (by name; may be repeated).",
+    ),
+]
 Mass = Annotated[float, typer.Option(metavar="KG", help="Moving mass in kg; 0: F is the restoring force itself.")]
 BandText = Annotated[
     str | None, typer.Option("--band", metavar="LO-HI", help="Zero-phase band-pass in Hz, as 5-500Hz.")
@@ -158,11 +168,29 @@ def with_inputs(
     from hystid.recording import with_columns
 
     names, found = with_columns([recording for group in groups for recording in group], inputs or ())
+    return names, _grouped_as(groups, found)
+
+
+def _mass_texts(texts: Sequence[str]) -> list[str]:
+    from hystid.recording import mass_texts
+
+    return mass_texts(texts)
+
+
+def with_masses(texts: Sequence[str], *groups: Sequence[Recording]) -> tuple[float, list[list[Recording]]]:
+    """Mass of the first recording, and the groups with the masses given for single recordings. Raises UsageError."""
+    from hystid.recording import with_masses as given
+
+    mass, found = given([recording for group in groups for recording in group], texts)
+    return mass, _grouped_as(groups, found)
+
+
+def _grouped_as(groups: Sequence[Sequence[Recording]], found: Sequence[Recording]) -> list[list[Recording]]:
     parts = []
     for group in groups:
-        parts.append(found[: len(group)])
+        parts.append(list(found[: len(group)]))
         found = found[len(group) :]
-    return names, parts
+    return parts
 
 
 def layer_sizes(text: str) -> tuple[int, ...]:

@@ -18,7 +18,7 @@ from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, comput
 from hystid.consistency.slips import PRIOR_SLIP, SURE, Explanation, Situation, doubtful_units, explain
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
 from hystid.errors import UsageError
-from hystid.recording import Array, Recording, Sources, loaded
+from hystid.recording import Array, Recording, Sources, loaded, own_mass
 
 _log = logging.getLogger("hystid")
 _SHORTEST = 64  # samples below which spectra say nothing
@@ -60,7 +60,7 @@ def examine(recordings: Sequence[Recording], mass: float | None = None) -> Exami
     """
     if mass is not None and not (math.isfinite(mass) and mass >= 0):
         mass = None  # every command refuses such a mass in its own words
-    found = [_one(recording, mass) for recording in recordings]
+    found = [_one(recording, mass and own_mass(recording, mass)) for recording in recordings]
     findings = [finding for _, several in found for finding in several]
     return Examination([item for item, _ in found], findings, tuple(recordings))
 

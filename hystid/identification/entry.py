@@ -65,7 +65,8 @@ def identify(
     recordings: the training set; holdout: recordings that are only predicted; in memory or as files. Both go through
     ``processing.prepare`` with ``band`` (low, high) [Hz] and ``decimate``, so that x, v and R = F - mass a are there.
     Sample rates may differ: the memory knows no time, lags are followed at each recording's own; files get the highest.
-    mass [kg]: 0 means that F is the restoring force itself; then there is no free run.
+    mass [kg]: 0 means that F is the restoring force itself; then there is no free run. A recording with a column
+    ``mass`` of one value (``hystid.recording.with_column``) has its own; the files carry ``mass``.
     layers: neurons of each hidden layer of both networks. ensemble: number of starts; the best tenth is averaged.
     seed: of the split and of all starts; the result does not depend on ``workers`` (trainings at a time).
     mode: "trainlm" (MATLAB's damping) or "fast" (Marquardt's).

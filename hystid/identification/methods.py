@@ -23,7 +23,7 @@ from hystid.networks.joint import Motion, Sequences, unseen_samples
 from hystid.networks.level import Level
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import draw
-from hystid.recording import Array, Recording
+from hystid.recording import Array, Recording, own_mass
 from hystid.turning_points import TurningPoints
 
 _FIRST_ITERATIONS = 60  # of a refined training by itself: enough to rank the starts, the rest is done in simulation
@@ -52,7 +52,8 @@ class Recipe:
     def apply(self, recording: Recording) -> Recording:
         """The recording with x, v, a, R derived and reduced as stated."""
         ready = smooth(recording) if self.smoothing else recording
-        return processing.prepare(ready, band=self.band, decimate=self.decimate, mass=self.mass)
+        mass = own_mass(recording, self.mass)
+        return processing.prepare(ready, band=self.band, decimate=self.decimate, mass=mass)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from hystid.errors import NumericalError
 from hystid.identification.inputs import columns_of
 from hystid.networks import TwoNetworkModel
 from hystid.networks.trust import BAND
-from hystid.recording import Array, Recording
+from hystid.recording import Array, Recording, own_mass
 from hystid.validation.judged import force_error, run_errors, start_of
 
 Role = Literal["training", "holdout"]
@@ -63,7 +63,8 @@ def begin(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array, d
 
 
 def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
-    """The model on one recording: R on the measured motion, and the free run where there is a mass."""
+    """The model on one recording: R on the measured motion, and the free run with its mass where there is one."""
+    model = replace(model, mass=own_mass(recording, model.mass))
     x, v, further, start = begin(model, recording)
     force, each, _ = at_rate(model, recording).members_response(x, v, start, further)
     spread = None if model.spread is None else model.spread.of(each)

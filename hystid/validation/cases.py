@@ -15,7 +15,7 @@ from hystid.excitation import is_specification, parse
 from hystid.files import write_json
 from hystid.fmu import Driver
 from hystid.processing import Band, prepare
-from hystid.recording import Array, Recording, Sources, loaded
+from hystid.recording import Array, Recording, Sources, loaded, own_mass
 from hystid.simulation import force_of, simulate
 from hystid.validation.cases_compared import Case, FreeRun, Levels, Validation
 from hystid.validation.judged import force_error, run_errors
@@ -70,7 +70,10 @@ def validate(
         prepared = [prepare(simulate(driver, force_of(force, dt)), mass=model.mass) for force in forces]
     else:
         admitted = admit(recordings, model.mass)
-        prepared = [prepare(recording, band=band, decimate=decimate, mass=model.mass) for recording in admitted]
+        prepared = [
+            prepare(recording, band=band, decimate=decimate, mass=own_mass(recording, model.mass))
+            for recording in admitted
+        ]
     cases = tuple(compare(model, record) for record in prepared)
     result = Validation(
         Path(surrogate),
@@ -93,6 +96,7 @@ def validate(
 
 def compare(model: Surrogate, record: Recording) -> Case:
     """One recording against the surrogate: force on the recorded motion and, where F and a mass are there, free run."""
+    model = replace(model, mass=own_mass(record, model.mass))
     notes = _check(model, record)
     R = record.channel("R")
     force = model.force(record)
