@@ -31,6 +31,19 @@ DATA = Path(__file__).parents[2] / "shared" / "data"
 LINEAR = "HystId.Oscillators.Linear"
 
 
+def test_noise_of_a_derived_acceleration_cancels_up_to_the_ends() -> None:
+    """A second difference of white noise is a sum that telescopes: whatever is left of it at an end is spread far."""
+    n, turn = 4000, 2 * np.pi * 5e-3
+    x = 1e-3 * np.sin(turn * np.arange(n) + 1)
+    left = []
+    for seed in range(6):
+        noisy = x + 1e-5 * np.random.default_rng(seed).standard_normal(n)
+        part = prepare_part(Recording("test", np.arange(n) * 1e-3, F=1e4 * x, x=noisy))
+        error = part.inertia + (turn / 1e-3) ** 2 * x
+        left += [np.sum(error[:40]) / np.std(error), np.sum(error[-40:]) / np.std(error)]
+    assert np.sqrt(np.mean(np.square(left))) < 1.0  # less than one sample; four that repeat the fifth leave four
+
+
 def test_a_force_that_drifts_is_no_finding_where_time_was_not_measured() -> None:
     """Cycles of a testing machine whose samples are numbered: the force sinks over the numbers."""
     n = 4000

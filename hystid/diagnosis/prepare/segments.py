@@ -130,7 +130,7 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     known, valid = _without_stops({**measured, "F": F}, noise, stopped or {})
     seen, force = {name: known[name] for name in measured}, np.nan_to_num(known["F"])
     motion = smooth(seen, noise, dt, None, _of_motion(louder), force)
-    inertia, order = _inertia(measured, dt)
+    inertia, order = _inertia(measured, dt, motion)
     return Part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
         {**measured, "F": F}, valid, motion.roughness.lowest, 0, not recording.quasi_static,
@@ -184,13 +184,21 @@ def _without_stops(
     return known, valid
 
 
-def _inertia(measured: dict[str, Array], dt: float) -> tuple[Array, int]:
-    """Acceleration without smoothing, and how many derivatives it took."""
+def _inertia(measured: dict[str, Array], dt: float, motion: Smoothed) -> tuple[Array, int]:
+    """Acceleration without smoothing, and how many derivatives it took.
+
+    Noise of a derivative cancels over time, but for what a cut leaves at an end, which whitening would spread far. So
+    at the ends the noise goes on as its mirror image, like the columns that are whitened.
+    """
     if "a" in measured:
         return measured["a"], 0
-    if "v" in measured:
-        return stencil(measured["v"], FIRST) / dt, 1
-    return stencil(measured["x"], SECOND) / dt**2, 2
+    name, weights, order = ("v", FIRST, 1) if "v" in measured else ("x", SECOND, 2)
+    found = stencil(measured[name], weights) / dt**order
+    width = len(weights) // 2
+    noise = np.pad(measured[name] - getattr(motion, name), width, mode="symmetric")
+    mirrored = motion.a + np.convolve(noise, weights[::-1], mode="valid") / dt**order
+    found[:width], found[-width:] = mirrored[:width], mirrored[-width:]
+    return found, order
 
 
 def _jitter(
@@ -213,7 +221,7 @@ def _jitter(
         held = {name: values if (at := stairs[name]) is None else values[at] for name, values in drawn.items()}
         only_noise = {name: noise[name] * louder.get(name, 1.0) * values for name, values in held.items()}
         error = smooth(only_noise, noise, dt, motion.roughness, _of_motion(louder))
-        errors = (error.x, error.v, error.a, _inertia(only_noise, dt)[0])
+        errors = (error.x, error.v, error.a, _inertia(only_noise, dt, error)[0])
         draws.append(tuple(values.astype(np.float32) for values in errors))
     return tuple(draws)
 
