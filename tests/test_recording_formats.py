@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from hystid.errors import RecordingError, UsageError
 from hystid.recording import Recording, read, read_all
@@ -311,7 +312,63 @@ def test_a_clock_yields_to_a_column_of_seconds(tmp_path: Path) -> None:
     ids=["empty columns", "words", "comments", "LabVIEW", "row of units", "bars", "numbered", "Fortran"],
 )
 def test_tables_of_loggers(tmp_path: Path, head: str, cells: list[list[str]], mark: str) -> None:
-    assert_same(read(_written(tmp_path / "test.lvm", head, cells, mark)))
+    assert_same(read(_written(tmp_path / "test.txt", head, cells, mark)))
+
+
+def test_labview_measurement_files(tmp_path: Path) -> None:
+    """Seconds without a word; every other unit is asked for, for LabVIEW writes volts where none is set."""
+    rows = _digits(T, F, 1e3 * X)
+    units, names = "Y_Unit_Label\tN\tmm\t\n", "X_Value\tForce\tDisp\tComment"
+    found = read(_written(tmp_path / "units.lvm", units + names, rows, "\t"))
+    assert_same(found)
+    assert found.warnings == ()
+    bare = [["", *row[1:]] for row in rows]  # X_Columns: No
+    assert_same(read(_written(tmp_path / "no.lvm", f"{units}Delta_X\t{DT}\t{DT}\t\n{names}", bare, "\t")))
+    silent = _written(tmp_path / "silent.lvm", names, rows, "\t")
+    with pytest.raises(RecordingError, match="channel F: column Force has no unit, and LabVIEW writes volts where"):
+        read(silent)
+    assert_same(read(silent, units={"F": "N", "x": "mm"}))
+    volts = _written(tmp_path / "volts.lvm", f"Y_Unit_Label\tVolts\tmm\t\n{names}", rows, "\t")
+    with pytest.raises(RecordingError, match="channel F: F is a voltage"):
+        read(volts)
+    parts = [*rows[:250], ["Channels", "2", ""], *rows[250:]]
+    with pytest.raises(RecordingError, match="a second table begins with 'Channels"):
+        read(_written(tmp_path / "parts.lvm", units + names, parts, "\t"))
+
+
+def test_units_below_the_samples(tmp_path: Path) -> None:
+    rows = [*_digits(T, F / 1e3, 1e3 * X), ["s", "kN", "mm"]]
+    assert_same(read(_written(tmp_path / "below.csv", "t;F;x", rows, ";")))
+
+
+def _refused(path: Path, says: str) -> None:
+    with pytest.raises(RecordingError, match=says):
+        read(path)
+
+
+def test_counts_of_a_converter_are_no_units(tmp_path: Path) -> None:
+    """Whole numbers without a unit, or with a factor beside them, are asked about; nobody knows what was applied."""
+    h5py, nptdms = pytest.importorskip("h5py"), pytest.importorskip("nptdms")
+    counts = np.round(F / np.max(np.abs(F)) * 3e4).astype(np.int16)
+    path = tmp_path / "test.mat"
+    savemat(path, {"t": T, "F": counts, "x": X, "x_unit": "m"})
+    _refused(path, "column F has no unit, and holds whole numbers, as a converter counts; give --unit F=N")
+    assert np.max(read(path, units={"F": "N"}).channel("F")) > 2e4
+    savemat(path, {"t": T, "F": np.round(F), "x": X, "units": {"F": "N", "x": "m"}})
+    assert read(path).warnings[0].count("column t has no unit") == 1  # whole numbers in doubles are no counts
+    for scale in ({"F_scale": 0.01}, {"scale": {"F": 0.01}}, {"F_gain": 20.0}):
+        savemat(path, {"t": T, "F": counts, "x": X, "units": UNITS, **scale})
+        _refused(path, "stands beside F, and is not applied; write F in its unit")
+    savemat(path, {**TEST, "units": UNITS, "F_scale": 1.0, "gain": 3.0})
+    assert_same(read(path))
+    with h5py.File(tmp_path / "test.h5", "w") as file:
+        file["t"], file["x"], file["F"] = T, X, counts
+        file["F"].attrs.update({"unit": "N", "scale_factor": 0.01})
+    _refused(tmp_path / "test.h5", "scale_factor = 0.01 stands beside F")
+    with nptdms.TdmsWriter(tmp_path / "test.tdms") as writer:
+        channels = [nptdms.ChannelObject("run", name, u, {"wf_increment": DT}) for name, u in (("F", counts), ("x", X))]
+        writer.write_segment(channels)
+    _refused(tmp_path / "test.tdms", "column F has no unit, and holds whole numbers")
 
 
 @pytest.mark.parametrize(
@@ -333,8 +390,17 @@ def test_code_pages_of_asia(tmp_path: Path, word: str, encoding: str) -> None:
          "written with too few digits"),
         ("t [s];F [mN];x [m]", [[f"{t}", f"{1e4 * f:,.3f}", f"{x}"] for t, f, x in zip(T, F, X, strict=True)],
          "no marks between thousands"),
+        ("t [s];F [mN];x [m]", [[f"{t}", f"{1e3 * f:,.0f}".replace(",", "."), f"{x}"]
+                                for t, f, x in zip(T, F, X, strict=True)], "channel F: '.*' beside whole numbers"),
+        ("t [s];F [N];x [m];x [m]", _digits(T, F, X, X), "two columns are named 'x'; rename one of them"),
+        ("t [s];F [N];x [m]", [*_digits(T, F, X), ["t [s]", "F [N]", "x [m]"], *_digits(T, F, X)],
+         "line 502, sample 500, channel t: a second table begins with"),
+        ("t [s];F [LSB];x [m]", _digits(T, F, X), "unit 'LSB' is not known"),
+        ("t;F;x\nunit;LSB;m", _digits(T, F, X), "unit 'LSB' is not known"),
+        ("F [N];x [m]", _digits(F, X), "or write 'sample rate: ... Hz' above the header"),
     ],
-    ids=["scale", "days", "digits", "thousands"],
+    ids=["scale", "days", "digits", "thousands", "points", "namesakes",
+         "second table", "counts", "row of counts", "clock"],
 )  # fmt: skip
 def test_tables_that_would_be_misread_are_refused(tmp_path: Path, head: str, cells: list[list[str]], says: str) -> None:
     path = _written(tmp_path / "bad.csv", head, cells, ";")

@@ -76,7 +76,9 @@ def tables_there(path: str) -> list[dict[str, Any]]:
     return [
         {
             "file": table.file,
-            "columns": [{"name": c.name, "unit": c.unit, "values": c.values} for c in table.columns],
+            "columns": [
+                {"name": c.name, "unit": c.unit, "values": c.values, "counts": c.counts} for c in table.columns
+            ],
             "name": table.name,
             "sample_rate": table.sample_rate,
             "attributes": dict(table.attributes),

@@ -134,7 +134,11 @@ class _Reading:
         if column.name in self.extra or (channel and channel in self.taken):
             other = self.taken.get(channel or "", column.name)
             found = f"columns '{other}' and '{column.name}' both mean {channel or column.name}"
-            self._problem("columns", found, "rename one of them, or choose with --channel", channel or column.name)
+            action = "rename one of them, or choose with --channel"
+            if other == column.name:
+                found, action = f"two columns are named '{other}'", "rename one of them, or leave it out"
+            if found not in {item.found for item in self.problems}:
+                self._problem("columns", found, action, channel or column.name)
         elif channel is None:
             self.extra[column.name] = self._extra_si(column)
         else:
@@ -174,6 +178,19 @@ class _Reading:
         if not unit and channel == "t" and _are_days(column.values):
             text = f"{column.name} starts at {column.values[0]:.9g} in tiny steps, as the days of a spreadsheet do"
             self._problem("columns", text, f"give --unit t=d, or name the column '{column.name} [s]'", channel)
+            return None
+        lvm = self.table.file.lower().endswith(".lvm")
+        if not unit and channel == "t" and lvm:
+            return column.values  # LabVIEW writes seconds
+        if not unit and channel != "t" and (column.counts or lvm):
+            why, other = (
+                "LabVIEW writes volts where none is set",
+                f"--unit {channel}=V --sensitivity {channel}=22.4mV/{si}",
+            )
+            if column.counts:
+                why, other = ("holds whole numbers, as a converter counts", "write its values in that unit")
+            action = f"give --unit {channel}={si} if it is in {si}, else {other}"
+            self._problem("columns", f"column {column.name} has no unit, and {why}", action, channel)
             return None
         if not unit or unit in _NOT_STATED:
             text = f"column {column.name} has no unit and is taken as {si}"

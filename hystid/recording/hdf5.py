@@ -9,7 +9,7 @@ import numpy as np
 
 from hystid.errors import RecordingError
 from hystid.recording.table import Table
-from hystid.recording.tree import Vector, tables_of
+from hystid.recording.tree import Vector, refuse_scale, tables_of
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -77,7 +77,10 @@ def _node(item: Any, file: Any) -> Any:
         return "".join(chr(int(code)) for code in np.asarray(values).ravel(order="F"))
     if np.asarray(values).dtype.kind in "fiub":
         unit = item.attrs.get("unit", item.attrs.get("units"))
-        return Vector(np.asarray(values, dtype=np.float64).ravel(), None if unit is None else str(_plain(unit)))
+        for key, value in item.attrs.items():
+            refuse_scale(Path(file.filename).name, item.name.rpartition("/")[2], key, value)
+        counts = np.asarray(values).dtype.kind in "iu"
+        return Vector(np.asarray(values, dtype=np.float64).ravel(), None if unit is None else str(_plain(unit)), counts)
     return _plain(values)
 
 

@@ -33,7 +33,7 @@ def _version_5(path: Path) -> dict[str, Any]:
     from scipy.io.matlab import MatlabOpaque
 
     try:
-        variables = loadmat(path, simplify_cells=True)
+        variables = loadmat(path, simplify_cells=True, mat_dtype=True)
     except Exception as error:  # scipy raises ValueError, TypeError, IndexError, struct.error ... on broken files
         raise RecordingError(f"{path.name}: this is not a readable MATLAB file ({error}); {_HINT}") from None
     opaque = [name for name, item in variables.items() if isinstance(item, MatlabOpaque)]

@@ -122,7 +122,8 @@ def announced(line: str) -> float | None:
                 text,
             )
             if match:
-                return _rate(kind, match[2].rstrip(","), match[3] or match[1] or "")
+                unit = "" if match[3][:1].isdigit() else match[3]  # the same for the next channel
+                return _rate(kind, match[2].rstrip(","), unit or match[1] or "")
     return None
 
 

@@ -218,6 +218,8 @@ def _presence(table: Table, channels: Channels, door: _Door) -> list[Problem]:
                 " (a restoring force R alone is taken with mass 0 when the column is named F)" if "R" in values else ""
             )
             action = f"name a column '{name} [{unit}]' or choose one with --channel {name}=COLUMN{near}"
+            if name == "t" and table.lines is not None:
+                action += "; or write 'sample rate: ... Hz' above the header"
             if name == "F" and not near:
                 action += "; a current, a command or a set point is no measured force"
             rule = "missing_force" if name == "F" else "missing_channel"

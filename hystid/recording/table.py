@@ -13,11 +13,12 @@ from hystid.recording.types import Array
 
 @dataclass(frozen=True)
 class Column:
-    """One column. values: shape (n,). unit is None where the file states none."""
+    """One column. values: shape (n,). unit is None where the file states none. counts: stored as whole numbers."""
 
     name: str
     unit: str | None
     values: Array
+    counts: bool = False
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from hystid.errors import RecordingError
 from hystid.recording.names import known_name, split_header
 from hystid.recording.table import Column, Table
+from hystid.recording.tree import refuse_scale
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")  # of LabVIEW, of its DAQ, of DIAdem
 
@@ -24,9 +25,11 @@ def read_tdms(path: Path) -> list[Table]:
 
     try:
         groups = [
-            (group.name, [_column(channel) for channel in group.channels()], _rate(group))
+            (group.name, [_column(channel, path) for channel in group.channels()], _rate(group))
             for group in TdmsFile.read(path).groups()
         ]
+    except RecordingError:
+        raise
     except Exception as error:  # npTDMS raises ValueError, KeyError, struct.error ... on broken files
         raise RecordingError(f"{path.name}: this is not a readable TDMS file ({error})") from None
     several = len(groups) > 1
@@ -44,13 +47,15 @@ def read_tdms(path: Path) -> list[Table]:
     return found
 
 
-def _column(channel: Any) -> Column | None:
+def _column(channel: Any, path: Path) -> Column | None:
     values = np.asarray(channel[:])
     if values.dtype.kind not in "fiu":
         return None
     name, unit = split_header(channel.name)
     stated = next((channel.properties[key] for key in _UNITS if channel.properties.get(key)), unit)
-    return Column(name, str(stated) if stated else None, values.astype(np.float64))
+    for key, value in channel.properties.items():
+        refuse_scale(path.name, name, key, value)
+    return Column(name, str(stated) if stated else None, values.astype(np.float64), values.dtype.kind in "iu")
 
 
 def _rate(group: Any) -> float | None:

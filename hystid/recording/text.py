@@ -29,6 +29,9 @@ _HEADERS = 4  # rows above the numbers that may hold names, units, or what a log
 _LOST = 0.01  # share of rows that may have lost a cell, as ``reading`` bridges them
 _LOOKED_AT = 200  # lines by which the separator is chosen
 _MARKS = ("\t", ";", ",", "|", None)  # that part columns; None: blanks
+_COMMAS = (
+    "commas separate both columns and decimals", "separate the columns with semicolons, or write decimal points"
+)  # fmt: skip
 _ONE_MARK = "write numbers with one decimal mark and no marks between thousands"
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # 1.5D-03
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([,.'\s])\d{3})(?:\1\d{3})*(?:[.,]\d+)?")
@@ -53,9 +56,11 @@ def read_text(path: Path) -> list[Table]:
         raise _refused(path, "too_short", "there is a header but no sample", "record at least 16 samples")
     _refuse_scales(path, lines[:first], separator)
     headers = _with_unit_row(headers, lines[:first], separator)
+    headers = _with_units_below(headers, lines[first + len(body) :], separator)
     headers, body = _with_seconds(headers, body, separator)
     headers, body = _without_words(headers, body, separator)
     values = _numbers(path, headers, body, separator)
+    _refuse_thousands(path, headers, body, values, separator)
     columns = tuple(Column(name, unit, np.ascontiguousarray(values[:, k])) for k, (name, unit) in enumerate(headers))
     before = [line.strip()[:_LONGEST_NOTE] for _, line in [*comments, *lines[:first]][-_MOST_NOTES:]]
     rates = [rate for line in before if (rate := announced(line)) is not None]
@@ -180,6 +185,9 @@ def _headers(
     width = max((_is_row(line, separator) for _, line in rows[:50]), default=0)
     if above and separator is None and "[" in above[-1][1] and not width > 1:
         raise _refused(path, "columns", "only one column is there", _EXAMPLE, line=above[-1][0])
+    names = [_heading(line, separator, 0) for _, line in above[-_HEADERS:]]
+    if separator == "," and any(2 * len(cells) == width and any(map(_known, cells)) for cells in names):
+        raise _refused(path, "cell", *_COMMAS, line=rows[0][0])
     candidates = [_heading(line, separator, width) for _, line in above[-_HEADERS:]]
     candidates = [cells for cells in candidates if len(cells) > 1 and (not width or abs(len(cells) - width) <= 1)]
     if not candidates and rows:
@@ -196,9 +204,6 @@ def _headers(
             raise _refused(path, "columns", found, _EXAMPLE, line=rows[0][0])
         if width <= 1:
             raise _refused(path, "columns", "only one column is there", _EXAMPLE, line=above[-1][0])
-        if separator == "," and any(2 * len(_heading(line, separator, 0)) == width for _, line in above[-1:]):
-            action = "separate the columns with semicolons, or write decimal points"
-            raise _refused(path, "cell", "commas separate both columns and decimals", action, line=rows[0][0])
         found = f"the line before the numbers does not name {width} columns"
         raise _refused(path, "columns", found, _EXAMPLE, line=above[-1][0])
     return _named(candidates, width)
@@ -248,13 +253,22 @@ def _with_unit_row(headers: list[Header], above: Sequence[Line], separator: str 
     """Units from a row that says so in its first cell, as "Einheit;s;N;mm", where the names state none."""
     for _, line in reversed(above):
         label, *cells = _heading(line, separator, len(headers))
-        if labels_units(label) and cells and len(cells) < len(headers) and all(is_unit(cell) for cell in cells):
+        if labels_units(label) and any(cells) and len(cells) < len(headers) and not any(map(_known, cells)):
             if any(unit is not None for _, unit in headers):
                 return headers
             row = [*cells, *[""] * len(headers)]
             named = zip(headers[1:], row, strict=False)
             return [headers[0], *((name, unit.strip("[](){}") or None) for (name, _), unit in named)]
     return headers
+
+
+def _with_units_below(headers: list[Header], below: Sequence[Line], separator: str | None) -> list[Header]:
+    """Units from a row of nothing but units below the samples, where the names state none."""
+    rows = [_cells(line, separator) for _, line in below]
+    rows = [row for row in rows if len(row) == len(headers) and all(map(is_unit, row)) and any(row)]
+    if not rows or any(unit is not None for _, unit in headers):
+        return headers
+    return [(name, unit.strip("[](){}") or None) for (name, _), unit in zip(headers, rows[0], strict=True)]
 
 
 def _refuse_scales(path: Path, above: Sequence[Line], separator: str | None) -> None:
@@ -304,8 +318,9 @@ def _without_words(headers: list[Header], body: list[Line], separator: str | Non
     def wordy(rows: Sequence[Sequence[str]], among: Collection[int]) -> set[int]:
         return {k for k in among if not any(_is_number(cells[k]) for cells in rows if k < len(cells))}
 
-    unknown = [k for k, (name, _) in enumerate(headers) if known_name(name) is None]
-    dropped = wordy([_cells(line, separator) for _, line in body[:_LOOKED_AT]], unknown)
+    looked_at = [_cells(line, separator) for _, line in body[:_LOOKED_AT]]
+    empty = {k for k in range(len(headers)) if not any(cells[k] for cells in looked_at if k < len(cells))}
+    dropped = wordy(looked_at, {k for k, (name, _) in enumerate(headers) if known_name(name) is None} | empty)
     if not dropped:
         return headers, body
     rows = [_cells(line, separator) for _, line in body]
@@ -338,6 +353,22 @@ def _numbers(path: Path, headers: Sequence[Header], body: Sequence[Line], separa
     return np.asarray(values, dtype=np.float64)
 
 
+def _refuse_thousands(
+    path: Path, headers: Sequence[Header], body: Sequence[Line], values: Array, separator: str | None
+) -> None:
+    """Numbers below 1000 without a mark beside numbers with one and three digits behind it: it marks thousands."""
+    for k, (name, _) in enumerate(headers):
+        size = np.abs(values[:, k][np.isfinite(values[:, k])])
+        whole = size == np.round(size)
+        if np.all(whole) or np.max(size) >= 1000 or np.min(size[~whole]) < 1 or np.count_nonzero(size[whole] >= 10) < 5:
+            continue
+        cells = [(number, cells[k]) for number, line in body if k < len(cells := _cells(line, separator))]
+        marked = [(number, cell) for number, cell in cells if "." in cell or "," in cell]
+        if all(_THOUSANDS.fullmatch(cell) for _, cell in marked):
+            found = f"'{marked[0][1]}' beside whole numbers looks like thousands"
+            raise _refused(path, "cell", found, _ONE_MARK, line=marked[0][0], channel=name)
+
+
 def _row_by_row(path: Path, headers: Sequence[Header], body: Sequence[Line], separator: str | None) -> Array:
     """As ``_numbers``, for rows that are not all alike. Raises RecordingError for a cell that is no number."""
     values = np.full((len(body), len(headers)), np.nan)
@@ -347,8 +378,7 @@ def _row_by_row(path: Path, headers: Sequence[Header], body: Sequence[Line], sep
         if len(cells) == len(headers) + 1 and cells[-1] == "":
             cells.pop()
         if separator == "," and len(cells) == 2 * len(headers):
-            action = "separate the columns with semicolons, or write decimal points"
-            raise _refused(path, "cell", "commas separate both columns and decimals", action, line=number)
+            raise _refused(path, "cell", *_COMMAS, line=number)
         if len(cells) > len(headers):
             found = f"{len(cells)} cells where the header names {len(headers)} columns"
             raise _refused(path, "length", found, "complete or remove the line", sample, number)
@@ -368,6 +398,9 @@ def _row_by_row(path: Path, headers: Sequence[Header], body: Sequence[Line], sep
                 found = f"'{cell[:40]}' is not a number"
                 action = "write a number, or cut the line"
                 action = _ONE_MARK if _THOUSANDS.fullmatch(cell) else action
+                if not any(map(_is_number, cells)) or line.startswith("Channels\t"):  # as in LabVIEW's segments
+                    found = f"a second table begins with '{line.strip()[:40]}'"
+                    action = "put one test in each file, or cut the line"
                 raise _refused(path, "cell", found, action, sample, number, headers[k][0]) from None
         if len(cells) < len(headers):
             values[sample] = np.nan  # the row broke off: its last number may have lost digits

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from hystid.errors import UsageError
-from hystid.recording.names import known_name, split_header
+from hystid.errors import RecordingError, UsageError
+from hystid.recording.names import known_name, scales, split_header
+from hystid.recording.problems import Problem
 from hystid.recording.table import Column, Table
 from hystid.recording.types import Array
 from hystid.units import parse
@@ -26,10 +27,14 @@ _STEPS = ("dt", "delta_t", "sample_time")
 
 @dataclass(frozen=True)
 class Vector:
-    """A vector with the unit that the format itself attaches to it. values: shape (n,)."""
+    """A vector with the unit that the format itself attaches to it.
+
+    values: shape (n,). counts: stored as whole numbers.
+    """
 
     values: Array
     unit: str | None = None
+    counts: bool = False
 
 
 def tables_of(tree: Any, file: str, name: str) -> list[Table]:
@@ -64,6 +69,7 @@ def _table(tree: Mapping[str, Any], file: str, name: str) -> Table | None:
     rate = _rate(tree)
     if len(known) < 2 and not (known and rate):
         return None
+    _refuse_scales(tree, file)
     longest = max(column.values.size for column in known)
     kept = tuple(column for column in columns if column in known or column.values.size == longest)
     return Table(file, kept, name, sample_rate=rate)
@@ -82,18 +88,38 @@ def _vector(item: Any) -> Vector | None:
         return item if item.values.size > 1 else None
     if not isinstance(item, np.ndarray) or item.dtype.kind not in "fiub" or item.size < 2:
         return None
-    return Vector(np.asarray(item, dtype=np.float64).ravel()) if max(item.shape) == item.size else None
+    values = np.asarray(item, dtype=np.float64).ravel()
+    return Vector(values, counts=item.dtype.kind in "iu") if max(item.shape) == item.size else None
 
 
 def _column(key: str, vector: Vector, tree: Mapping[str, Any]) -> Column:
     name, unit = split_header(key)
     stated = vector.unit or unit or _text(_units(tree).get(key)) or _text(tree.get(f"{key}_unit"))
     if stated:
-        return Column(name, stated, vector.values)
+        return Column(name, stated, vector.values, vector.counts)
     head, _, tail = name.rpartition("_")
     if head and known_name(head) and not known_name(name) and _is_unit(tail):
-        return Column(head, tail, vector.values)
-    return Column(name, None, vector.values)
+        return Column(head, tail, vector.values, vector.counts)
+    return Column(name, None, vector.values, vector.counts)
+
+
+def refuse_scale(file: str, name: str, scale: str, value: object) -> None:
+    """Raise RecordingError where a factor stands beside a channel: nobody knows whether it has been applied."""
+    factor = _scalar(value)
+    if known_name(split_header(name)[0]) and scales(scale) and factor not in (None, 0.0, 1.0):
+        found = f"{scale} = {factor:g} stands beside {name}, and is not applied"
+        action = f"write {name} in its unit and leave {scale} out"
+        raise RecordingError(str(Problem(file, "columns", found, action, name)))
+
+
+def _refuse_scales(tree: Mapping[str, Any], file: str) -> None:
+    for key, item in tree.items():
+        if scales(key) and isinstance(item, Mapping):  # scale.F
+            for name, value in item.items():
+                refuse_scale(file, name, key, value)
+        head, _, tail = key.partition("_")  # F_scale
+        if head in tree:
+            refuse_scale(file, head, tail, item)
 
 
 def _is_unit(text: str) -> bool:
