@@ -59,6 +59,13 @@ def test_without_the_library_it_is_asked_for(rig, monkeypatch: pytest.MonkeyPatc
         compile_model("Modelica.Parts.Spring")
 
 
+def test_a_folder_of_the_environment_that_is_not_there_is_named(rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MODELICAPATH", "/no/such/folder")
+    for model in (rig(), "Modelica.Parts.Spring"):
+        with pytest.raises(ModelicaError, match=r"MODELICAPATH names /no/such/folder, where there is no folder"):
+            compile_model(model)
+
+
 def test_a_class_that_is_mistyped_is_named_with_near_ones(rig, library: Path) -> None:
     wrong = r"no class 'Modelica\.Parts\.Sprig'; did you mean 'Modelica\.Parts\.Spring'"
     with pytest.raises(ModelicaError, match=rf"rig\.mo:3: there is {wrong}"):

@@ -9,7 +9,7 @@ from pathlib import Path
 from hystid.errors import ModelicaError
 from hystid.modelica.lookup import Tree
 from hystid.modelica.reach import reached
-from hystid.modelica.sources import Source, near
+from hystid.modelica.sources import Source, near, search_path
 
 _OURS = (
     "of the Modelica Standard Library only Units.SI, Constants, Math and Blocks.Interfaces are here: "
@@ -57,7 +57,13 @@ def _version(tree: Tree) -> str | None:
 
 
 def _advice(name: str, tree: Tree, ours: bool) -> str:
-    return f"; {_OURS}" if ours else near(name, tree.names_beside(name))
+    return (f"; {_OURS}" if ours else near(name, tree.names_beside(name))) + _no_folders()
+
+
+def _no_folders() -> str:
+    """What MODELICAPATH names in vain: other tools pass over it as well, but here it may be the reason."""
+    missing = [str(folder) for folder in search_path() if not folder.is_dir()]
+    return f"; MODELICAPATH names {', '.join(missing)}, where there is no folder" if missing else ""
 
 
 def _versions(source: Source, tree: Tree) -> str:

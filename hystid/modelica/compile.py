@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -20,7 +19,7 @@ from hystid.modelica.library import library_sources, shipped
 from hystid.modelica.lookup import Tree, cut
 from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
-from hystid.modelica.sources import Source, declaration, only_class, read, read_tree
+from hystid.modelica.sources import Source, declaration, only_class, read, read_tree, search_path
 from hystid.modelica.workarounds.calls_in_when import with_calls_in_algorithms
 from hystid.modelica.workarounds.delay_times import with_real_delays
 from hystid.modelica.workarounds.derivatives_in_loops import with_derivatives_in_branches
@@ -165,15 +164,10 @@ def texts_for(model: str, libraries: Sequence[Path]) -> tuple[str, list[Source],
             (packages if kind == "package" else folders).append(found)
     given = [(s, s.path.relative_to(p.parent)) for p in packages for s in read_tree(p)]
     given = [*given, *((s, s.path) for s in library_sources())]
-    tree = Tree([*((s, s.path) for s in files), *given], [*folders, *_search_path(), _STANDARD])
+    tree = Tree([*((s, s.path) for s in files), *given], [*folders, *search_path(), _STANDARD])
     refuse_absent_model(name, tree, files, [Path(entry) for entry in libraries])
     refuse_absent_classes(name, tree, files)
     return name, files, [*given, *cut(tree, name, [*((s, s.path) for s in files), *given])]
-
-
-def _search_path() -> list[Path]:
-    """Folders of packages that the environment names (Modelica specification 3.6, section 13.3)."""
-    return [Path(entry) for entry in os.environ.get("MODELICAPATH", "").split(os.pathsep) if entry]
 
 
 _LONGEST_NAME = 200  # characters of a class or a file: file systems take 255 bytes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
@@ -161,3 +162,8 @@ def near(name: str, candidates: Iterable[str]) -> str:
     close = [c for c in options if c.rsplit(".", 1)[-1].lower() == last]
     close += [c for c in difflib.get_close_matches(name, options, 3, 0.6) if c not in close]
     return "; did you mean " + " or ".join(f"'{c}'" for c in close[:3]) + "?" if close else ""
+
+
+def search_path() -> list[Path]:
+    """Folders of packages that the environment names (Modelica specification 3.6, section 13.3)."""
+    return [Path(entry) for entry in os.environ.get("MODELICAPATH", "").split(os.pathsep) if entry]
