@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hystid.compiled import CompiledModel
+from hystid.errors import NumericalError
 from hystid.modelica import compile_model
 
 
@@ -78,3 +79,36 @@ def test_a_loop_with_three_answers_stays_on_one_until_that_ends(run, start: floa
     changed = np.flatnonzero(np.abs(got["y"] - wanted) > 1e-9)
     assert all(abs(abs(u[k]) - 5) < 8 * 2 * np.pi * dt for k in changed)  # one sample beside a switch
     assert len(changed) <= 4
+
+
+def test_a_start_value_that_follows_from_parameters_says_which_root_is_meant(run) -> None:
+    text = """model A
+  parameter Real g = -0.9;
+  parameter Real p(fixed = false, start = 1.1*g);
+initial equation
+  p^3 = p;
+end A;"""
+    np.testing.assert_allclose(run(text, "p")["p"], -1, atol=1e-9)  # the end of Newton's method
+    np.testing.assert_allclose(run(text, "p", parameters={"g": 1.2})["p"], 1, atol=1e-9)
+
+
+TWICE = """
+model A "One current through two coils, each told where it starts"
+  parameter Real first = 2;
+  Real a, b;
+initial equation
+  a = first;
+  b = 2;
+equation
+  a = b;
+  der(a) = -a;
+end A;"""
+
+
+def test_initial_conditions_may_say_the_same_twice(run) -> None:
+    np.testing.assert_allclose(run(TWICE, "b", rows=3)["b"], 2 * np.exp([0, -0.1, -0.2]), rtol=1e-6)  # one step of 0.1
+
+
+def test_initial_conditions_that_do_not_fit_end_the_run(run) -> None:
+    with pytest.raises(NumericalError, match=r"no answer|do not fit together"):
+        run(TWICE, "b", parameters={"first": 3.0})

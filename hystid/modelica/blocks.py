@@ -151,7 +151,7 @@ _INVERSE: dict[str, Callable[[Expr, Expr, bool], Expr]] = {
 
 
 def _contains(expr: Expr, name: str) -> bool:
-    return any(isinstance(n, Ref) and n.name == name for n in nodes(expr))
+    return name in refs(expr)
 
 
 def preference(equation: ScalarEquation, unknowns: frozenset[str] | set[str]) -> list[str]:

@@ -9,6 +9,7 @@ from functools import cached_property
 from hystid.errors import ModelicaError
 from hystid.modelica.blocks import (
     Assign,
+    Solve,
     Step,
     components,
     preference,
@@ -19,7 +20,7 @@ from hystid.modelica.blocks import (
 from hystid.modelica.corners import corners_in_loops
 from hystid.modelica.delays import room
 from hystid.modelica.events import HOMOTOPY, INITIAL, EventModel, Relation, der, name_events, pre
-from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text, rebuild, refs, substitute
+from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text, evaluate, op, rebuild, refs, substitute
 from hystid.modelica.flat import Assertion, FlatModel
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.index import reduce_index
@@ -245,6 +246,8 @@ class _Initial:
     starts: Mapping[str, float]
     dependent: tuple[Step, ...]
     relations: tuple[Expr, ...]
+    guesses: tuple[Assign, ...]
+    surplus: tuple[ScalarEquation, ...]
 
 
 class _Start:
@@ -261,19 +264,30 @@ class _Start:
         free = self._parameters_known_later()
         dependent, bindings = self._bindings(free)
         initial = self._initial_equations()
-        equations = [self._at_start(e) for e in (*self.events.equations, *initial)] + bindings
+        equations = [self._at_start(e) for e in self.events.equations] + bindings
         equations += [self._at_start(e) for e in self._discrete_equations()]
+        certain = len(equations)
+        equations += [self._at_start(e) for e in initial]
         timed = set(self.discrete)  # for these, fixed is about pre()
         fixed = [n for n in _of_kind(self.events, "unknown") if self.variables[n].fixed and n not in timed]
         kept = {n for n in fixed if self._number(n) is not None and n in self.events.states}
         unknowns = self._unknown_names(free) - kept
         equations += [self._start_equation(n) for n in dict.fromkeys(fixed) if n not in kept]
-        owner, equations, defaults = self._matched(equations, unknowns)
+        owner, equations, defaults, surplus = self._matched(equations, unknowns, certain)
         steps = solve_order(equations, owner)
         steps = [s for s in steps if not (isinstance(s, Assign) and s.variable in defaults and self._plain(s))]
         solved = frozenset(t for s in steps for t in targets(s))
         relations = tuple(self._value_at_start(r.value) for r in self.events.relations)
-        return _Initial(tuple(steps), solved, self._starts(), tuple(dependent), relations)
+        guesses = tuple(self._guesses(steps, {n for s in dependent for n in targets(s)}))
+        return _Initial(tuple(steps), solved, self._starts(), tuple(dependent), relations, guesses, surplus)
+
+    def _guesses(self, steps: Iterable[Step], known: set[str]) -> Iterator[Assign]:
+        """Where Newton's method begins, of variables whose start value is no number but follows from parameters."""
+        known = known | {*_of_kind(self.events, "parameter", "constant")}
+        for name in (n for s in steps if isinstance(s, Solve) and not s.linear for n in s.variables):
+            value = self._start_value(name)
+            if not isinstance(value, Num) and refs(value) <= known:
+                yield Assign(name, value, self.variables[name].place)
 
     def _plain(self, step: Assign) -> bool:
         """A state that starts from a number keeps what is in the block, so that a user may set it."""
@@ -372,18 +386,21 @@ class _Start:
         return ScalarEquation(Ref(name), self._start_value(name), self.variables[name].place)
 
     def _matched(
-        self, equations: list[ScalarEquation], unknowns: set[str]
-    ) -> tuple[dict[str, int], list[ScalarEquation], set[str]]:
-        """A complete matching; variables without an initial equation start from their start values."""
+        self, equations: list[ScalarEquation], unknowns: set[str], certain: int
+    ) -> tuple[dict[str, int], list[ScalarEquation], set[str], tuple[ScalarEquation, ...]]:
+        """A complete matching; variables without an initial equation start from their start values. Of the equations
+        behind the ``certain`` ones, which are conditions of the start alone, some may say what follows from others."""
         ordered = sorted(unknowns)
         running = len(self.events.equations)  # these come first
         options = [self._options(e, unknowns, k < running) for k, e in enumerate(equations)]
-        owner, left = matching(options, ordered)
-        if left:
-            e = equations[left[0]]
+        owner, left = matching(options[:certain], ordered)
+        left += [k for k in range(certain, len(equations)) if not augment(k, options, unknowns, owner)]
+        surplus = tuple(equations[k] for k in left)
+        wrong = [e for k, e in zip(left, surplus, strict=True) if k < certain or self._contradicts(e)]
+        if wrong:
             raise ModelicaError(
-                f"{e.place}: too many initial conditions: this equation finds nothing left to determine at the start; "
-                "remove it, or a fixed=true"
+                f"{wrong[0].place}: too many initial conditions: this equation finds nothing left to determine at the "
+                "start; remove it, or a fixed=true"
             )
         defaults: set[str] = set()
         known = set(ordered)
@@ -402,7 +419,13 @@ class _Start:
                 f"{v.place if v else self.events.scalar.flat.name}: nothing determines '{missing[0]}' at the start: "
                 "give it a start value with fixed=true, or an initial equation"
             )
-        return owner, equations, defaults  # type: ignore[return-value]  # the same
+        return owner, equations, defaults, surplus  # type: ignore[return-value]  # the same
+
+    def _contradicts(self, e: ScalarEquation) -> bool:
+        """Whether an equation of known start values does not hold; one that holds only for these numbers does, too."""
+        read = refs(e.left) | refs(e.right)
+        kept = {n for n in self.events.states if self.variables[n].fixed and self._number(n) is not None}
+        return bool(read) and read <= kept and evaluate(op("-", e.left, e.right), self._starts()) != 0
 
     def _options(self, e: ScalarEquation, unknowns: set[str], running: bool) -> list[str]:
         """A discrete variable is determined by the equation that defines it or states it at the start, by no other."""
@@ -478,6 +501,8 @@ def _assemble(
         initialisation=start.steps,
         starts=start.starts,
         solved_at_start=later,
+        guesses=start.guesses,
+        surplus=start.surplus,
         relations=events.relations,
         relations_at_start=start.relations,
         samplers=events.samplers,

@@ -18,6 +18,7 @@ _BINARY = {
     "AddElem": "+", "SubElem": "-", "MulElem": ".*", "DivElem": "./", "ExpElem": ".^",
     "Lt": "<", "Le": "<=", "Gt": ">", "Ge": ">=", "Eq": "==", "Neq": "<>", "Ne": "<>",
 }  # fmt: skip
+_NESTED = frozenset((dict, list))
 _UNARY = {"Minus": "neg", "Not": "not", "Plus": "+", "DotMinus": "neg", "DotPlus": "+"}
 
 # The front end is asked for this class, which extends the wanted one.
@@ -53,18 +54,19 @@ class DictionaryReader:
 
     def _note_pieces(self, node: Any) -> None:
         """Collects identifiers with their offsets by source number, to find out which file a number means."""
-        if isinstance(node, dict):
-            span = node.get("span")
-            if isinstance(span, dict) and ("ident" in node or "subscripts" in node):
-                word = node.get("ident") or _last_name(node)
-                pieces = self._pieces.setdefault(span["source"], {})
-                if word and len(pieces) < 200:
-                    pieces[(span["start"], span["end"])] = word
-            for value in node.values():
-                self._note_pieces(value)
-        elif isinstance(node, list):
-            for value in node:
-                self._note_pieces(value)
+        stack = [node]
+        while stack:
+            node = stack.pop()
+            inside = node
+            if type(node) is dict:
+                inside = node.values()
+                span = node.get("span")
+                if isinstance(span, dict) and ("ident" in node or "subscripts" in node):
+                    word = node.get("ident") or _last_name(node)
+                    pieces = self._pieces.setdefault(span["source"], {})
+                    if word and len(pieces) < 200:
+                        pieces[(span["start"], span["end"])] = word
+            stack.extend(value for value in inside if type(value) in _NESTED)
 
     def _source(self, number: int) -> Source | None:
         if number not in self._origin:

@@ -12,6 +12,7 @@ from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text, op, refs
 from hystid.modelica.flat import Assertion
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.layout import Layout, tick, warned
+from hystid.modelica.scalar import ScalarEquation
 from hystid.modelica.shown import Shown
 from hystid.modelica.solvers import HOMOTOPY_WAY, NEAREST, NEWTON, SEARCH, SILENT, SOLVERS, TURNS
 
@@ -93,12 +94,14 @@ class Emitter:
         k, n = self._block(step), len(step.variables)
         slots = ", ".join(f"{self.layout.slots[name]} /* {comment(name)} */" for name in step.variables)
         nominal = ", ".join(number(self._nominal(name)) for name in step.variables)
-        start = ", ".join(number(self.model.starts.get(name, 0.0)) for name in step.variables)
+        guessed = {a.variable: self.printer.value(a.value) for a in self.model.guesses}
+        start = ", ".join(guessed.get(n) or number(self.model.starts.get(n, 0.0)) for n in step.variables)
         call = f"hy_newton(v, {n}, slots, nominal, hy_residual{k}, hy_jacobian{k}, r, A, x, whole)"
         return [
             f"{{ /* {self._what(step)} */",
             f"    static const int slots[{n}] = {{{slots}}};",
-            f"    static const double nominal[{n}] = {{{nominal}}}, start[{n}] = {{{start}}};",
+            f"    static const double nominal[{n}] = {{{nominal}}};",
+            f"    {'' if guessed.keys() & set(step.variables) else 'static '}const double start[{n}] = {{{start}}};",
             f"    double r[{n}], A[{n * n}], x[{3 * n}], last[{n}];",
             "    int failed = 1;",
             f"    for (int i = 0; i < {n}; i++) last[i] = v[slots[i]];",
@@ -175,7 +178,7 @@ class Emitter:
 
     def initialise(self) -> list[str]:
         """Solves the initial equations; relations are looked at until they agree with the values."""
-        lines = [f"{self.slot(INITIAL)} = 1;"]
+        lines = [f"{self.slot(INITIAL)} = 1;", *self.steps(self.model.guesses)]
         for s in self.model.samplers:
             lines += [f"{self.slot(s.flag)} = 0;", self._first_tick(s.start, s.interval, s.flag)]
         lines += [f"{self.slot(warned(k))} = 0;" for k in range(len(self.model.assertions))]
@@ -188,12 +191,29 @@ class Emitter:
             way += [*follow.splitlines(), ""]
             body = ["const int outcome = hy_follow(m);", "if (outcome) return outcome;"]
         lines += body
+        for e in self.model.surplus:
+            lines += self._holds(e)
         count, d, before = self.layout.count("d"), self.layout.first("d"), self.layout.first("pre")
         if count:
             lines.append(f"for (int i = 0; i < {count}; i++) v[{before} + i] = v[{d} + i]; /* pre := d */")
         lines += [line for d in self.delays for line in d.begin()]
         lines.append(f"{self.slot(INITIAL)} = 0;")
         return [*way, *self.function("int", "initialise", "hy_data *m", lines)]
+
+    def _holds(self, e: ScalarEquation) -> list[str]:
+        """An initial condition more than there are unknowns: it must say what follows from the others."""
+        text = f"too many initial conditions, which do not fit together: {e.place.short}: remove it, or a fixed=true"
+        size = min((self._nominal(name) for name in refs(e.left) | refs(e.right)), default=1.0)
+        a, b = self.printer.value(e.left), self.printer.value(e.right)
+        return [
+            "{",
+            f"    const double a = {a}, b = {b};",
+            f"    if (!(fabs(a - b) <= 1e-6 * fmax({number(size)}, fmax(fabs(a), fabs(b))))) {{",
+            f"        m->log(m->owner, HY_FAILURE, {quoted(text)});",
+            "        return HY_ERROR;",
+            "    }",
+            "}",
+        ]
 
     def _until_settled(self, body: list[str]) -> list[str]:
         text = quoted("the modes at the start do not settle: relations switch each other back and forth")

@@ -38,11 +38,13 @@ class Text:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Op:
-    """An operation on expressions. The hash is kept, so that large trees compare and memoise in constant time."""
+    """An operation on expressions. The hash is kept, so that large trees compare and memoise in constant time; so are
+    the names, once they were asked for."""
 
     name: str
     args: tuple[Expr, ...]
     key: int = field(init=False, repr=False, compare=False)
+    names: frozenset[str] | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "key", hash((self.name, self.args)))
@@ -305,7 +307,28 @@ def nodes(expr: Expr) -> Iterator[Expr]:
 
 def refs(expr: Expr) -> frozenset[str]:
     """Names of the variables that the expression reads, pre() and der() included."""
-    return frozenset(node.name for node in nodes(expr) if isinstance(node, Ref))
+    if not isinstance(expr, Op):
+        return frozenset((expr.name,)) if isinstance(expr, Ref) else frozenset()
+    if expr.names is None:
+        object.__setattr__(expr, "names", frozenset(_names(expr)))
+    assert expr.names is not None
+    return expr.names
+
+
+def _names(expr: Op) -> set[str]:
+    found: set[str] = set()
+    seen: set[Op] = {expr}
+    stack: list[Expr] = list(expr.args)
+    while stack:
+        node = stack.pop()
+        if isinstance(node, Ref):
+            found.add(node.name)
+        elif isinstance(node, Op) and node.names is not None:
+            found |= node.names
+        elif isinstance(node, Op) and node not in seen:
+            seen.add(node)
+            stack.extend(node.args)
+    return found
 
 
 def rebuild(expr: Expr, change: Callable[[Expr], Expr | None], memo: dict[Expr, Expr] | None = None) -> Expr:

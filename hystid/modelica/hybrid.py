@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hystid.modelica.blocks import Step
+from hystid.modelica.blocks import Assign, Step
 from hystid.modelica.events import Delay, Reinit, Relation, Sampler
 from hystid.modelica.expr import Expr
 from hystid.modelica.flat import Assertion, FlatModel
-from hystid.modelica.scalar import ScalarVariable
+from hystid.modelica.scalar import ScalarEquation, ScalarVariable
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,8 +18,9 @@ class HybridModel:
 
     dependent: parameters from parameters. derivatives: der(x) and algebraic variables from time, p, u, x, d, relations.
     event: the same and the discrete variables, at an event. initialisation: everything, at the start.
-    aliases: variable -> the variable whose slot it shares. clocked: discrete variables of
-    when-clauses, conditions among them. relations_at_start: values of the relations at the start. homotopy: whether the
+    aliases: variable -> the variable whose slot it shares. clocked: discrete variables of when-clauses, conditions
+    among them. guesses: start values of loops of the start that follow from parameters. surplus: initial conditions
+    that must follow from the others. relations_at_start: values of the relations at the start. homotopy: whether the
     start goes from simplified to actual values. delays: with the number of points that each keeps.
     """
 
@@ -40,6 +41,8 @@ class HybridModel:
     initialisation: tuple[Step, ...]
     starts: Mapping[str, float]
     solved_at_start: frozenset[str]
+    guesses: tuple[Assign, ...]
+    surplus: tuple[ScalarEquation, ...]
     relations: tuple[Relation, ...]
     relations_at_start: tuple[Expr, ...]
     samplers: tuple[Sampler, ...]
