@@ -197,6 +197,9 @@ def test_numbers_read_well() -> None:
     assert number(float("nan")) == number(None) == "not available"
     assert with_error(95.1089, 0.11, "kg") == "95.11 ± 0.11 kg"
     assert with_error(203.5034, 1.15, "N.s/m") == "203.5 ± 1.1 N.s/m"
+    assert with_error(3.9991e8, 547295.0, "N/m3") == "(3.9991 ± 0.0055)·10^8 N/m3"
+    assert with_error(0.00056, 0.041, "ms") == "0.001 ± 0.041 ms"  # no more decimals than the error
+    assert with_error(514.0, 325.0, "mm/s") == "514 ± 325 mm/s"
     assert with_error(5.0, None) == "5.000"
     assert number(0.0) == "0"
 

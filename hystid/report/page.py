@@ -110,11 +110,12 @@ def with_error(value: float, stderr: float | None, unit: str = "") -> str:
     scale, shown = _prefixed(value, unit)
     value, stderr = value / scale, stderr / scale
     place = 1 - math.floor(math.log10(stderr))
-    if 0 <= place < 10 and abs(value) < 1e7:
-        return f"{value:.{place}f} ± {stderr:.{place}f} {shown}".strip()
     magnitude = math.floor(math.log10(max(abs(value), stderr)))
-    digits = min(max(magnitude - math.floor(math.log10(stderr)) + 2, 2), 9)
-    return f"{_significant(value, digits)} ± {_significant(stderr, 2)} {shown}".strip()
+    if -5 < magnitude < 5 and place < 10:
+        places = max(place, 0)
+        return f"{value:.{places}f} ± {stderr:.{places}f} {shown}".strip()
+    places, power = min(place + magnitude, 9), 10.0**magnitude
+    return f"({value / power:.{places}f} ± {stderr / power:.{places}f})·10^{magnitude} {shown}".strip()
 
 
 def _significant(value: float, digits: int) -> str:
