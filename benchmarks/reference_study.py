@@ -38,7 +38,7 @@ from hystid.recording import Recording
 
 DOCUMENT = Path(__file__).parents[1] / "docs" / "reference-study.md"
 MASS_STARTS = 5
-ENGINE = ("networks", "identification", "turning_points.py", "processing.py")
+ENGINE = ("networks", "identification", "smoothing", "turning_points.py", "processing.py")
 
 
 @dataclass

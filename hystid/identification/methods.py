@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from hystid import processing
 from hystid.identification import data
-from hystid.identification.denoise import noise_level, smooth
 from hystid.identification.dissipation import dissipating
 from hystid.identification.levels import apart_between_levels
 from hystid.identification.prediction import drift, predict
@@ -24,6 +23,8 @@ from hystid.networks.level import Level
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import draw
 from hystid.recording import Array, Recording, own_mass
+from hystid.smoothing.noise import noise_level
+from hystid.smoothing.smoother import CHANNELS, smooth
 from hystid.turning_points import TurningPoints
 
 _FIRST_ITERATIONS = 60  # of a refined training by itself: enough to rank the starts, the rest is done in simulation
@@ -51,9 +52,31 @@ class Recipe:
 
     def apply(self, recording: Recording) -> Recording:
         """The recording with x, v, a, R derived and reduced as stated."""
-        ready = smooth(recording) if self.smoothing else recording
+        ready = smoothed(recording) if self.smoothing else recording
         mass = own_mass(recording, self.mass)
         return processing.prepare(ready, band=self.band, decimate=self.decimate, mass=mass)
+
+
+def smoothed(recording: Recording) -> Recording:
+    """The recording with x, v and a of one motion; F is untouched, R = F - m a has to be formed anew.
+
+    Uses the channels that were measured, each weighted by its own noise. A recording without x, or whose time only
+    numbers the samples, or shorter than 64 samples is returned as it is: an integrated motion drifts.
+    """
+    measured = {name: recording.channel(name) for name in CHANNELS if recording.direct(name)}
+    if "x" not in measured or recording.quasi_static or len(recording) < 64:
+        return recording
+    noise = {name: noise_level(values) for name, values in measured.items()}
+    motion = smooth(measured, noise, recording.dt)
+    sources = ", ".join(measured)
+    levels = ", ".join(f"{level:.3g} {recording.unit(name)} on {name}" for name, level in noise.items())
+    return replace(
+        recording,
+        **{name: getattr(motion, name) for name in CHANNELS},
+        R=recording.R if recording.direct("R") else None,
+        origin={**recording.origin, **dict.fromkeys(CHANNELS, f"joint smoothing of {sources}")},
+        notes=(*recording.notes, f"x, v, a smoothed jointly from {sources} (noise {levels})"),
+    )
 
 
 @dataclass(frozen=True, eq=False)

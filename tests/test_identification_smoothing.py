@@ -1,9 +1,8 @@
 """Joint smoothing of x, v, a: exact where there is nothing to smooth, better than any channel alone where there is."""
 
 import numpy as np
-import pytest
 
-from hystid.identification.denoise import noise_level, smooth
+from hystid.identification.methods import smoothed
 from hystid.recording import Recording
 from hystid.recording.types import PSEUDO_TIME
 
@@ -32,54 +31,54 @@ def relative(values, reference):
 
 def test_every_channel_gets_better():
     clean, raw = motion(), noisy(0.02)
-    smoothed = smooth(Recording("r", T, F=T, **raw))
+    found = smoothed(Recording("r", T, F=T, **raw))
     for name, reference in clean.items():
         # x and v by about 6, as a steadies them; a by the square root of the part of the band that the signal needs
-        assert relative(getattr(smoothed, name), reference) < 0.5 * relative(raw[name], reference)
+        assert relative(getattr(found, name), reference) < 0.5 * relative(raw[name], reference)
 
 
 def test_clean_channels_pass():
-    smoothed = smooth(Recording("r", T, F=T, **motion()))
+    found = smoothed(Recording("r", T, F=T, **motion()))
     for name, reference in motion().items():
-        # what is left is the spline's own error, largest in the second derivative
-        assert relative(getattr(smoothed, name), reference) < 1e-4
+        # what is left is the smoother's own error, largest in the second derivative
+        assert relative(getattr(found, name), reference) < 1e-4
 
 
 def test_result_is_one_motion():
     """v and a are the derivatives of x: central differences of a step of 1 ms are good to (w dt)^2 / 6 = 5e-3."""
-    smoothed = smooth(Recording("r", T, F=T, **noisy(0.02)))
+    found = smoothed(Recording("r", T, F=T, **noisy(0.02)))
     inner = slice(5, -5)
-    assert relative(np.gradient(smoothed.x, DT)[inner], smoothed.v[inner]) < 0.02
-    assert relative(np.gradient(smoothed.v, DT)[inner], smoothed.a[inner]) < 0.02
+    assert relative(np.gradient(found.x, DT)[inner], found.v[inner]) < 0.02
+    assert relative(np.gradient(found.v, DT)[inner], found.a[inner]) < 0.02
 
 
 def test_displacement_alone_gives_velocity_and_acceleration():
     raw = noisy(1e-3)
-    smoothed = smooth(Recording("r", T, F=T, x=raw["x"]))
-    assert relative(smoothed.v, motion()["v"]) < 0.01
-    assert relative(smoothed.a, motion()["a"]) < 0.1
-    assert smoothed.origin["a"] == "joint smoothing of x"
-    assert "smoothed jointly from x (noise" in smoothed.notes[-1]
+    found = smoothed(Recording("r", T, F=T, x=raw["x"]))
+    assert relative(found.v, motion()["v"]) < 0.01
+    assert relative(found.a, motion()["a"]) < 0.1
+    assert found.origin["a"] == "joint smoothing of x"
+    assert "smoothed jointly from x (noise" in found.notes[-1]
 
 
 def test_derived_channels_take_no_part():
     raw = noisy(1e-3)
     wrong = {"v": "dx/dt, somehow", "a": "dv/dt, somehow"}
     rubbish = Recording("r", T, F=T, x=raw["x"], v=0 * T, a=0 * T, origin=wrong)
-    assert np.array_equal(smooth(rubbish).v, smooth(Recording("r", T, F=T, x=raw["x"])).v)
+    assert np.array_equal(smoothed(rubbish).v, smoothed(Recording("r", T, F=T, x=raw["x"])).v)
 
 
 def test_simulated_channels_count_as_measured():
     raw, simulated = noisy(0.02), dict.fromkeys(("x", "v", "a"), "simulated")
     plain, virtual = Recording("r", T, F=T, **raw), Recording("r", T, F=T, origin=simulated, **raw)
-    assert np.array_equal(smooth(virtual).a, smooth(plain).a)
+    assert np.array_equal(smoothed(virtual).a, smoothed(plain).a)
 
 
 def test_restoring_force_that_was_derived_is_formed_anew():
     raw = noisy(0.02)
     derived = Recording("r", T, F=T, R=T, origin={"R": "F - m a with m = 1 kg"}, **raw)
-    assert smooth(derived).R is None
-    assert smooth(Recording("r", T, F=T, R=T, **raw)).R is not None
+    assert smoothed(derived).R is None
+    assert smoothed(Recording("r", T, F=T, R=T, **raw)).R is not None
 
 
 def test_recordings_that_cannot_be_smoothed_come_back():
@@ -88,11 +87,4 @@ def test_recordings_that_cannot_be_smoothed_come_back():
     short = Recording("s", T[:50], F=T[:50], x=raw["x"][:50])
     upwards = Recording("u", T, F=T, a=raw["a"])
     for recording in (quasi_static, short, upwards):
-        assert smooth(recording) is recording
-
-
-@pytest.mark.parametrize("level", [0.01, 0.1])
-def test_noise_level_is_found(level):
-    rng = np.random.default_rng(3)
-    values = np.sin(30 * T) + level * rng.standard_normal(len(T))
-    assert noise_level(values) == pytest.approx(level, rel=0.15)  # a fifth of a spectrum of a few averages
+        assert smoothed(recording) is recording
