@@ -108,7 +108,7 @@ def test_texts_can_be_read_and_not_set(contacts, version, capfd):
 
 def test_systems_keep_the_items(contacts, tmp_path):
     one = Connection("one.now", "two.wanted")
-    path = write_ssp(tmp_path / "s.ssp", "s", {"one": contacts[2], "two": contacts[2]},
+    path = write_ssp(tmp_path / "s.ssp", {"one": contacts[2], "two": contacts[2]},
                      [one, Connection("wanted", "one.wanted"), Connection("two.now", "now")],
                      inputs=["wanted"], outputs=["now"])  # fmt: skip
     root = etree.fromstring(zipfile.ZipFile(path).read("SystemStructure.ssd"))
@@ -117,7 +117,7 @@ def test_systems_keep_the_items(contacts, tmp_path):
     assert [(item.get("name"), item.get("value")) for item in law] == [(n, str(k)) for k, n in enumerate(LAWS, 1)]
     rows = simulate_ssp(str(path), stop_time=0.01, step_size=1e-3, input={"wanted": lambda t: 3})
     assert rows["now"][-1] == 3
-    given = write_ssp(tmp_path / "p.ssp", "p", {"one": contacts[2]},
+    given = write_ssp(tmp_path / "p.ssp", {"one": contacts[2]},
                       [Connection("v", "one.v"), Connection("one.f", "f")],
                       inputs=["v"], outputs=["f"], parameters={"one.law": 3})  # fmt: skip
     for values, force in ((read_ssv(str(given), "resources/parameters.ssv"), 1.0), (None, 2.0)):
@@ -126,7 +126,7 @@ def test_systems_keep_the_items(contacts, tmp_path):
         )
         assert rows["f"][-1] == pytest.approx(force)  # viscous where it is handed over, else dry
     with pytest.raises(UsageError, match=r"one\.state is Contact\.State, two\.wanted is Laws\.Law"):
-        write_ssp(tmp_path / "t.ssp", "t", {"one": contacts[2], "two": contacts[2]},
+        write_ssp(tmp_path / "t.ssp", {"one": contacts[2], "two": contacts[2]},
                   [Connection("one.state", "two.wanted")])  # fmt: skip
 
 

@@ -94,7 +94,7 @@ def own_master(components):
 
 
 def test_fmpy_runs_the_system_to_the_same_answer(tmp_path, components):
-    path = write_ssp(tmp_path / "rig.ssp", "rig", components, CONNECTIONS, inputs=["F"], outputs=["x", "x_reference"])
+    path = write_ssp(tmp_path / "rig.ssp", components, CONNECTIONS, inputs=["F"], outputs=["x", "x_reference"])
     rows = simulate_ssp(str(path), stop_time=STOP, step_size=STEP, input={"F": force})
     expected = own_master(components)
     assert np.ptp(expected[:, 0]) > 1e-4
@@ -103,7 +103,7 @@ def test_fmpy_runs_the_system_to_the_same_answer(tmp_path, components):
 
 
 def test_the_description_is_valid_and_complete(tmp_path, components):
-    path = write_ssp(tmp_path / "rig.ssp", "rig", components, CONNECTIONS, inputs=["F"], outputs=["x", "x_reference"])
+    path = write_ssp(tmp_path / "rig.ssp", components, CONNECTIONS, inputs=["F"], outputs=["x", "x_reference"])
     with zipfile.ZipFile(path) as archive:
         root = etree.fromstring(archive.read("SystemStructure.ssd"))
         assert {f"resources/{name}.fmu" for name in components} < set(archive.namelist())
@@ -131,7 +131,7 @@ def test_the_description_is_valid_and_complete(tmp_path, components):
 )
 def test_what_does_not_fit_gets_one_sentence(tmp_path, components, connections, sentence):
     with pytest.raises(HystidError, match=sentence) as error:
-        write_ssp(tmp_path / "no.ssp", "no", components, connections, inputs=["F"])
+        write_ssp(tmp_path / "no.ssp", components, connections, inputs=["F"])
     assert "\n" not in str(error.value) and list(tmp_path.iterdir()) == []
 
 

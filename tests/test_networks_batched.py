@@ -53,7 +53,7 @@ def test_ensemble_on_a_device_equals_the_ensemble_on_the_kernel():
     samples = ensemble.Samples(x, v, x0, np.tanh(x0), R, np.zeros((0, len(x))))
     rule = replace(training.RULES["fast"], max_iterations=8)
     kernel = ensemble.train_ensemble(samples, (3,), 3, rule=rule)
-    device = ensemble.train_ensemble(samples, (3,), 3, rule=rule, device="cpu")
+    device = ensemble.train_on("cpu", samples, (3,), 3, seed=0, rule=rule)
     for a, b in zip(kernel, device, strict=True):
         assert a.number == b.number
         np.testing.assert_allclose(b.restoring.train, a.restoring.train, rtol=1e-6)

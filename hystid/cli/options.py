@@ -7,7 +7,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
@@ -253,8 +253,12 @@ class Reading:
 
 @dataclass(frozen=True)
 class Study:
-    """The options of both studies, beside those of reading."""
+    """What both studies are given, beside the options of reading."""
 
+    recordings: Recordings
+    mass: Mass
+    out: Folder
+    holdout: Holdout = None
     starts: Annotated[int, typer.Option(metavar="N", help="Trainings of each structure.")] = 30
     band: BandText = None
     decimate: Decimate = 1
@@ -283,7 +287,8 @@ def grouped(command: Command) -> Command:
         if name in groups:
             types = get_type_hints(groups[name], include_extras=True)
             for field in fields(groups[name]):
-                shown.append(parameter.replace(name=field.name, annotation=types[field.name], default=field.default))
+                default = inspect.Parameter.empty if field.default is MISSING else field.default
+                shown.append(parameter.replace(name=field.name, annotation=types[field.name], default=default))
         else:
             shown.append(parameter.replace(annotation=hints[name]))
     shown = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in shown]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 
 import typer
 
@@ -20,15 +19,7 @@ app.add_typer(study, name="study", no_args_is_help=True)
 
 @study.command("grid")
 @opt.grouped
-def study_grid(
-    recordings: opt.Recordings,
-    mass: opt.Mass,
-    out: opt.Folder,
-    holdout: opt.Holdout = None,
-    *,
-    settings: opt.Study,
-    reading: opt.Reading,
-) -> None:
+def study_grid(*, settings: opt.Study, reading: opt.Reading) -> None:
     """Which network structure: 1-3 hidden layers of 2-13 neurons, many starts each, tested on held-out recordings.
 
     \b
@@ -37,20 +28,12 @@ def study_grid(
     """
     from hystid import study
 
-    _study(study.grid, recordings, mass, out, holdout, settings, reading)
+    _study(study.grid, settings, reading)
 
 
 @study.command("mass")
 @opt.grouped
-def study_mass(
-    recordings: opt.Recordings,
-    mass: opt.Mass,
-    out: opt.Folder,
-    holdout: opt.Holdout = None,
-    *,
-    settings: opt.Study,
-    reading: opt.Reading,
-) -> None:
+def study_mass(*, settings: opt.Study, reading: opt.Reading) -> None:
     """How much a mass that is weighed wrongly (-20 to +20 %) costs, for two hidden layers of each size.
 
     \b
@@ -59,24 +42,16 @@ def study_mass(
     """
     from hystid import study
 
-    _study(study.mass, recordings, mass, out, holdout, settings, reading)
+    _study(study.mass, settings, reading)
 
 
-def _study(
-    kind: Callable[..., Result],
-    recordings: Sequence[Path],
-    mass: float,
-    out: Path,
-    holdout: Sequence[Path] | None,
-    settings: opt.Study,
-    reading: opt.Reading,
-) -> None:
+def _study(kind: Callable[..., Result], settings: opt.Study, reading: opt.Reading) -> None:
     from hystid.processing import parse_band
 
-    unseen = opt.apart(recordings, holdout)
-    with opt.resumable(out):
-        used, held = reading.load(recordings), reading.load(unseen)
-        options = vars(settings) | {"band": parse_band(settings.band) if settings.band is not None else None}
-        result = kind(used, mass=mass, holdout=held, out=out, **options)
-        result.report(out / "report.html", opt.command_line(f"study {kind.__name__}"))
-    opt.done(result, out)
+    unseen = opt.apart(settings.recordings, settings.holdout)
+    with opt.resumable(settings.out):
+        options = vars(settings) | {"recordings": reading.load(settings.recordings), "holdout": reading.load(unseen)}
+        options["band"] = parse_band(settings.band) if settings.band is not None else None
+        result = kind(**options)
+        result.report(settings.out / "report.html", opt.command_line(f"study {kind.__name__}"))
+    opt.done(result, settings.out)

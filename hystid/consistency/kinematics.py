@@ -108,8 +108,8 @@ def pair(channels: Mapping[str, Array], low: str, high: str, dt: float) -> Pair:
     )  # fmt: skip
 
 
-def alignment(one: Array, other: Array, reach: float = 0.25) -> tuple[int, float]:
-    """(samples by which ``other`` comes later, sign of the relation), from the correlation at all shifts.
+def alignment(one: Array, other: Array) -> tuple[int, float]:
+    """(samples by which ``other`` comes later, sign of the relation), from shifts of up to a quarter.
 
     A sine repeats itself: of all shifts that fit nearly as well as the best one, the smallest is taken, so that a
     reversed sign is not read as half a period.
@@ -119,7 +119,7 @@ def alignment(one: Array, other: Array, reach: float = 0.25) -> tuple[int, float
     n = len(one)
     if n < 8 or not np.any(one) or not np.any(other):
         return 0, 1.0
-    most = max(int(reach * n), 1)
+    most = max(n // 4, 1)
     full = correlate(other - np.mean(other), one - np.mean(one), mode="full", method="fft")
     middle = n - 1
     lags = np.arange(-most, most + 1)

@@ -41,7 +41,6 @@ def write_rig(
     mass: float,
     *,
     reference: Path | None = None,
-    name: str = "rig",
     step: float | None = None,
     apart: bool = False,
 ) -> Path:
@@ -71,7 +70,7 @@ def write_rig(
             components["reference"] = Path(reference)
             connections += [Connection("F", "reference.F"), Connection("reference.x", "x_reference")]
             outputs.append("x_reference")
-        return write_ssp(out, name, components, connections, inputs=["F"], outputs=outputs, experiment=experiment)
+        return write_ssp(out, components, connections, inputs=["F"], outputs=outputs, experiment=experiment)
 
 
 def _network(force: Path, folder: Path) -> Path | None:
@@ -110,7 +109,7 @@ def _dies_out(components: Mapping[str, Path], mass: float, step: float, speed: f
     """Whether the motion after a push to this speed [m/s] does not grow, in the importer with the longest delay."""
     from fmpy.ssp.simulation import simulate_ssp
 
-    trial = write_ssp(folder / "trial.ssp", "trial", components, _APART, inputs=["F"], outputs=["x", "v", "R"])
+    trial = write_ssp(folder / "trial.ssp", components, _APART, inputs=["F"], outputs=["x", "v", "R"])
     push = {"F": lambda t: mass * speed / step if t < 0.5 * step else 0.0}
     try:
         v = np.abs(simulate_ssp(str(trial), stop_time=_STEPS * step, step_size=step, input=push)["v"])

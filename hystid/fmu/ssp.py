@@ -34,7 +34,6 @@ class Connection:
 
 def write_ssp(
     out: Path,
-    name: str,
     components: Mapping[str, Path],
     connections: Sequence[Connection],
     *,
@@ -43,7 +42,7 @@ def write_ssp(
     experiment: Experiment | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> Path:
-    """Write an ``.ssp`` file with the FMUs inside.
+    """Write an ``.ssp`` file with the FMUs inside; its name is that of the system.
 
     components: name -> FMU. inputs, outputs: connectors of the system; connections lead from and to them by their bare
     names. A loop of FMUs without delay is solved by the importer's master as co-simulation does: with the last step's
@@ -60,7 +59,7 @@ def write_ssp(
     for connector in (*inputs, *outputs):
         if connector not in own:
             raise UsageError(f"the connector '{connector}' of the system is not connected")
-    root = _description(name, opened, connections, own, experiment or Experiment(), bool(parameters))
+    root = _description(Path(out).stem, opened, connections, own, experiment or Experiment(), bool(parameters))
     content = {"SystemStructure.ssd": text_of(root).encode()}
     if parameters:
         content["resources/parameters.ssv"] = text_of(_values(opened, parameters)).encode()

@@ -17,7 +17,7 @@ from hystid.identification.levels import apart_between_levels
 from hystid.identification.prediction import drift, predict
 from hystid.leastsquares import Rule
 from hystid.networks import FurtherInput, Lag, Member, TwoNetworkModel
-from hystid.networks.ensemble import Samples, Start, best, refine_ensemble, side_by_side, train_ensemble
+from hystid.networks.ensemble import Samples, Start, best, refine_ensemble, side_by_side, train_ensemble, train_on
 from hystid.networks.joint import Motion, Sequences, unseen_samples
 from hystid.networks.level import Level
 from hystid.networks.normal_equations import Precision
@@ -228,16 +228,10 @@ class Plan:
         return max(1, round(self.ensemble / 10))
 
     def _starts(self, drawn: Samples, rule: Rule) -> list[Start]:
-        return train_ensemble(
-            drawn,
-            self.layers,
-            self.ensemble,
-            seed=self.seed,
-            rule=rule,
-            precision=self.precision,
-            workers=self.workers,
-            device=self.device,
-        )
+        what = drawn, self.layers, self.ensemble
+        if self.device is not None:
+            return train_on(self.device, *what, seed=self.seed, rule=rule)
+        return train_ensemble(*what, seed=self.seed, rule=rule, precision=self.precision, workers=self.workers)
 
     def _shortfall(self, starts: Sequence[Start]) -> tuple[str, ...]:
         if len(starts) == self.ensemble:

@@ -152,14 +152,8 @@ def train_ensemble(
     rule: Rule = RULES["fast"],
     precision: Precision = "float64",
     workers: int | None = None,
-    device: str | None = None,
 ) -> list[Start]:
-    """``count`` starts, in order of their number; fewer after Ctrl-C, then those finished.
-
-    device: a torch device, as "cuda", on which all are trained at once; None trains ``workers`` at a time here.
-    """
-    if device is not None:
-        return _train_on(device, samples, hidden, count, seed, rule)
+    """``count`` starts, in order of their number; fewer after Ctrl-C, then those finished. ``workers`` at a time."""
 
     def job(number: int) -> Callable[[threading.Event], Start]:
         return lambda stop: train_pair(samples, hidden, number, seed=seed, rule=rule, precision=precision, stop=stop)
@@ -167,7 +161,8 @@ def train_ensemble(
     return side_by_side("training", [job(number) for number in range(count)], workers)[0]
 
 
-def _train_on(device: str, samples: Samples, hidden: Sequence[int], count: int, seed: int, rule: Rule) -> list[Start]:
+def train_on(device: str, samples: Samples, hidden: Sequence[int], count: int, *, seed: int, rule: Rule) -> list[Start]:
+    """As ``train_ensemble``, all at once on a torch device such as "cuda", in double precision."""
     weights = [_weights(samples, hidden, seed, number) for number in range(count)]
     outer = _outer_data(samples, seed)
     firsts = train_batch([outer] * count, hidden, np.stack([w for w, _ in weights]), rule=rule, device=device)

@@ -274,9 +274,7 @@ def train_jointly(
     return with_parameters(pair, result.w), replace(result, test=test.squares(result.w) / test.samples)
 
 
-def train_beside(
-    pair: Member, parts: tuple[Sequences, Sequences], beside: Sequences, rule: Rule, stop: threading.Event | None = None
-) -> Member:
+def train_beside(pair: Member, parts: tuple[Sequences, Sequences], beside: Sequences, rule: Rule) -> Member:
     """The pair after more training on data and, beside them, on wanted answers that weigh as much as the data's error.
 
     Branches are to begin with the force that the one before ended with.
@@ -291,4 +289,4 @@ def train_beside(
     factor = np.sqrt(error / lacking)
     fit = JointNormal(pair, parts[0].joined(beside.weighted(factor)), continuous=True)
     check = JointNormal(pair, parts[1].joined(beside.weighted(factor * np.sqrt(share))))
-    return with_parameters(pair, descend(fit, check, w, rule, stop).w)
+    return with_parameters(pair, descend(fit, check, w, rule).w)

@@ -19,6 +19,8 @@ FORCE = Axis("Force", "N")
 T_AXIS = Axis("Time t", "s", prefix=False)
 
 _BROAD, _THIN = 4.5, 1.6  # pixels
+_CURVES = 6  # of levels in one figure: more cannot be told apart
+_BOTTOM = -80.0  # dB below the fundamental, where bars of harmonics start
 
 
 @dataclass(frozen=True)
@@ -112,12 +114,12 @@ def response(cause: Array, effect: Array, dt: float) -> tuple[Array, Array]:
     return frequency[known], np.abs(cross[known]) / power[known]
 
 
-def responses(records: Sequence[Recording], most: int = 6) -> Plot | None:
+def responses(records: Sequence[Recording]) -> Plot | None:
     """Receptance |x/F| over frequency, one curve per level of force; None where no band is excited."""
     known = [r for r in records if r.x is not None and r.F is not None and not r.quasi_static]
     order = sorted(known, key=lambda r: float(np.std(r.channel("F"))))
     curves: list[Series] = []
-    for record in order[:: max(1, len(order) // most)]:
+    for record in order[:: max(1, len(order) // _CURVES)]:
         frequency, gain = response(record.channel("F"), record.channel("x"), record.dt)
         if frequency.size > 3:
             name = f"{float(np.std(record.channel('F'))):.3g} N rms, {record.name}"
@@ -129,19 +131,17 @@ def responses(records: Sequence[Recording], most: int = 6) -> Plot | None:
     return Plot("Frequency response by level", *axes, curves, caption)
 
 
-def harmonic_bars(
-    title: str, fundamental: float, curves: Sequence[Curve], caption: str = "", floor: float = -80
-) -> Plot:
+def harmonic_bars(title: str, fundamental: float, curves: Sequence[Curve], caption: str = "") -> Plot:
     """Levels of the harmonics up to the tenth, re the fundamental; the x of each curve is its time [s].
 
-    Bars start at ``floor`` [dB], so that a longer bar is a stronger harmonic.
+    Bars start at -80 dB, so that a longer bar is a stronger harmonic.
     """
     series: list[Series] = []
     for curve in curves:
         found = harmonics(curve.y, float(curve.x[1] - curve.x[0]), fundamental)
         labels = [str(int(order)) for order in found.order[1:]]
-        series.append(Bars(labels, np.maximum(found.level_db[1:], floor), curve.name, curve.role, base=floor))
-    level = Axis("Level re fundamental", "dB", bounds=(floor, 0), prefix=False)
+        series.append(Bars(labels, np.maximum(found.level_db[1:], _BOTTOM), curve.name, curve.role, base=_BOTTOM))
+    level = Axis("Level re fundamental", "dB", bounds=(_BOTTOM, 0), prefix=False)
     return Plot(title, Axis("Harmonic order"), level, series, caption)
 
 
@@ -166,6 +166,6 @@ def _misfit(force: Array, dt: float, frequency: float) -> float:
         return np.inf
 
 
-def steady(values: Array, share: float = 0.5) -> Array:
-    """The last ``share`` of a signal, where the start has died out."""
-    return values[int((1 - share) * values.size) :]
+def steady(values: Array) -> Array:
+    """The second half of a signal, where the start has died out."""
+    return values[values.size // 2 :]

@@ -136,13 +136,10 @@ def _scale(axis: Axis, values: Sequence[Array], parts: Sequence[slice]) -> tuple
     return scale, f"{axis.label} [{unit}]" if unit else axis.label
 
 
-def views_of(
-    t: Array, x: Array, v: Array, forces: Sequence[Signal], rest: Sequence[Signal], motion: Sequence[Signal] = ()
-) -> list[View]:
+def views_of(t: Array, x: Array, v: Array, forces: Sequence[Signal], residual: Sequence[Signal]) -> list[View]:
     """The four usual views: loop, phase plane, force over time, and its residual over time.
 
-    t [s], x [m], v [m/s], shape (n,). forces [N]: first the measured one. rest [N]. motion [m]: instead of ``rest``
-    where that is empty.
+    t [s], x [m], v [m/s], shape (n,). forces [N]: first the measured one. residual [N]: may be empty.
     """
     measured = Signal("measured", v, "measured")
     made = [
@@ -150,8 +147,6 @@ def views_of(
         View("Phase plane", X_AXIS, x, V_AXIS, [measured]),
         View("Force over time", T_AXIS, t, R_AXIS, forces),
     ]
-    if rest:
-        made.append(View("Residual over time", T_AXIS, t, FORCE, rest))
-    elif motion:
-        made.append(View("Displacement over time", T_AXIS, t, X_AXIS, motion))
+    if residual:
+        made.append(View("Residual over time", T_AXIS, t, FORCE, residual))
     return made

@@ -54,7 +54,6 @@ class Interface:
 def network_code(
     path: Path,
     *,
-    name: str | None = None,
     sizes: Mapping[str, int] | None = None,
     memory: Mapping[str, str] | None = None,
 ) -> ModelCode:
@@ -63,7 +62,7 @@ def network_code(
     Every element of an input or output becomes a scalar variable: ``x`` where there is one, else ``x[1]``, ``x[2]``
     ... (``x[1,1]`` ... for two axes; axes of length 1 are left out). Inputs are 0 at the start.
 
-    name: model name, by default the file's. sizes: length of named axes that the file leaves open; 1 otherwise.
+    sizes: length of named axes that the file leaves open; 1 otherwise.
     memory: input name -> output name of state that is carried from sample to sample. By default these are pairs called
     ``s`` and ``s_next``, or ``s_in`` and ``s_out``; it starts at the metadata entry ``initial_state`` or 0.
     Metadata of the file that are used where they are there: ``units``, ``training_range``, ``names`` (JSON, by port
@@ -72,7 +71,7 @@ def network_code(
     """
     path = Path(path)
     proto = onnx_reading.load(path)
-    title = name or path.stem
+    title = path.stem
     try:
         program = reader.program(proto, identifier(title), sizes)
         given = {entry.key: entry.value for entry in proto.metadata_props}
@@ -330,8 +329,8 @@ class _Frame:
         ]
         return "\n".join(parts)
 
-    def _pointers(self, ports: Sequence[Port], base: str, start: int = 0) -> dict[str, str]:
-        return {name: f"{base} + {at}" for name, at in block.offsets(ports, start).items()}
+    def _pointers(self, ports: Sequence[Port], base: str) -> dict[str, str]:
+        return {name: f"{base} + {at}" for name, at in block.offsets(ports, 0).items()}
 
     @property
     def _work(self) -> str:

@@ -62,12 +62,6 @@ class Trial:
         return next((term for term in self.fit.hypothesis.terms if term.effect.id == self.name), None)
 
     @property
-    def has_threshold(self) -> bool:
-        """Whether what was added begins to act at some displacement: a claim of its own."""
-        terms = self.fit.hypothesis.terms
-        return bool(terms) and bool(terms[-1].effect.semantics.threshold)
-
-    @property
     def form_of(self) -> Effect | None:
         """The form that was added; None where the trial is a correction of the chain."""
         terms = self.fit.hypothesis.terms
@@ -79,27 +73,24 @@ def trials(
     fitted: Fit,
     candidates: Sequence[Candidate],
     excess: float,
-    extra: Sequence[Trial] = (),
+    extra: Sequence[Trial],
     most: int = 12,
-    least: float = _PROMISING,
-    bar: float = np.inf,
 ) -> list[Trial]:
-    """Joint fits of the promising forms, best first. Absorbed ones count for nothing unless they change much.
+    """Joint fits of at most so many promising forms, best first, with the trials that were made elsewhere.
 
-    most: how many; least: share of the largest gain that makes a form promising. bar: mean square that was reached
-    elsewhere; fits that do not come near are given up.
+    Absorbed ones count for nothing unless they change much.
     """
     found = [*extra]
     top = max((c.gain for c in candidates), default=0.0)
-    promising = [c for c in candidates if c.gain > least * top][:most]
+    promising = [c for c in candidates if c.gain > _PROMISING * top][:most]
     promising += [c for c in candidates[:most] if c not in promising][: max(0, 5 - len(promising))]
     for candidate in promising:
-        made = try_term(problem, fitted, candidate.term, bar=_least([bar, *(t.chi2 for t in found)]))
+        made = try_term(problem, fitted, candidate.term, bar=min((t.chi2 for t in found), default=0.0))
         if made is not None:
             found.append(_trial(candidate, made))
     found = ranked(problem, found)
     if found and found[0].chi2 - 1.0 > 2 * SOUND:
-        found = ranked(problem, [*_restarts(problem, fitted, found[0], bar), *found])
+        found = ranked(problem, [*_restarts(problem, fitted, found[0]), *found])
     return [t for t in found if not (t.absorbed > ABSORBED and fitted.chi2 - t.chi2 < 0.5 * excess)]
 
 
@@ -149,15 +140,9 @@ def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
     return most(("offset",)) if is_constant(values, problem.parts) else most(("ramp", "bow"))
 
 
-def _least(reached: Sequence[float]) -> float:
-    """The least of what was reached, 0 where nothing was: a fit with that for a bar is not given up."""
-    least = min(reached)
-    return least if np.isfinite(least) else 0.0
-
-
-def _restarts(problem: Problem, fitted: Fit, best: Trial, bar: float) -> list[Trial]:
+def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
     """The best form from its next best grid points: most misses are searches that got stuck."""
-    made = [try_term(problem, fitted, term, bar=min(best.chi2, bar)) for term in best.others[:2]]
+    made = [try_term(problem, fitted, term, bar=best.chi2) for term in best.others[:2]]
     return [replace(best, fit=f, others=()) for f in made if f is not None and f.chi2 < best.chi2]
 
 

@@ -20,6 +20,7 @@ from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
 _SPREAD = (1.4, 1.8)  # factor either way over which shapes of the law, and of effects, are spread for new starts
+_POINTS, _KEPT = 16, 2  # new starts that are tried, and that are kept
 _SIMPLEX = 0.35  # size of a first simplex (logarithmic)
 _EACH, _EVALUATIONS = 25, 80  # evaluations of a simplex per shape, and in all
 _NEAR, _FLAT = 3e-3, 1e-3  # size of a simplex, and relative differences of the cost in it, that end the search
@@ -143,10 +144,10 @@ def _score(columns: Columns, beside: _Beside, lowest: Array) -> tuple[float, flo
     return float(right @ amplitude), float(1.0 - np.max(left)), amplitude / np.where(norms > 0, norms, np.inf)
 
 
-def try_term(problem: Problem, fitted: Fit, term: Term, iterations: int = 12, bar: float = 0.0) -> Fit | None:
+def try_term(problem: Problem, fitted: Fit, term: Term, bar: float = 0.0) -> Fit | None:
     """Joint fit of what is there and one more effect; None where it has no finite answer."""
     start = fitted.hypothesis
-    return try_fit(problem, replace(start, terms=(*start.terms, term)), iterations, bar)
+    return try_fit(problem, replace(start, terms=(*start.terms, term)), bar=bar)
 
 
 def try_fit(
@@ -172,7 +173,7 @@ def try_fit(
         return None
 
 
-def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) -> list[Hypothesis]:
+def scattered(problem: Problem, fitted: Fit) -> list[Hypothesis]:
     """New starts: shapes of the law and of the effects spread around a fit, everything linear solved at each point.
 
     A law with corners has local minima in its shapes, and a refit without the missing effect often ends in one. The
@@ -184,7 +185,7 @@ def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) ->
     if not any(u.key[0] == "base" for u in shapes):
         return []
     spread = np.log([_SPREAD[u.key[0] != "base"] for u in shapes])
-    draws = qmc.Sobol(len(shapes), seed=0).random(points)
+    draws = qmc.Sobol(len(shapes), seed=0).random(_POINTS)
     found = []
     for draw in (2 * draws - 1) * spread:
         moved = {
@@ -193,7 +194,7 @@ def scattered(problem: Problem, fitted: Fit, points: int = 16, kept: int = 2) ->
         }
         made = _solved(problem, put(fitted.hypothesis, moved), linear)
         found += [made] if made is not None else []
-    return [hypothesis for _, hypothesis in sorted(found, key=lambda item: item[0])[:kept]]
+    return [hypothesis for _, hypothesis in sorted(found, key=lambda item: item[0])[:_KEPT]]
 
 
 def other_minima(problem: Problem, fitted: Fit) -> list[Hypothesis]:

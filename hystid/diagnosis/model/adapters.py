@@ -61,23 +61,12 @@ class FmuModel:
     def __init__(self, path: Path | str) -> None:
         self.driver = Driver(path)
         self.code = self.driver.model
+        self.clamp = self.driver.clamp
 
     @property
     def holds(self) -> bool:
         """Whether its states can be held to a motion."""
         return self.driver.is_own or "ModelExchange" in self.driver.kinds
-
-    def clamp(
-        self,
-        states: Mapping[str, ArrayLike],
-        inputs: Mapping[str, ArrayLike],
-        dt: float,
-        *,
-        parameters: Mapping[str, float] | None = None,
-        outputs: Iterable[str],
-    ) -> dict[str, Array]:
-        """``Driver.clamp``."""
-        return self.driver.clamp(states, inputs, dt, parameters=parameters, outputs=outputs)
 
     def simulate(
         self,

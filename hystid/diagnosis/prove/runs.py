@@ -167,4 +167,4 @@ def write_beside(rig: str, refit: Mapping[str, float], effects: Path, out: Path)
     ways += [Connection(f"rig.{name}", name) for name in ("x", "v")]
     values = {f"rig.{name}": value for name, value in refit.items()}
     parts = {"rig": Path(rig), "effects": effects}
-    return write_ssp(out, "Extended", parts, ways, inputs=("F",), outputs=("x", "v"), parameters=values)
+    return write_ssp(out, parts, ways, inputs=("F",), outputs=("x", "v"), parameters=values)

@@ -143,8 +143,8 @@ def _slack(forces: Sequence[Array], signals: Sequence[Signals]) -> float:
     return float(np.median(paths)) if paths else 0.0
 
 
-def _local_mean(values: Array, width: int = 9) -> Array:
-    return np.asarray(np.convolve(values, np.ones(width) / width, mode="same"))
+def _local_mean(values: Array) -> Array:
+    return np.asarray(np.convolve(values, np.ones(9) / 9, mode="same"))
 
 
 def _map_symmetry(x: Array, v: Array, r: Array) -> tuple[float, float]:
@@ -193,7 +193,7 @@ def score(force: Array, noise: float) -> Array:
     return np.asarray(np.abs(force) / noise)
 
 
-def unknown_score(residual: Array, noise: float, width: int = 41) -> Array:
+def unknown_score(residual: Array, noise: float) -> Array:
     """Local level of the residual in units of the noise, for a mismatch without a name."""
-    power = np.convolve(residual**2, np.ones(width) / width, mode="same")
+    power = np.convolve(residual**2, np.ones(41) / 41, mode="same")
     return np.asarray(np.sqrt(np.maximum(power / noise**2, 0.0)))
