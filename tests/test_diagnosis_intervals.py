@@ -12,7 +12,7 @@ from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.uncertainty import honest
+from hystid.diagnosis.fit.uncertainty import with_robust_errors
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import Taken
@@ -57,7 +57,7 @@ def fitted_as(problem: Problem, name: str, values: dict[str, float]) -> Fit:
     """A form of the library fitted to the rig, with standard errors as the diagnosis states them."""
     effect = next(e for e in LIBRARY if e.class_name.endswith(f".{name}"))
     start = Hypothesis(dict(problem.baseline.nominal), (Term(effect, values),))
-    return honest(problem, fit(problem, start, iterations=60))
+    return with_robust_errors(problem, fit(problem, start, iterations=60))
 
 
 def stated(problem: Problem, made: Fit, name: str) -> tuple[float, float]:

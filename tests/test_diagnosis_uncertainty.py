@@ -12,7 +12,7 @@ from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.hypothesis import Fit, Term
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import downhill
-from hystid.diagnosis.fit.uncertainty import honest
+from hystid.diagnosis.fit.uncertainty import with_robust_errors
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import Taken
@@ -30,7 +30,7 @@ def healthy(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, Fit]:
 
 def test_standard_errors_are_not_below_those_of_least_squares(healthy: tuple[Problem, Fit]) -> None:
     problem, fitted = healthy
-    wide = honest(problem, fitted)
+    wide = with_robust_errors(problem, fitted)
     for unknown in fitted.unknowns:
         assert wide.stderr(unknown.key) >= (1 - 1e-9) * fitted.stderr(unknown.key)
         assert wide.stderr(unknown.key) < 30 * fitted.stderr(unknown.key)  # wider, not meaningless
@@ -47,21 +47,23 @@ def test_a_residual_that_keeps_its_sign_widens_the_errors(healthy: tuple[Problem
     alike = slow * np.sign(columns[:, column])  # what a stiffness that wanders would leave
     alike *= np.sqrt(fitted.chi2 / np.mean(alike**2))
     key = ("base", "Kl")
-    white = honest(problem, fitted).stderr(key)
-    wandering = honest(problem, Fit(fitted.hypothesis, alike, fitted.chi2, fitted.unknowns, fitted.covariance))
+    white = with_robust_errors(problem, fitted).stderr(key)
+    wandering = with_robust_errors(
+        problem, Fit(fitted.hypothesis, alike, fitted.chi2, fitted.unknowns, fitted.covariance)
+    )
     assert wandering.stderr(key) > 3 * white
 
 
 def test_noise_of_the_motion_once_more_is_of_the_same_size(healthy: tuple[Problem, Fit]) -> None:
     problem, fitted = healthy
     for sign in (1.0, -1.0):
-        shaken = problem.shaken(0, sign)
-        assert shaken.reduce is problem.reduce
-        moved = [a.x - b.x for a, b in zip(shaken.parts, problem.parts, strict=True)]
+        again = problem.with_noise_again(0, sign)
+        assert again.reduce is problem.reduce
+        moved = [a.x - b.x for a, b in zip(again.parts, problem.parts, strict=True)]
         # Smoothing leaves less than the noise of the channel, but of its order.
         for part, dx in zip(problem.parts, moved, strict=True):
             assert 0.05 * part.noise["x"] < float(np.std(dx)) < part.noise["x"]
-        assert float(np.mean(shaken.rows(fitted.hypothesis) ** 2)) > 1.5 * fitted.chi2  # twice the noise in F - m a
+        assert float(np.mean(again.rows(fitted.hypothesis) ** 2)) > 1.5 * fitted.chi2  # twice the noise in F - m a
 
 
 def test_friction_that_never_slides_is_none(healthy: tuple[Problem, Fit]) -> None:

@@ -194,8 +194,8 @@ def _slope(x: Array, y: Array, weight: Array) -> tuple[float, float]:
     if np.count_nonzero(weight) < 3 or spread <= 0:
         return 0.0, np.inf
     slope = float(np.sum(weight * (x - mean) * (y - level))) / spread
-    rest = weight * (y - level - slope * (x - mean)) ** 2
-    excess = max(1.0, float(np.sum(rest)) / (np.count_nonzero(weight) - 2))
+    squares = weight * (y - level - slope * (x - mean)) ** 2
+    excess = max(1.0, float(np.sum(squares)) / (np.count_nonzero(weight) - 2))
     return slope, float(np.sqrt(excess / spread))
 
 

@@ -17,7 +17,7 @@ from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.uncertainty import honest
+from hystid.diagnosis.fit.uncertainty import with_robust_errors
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
 from hystid.diagnosis.model.catalogue import catalogue_of
 from hystid.diagnosis.model.effects import Effect
@@ -106,8 +106,8 @@ def _with_errors(problem: Problem, choice: Choice, library: Sequence[Effect]) ->
     named = choice.after is not choice.before
     left_open = forms.left_open(problem, choice.after, library) if named else {}
     problem.forget_columns()  # what follows takes room of its own
-    before = honest(problem, choice.before)
-    after = honest(problem, choice.after) if named else before
+    before = with_robust_errors(problem, choice.before)
+    after = with_robust_errors(problem, choice.after) if named else before
     return replace(choice, before=before, after=after, left_open=left_open)
 
 

@@ -247,12 +247,12 @@ def _linked(trace: Traces, named: bool) -> Linked:
         Signal("measured", trace.R, "measured", dots=True),
         Signal("baseline", trace.R - trace.residual, "before"),
     ]
-    rest = [Signal("baseline", trace.residual, "before")]
+    residual = [Signal("baseline", trace.residual, "before")]
     if named:
         forces.append(Signal("with findings", trace.R - trace.left, "after"))
-        rest.append(Signal("with findings", trace.left, "after"))
+        residual.append(Signal("with findings", trace.left, "after"))
     parts, first = windows(trace.x, trace.residual**2)
-    return Linked(trace.t, views_of(trace.t, trace.x, trace.v, forces, rest), parts, first)
+    return Linked(trace.t, views_of(trace.t, trace.x, trace.v, forces, residual), parts, first)
 
 
 def _map(d: Diagnosis, which: str) -> Plot:

@@ -178,8 +178,8 @@ class Answer:
             told.append(constant if self._is_constant() else "The force channel drifts; the model does not.")
         if has_own_windows(hypothesis):
             told.append("The window of time differs from recording to recording: the model has the longest one.")
-        if abs(hypothesis.weighing) > 0.01:
-            told.append(f"The mass differs by {100 * hypothesis.weighing:.2g} % from the weighed one.")
+        if abs(hypothesis.mass_error) > 0.01:
+            told.append(f"The mass differs by {100 * hypothesis.mass_error:.2g} % from the weighed one.")
         return told
 
     def own_blocks(self) -> dict[str, str]:
@@ -257,12 +257,12 @@ def values(fit: Fit, index: int, term: Term) -> dict[str, Value]:
 
 
 def refit_values(answer: Answer, fit: Fit) -> dict[str, Value]:
-    """Baseline parameters after a fit; the mass carries the weighing error, and a gain of the force channel."""
+    """Baseline parameters after a fit; the mass carries the mass error, and a gain of the force channel."""
     base, found = answer.baseline, {}
     for name, value in fit.hypothesis.values.items():
         found[name] = Value(float(value), fit.stderr(("base", name)), base.units.get(name, ""))
     if "m" in found and "m" not in base.free:
-        spread = fit.stderr(("chain", "weighing")) * base.mass
+        spread = fit.stderr(("chain", "mass_error")) * base.mass
         mass = fit.hypothesis.mass()
         if fit is answer.choice.after and GAIN in answer.names():
             mass *= 1 + answer.gain()

@@ -55,7 +55,7 @@ def left_open(problem: Problem, fitted: Fit, library: Sequence[Effect]) -> dict[
 
 
 class _Tangent:
-    """The linearised fit: splits differences of predictions into what its own parameters could follow and the rest."""
+    """The linearised fit: splits differences of predictions into what its parameters could follow and the remainder."""
 
     def __init__(self, problem: Problem, fitted: Fit) -> None:
         jacobian = problem.jacobian(fitted.hypothesis, fitted.unknowns)
@@ -70,9 +70,9 @@ class _Tangent:
     def spread(self, other: _Beside) -> dict[Key, float]:
         """How far the parameters may be off along the way to another form: by its share, with the error of that."""
         followed = self.inverse @ other.difference
-        rest = other.difference - self.columns @ followed
-        power = float(rest @ rest)
-        share = float(self.fitted.residual @ rest) / power if power > 0 else np.inf
+        remainder = other.difference - self.columns @ followed
+        power = float(remainder @ remainder)
+        share = float(self.fitted.residual @ remainder) / power if power > 0 else np.inf
         error = np.sqrt(max(self.fitted.chi2, 1.0) / power) if power > 0 else np.inf
         reach = min(_FARTHEST, float(np.hypot(share, error)))
         moved = followed * self.units
@@ -84,8 +84,8 @@ def _beside(problem: Problem, fitted: Fit, index: int, library: Sequence[Effect]
     term = fitted.hypothesis.terms[index]
     if term.effect.semantics.transition:
         yield from _turning_slower(problem, fitted, index)
-    kin = [e for e in library if e.id == term.effect.id and e.class_name != term.effect.class_name]
-    forms = [in_window_of(effect, term) for effect in kin if _shared(term.effect, effect)]
+    others = [e for e in library if e.id == term.effect.id and e.class_name != term.effect.class_name]
+    forms = [in_window_of(effect, term) for effect in others if _shared(term.effect, effect)]
     for made in _refitted(problem, fitted, index, forms):
         other = made.hypothesis.terms[index]
         apart = {(str(index), n): other.values[n] - term.values[n] for n in _shared(term.effect, other.effect)}
@@ -100,8 +100,8 @@ def _simpler(problem: Problem, fitted: Fit, index: int, library: Sequence[Effect
     """
     term = fitted.hypothesis.terms[index]
     effect, shapes = term.effect, {shape.name for shape in term.law.effect.shapes}
-    kin = [e for e in library if e.id == effect.id and set(e.amplitudes) < set(effect.amplitudes)]
-    simpler = [in_window_of(e, term) for e in kin if {shape.name for shape in e.shapes} == shapes]
+    others = [e for e in library if e.id == effect.id and set(e.amplitudes) < set(effect.amplitudes)]
+    simpler = [in_window_of(e, term) for e in others if {shape.name for shape in e.shapes} == shapes]
     if not simpler:
         return
     left = max(0.0, fitted.chi2 - problem.floor(fitted.hypothesis))

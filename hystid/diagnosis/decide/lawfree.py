@@ -23,7 +23,7 @@ _SAME = 1e-6  # relative singular value below which a curve is what the baseline
 def free_curves(problem: Problem, baseline: Fit) -> Iterator[float]:
     """Fall of the mean square by a curve over x, and by one over v, of ``CURVE`` coefficients each."""
     outside = complement(problem, baseline)
-    rest = outside(baseline.residual)
+    residual = outside(baseline.residual)
     for name in ("x", "v"):
         values = [getattr(part, name) for part in problem.parts]
         tables = curves(values)
@@ -32,4 +32,4 @@ def free_curves(problem: Problem, baseline: Fit) -> Iterator[float]:
         columns = np.stack([problem.reduce([table[:, k] for table in tables]) for k in range(CURVE)], axis=1)
         norms = np.linalg.norm(columns, axis=0)
         left, size, _ = np.linalg.svd(outside(columns[:, norms > 0] / norms[norms > 0]), full_matrices=False)
-        yield float(np.sum((left[:, size > _SAME].T @ rest) ** 2)) / len(rest)
+        yield float(np.sum((left[:, size > _SAME].T @ residual) ** 2)) / len(residual)

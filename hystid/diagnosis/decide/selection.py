@@ -340,7 +340,7 @@ class _Search:
             laws = [effect for effect in self.library if effect.id not in others]
             for candidate in _one_per_id(scan(self.problem, start, laws))[:_REPLACED]:
                 there = replace(bare, terms=(*here.terms[:at], candidate.term, *here.terms[at + 1 :]))
-                made = try_fit(self.problem, there, bar=best.fit.chi2)
+                made = try_fit(self.problem, there, incumbent=best.fit.chi2)
                 if made is not None and are_reached(self.problem, made):
                     names = tuple(candidate.effect.id if n == term.effect.id else n for n in best.names)
                     size = best.size - term.effect.size + candidate.effect.size
@@ -498,15 +498,15 @@ def _shares(search: _Search, leader: Candidate, names: Sequence[str]) -> tuple[f
 
 
 def _with_one_mass(problem: Problem, fitted: Fit) -> Fit:
-    """Added mass that holds what the refit took for a weighing error as well: the two are one."""
+    """Added mass that holds what the refit took for a mass error as well: the two are one."""
     here = fitted.hypothesis
     at = next((i for i, term in enumerate(here.terms) if is_mass(term.effect)), None)
-    if at is None or here.weighing == 0.0:
+    if at is None or here.mass_error == 0.0:
         return fitted
     term = here.terms[at]
     name = term.effect.semantics.mass
-    whole = replace(term, values={**term.values, name: term.values[name] + here.weighing * here.values["m"]})
-    there = replace(here, weighing=0.0, terms=(*here.terms[:at], whole, *here.terms[at + 1 :]))
+    whole = replace(term, values={**term.values, name: term.values[name] + here.mass_error * here.values["m"]})
+    there = replace(here, mass_error=0.0, terms=(*here.terms[:at], whole, *here.terms[at + 1 :]))
     rows = problem.rows(there)
     return replace(fitted, hypothesis=there, residual=rows, chi2=fitted.chi2 * float(rows @ rows) / fitted.rss)
 
@@ -517,7 +517,7 @@ def _to_the_end(problem: Problem, criterion: Criterion, reached: Fit) -> Fit:
         if criterion.is_reached(reached.chi2 - problem.floor(reached.hypothesis)):
             return reached
         on = try_fit(problem, reached.hypothesis, LAST) or reached
-        fits = [try_fit(problem, start, LAST, bar=on.chi2) for start in other_minima(problem, on)]
+        fits = [try_fit(problem, start, LAST, incumbent=on.chi2) for start in other_minima(problem, on)]
         best = min([reached, on, *(made for made in fits if made is not None)], key=lambda made: made.chi2)
         if best.chi2 > reached.chi2 - criterion.slack:
             return best

@@ -9,7 +9,7 @@ import numpy as np
 
 from hystid.diagnosis.decide.limits import is_itself
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
-from hystid.diagnosis.fit.problem import DELAY_LIMIT, WEIGHING_LIMIT, Problem, standing
+from hystid.diagnosis.fit.problem import DELAY_LIMIT, MASS_TOLERANCE, Problem, standing
 from hystid.diagnosis.fit.search import (
     ABSORBED,
     Candidate,
@@ -85,7 +85,7 @@ def trials(
     promising = [c for c in candidates if c.gain > _PROMISING * top][:most]
     promising += [c for c in candidates[:most] if c not in promising][: max(0, 5 - len(promising))]
     for candidate in promising:
-        made = try_term(problem, fitted, candidate.term, bar=min((t.chi2 for t in found), default=0.0))
+        made = try_term(problem, fitted, candidate.term, incumbent=min((t.chi2 for t in found), default=0.0))
         if made is not None:
             found.append(_trial(candidate, made))
     found = ranked(problem, found)
@@ -142,7 +142,7 @@ def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
 
 def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:
     """The best form from its next best grid points: most misses are searches that got stuck."""
-    made = [try_term(problem, fitted, term, bar=best.chi2) for term in best.others[:2]]
+    made = [try_term(problem, fitted, term, incumbent=best.chi2) for term in best.others[:2]]
     return [replace(best, fit=f, others=()) for f in made if f is not None and f.chi2 < best.chi2]
 
 
@@ -152,8 +152,8 @@ def also_from_nominal(problem: Problem, found: Sequence[Trial], before: Fit, lib
     start = from_nominal(problem, before)
     if start is None:
         return list(found)
-    bar, candidates = found[0].chi2, scan(problem, start, library)[:_FORMS]
-    pairs = [(candidate, try_term(problem, start, candidate.term, bar=bar)) for candidate in candidates]
+    incumbent, candidates = found[0].chi2, scan(problem, start, library)[:_FORMS]
+    pairs = [(candidate, try_term(problem, start, candidate.term, incumbent=incumbent)) for candidate in candidates]
     return ranked(problem, [*found, *(_trial(candidate, made) for candidate, made in pairs if made is not None)])
 
 
@@ -173,13 +173,13 @@ def searched_again(
     forms = {t.form_of.class_name: t for t in reversed(found) if t.form_of and t.name in {one.name for one in leading}}
     for minimum in minima:
         for candidate in scan(problem, minimum, [t.form_of for t in forms.values() if t.form_of])[:_FORMS]:
-            made = try_term(problem, minimum, candidate.term, bar=again[0].chi2)
+            made = try_term(problem, minimum, candidate.term, incumbent=again[0].chi2)
             known = forms[candidate.effect.class_name]
             again += [replace(known, fit=made, others=())] if made is not None and made.chi2 < known.chi2 else []
     again = ranked(problem, again)
     for trial in leading:
         starts = other_minima(problem, trial.fit)
-        fits = [made for start in starts if (made := try_fit(problem, start, bar=again[0].chi2)) is not None]
+        fits = [made for start in starts if (made := try_fit(problem, start, incumbent=again[0].chi2)) is not None]
         again += [replace(trial, fit=made, others=()) for made in fits if made.chi2 < trial.chi2]
     return ranked(problem, again)
 
@@ -205,7 +205,7 @@ def exchanged(
     again, law = list(found), here.terms[-1]
     shapes = {name: value for name, value in law.values.items() if name not in law.effect.amplitudes}
     for candidate in _rivals(scan(problem, start, effects, near=shapes), law.effect.size):
-        made = try_term(problem, start, candidate.term, bar=best.chi2)
+        made = try_term(problem, start, candidate.term, incumbent=best.chi2)
         known = forms.get(candidate.effect.class_name)
         if made is not None and (known is None or made.chi2 < known.chi2):
             again.append(replace(_trial(candidate, made), others=()))
@@ -250,25 +250,25 @@ def distinct(found: Iterable[Trial]) -> list[Trial]:
 
 
 def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> list[Trial]:
-    """A late force channel, and a mass beyond what weighing explains: tried where the refit runs into their limits."""
+    """A late force channel, and a mass beyond its tolerance: tried where the refit runs into their limits."""
     found = []
     here = fitted.hypothesis
     if abs(here.delay) > 0.8 * DELAY_LIMIT and not here.late:
         made = try_fit(problem, replace(here, late=True))
         if made is not None and abs(made.hypothesis.delay) > DELAY_LIMIT:
             found.append(Trial(DELAY, "", 1, made))
-    if abs(here.weighing) > 0.95 * WEIGHING_LIMIT:
+    if abs(here.mass_error) > 0.95 * MASS_TOLERANCE:
         heavier = added_mass_of(problem, fitted, effects)
         found += [heavier] if heavier is not None else []
     return found
 
 
 def added_mass_of(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Trial | None:
-    """The weighing error of a fit as an effect without a limit; None where there is none, or no such effect."""
+    """The mass error of a fit as an effect without a limit; None where there is none, or no such effect."""
     here = fitted.hypothesis
     mass = next((effect for effect in effects if is_mass(effect)), None)
-    if mass is None or here.weighing == 0.0:
+    if mass is None or here.mass_error == 0.0:
         return None
-    term = Term(mass, {mass.semantics.mass: here.weighing * here.values["m"]})
-    made = try_fit(problem, replace(here, weighing=0.0, terms=(*here.terms, term)))
+    term = Term(mass, {mass.semantics.mass: here.mass_error * here.values["m"]})
+    made = try_fit(problem, replace(here, mass_error=0.0, terms=(*here.terms, term)))
     return Trial(mass.id, mass.form, 1, made) if made is not None else None

@@ -20,11 +20,11 @@ from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.refit import refit, refit_again
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
-from hystid.diagnosis.model.beginnings import beginning
 from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.model.effects import Scales
 from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.model.starts import scaled, sizes_of
+from hystid.diagnosis.model.transients import beginning
 from hystid.diagnosis.prepare import chain
 from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.recordings import Taken

@@ -65,22 +65,22 @@ def fainter(parts: Sequence[Part], seen: Sequence[Part], share: float) -> list[P
 
 
 @dataclass(frozen=True)
-class _Rest:
+class _Residual:
     """What a fit leaves of the longest stretch of a recording that has no gaps, in units of the white noise.
 
-    rest: (n,); x, v: motion there; moved: what draws of the noise of the motion do to the force.
+    residual: (n,); x, v: motion there; moved: what draws of the noise of the motion do to the force.
     """
 
     part: Part
-    rest: Array
+    residual: Array
     x: Array
     v: Array
     moved: tuple[Array, ...]
 
 
-def _seen(problem: Problem, fitted: Fit) -> list[_Rest]:
-    """The rests of all parts; where a law is not sure of a sample, as where it jumps, little of it counts."""
-    rests = problem.reduce.whitened(problem.balance(fitted.hypothesis))
+def _seen(problem: Problem, fitted: Fit) -> list[_Residual]:
+    """The residuals of all parts; where a law is not sure of a sample, as where it jumps, little of it counts."""
+    residuals = problem.reduce.whitened(problem.balance(fitted.hypothesis))
     moved = [problem.reduce.whitened(draw) for draw in problem.moved(fitted.hypothesis)]
     found = []
     for i, part in enumerate(problem.parts):
@@ -89,7 +89,7 @@ def _seen(problem: Problem, fitted: Fit) -> list[_Rest]:
         longest = int(np.argmax(np.bincount(runs.ravel(), minlength=2)[1:])) + 1 if count else 0
         at = slice(*(np.flatnonzero(runs == longest)[[0, -1]] + [0, 1])) if count else slice(0, 0)
         draws = tuple((draw[i] * sure)[at] for draw in moved)
-        found.append(_Rest(part, (rests[i] * sure)[at], part.x[at], part.v[at], draws))
+        found.append(_Residual(part, (residuals[i] * sure)[at], part.x[at], part.v[at], draws))
     return found
 
 
@@ -100,16 +100,16 @@ def _coloured(part: Part, colour: tuple[float, float]) -> Part:
     return replace(part, colour=colour, jitter=jitter)
 
 
-def _below(seen: _Rest) -> tuple[Array, Array, Array]:
+def _below(seen: _Residual) -> tuple[Array, Array, Array]:
     """Lines of the spectrum below the motion: frequency [cycles per sample], power over that of white noise, dt [s]."""
-    part, rest = seen.part, seen.rest
-    block = max(1, len(rest) // _ROWS)
-    rows = len(rest) // block
+    part, residual = seen.part, seen.residual
+    block = max(1, len(residual) // _ROWS)
+    rows = len(residual) // block
     # lines that a filter has taken out say nothing
     last = 0 if part.lowest else int(_BELOW * band(part)[0] * rows * block * part.dt)
     if last <= _FIRST:
         return np.empty(0), np.empty(0), np.empty(0)
-    columns = (seen.x, seen.v, rest, *seen.moved)
+    columns = (seen.x, seen.v, residual, *seen.moved)
     x, v, left, *noises = (u[: rows * block].reshape(rows, block).mean(axis=1) for u in columns)
     follows = [table for u in (x, v) for table in curves([u])]
     cell = cells(x, v)
@@ -125,7 +125,7 @@ def _below(seen: _Rest) -> tuple[Array, Array, Array]:
     return np.arange(_FIRST, last) / (rows * block), lines(left) / white, np.full(last - _FIRST, part.dt)
 
 
-def _above_all(seen: Sequence[_Rest]) -> tuple[float, float]:
+def _above_all(seen: Sequence[_Residual]) -> tuple[float, float]:
     """Coefficient of 1/f in the noise above the motion, and its standard error; 0 where none is seen there.
 
     What moves the structure there adds to it.
@@ -144,15 +144,15 @@ def _above_all(seen: Sequence[_Rest]) -> tuple[float, float]:
     return (float(slope / level), error / float(level)) if level > 0 else (0.0, 0.0)
 
 
-def _above(seen: _Rest) -> tuple[Array, Array]:
+def _above(seen: _Residual) -> tuple[Array, Array]:
     """Lines of the spectrum above the motion: frequency [cycles per sample], and power over that of white noise."""
-    count = len(seen.rest)
+    count = len(seen.residual)
     first, last = (int(share * count) for share in (_ABOVE * band(seen.part)[1] * seen.part.dt, 0.49))
     first = max(first, _FIRST)
     if seen.part.lowest or last <= first:
         return np.empty(0), np.empty(0)
     window = np.hanning(count)
-    power = np.abs(np.fft.rfft(seen.rest * window)[first:last]) ** 2 / float(window @ window)
+    power = np.abs(np.fft.rfft(seen.residual * window)[first:last]) ** 2 / float(window @ window)
     return np.arange(first, last) / count, np.asarray(power)
 
 

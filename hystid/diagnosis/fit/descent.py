@@ -14,7 +14,7 @@ from hystid.diagnosis.prepare.segments import Flags
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
-_PACE = 0.04  # share of the way to the bar that every step must make
+_PACE = 0.04  # share of the way to the incumbent that every step must make
 _DAMPINGS, _HARDER = 7, 8.0  # dampings per step, and the factor from one to the next
 _ANOTHER = 0.1  # relative difference of steps that makes another one worth its cost
 _NOTHING = 1e-5  # share of the sum of squares below which a promised fall is not worth a step
@@ -30,14 +30,15 @@ def fit(
     start: Hypothesis,
     *,
     iterations: int = 25,
-    bar: float = 0.0,
+    incumbent: float = 0.0,
     most: bool = False,
     kept: Flags | None = None,
     last: bool = False,
 ) -> Fit:
     """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
 
-    bar: mean square that another hypothesis has reached; this one is given up when it cannot come near at its pace.
+    incumbent: mean square that another hypothesis has reached; this one is given up when it cannot come
+    near at its pace.
     most: whether amplitudes keep to the largest values that their blocks allow. kept: rows that count, all without it;
     last: whether the last effect alone moves.
     Ends when an accepted step lowers the sum of squares by less than ``_SMALL`` of it twice in a row. The
@@ -65,7 +66,7 @@ def fit(
         gain = 1.0 - taken.cost / cost
         here, rows, cost, damping = taken.there, taken.rows, taken.cost, taken.damping
         small = small + 1 if gain < _SMALL else 0
-        if done > 2 and gain < _PACE * (1.0 - bar * len(rows) / cost):
+        if done > 2 and gain < _PACE * (1.0 - incumbent * len(rows) / cost):
             break
         if small == 2 or gain < 1e-8:
             break

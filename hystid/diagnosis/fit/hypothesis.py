@@ -29,7 +29,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Baseline values, delay of the force channel [samples], weighing error (share of m), and effects.
+    """Baseline values, delay of the force channel [samples], mass error (share of m), and effects.
 
     late: the delay may be larger than every rig has.
     """
@@ -37,12 +37,12 @@ class Hypothesis:
     values: Mapping[str, float]
     terms: tuple[Term, ...] = ()
     delay: float = 0.0
-    weighing: float = 0.0
+    mass_error: float = 0.0
     late: bool = False
 
     def mass(self) -> float:
         """Mass in the balance [kg]."""
-        return float(self.values.get("m", 0.0)) * (1.0 + self.weighing)
+        return float(self.values.get("m", 0.0)) * (1.0 + self.mass_error)
 
     def parameters(self) -> dict[str, float]:
         """Values of the baseline, the mass as the balance has it."""
@@ -91,7 +91,7 @@ def is_source(effect: Effect) -> bool:
 
 
 def is_mass(effect: Effect) -> bool:
-    """Whether an effect is mass, of which a weighing error is a small case."""
+    """Whether an effect is mass, of which a mass error is a small case."""
     return bool(effect.semantics.mass)
 
 
@@ -117,10 +117,10 @@ def get(hypothesis: Hypothesis, key: Key) -> float:
 
 def put(hypothesis: Hypothesis, changes: Mapping[Key, float]) -> Hypothesis:
     """Copy with some unknowns changed."""
-    values, chain = dict(hypothesis.values), {"delay": hypothesis.delay, "weighing": hypothesis.weighing}
+    values, chain = dict(hypothesis.values), {"delay": hypothesis.delay, "mass_error": hypothesis.mass_error}
     terms = [dict(term.values) for term in hypothesis.terms]
     for (kind, name), value in changes.items():
         target = values if kind == "base" else chain if kind == "chain" else terms[int(kind)]
         target[name] = value
     made = tuple(replace(term, values=new) for term, new in zip(hypothesis.terms, terms, strict=True))
-    return Hypothesis(values, made, chain["delay"], chain["weighing"], hypothesis.late)
+    return Hypothesis(values, made, chain["delay"], chain["mass_error"], hypothesis.late)

@@ -1,8 +1,8 @@
 """Is what a fit leaves noise, whatever its colour: independent of the motion, without lines and without shocks?
 
 The floor of a fit is known where the noise is white. Noise that falls with frequency is louder in the band of the
-motion than the level that is measured above it says, and every fit then leaves more than the floor. Such a rest is no
-mismatch as long as it does not know what the structure is doing.
+motion than the level that is measured above it says, and every fit then leaves more than the floor. Such a residual is
+no mismatch as long as it does not know what the structure is doing.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from hystid.diagnosis.fit.problem import Problem
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-_SHIFTS = 40  # circular shifts of the rest against the motion: what independent noise of the same colour shows
+_SHIFTS = 40  # circular shifts of the residual against the motion: what independent noise of the same colour shows
 _CELLS = 7  # bins per axis
-_KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it where most of the rest is excess:
+_KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it where most of the residual is excess:
 # mismatches of 0.08 of the floor show 0.05 and more, larger ones 0.1 to 1
 _TWO_SIDED = 1.96  # standard deviations that hold 95 % of a normal distribution
 _LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
@@ -29,10 +29,10 @@ _RARE, _LITTLE = 3.8, 0.05  # standard deviations, and share of the power beyond
 
 
 def is_noise(problem: Problem, fitted: Fit, *, shown: bool = True) -> bool:
-    """Whether the rest of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks.
+    """Whether the residual of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks.
 
-    shown: whether that must be shown; else it is enough that nothing speaks against it. A rest that is slow beside its
-    recording has few independent samples, and shows nothing.
+    shown: whether that must be shown; else it is enough that nothing speaks against it. A residual that is slow beside
+    its recording has few independent samples, and shows nothing.
     """
     signals = problem.signals(fitted.hypothesis)
     motion = [
@@ -44,24 +44,24 @@ def is_noise(problem: Problem, fitted: Fit, *, shown: bool = True) -> bool:
     sure = np.split(problem.reduce.sure(), ends)
     if not all(map(np.any, sure)):
         return False  # a law that is sure of nothing says nothing of what it leaves
-    rests = [_standard(rest, seen) for rest, seen in zip(np.split(residual, ends), sure, strict=True)]
-    if any(_has_shocks(rest) or _has_line(rest) for rest in rests):
+    residuals = [_standard(residual, seen) for residual, seen in zip(np.split(residual, ends), sure, strict=True)]
+    if any(_has_shocks(residual) or _has_line(residual) for residual in residuals):
         return False
     pairs = [(0, 1), (1, 2), (3, 1), (4, 0), *([(4, 1)] if shown else [])]
     excess = max(0.0, 1.0 - problem.reduce.level / fitted.chi2)
     known = (_KNOWN[0] + _KNOWN[1] * excess) * int(np.count_nonzero(np.concatenate(sure)))
-    powers = [(rest**2 - 1.0) * seen for rest, seen in zip(rests, sure, strict=True)]
+    powers = [(residual**2 - 1.0) * seen for residual, seen in zip(residuals, sure, strict=True)]
     return all(
         _independent(values, [_cells(m[a], m[b]) for m in motion], known, shown=shown)
         for a, b in pairs
-        for values in (rests, powers)
+        for values in (residuals, powers)
     )
 
 
-def _standard(rest: Array, sure: Flags) -> Array:
-    """A rest of unit variance where the law is sure of it, and 0 elsewhere: where a jump falls, noise decides."""
-    seen = rest[sure] if np.any(sure) else np.zeros(1)
-    return np.where(sure, (rest - np.mean(seen)) / (float(np.std(seen)) or 1.0), 0.0)
+def _standard(residual: Array, sure: Flags) -> Array:
+    """A residual of unit variance where the law is sure of it, and 0 elsewhere: where a jump falls, noise decides."""
+    seen = residual[sure] if np.any(sure) else np.zeros(1)
+    return np.where(sure, (residual - np.mean(seen)) / (float(np.std(seen)) or 1.0), 0.0)
 
 
 def _cells(one: Array, other: Array) -> NDArray[np.int64]:
@@ -105,15 +105,15 @@ def _between(values: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> flo
     return total
 
 
-def _has_shocks(rest: Array) -> bool:
-    """Whether much of the power of a rest (unit variance) is in few samples."""
-    rare = np.abs(rest) > _RARE
-    return bool(np.mean(rest**4) > _SHOCKS and np.mean(rest**2 * rare) > _LITTLE)
+def _has_shocks(residual: Array) -> bool:
+    """Whether much of the power of a residual (unit variance) is in few samples."""
+    rare = np.abs(residual) > _RARE
+    return bool(np.mean(residual**4) > _SHOCKS and np.mean(residual**2 * rare) > _LITTLE)
 
 
-def _has_line(rest: Array) -> bool:
+def _has_line(residual: Array) -> bool:
     """Whether the spectrum has a line that stands out of its neighbourhood."""
-    power = np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) ** 2
+    power = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
     width = max(8, len(power) // 60)
     usable = power[2 : 2 + (len(power) - 2) // width * width].reshape(-1, width)
     median = np.median(usable, axis=1)

@@ -46,9 +46,10 @@ class Knocked:
 
 def without_knocks(problem: Problem, fitted: Fit) -> Knocked | None:
     """What is left without short forces that the fit does not hold; None where there are none."""
-    rests = problem.reduce.whitened(problem.balance(fitted.hypothesis))
+    residuals = problem.reduce.whitened(problem.balance(fitted.hypothesis))
     found = [
-        _knocks(p, rest, problem.reduce.used(i)) for i, (p, rest) in enumerate(zip(problem.parts, rests, strict=True))
+        _knocks(p, residual, problem.reduce.used(i))
+        for i, (p, residual) in enumerate(zip(problem.parts, residuals, strict=True))
     ]
     if not any(found):
         return None
@@ -58,13 +59,13 @@ def without_knocks(problem: Problem, fitted: Fit) -> Knocked | None:
     return Knocked([_without(part, knocks) for part, knocks in pairs], told)
 
 
-def _knocks(part: Part, rest: Array, used: Flags) -> list[Knock]:
-    """Short stretches in which a rest stands far outside all else; [] where they are many, or one is long.
+def _knocks(part: Part, residual: Array, used: Flags) -> list[Knock]:
+    """Short stretches in which a residual stands far outside all else; [] where they are many, or one is long.
 
     used: samples that a fit uses, (n,).
     """
     width = max(int(1 / (_WIDTH * part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))), 2)
-    mean = np.convolve(rest, np.ones(width) / width, mode="same")
+    mean = np.convolve(residual, np.ones(width) / width, mode="same")
     usual = float(np.median(np.abs(mean[used]))) / _MAD
     far = used & (np.abs(mean) > _CLEAR * usual)
     near = np.convolve(far, np.ones(4 * width + 1), mode="same") > 0  # what belongs together, and its flanks

@@ -96,7 +96,8 @@ def _told(fitted: Fit) -> list[PeriodicForce]:
 def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> float | None:
     """Frequency [Hz] of the clearest line that is left; None where chance alone would make as clear a one."""
     spectra = [
-        _Spectrum(rest, part.F, part.dt) for rest, part in zip(problem.balance(hypothesis), problem.parts, strict=True)
+        _Spectrum(residual, part.F, part.dt)
+        for residual, part in zip(problem.balance(hypothesis), problem.parts, strict=True)
     ]
     highest = min(_HIGHEST / (part.dt * problem.reduce.block) for part in problem.parts)
     grid = max(spectra, key=lambda s: s.length)
@@ -135,12 +136,12 @@ def _refined(spectra: Sequence[_Spectrum], start: float, step: float) -> float:
 class _Spectrum:
     """What is left of the balance of one recording, and its measured force, by frequency."""
 
-    def __init__(self, rest: Array, force: Array, dt: float) -> None:
-        self._dt, self._rest = dt, rest - np.mean(rest)
-        self._window = np.hanning(len(rest))
-        self.length = len(rest) * dt
-        self._bins = np.arange(len(rest) + 1) / (2 * len(rest) * dt)  # zero-padded twice
-        self._power = self._padded(self._rest)
+    def __init__(self, residual: Array, force: Array, dt: float) -> None:
+        self._dt, self._residual = dt, residual - np.mean(residual)
+        self._window = np.hanning(len(residual))
+        self.length = len(residual) * dt
+        self._bins = np.arange(len(residual) + 1) / (2 * len(residual) * dt)  # zero-padded twice
+        self._power = self._padded(self._residual)
         self._force = self._padded(force - np.mean(force))
         self._main = float(self._bins[int(np.argmax(self._force))])
         near = np.abs(self._bins - self._main) < 2 / self.length
@@ -183,8 +184,8 @@ class _Spectrum:
         return np.asarray(found)
 
     def _sum(self, frequency: float, part: slice = slice(None)) -> complex:
-        k = np.arange(len(self._rest))[part]
-        return complex(np.sum((self._window * self._rest)[part] * np.exp(-2j * np.pi * frequency * self._dt * k)))
+        k = np.arange(len(self._residual))[part]
+        return complex(np.sum((self._window * self._residual)[part] * np.exp(-2j * np.pi * frequency * self._dt * k)))
 
     def power(self, frequency: float) -> float:
         """Power of what is left at one frequency."""
@@ -192,7 +193,7 @@ class _Spectrum:
 
     def steadiness(self, frequency: float) -> float:
         """Share of the power of a line that has one phase in all sections of the recording."""
-        edges = pairwise(np.linspace(0, len(self._rest), _SECTIONS + 1).astype(int))
+        edges = pairwise(np.linspace(0, len(self._residual), _SECTIONS + 1).astype(int))
         parts = [slice(first, last) for first, last in edges]
         size = np.array([np.sum(self._window[part]) for part in parts])
         amplitudes = np.array([self._sum(frequency, part) for part in parts]) / size

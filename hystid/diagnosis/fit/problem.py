@@ -1,7 +1,7 @@
 """Joint least squares over baseline, nuisances and effects, in the force domain.
 
 The unknowns of a hypothesis are the free parameters of the baseline, small corrections that every rig needs (a delay
-below a sample, a weighing error), and amplitudes and shapes of the effects; ``descent`` moves them.
+below a sample, a mass error), and amplitudes and shapes of the effects; ``descent`` moves them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from hystid.errors import NumericalError
 Array = NDArray[np.float64]
 DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fault
 LATE_LIMIT = 8.0  # samples
-WEIGHING_LIMIT = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
+MASS_TOLERANCE = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _TURN = 0.05  # share of the peak speed over which a contact may turn
 _ROUND = 12**-0.5  # share of a jump that the shape of a turn leaves open, where the law has its own turn (uniform)
 _FILTERED = 0.3  # share of a jump that filters of the recording chain leave open in the samples beside it
@@ -392,7 +392,7 @@ class Problem:
         """The same problem on other recordings."""
         return Problem(parts, self.baseline, self.scales)
 
-    def shaken(self, draw: int, sign: float) -> Problem:
+    def with_noise_again(self, draw: int, sign: float) -> Problem:
         """The same problem with the noise of the motion added once more (a draw of it, of either sign)."""
         moved = [
             replace(
@@ -419,7 +419,7 @@ class Problem:
             limit = LATE_LIMIT if hypothesis.late else DELAY_LIMIT
             found.append(Unknown(("chain", "delay"), low=-limit, high=limit))
             if base.weighed and not any(is_mass(term.effect) for term in hypothesis.terms):
-                found.append(Unknown(("chain", "weighing"), low=-WEIGHING_LIMIT, high=WEIGHING_LIMIT, linear=True))
+                found.append(Unknown(("chain", "mass_error"), low=-MASS_TOLERANCE, high=MASS_TOLERANCE, linear=True))
         for i, term in enumerate(hypothesis.terms):
             lowest = dict(term.effect.lowest)
             if is_mass(term.effect):  # what moves in the end has a mass
@@ -445,8 +445,8 @@ class Problem:
         kind, name = unknown.key
         factor = get(hypothesis, unknown.key) if unknown.log else 1.0
         if unknown.key == ("base", "m"):
-            return self._acceleration * (1 + hypothesis.weighing)
-        if unknown.key == ("chain", "weighing"):
+            return self._acceleration * (1 + hypothesis.mass_error)
+        if unknown.key == ("chain", "mass_error"):
             return self._acceleration * hypothesis.values["m"]
         if kind == "base" and name in self.baseline.linear:
             return self._unit_rows[name]

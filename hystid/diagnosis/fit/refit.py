@@ -54,7 +54,7 @@ def refit(
         if _sits(problem, best := fits[0]):
             break
         starts = other_minima(problem, best)
-        fits += [made for h in starts if (made := try_fit(problem, h, 25, bar=best.chi2)) is not None]
+        fits += [made for h in starts if (made := try_fit(problem, h, 25, incumbent=best.chi2)) is not None]
         fits.sort(key=lambda f: f.chi2)
         if fits[0].chi2 > (1 - _APART) * best.chi2:
             break

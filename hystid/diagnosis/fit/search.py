@@ -92,13 +92,13 @@ def scan(
 
 
 class _Beside:
-    """What a scan asks of columns: what the basis takes of them, and their products with the rest of the residual."""
+    """What a scan asks of columns: what the basis takes of them, and their products with the residual beyond it."""
 
-    def __init__(self, basis: Array, rest: Array) -> None:
-        self._rows = np.ascontiguousarray(np.vstack([basis.T, rest]))
+    def __init__(self, basis: Array, residual: Array) -> None:
+        self._rows = np.ascontiguousarray(np.vstack([basis.T, residual]))
 
     def __call__(self, columns: Columns) -> tuple[Array, Array]:
-        """Products (k, k) of the parts of the columns that the basis cannot give, and (k,) of these with the rest."""
+        """Products (k, k) of what the basis cannot give of the columns, and (k,) of these with the residual."""
         shares = self._rows @ columns.scaled
         return columns.products - shares[:-1].T @ shares[:-1], shares[-1]
 
@@ -144,17 +144,17 @@ def _score(columns: Columns, beside: _Beside, lowest: Array) -> tuple[float, flo
     return float(right @ amplitude), float(1.0 - np.max(left)), amplitude / np.where(norms > 0, norms, np.inf)
 
 
-def try_term(problem: Problem, fitted: Fit, term: Term, bar: float = 0.0) -> Fit | None:
+def try_term(problem: Problem, fitted: Fit, term: Term, incumbent: float = 0.0) -> Fit | None:
     """Joint fit of what is there and one more effect; None where it has no finite answer."""
     start = fitted.hypothesis
-    return try_fit(problem, replace(start, terms=(*start.terms, term)), bar=bar)
+    return try_fit(problem, replace(start, terms=(*start.terms, term)), incumbent=incumbent)
 
 
 def try_fit(
     problem: Problem,
     start: Hypothesis,
     iterations: int = 12,
-    bar: float = 0.0,
+    incumbent: float = 0.0,
     *,
     kept: Flags | None = None,
     last: bool = False,
@@ -165,7 +165,7 @@ def try_fit(
     that blocks allow hold for where a fit ends.
     """
     try:
-        made = fit(problem, start, iterations=iterations, bar=bar, kept=kept, last=last)
+        made = fit(problem, start, iterations=iterations, incumbent=incumbent, kept=kept, last=last)
         if is_allowed(made.hypothesis):
             return made
         return fit(problem, made.hypothesis, iterations=iterations, most=True, kept=kept, last=last)

@@ -28,7 +28,7 @@ _FIRST = 1.5  # bias of the noise that is there over that of the same noise once
 _SAME = 1e-9  # relative singular value below which directions are not told apart
 
 
-def honest(problem: Problem, fitted: Fit) -> Fit:
+def with_robust_errors(problem: Problem, fitted: Fit) -> Fit:
     """The fit with standard errors that are not below those of the rows as they scatter, and not below its bias."""
     jacobian = problem.jacobian(fitted.hypothesis, fitted.unknowns)
     scale = np.linalg.norm(jacobian, axis=0)
@@ -77,10 +77,10 @@ def _bias(problem: Problem, fitted: Fit, scale: Array, inverse: Array, jacobian:
     """Change of the scaled unknowns when the noise of the motion is added once more, with either sign."""
     moved = []
     for sign in (1.0, -1.0):
-        shaken = problem.shaken(0, sign)
+        again = problem.with_noise_again(0, sign)
         try:
-            columns = shaken.jacobian(fitted.hypothesis, fitted.unknowns) / scale
-            rows = shaken.rows(fitted.hypothesis)
+            columns = again.jacobian(fitted.hypothesis, fitted.unknowns) / scale
+            rows = again.rows(fitted.hypothesis)
         except NumericalError:
             return np.zeros(len(scale))
         moved.append(np.linalg.lstsq(columns, rows, rcond=_SAME)[0])

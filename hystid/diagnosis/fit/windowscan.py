@@ -50,8 +50,8 @@ def scan_windows(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> li
 
 @dataclass(frozen=True)
 class _Sums:
-    """Products of k columns of a law in every interval of every recording: with what is known (the basis, and the rest
-    of the residual as the last one), (recordings, intervals, known, k), and with each other, (..., k, k)."""
+    """Products of k columns of a law in every interval of every recording: with what is known (the basis, and
+    the residual beyond it as the last one), (recordings, intervals, known, k), and with each other, (..., k, k)."""
 
     known: Array = field(repr=False)
     each: Array = field(repr=False)
@@ -220,7 +220,7 @@ def outside(problem: Problem, before: Fit) -> tuple[Fit, float]:
     mass = before.hypothesis.mass()
     restoring = problem.reduce([part.F - mass * part.inertia for part in problem.parts])
     power = np.bincount(place, restoring**2)
-    nominal = replace(before.hypothesis, values=dict(problem.baseline.nominal), delay=0.0, weighing=0.0)
+    nominal = replace(before.hypothesis, values=dict(problem.baseline.nominal), delay=0.0, mass_error=0.0)
     best = before, float(np.mean(before.residual**2))
     for fitted in (before, standing(problem, nominal)):
         kept = np.zeros(0, dtype=bool)

@@ -29,14 +29,14 @@ from hystid.diagnosis.prove.freerun import (
 Array = NDArray[np.float64]
 Settings = Callable[[Hypothesis], Mapping[str, float]]
 WORK = 1_500_000  # samples that may be simulated: two seconds, counted so that the result is the same on any machine
-_FITTED = 0.75  # share of each recording that is fitted; the rest decides
-_WORTH = 0.8  # error on the rest, over that before, above which the parameters of the balance are kept
+_FITTED = 0.75  # share of each recording that is fitted; the last part decides
+_WORTH = 0.8  # error on that part, over that before, above which the parameters of the balance are kept
 _HOPEFUL = 0.8  # sum of squares over that at the start, above which nothing that counts can be reached: 0.8^2 counts
 _QUIET = 1.5  # error of the free run in units of the noise of x below which nothing is left to fit
 _LOST = 0.7  # error of the free run beyond which the run tells nothing about the parameters
 _EXACT = 0.01  # error of the integration, units of the noise of x: it averages out as noise does, over 10,000 samples
 _STEP = 1e-4  # step of difference quotients in scaled unknowns
-_CHAIN = 0.1  # scale of a delay [samples] and of a weighing error
+_CHAIN = 0.1  # scale of a delay [samples] and of a mass error
 _REACH = 0.5  # largest move of a scaled unknown in one step
 _ROUNDS = 12
 _LEAST = 4  # steps for which there must be work
@@ -46,7 +46,7 @@ _BLOCKS = 40  # of all recordings, for the standard errors: each must be long ag
 
 
 @dataclass(frozen=True)
-class Polished:
+class Improved:
     """Outcome. before, after: error of the free run on the samples that were kept back, NRMSE.
 
     covariance: of the unknowns, shape (unknowns, unknowns), of the logarithm where an unknown is fitted so, else in its
@@ -101,7 +101,7 @@ def output_error_fit(
     parts: Sequence[Part],
     settings: Settings,
     work: int = WORK,
-) -> Polished | None:
+) -> Improved | None:
     """Levenberg-Marquardt on the displacement in free run, None where it does not clearly help on samples kept back.
 
     model: the extended model. settings: its parameters at a hypothesis. unknowns: what the force balance fitted; every
@@ -124,7 +124,7 @@ def output_error_fit(
     last = search.errors(end, tracks)
     if last is None or not np.mean(last) < _WORTH * np.mean(first):
         return None
-    return Polished(end, float(np.mean(first)), float(np.mean(last)), search.covariance(end, begun))
+    return Improved(end, float(np.mean(first)), float(np.mean(last)), search.covariance(end, begun))
 
 
 def _tracks(model: CompiledModel, start: Hypothesis, parts: Sequence[Part], settings: Settings) -> list[_Track]:
@@ -199,7 +199,7 @@ class _Search:
         return list(tracks)
 
     def covariance(self, at: Hypothesis, tracks: Sequence[_Track]) -> Array:
-        """See ``Polished``; all NaN where the end cannot be differentiated."""
+        """See ``Improved``; all NaN where the end cannot be differentiated."""
         count = len(self.moved)
         rows = self._rows(at, tracks)
         jacobian = None if rows is None else self._jacobian(at, tracks, rows)

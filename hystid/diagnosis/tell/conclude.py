@@ -51,8 +51,8 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     notes = (*case.notes, *runs.notes, *told, *remains, *masses, *(one.sentence() for one in depends))
     unknown = None
     if verdict == "unknown_physics":
-        rest = case.problem.balance_shown(choice.after.hypothesis)
-        unknown = locate.where_unknown(case.problem, rest, _noise(case))
+        residual = case.problem.balance_shown(choice.after.hypothesis)
+        unknown = locate.where_unknown(case.problem, residual, _noise(case))
     last = choice.after.hypothesis
     named = {name for finding in found for name in finding.alike}  # another form of the same id may be absorbed
     hidden = tuple(name for name in choice.untestable if name not in named)
@@ -60,7 +60,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
         verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
         listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
         notes,
-        {"lags": case.consistency, "delay": last.delay, "weighing": last.weighing},
+        {"lags": case.consistency, "delay": last.delay, "mass_error": last.mass_error},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
         dependence=depends, catalogue=case.catalogue, values=refit_values(answer, choice.after),
     )  # fmt: skip
@@ -143,13 +143,13 @@ def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]]
     groups = [(problem, choice.after.hypothesis), *([(problem.of(case.unseen), unseen)] if case.unseen else [])]
     for group, last in groups:
         seen = [p.valid if group is not problem and p.valid is not None else slice(None) for p in group.parts]
-        rests = [
-            [rest[at] for rest, at in zip(group.balance_shown(h), seen, strict=True)]
+        residuals = [
+            [residual[at] for residual, at in zip(group.balance_shown(h), seen, strict=True)]
             for h in (choice.before.hypothesis, last)
         ]
         mass = choice.after.hypothesis.mass()
         spread = [float(np.std(p.F - mass * p.a)) or 1.0 for p in group.parts]
-        found.append([(float(np.std(b)) / s, float(np.std(a)) / s) for b, a, s in zip(*rests, spread, strict=True)])
+        found.append([(float(np.std(b)) / s, float(np.std(a)) / s) for b, a, s in zip(*residuals, spread, strict=True)])
     return found[0], found[1] if case.unseen else []
 
 

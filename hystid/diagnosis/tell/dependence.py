@@ -135,10 +135,10 @@ def _own(problem: Problem, values: Sequence[Array]) -> list[Array] | None:
     u, columns = np.concatenate(values), np.concatenate(seen)
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     step = max(1, len(u) // _ROWS)
-    rest = u - columns @ np.linalg.lstsq(columns[::step], u[::step], rcond=None)[0]
-    if float(np.var(rest)) < (1 - _PREDICTED) * float(np.var(u)):
+    remainder = u - columns @ np.linalg.lstsq(columns[::step], u[::step], rcond=None)[0]
+    if float(np.var(remainder)) < (1 - _PREDICTED) * float(np.var(u)):
         return None
-    return list(np.split(rest, np.cumsum([len(part) for part in problem.parts])[:-1]))
+    return list(np.split(remainder, np.cumsum([len(part) for part in problem.parts])[:-1]))
 
 
 def _hats(values: Array, knots: Array) -> Array:

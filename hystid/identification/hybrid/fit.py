@@ -145,13 +145,15 @@ class _Work:
         limits = {name: span for name, span in self.limits.items() if name != "R"}
         members = [start.member for start in trained.chosen]
         model = replace(plan.model(members, max(r.sample_rate for r in left), limits), tail=Tail(0.0, 0.0))
-        rest = np.concatenate([weight * record.channel("R") for weight, record in zip(self.weights, left, strict=True)])
+        residual = np.concatenate(
+            [weight * record.channel("R") for weight, record in zip(self.weights, left, strict=True)]
+        )
         answer = np.concatenate([weight * _response(model, r) for weight, r in zip(self.weights, left, strict=True)])
         at = slice(None) if trained.unseen is None else trained.unseen
-        rest, answer = rest[at], answer[at]
+        residual, answer = residual[at], answer[at]
         power = float(answer @ answer)
-        share = float(np.clip(answer @ rest / power, 0.0, 1.0)) if power else 0.0
-        squares = (rest - share * answer) ** 2
+        share = float(np.clip(answer @ residual / power, 0.0, 1.0)) if power else 0.0
+        squares = (residual - share * answer) ** 2
         blocks = np.array([block.mean() for block in np.array_split(squares, _BLOCKS)])
         return _State(values, trained, model, share, float(squares.mean()), plan.layers), blocks
 
