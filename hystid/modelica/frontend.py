@@ -53,20 +53,24 @@ def flatten(
         flat = Adapter(name, (*files, *texts)).model(dictionary)
         if any(relation["indices"] for relation in dictionary["instance_relations"].values()):
 
-            def names(changed: Mapping[str, float]) -> frozenset[str]:
-                return frozenset(front_end.flat_dictionary({**structure, **changed})["variables"])
+            now = frozenset(dictionary["variables"])
 
-            flat = _with_sizes_of_components(flat, names)
+            def matters(changed: Mapping[str, float]) -> bool:
+                try:
+                    return frozenset(front_end.flat_dictionary({**structure, **changed})["variables"]) != now
+                except ModelicaError:
+                    return True  # another value does not even make a model
+
+            flat = _with_sizes_of_components(flat, matters)
     declared = declaration(name, (*files, *texts))
     return replace(flat, description=description_of(declared), experiment=experiment_of(declared))
 
 
-def _with_sizes_of_components(flat: FlatModel, names: Callable[[Mapping[str, float]], frozenset[str]]) -> FlatModel:
+def _with_sizes_of_components(flat: FlatModel, matters: Callable[[Mapping[str, float]], bool]) -> FlatModel:
     """Marks the parameters that decide sizes of component arrays, which the front end does not report.
 
-    names(changed) gives the names of the variables with other values of such parameters: they show which matter.
+    matters(changed): whether other values of such parameters give other variables, which takes a pass of the front end.
     """
-    now = frozenset(v.name for v in flat.variables)
     other = {
         v.name: v.binding.value == 0 if v.type == "Boolean" else v.binding.value + 1
         for v in flat.variables
@@ -74,17 +78,11 @@ def _with_sizes_of_components(flat: FlatModel, names: Callable[[Mapping[str, flo
         if isinstance(v.binding, Num)
     }
 
-    def matters(changed: Mapping[str, float]) -> bool:
-        try:
-            return names(changed) != now
-        except ModelicaError:
-            return True  # another value does not even make a model
-
     if not other or not matters(other):
         return flat
-    sizes = {name for name, value in other.items() if matters({name: value})}
+    found = {name for name, value in other.items() if matters({name: value})}
     return replace(
-        flat, variables=tuple(replace(v, structural=v.structural or v.name in sizes) for v in flat.variables)
+        flat, variables=tuple(replace(v, structural=v.structural or v.name in found) for v in flat.variables)
     )
 
 
