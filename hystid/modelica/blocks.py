@@ -187,24 +187,26 @@ def _rank(equation: ScalarEquation, name: str) -> int:
 # -- blocks
 
 
-def solve_block(equations: Sequence[ScalarEquation], unknowns: Sequence[str]) -> list[Step]:
-    """Steps that give the unknowns of one block their values."""
+def solve_block(equations: Sequence[ScalarEquation], unknowns: Sequence[str], guessed: Set[str]) -> list[Step]:
+    """Steps that give the unknowns of one block their values; ``guessed`` ones rather stay in the loop."""
     if len(equations) == 1:
         value = isolate(equations[0], unknowns[0])
         if value is not None:
             return [Assign(unknowns[0], value, equations[0].place)]
-    rest, left, later = _reduced(list(equations), list(unknowns))
+    rest, left, later = _reduced(list(equations), list(unknowns), guessed)
     return [*_simultaneous(rest, left), *reversed(later)]
 
 
 def _reduced(
-    equations: list[ScalarEquation], unknowns: list[str]
+    equations: list[ScalarEquation], unknowns: list[str], guessed: Set[str]
 ) -> tuple[list[ScalarEquation], list[str], list[Assign]]:
     """Substitutes what an equation states explicitly, as long as one equation and small expressions remain."""
     later: list[Assign] = []
     names = [refs(e.left) | refs(e.right) for e in equations]
     while len(equations) > 1:
-        choice = next(_substitutable(equations, names, unknowns), None)
+        others = [n for n in unknowns if n not in guessed]
+        choices = _substitutable(equations, names, others, len(others) < len(unknowns))
+        choice = next(choices, None) or next(_substitutable(equations, names, unknowns), None)
         if choice is None:
             break
         k, name, value = choice
@@ -220,12 +222,13 @@ def _reduced(
 
 
 def _substitutable(
-    equations: list[ScalarEquation], names: list[frozenset[str]], unknowns: list[str]
+    equations: list[ScalarEquation], names: list[frozenset[str]], unknowns: list[str], turned: bool = False
 ) -> Iterator[tuple[int, str, Expr]]:
-    """names: the variables of each equation."""
+    """names: the variables of each equation. turned: whether the right side may state an unknown, too."""
     for k, e in enumerate(equations):
         for name in unknowns:
-            if name not in names[k] or _rank(e, name) > 1:
+            sides = (e, ScalarEquation(e.right, e.left, e.place)) if turned else (e,)
+            if name not in names[k] or all(_rank(side, name) > 1 for side in sides):
                 continue
             value = isolate(e, name)
             if value is None or _contains(value, name):
@@ -272,13 +275,16 @@ def _is_singular(jacobian: Sequence[Sequence[Expr]]) -> bool:
     return bool(np.linalg.matrix_rank(scaled) < len(numbers))
 
 
-def solve_order(equations: Sequence[ScalarEquation], owner: Mapping[str, int]) -> list[Step]:
-    """Steps for a complete matching unknown -> equation, each after those whose results it reads."""
+def solve_order(
+    equations: Sequence[ScalarEquation], owner: Mapping[str, int], guessed: Set[str] = frozenset()
+) -> list[Step]:
+    """Steps for a complete matching unknown -> equation, each after those whose results it reads. guessed: unknowns for
+    which a start value is stated, where Newton's method may begin."""
     unknown_of = {e: u for u, e in owner.items()}
     names = [refs(e.left) | refs(e.right) for e in equations]
     graph = {k: [owner[n] for n in sorted(names[k]) if n in owner] for k in unknown_of}
     steps: list[Step] = []
     for members in components(graph):
         block = sorted(members)
-        steps += solve_block([equations[k] for k in block], [unknown_of[k] for k in block])
+        steps += solve_block([equations[k] for k in block], [unknown_of[k] for k in block], guessed)
     return steps

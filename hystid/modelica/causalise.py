@@ -181,7 +181,12 @@ def _derivatives(events: EventModel, aliases: Mapping[str, str]) -> tuple[Step, 
     if left or len(owner) < len(unknowns):
         unmatched = [u for u in unknowns if u not in owner]
         raise _singular(events, Incidence(equations, options, owner, left, unmatched))  # type: ignore[arg-type]  # the same
-    return tuple(solve_order(equations, owner))  # type: ignore[arg-type]  # all have an owner
+    return tuple(solve_order(equations, owner, _guessed(events)))  # type: ignore[arg-type]  # all have an owner
+
+
+def _guessed(events: EventModel) -> set[str]:
+    """Unknowns with a start value; the front end gives 0 where none is stated."""
+    return {v.name for v in events.scalar.variables.values() if v.kind == "unknown" and v.start not in (None, ZERO)}
 
 
 def _running(e: ScalarEquation) -> ScalarEquation:
@@ -274,7 +279,7 @@ class _Start:
         unknowns = self._unknown_names(free) - kept
         equations += [self._start_equation(n) for n in dict.fromkeys(fixed) if n not in kept]
         owner, equations, defaults, surplus = self._matched(equations, unknowns, certain)
-        steps = solve_order(equations, owner)
+        steps = solve_order(equations, owner, _guessed(self.events))
         steps = [s for s in steps if not (isinstance(s, Assign) and s.variable in defaults and self._plain(s))]
         solved = frozenset(t for s in steps for t in targets(s))
         relations = tuple(self._value_at_start(r.value) for r in self.events.relations)

@@ -52,7 +52,6 @@ def flatten(
         dictionary = front_end.flat_dictionary(structure)
         flat = Adapter(name, (*files, *texts)).model(dictionary)
         if any(relation["indices"] for relation in dictionary["instance_relations"].values()):
-
             now = frozenset(dictionary["variables"])
 
             def matters(changed: Mapping[str, float]) -> bool:
