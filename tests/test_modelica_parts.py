@@ -105,6 +105,7 @@ def test_two_brakes_hold_one_mass_until_both_slip(run: Run, caplog: pytest.LogCa
     assert np.abs(got["mass.s"] - slips**3 / 3).max() < 1e-4
     assert np.array_equal(got["mass.v"] > 0, t > 0.375 + 1e-2)
     assert "accurate to first order" in caplog.text
+    assert caplog.text.count("many solutions from t = 0 s") == 1
 
 
 def test_what_two_brakes_cannot_hold_apart_stays_singular(run: Run, tmp_path: Path) -> None:

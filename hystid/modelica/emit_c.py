@@ -11,7 +11,7 @@ from hystid.modelica.events import HOMOTOPY, INITIAL, Relation, pre
 from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text, op, refs
 from hystid.modelica.flat import Assertion
 from hystid.modelica.hybrid import HybridModel
-from hystid.modelica.layout import Layout, tick, warned
+from hystid.modelica.layout import MANY, Layout, tick, warned
 from hystid.modelica.scalar import ScalarEquation
 from hystid.modelica.shown import Shown
 from hystid.modelica.solvers import HOMOTOPY_WAY, NEAREST, NEWTON, SEARCH, SILENT, SOLVERS, TURNS
@@ -83,7 +83,8 @@ class Emitter:
         lines += [f"        double A[{n * n}] = {{{', '.join(texts[: n * n])}}};"]
         lines += [f"        double b[{n}] = {{{', '.join(texts[n * n :])}}}, work[{2 * n}];"]
         lines += [f"        int order[{n}];"]
-        lines += [f"        if (alone ? hy_solve({n}, A, b) : hy_nearest({n}, A, b, last, work, order)) {{"]
+        nearest = f"hy_nearest(m, &{self.slot(MANY)}, {quoted(self._what(step))}, {n}, A, b, last, work, order)"
+        lines += [f"        if (alone ? hy_solve({n}, A, b) : {nearest}) {{"]
         lines += ["            if (alone) continue;"]
         lines += [f"            return hy_singular(m, {quoted(self._what(step))});", "        }"]
         lines += [f"        {self.slot(name)} = -b[{i}];" for i, name in enumerate(step.variables)]
@@ -181,6 +182,7 @@ class Emitter:
         lines = [f"{self.slot(INITIAL)} = 1;", *self.steps(self.model.guesses)]
         for s in self.model.samplers:
             lines += [f"{self.slot(s.flag)} = 0;", self._first_tick(s.start, s.interval, s.flag)]
+        lines += [f"{self.slot(MANY)} = 0;"] if MANY in self.layout.slots else []
         lines += [f"{self.slot(warned(k))} = 0;" for k in range(len(self.model.assertions))]
         body = self.steps(self.model.initialisation)
         body = self._until_settled(body) if self.model.relations else body

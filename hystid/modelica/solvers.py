@@ -58,8 +58,9 @@ static int hy_solve(int n, double *A, double *b)
 NEAREST = """\
 /* The same where A is singular but b fits, as two brakes that hold one shaft: of all solutions one that leaves as many
    variables as can be at their last values x. Elimination with the largest pivot of rows and columns that are scaled to
-   1. work: 2*n numbers, order: n. 1 where there is no solution. */
-static int hy_nearest(int n, double *A, double *b, const double *x, double *work, int *order)
+   1. work: 2*n numbers, order: n. told: whether it was said that there are many. 1 where there is no solution. */
+static int hy_nearest(hy_data *m, double *told, const char *what, int n, double *A, double *b, const double *x,
+                      double *work, int *order)
 {
     double *const column = work, *const size = work + n; /* size: what a row of b is summed up from */
     int rank = 0;
@@ -97,6 +98,13 @@ static int hy_nearest(int n, double *A, double *b, const double *x, double *work
     }
     for (int i = rank; i < n; i++)
         if (fabs(b[i]) > 1e-9 * size[i]) return 1;
+    if (rank < n && *told == 0) {
+        char text[400];
+        snprintf(text, sizeof text, "many solutions from t = %.9g s, as of two brakes on one shaft, and the last values "
+                 "are kept where they fit: %.150s", m->v[0], what);
+        m->log(m->owner, HY_WARNING, text);
+        *told = 1;
+    }
     for (int i = rank - 1; i >= 0; i--) {
         for (int j = i + 1; j < rank; j++) b[i] -= A[i * n + order[j]] * b[j];
         b[i] /= A[i * n + order[i]];

@@ -9,11 +9,15 @@
 #include "hy_strip.h"
 #include "hy_ways.h"
 
+/* The first failure; of warnings the first of each kind, which its first letters tell, as far as there is room. */
 static void note(void *owner, int level, const char *text)
 {
     hy_table *t = owner;
-    char *place = level == HY_FAILURE ? t->failure : t->warning;
-    if (level != HY_INFO && !place[0]) snprintf(place, sizeof t->failure, "%s", text);
+    char *place = level == HY_FAILURE ? t->failure : t->warning, kind[12];
+    const size_t used = strlen(place);
+    snprintf(kind, sizeof kind, "%s", text);
+    if (level == HY_INFO || (used && (level == HY_FAILURE || strstr(place, kind)))) return;
+    snprintf(place + used, sizeof t->failure - used, "%s%s", used ? "; " : "", text);
 }
 
 /* Cubic through (0, u0) and (h, u1) with slopes d0 and d1; a line or a constant where the column says so. */

@@ -29,7 +29,7 @@ typedef struct {
     double *const *gradients;  /* n_outputs x n_seeds arrays of rows values, by output first */
     int failed_row;            /* where the run ended early, else -1 */
     char failure[400];         /* first failure in words */
-    char warning[400];         /* first warning in words */
+    char warning[400];         /* first warning of each kind in words */
 } hy_table;
 
 #if defined(_WIN32)
