@@ -100,7 +100,7 @@ static int hy_nearest(hy_data *m, double *told, const char *what, int n, double 
         if (fabs(b[i]) > 1e-9 * size[i]) return 1;
     if (rank < n && *told == 0) {
         char text[400];
-        snprintf(text, sizeof text, "many solutions from t = %.9g s, as of two brakes on one shaft, and the last values "
+        snprintf(text, sizeof text, "many solutions from t = %.9g s, as of two brakes on one shaft, and the last ones "
                  "are kept where they fit: %.150s", m->v[0], what);
         m->log(m->owner, HY_WARNING, text);
         *told = 1;
