@@ -50,9 +50,12 @@ def test_any_text_is_a_unit_or_refused(text: str) -> None:
     assert 0 < unit.factor < math.inf and math.isfinite(unit.offset)
 
 
-@pytest.mark.parametrize("text", ["1" + "0" * 400, "-" + "9" * 3000, "9" * 5000, "1e999", "[" * 20_000, "NaN", '"x"'])
+@pytest.mark.parametrize(
+    "text", ["1" + "0" * 400, "-" + "9" * 3000, "9" * 5000, "1e999", "[" * 20_000, "NaN", '"x"', '1, "m": 2']
+)
 def test_parameters_of_any_size_are_one_sentence(tmp_path: Path, text: str) -> None:
-    """Whole numbers of JSON have any number of digits; one of 400 was no number for NumPy, and a traceback."""
+    """Whole numbers of JSON have any number of digits; one of 400 was no number for NumPy, and a traceback. Of two
+    values of one name the last one was taken."""
     path = tmp_path / "p.json"
     path.write_text(f'{{"m": {text}}}')
     for reads in (given_parameters, parameter_file):
@@ -96,6 +99,7 @@ _HEAD = "t [s],F [N],x [mm]"
 EXTREME = {
     "one line of 25 million cells": f"{_HEAD}\n{'1,' * 25_000_000}",
     "a name of 70,000 letters": "\n".join([_HEAD.replace("F", "F" + "q" * 70_000), *_table()]),
+    "a name of 10,000 blanks": "\n".join([_HEAD.replace("F", "F" + " " * 10_000 + "q"), *_table()]),
     "numbers whose squares vanish": "\n".join([_HEAD, *_table(size=1e-300)]),
     "steps of 1e-300 s": "\n".join([_HEAD, *_table("{0}e-300")]),
     "steps of 1e300 s": "\n".join([_HEAD, *_table("{0}e300", n=100)]),

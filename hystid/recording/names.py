@@ -14,7 +14,8 @@ from hystid.errors import UsageError
 from hystid.units import parse
 
 _WORDS = Path(__file__).with_name("names.toml")
-_BRACKETS = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|\{(?P<curly>[^}]*)\})?\s*$")
+_LONGEST = 300  # characters of a header: time that its expressions take grows with their square
+_BRACKETS = re.compile(r"^(?P<name>.*?)(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|\{(?P<curly>[^}]*)\})?$")
 _PARTED = re.compile(r"\s+(?:in|en|im)\s+|\s*/\s*|\s*,\s*|\s*:\s*|_")  # name from unit: "Kraft in N", "F / kN"
 
 _NUMBERED = re.compile(r"^(.*[^\W\d_].*?)[\s_.\-#]*\d{1,3}$")
@@ -51,7 +52,8 @@ def turns(name: str) -> bool:
 
 def numbered(names: Sequence[str]) -> dict[str, str]:
     """Name -> word, of known words with a number behind them, as "Load cell 1", where a channel has but one column."""
-    words = {name: match[1] for name in names if not known_name(name) and (match := _NUMBERED.match(name))}
+    short = [name for name in names if len(name) <= _LONGEST and not known_name(name)]
+    words = {name: match[1] for name in short if (match := _NUMBERED.match(name))}
     channels = [known_name(words.get(name, name)) for name in names]
     once = {channel for channel in channels if channel not in (None, "R") and channels.count(channel) == 1}
     return {name: word for name, word in words.items() if known_name(word) in once}
@@ -85,11 +87,12 @@ def is_unit(text: str) -> bool:
 def split_header(text: str) -> tuple[str, str | None]:
     """``"x [mm]"``, ``"Weg (mm)"``, ``"Kraft in N"`` or ``"F / kN"`` -> (name, unit); ``"x"`` -> ("x", None)."""
     stripped = text.strip().strip('"').strip("'").strip()
-    match = _BRACKETS.match(stripped)
-    if match:
+    if len(stripped) > _LONGEST:
+        return stripped, None
+    if match := _BRACKETS.match(stripped):
         unit = next((match[kind] for kind in ("square", "round", "curly") if match[kind] is not None), None)
         if unit is not None and match["name"]:
-            return match["name"].rstrip(" /,:"), unit.strip()
+            return match["name"].rstrip().rstrip(" /,:"), unit.strip()
     if known_name(stripped) is None:
         for mark in _PARTED.finditer(stripped):  # the first that fits: units have strokes of their own
             name, unit = stripped[: mark.start()], stripped[mark.end() :].strip("()")
