@@ -43,6 +43,7 @@ _GRACE = 0.25  # s between looks at whether it still runs
 _KEPT = 4096  # bytes of what a child printed
 _MESSAGES = 1000  # of one request that are passed on
 _ATTEMPTS = 200  # to see it end, 10 ms apart
+_SIGN = "HYSTID_CHILD_SIGN"  # a variable by which it, and whatever it starts, is known
 _JSON = 64 << 20  # bytes of JSON in an answer
 _FATES = {"SIGSEGV": "crashed (segmentation fault)", "SIGBUS": "crashed (bus error)", "SIGABRT": "aborted",
           "SIGFPE": "crashed (arithmetic error)", "SIGILL": "crashed (illegal instruction)",
@@ -112,12 +113,13 @@ class Child:
 class _Process:
     def __init__(self, folder: Path | None) -> None:
         self._memory = _memory()
+        self._sign = os.urandom(16).hex()
         threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
         places = json.dumps([str(Path(place).resolve()) for place in sys.path])
         self._process = subprocess.Popen(
             [sys.executable, "-I", "-c", _START, places, str(self._memory)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder, bufsize=0,
-            env={**os.environ, **threads}, start_new_session=True,
+            env={**os.environ, **threads, _SIGN: self._sign}, start_new_session=True,
         )  # fmt: skip
         assert self._process.stdin and self._process.stdout and self._process.stderr
         self._questions, self._answers, self._printed = (
@@ -193,7 +195,7 @@ class _Process:
     def _error(self, kind: str, text: str) -> Exception:
         found = getattr(errors, kind, None)
         if isinstance(found, type) and issubclass(found, errors.HystidError):
-            return found(text)
+            return found(*text.split("\n"))
         if kind == "MemoryError":
             return ChildError(self._too_large())
         return ChildError(f"failed ({kind}: {text})" if text else f"failed ({kind})")
@@ -205,6 +207,10 @@ class _Process:
         self._close()
 
     def _close(self) -> None:
+        for place in Path("/proc").glob("[0-9]*/environ"):  # what has left the session: a daemon keeps its pipes open
+            with contextlib.suppress(OSError):
+                if f"{_SIGN}={self._sign}".encode() in place.read_bytes():
+                    os.kill(int(place.parent.name), signal.SIGKILL)
         for thread in self._threads:
             thread.join(_BEAT)
         if not any(thread.is_alive() for thread in self._threads):
@@ -331,7 +337,7 @@ def serve(memory: int) -> None:
         try:
             request = _receive(questions, 1 << 40, 1 << 40)
         except (EOFError, OSError):
-            os._exit(0)
+            _leave()
         told.left = _MESSAGES
         _tell(_answered(request))
 
@@ -371,6 +377,13 @@ def _watch(parent: int) -> None:
             told = _beats
             with contextlib.suppress(OSError):
                 _tell({"alive": True})
+    _leave()
+
+
+def _leave() -> None:
+    """End, with what the code here has started."""
+    if hasattr(os, "killpg"):
+        os.killpg(0, signal.SIGKILL)
     os._exit(0)
 
 

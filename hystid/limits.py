@@ -122,6 +122,7 @@ class _Compilation:
         with self._lock:
             if not self._is_stopped:
                 self._running.append(process)
+                _bound(process, self.seconds)
                 return
         _reaped(process)
         raise OutOfTime
@@ -251,6 +252,15 @@ def _of_group(process: subprocess.Popen[Any]) -> float:
             if int(fields[2]) == process.pid:
                 ticks += sum(map(int, fields[11:15]))  # its own, and those of what it has waited for
     return ticks / os.sysconf("SC_CLK_TCK") if ticks else 0.0
+
+
+def _bound(process: subprocess.Popen[Any], seconds: float) -> None:
+    """Let it end by itself after so much computing: where this process is killed, nobody else ends it."""
+    if sys.platform == "linux":
+        import resource
+
+        with suppress(OSError, ValueError):
+            resource.prlimit(process.pid, resource.RLIMIT_CPU, (int(seconds) + 1, int(seconds) + 2))
 
 
 def _kill(process: subprocess.Popen[Any]) -> None:

@@ -21,7 +21,7 @@ from hystid import batch, compiled
 from hystid.errors import ModelicaError, NetworkError, RecordingError
 from hystid.fmu.from_modelica import _modelica_files
 from hystid.fmu.native import Instance
-from hystid.limits import OutOfTime, bounded
+from hystid.limits import OutOfTime, bounded, counted
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
 from hystid.networks.onnx_reading import load
@@ -84,6 +84,35 @@ def test_networks_that_grow_are_refused_before_they_do(tmp_path: Path, kind: str
         network_code(written(tmp_path / "net.onnx", nodes, **initialisers))
 
 
+def test_functions_of_functions_are_counted_before_they_are_written_out(tmp_path: Path) -> None:
+    """Each calls the one before it twice: 40 of them are 2^40 nodes."""
+    domains = [helper.make_opsetid("", 17), helper.make_opsetid("own", 1)]
+    model = onnx.load(written(tmp_path / "net.onnx", [helper.make_node("f40", ["x"], ["c"], domain="own")]))
+    model.opset_import.append(domains[1])
+    for k in range(41):
+        calls = [("a", "b"), ("b", "c")]
+        body = [helper.make_node(f"f{k - 1}", [u], [y], domain="own") for u, y in calls] if k else [node("Tanh", ["a"])]
+        model.functions.append(helper.make_function("own", f"f{k}", ["a"], ["c"], body, domains))
+    onnx.save(model, tmp_path / "net.onnx")
+    with pytest.raises(NetworkError, match=f"has {2**40 + 1} nodes with its functions written out, more than"):
+        network_code(tmp_path / "net.onnx")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a process cannot limit another one")
+def test_a_compiler_ends_by_itself_where_hystid_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody was left to stop it, and it computed on for as long as it liked."""
+    import resource
+
+    monkeypatch.setenv("HYSTID_COMPILE_SECONDS", "7")
+
+    def limit() -> int:
+        process = subprocess.Popen(["sleep", "60"], start_new_session=True)
+        with counted(process):
+            return resource.prlimit(process.pid, resource.RLIMIT_CPU)[0]
+
+    assert bounded(limit) == 8
+
+
 @pytest.mark.parametrize(("value", "word"), [(math.inf, "infinite"), (-math.inf, "infinite"), (math.nan, "NaN")])
 def test_weights_that_are_no_numbers_are_refused(tmp_path: Path, value: float, word: str) -> None:
     path = written(tmp_path / "net.onnx", [node("Identity", ["w"])], w=np.array([1, value], np.float32))
@@ -96,6 +125,17 @@ def test_complex_weights_are_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "net.onnx", [node("Identity", ["w"])], w=np.array([1, 1j], np.complex64))
     with pytest.raises(NetworkError, match="'w' cannot be read as numbers: complex"):
         network_code(path)
+
+
+@pytest.mark.parametrize(
+    "stated", ["StopTime = 1e300, Interval = 1e-300", "Interval = 0", "StartTime = 2, StopTime = 1", "Tolerance = -1"]
+)
+def test_experiments_that_no_run_follows_from_are_refused(tmp_path: Path, stated: str) -> None:
+    path = tmp_path / "decay.mo"
+    model = f"Real x(start = 1, fixed = true); equation der(x) = -x; annotation(experiment({stated}));"
+    path.write_text(f"model M {model} end M;")
+    with pytest.raises(ModelicaError, match=rf"decay\.mo:1: no run follows .*\({stated}\)"):
+        compile_model(f"{path}:M")
 
 
 def test_bounded_work_ends(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
 import os
@@ -212,6 +213,25 @@ def test_leaks_are_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert "needs more than 600 MB of memory (HYSTID_CHILD_MEMORY_MB raises this" in _fate(_fmu(tmp_path, "LEAK"))
 
 
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [("FINE", ""), ("BELOW", "failed"), ("EARLY", "early, which it was told not to"), ("BYTES", "bytes are more than")],
+)
+def test_answers_that_the_standard_does_not_know(tmp_path: Path, wrong: str, says: str) -> None:
+    """A status below 0, a step that ends where it began, binary data of 2^64 - 1 bytes: all were taken for good."""
+    path = tmp_path / "model.fmu"
+    text = EXCHANGE[3].replace("ModelExchange model", "CoSimulation model")
+    with zipfile.ZipFile(path, "w") as archive:
+        more = '<Binary name="b" valueReference="6" causality="output"/></ModelVariables>'
+        archive.writestr("modelDescription.xml", text.replace("</ModelVariables>", more))
+        archive.writestr("binaries/x86_64-linux/model.so", _library(wrong, "STEP"))
+    if not says:
+        assert list(Driver(path).record(T, {"u": T}, outputs=["b"])["b"]) == ["6162"] * len(T)
+        return
+    with pytest.raises(FmuError, match=f"model.fmu: .*{says}"):
+        Driver(path).record(T, {"u": T}, outputs=["b"])
+
+
 def test_files_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A log without an end stops at the budget of the disk."""
     monkeypatch.setenv("HYSTID_FMU_UNPACKED_MB", "5")
@@ -263,6 +283,32 @@ def test_no_process_and_no_folder_is_left(tmp_path: Path, monkeypatch: pytest.Mo
     del driver
     assert not Path(f"/proc/{number}").exists()
     assert list(place.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/proc").exists(), reason="what it has started is found there")
+@pytest.mark.parametrize("killed", [False, True])
+def test_what_it_has_started_ends_with_it(tmp_path: Path, killed: bool) -> None:
+    """A daemon in a session of its own, which no signal to its group reaches, also where its process is killed."""
+    driver = Driver(_fmu(tmp_path, "DAEMON"))
+    driver.simulate(T, {"u": T})
+    process = driver._foreign._child._running
+    sign = f"HYSTID_CHILD_SIGN={process._sign}".encode()
+
+    def started() -> list[Path]:
+        found = []
+        for place in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):
+                if sign in (place / "environ").read_bytes():
+                    found.append(place)
+        return found
+
+    assert len(started()) == len(T)  # one per step, and the process itself
+    if killed:
+        os.kill(process._process.pid, signal.SIGKILL)
+        driver.simulate(T[:1], {"u": T[:1]})  # by another process: it makes no step
+    else:
+        driver._foreign._child.close()
+    assert started() == []
 
 
 def test_parameters_stay_within_their_range(tmp_path: Path) -> None:

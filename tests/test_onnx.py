@@ -194,7 +194,7 @@ def test_truncation_anywhere_is_noticed(saved: tuple[TwoNetworkModel, Path], tmp
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ['{"x": "m", "v" "m/s"}', "[1]", ""])
+@pytest.mark.parametrize("text", ['{"x": "m", "v" "m/s"}', "[1]", "", "[" * 100_000])
 def test_units_that_are_no_object_are_one_sentence(
     tmp_path: Path, saved: tuple[TwoNetworkModel, Path], text: str
 ) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.comparison import Tube, tube
+from hystid.errors import printable
 from hystid.fmu.signals import Signal
 
 Array = NDArray[np.float64]
@@ -58,7 +59,7 @@ class SignalResult:
         return f"leaves the tube at t = {t[first]:.6g} s, by up to {self.tube.worst:.3g} {self.unit}".rstrip()
 
     def _shown(self, value: float) -> str:
-        return f"'{self.labels[int(value)]}'" if self.labels else f"{value:.17g}"
+        return f"'{printable(self.labels[int(value)], 200)}'" if self.labels else f"{value:.17g}"
 
 
 def compared(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from ctypes import c_bool, c_char_p, c_double, c_int, c_size_t, c_void_p
+from ctypes import c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hystid.errors import FmuError
 from hystid.fmu.door import Kind, OpenedFmu
 from hystid.fmu.signals import Signal
+from hystid.limits import FMU_UNPACKED
 from hystid.modelcode import Variable
 
 Array = NDArray[np.float64]
@@ -92,6 +93,9 @@ class TextAccess:
         lengths = (c_size_t * self._count)()
         self._call("Get", found, lengths)
         if self._binary:
+            if sum(lengths) > FMU_UNPACKED.value * (1 << 20):
+                names = ", ".join(self.names)
+                raise FmuError(f"{self._instance.name}: {names} of {sum(lengths)} bytes are more than {FMU_UNPACKED}")
             cells = [ctypes.string_at(p, n).hex() if p else "" for p, n in zip(found, lengths, strict=True)]
         else:
             cells = [bytes(text or b"").decode(errors="replace") for text in found]
@@ -156,7 +160,7 @@ class Instance:
                 function = getattr(self._library, self._prefix + name)
             except AttributeError:
                 raise FmuError(f"{self.name}: its library lacks the function {self._prefix}{name}") from None
-            function.restype = c_int
+            function.restype = c_uint  # a status that there is not, below 0 for instance, is a failure
             self._functions[name] = function
         return self._functions[name]
 
@@ -305,6 +309,11 @@ class Stepper:
         """From t to t + h; whether the FMU then asks for the end of the simulation."""
         status = self._step(self._instance.component, c_double(t), c_double(h), *self._rest)
         if self._instance.version == 3 and status <= 1:
+            if self._flags[2]:
+                raise FmuError(
+                    f"{self._instance.name}: it ended the step from t = {t:.9g} s to {t + h:.9g} s early, which it was "
+                    "told not to"
+                )
             return bool(self._flags[1])
         if status == _DISCARD and self._instance.version == 2 and self._instance.terminated():
             return True

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 
+from hystid.errors import ModelicaError
 from hystid.modelcode import Experiment
 from hystid.modelica.sources import Declaration
 
@@ -11,18 +13,23 @@ _NUMBER = r"\s*=\s*([-+]?[0-9.]+(?:[eE][-+]?\d+)?)"
 
 
 def experiment_of(declared: Declaration | None) -> Experiment:
-    """The experiment annotation of a class, defaults where it states none."""
+    """The experiment annotation of a class, defaults where it states none.
+
+    Raises ModelicaError where no run can be made of it.
+    """
     found = list(re.finditer(r"\bexperiment\s*\(([^()]*)\)", declared.plain)) if declared else []
-    if not found:
-        return Experiment()
-    values = {key: float(value) for key, value in re.findall(rf"(\w+){_NUMBER}", found[-1].group(1))}
     default = Experiment()
-    return Experiment(
-        start=values.get("StartTime", default.start),
-        stop=values.get("StopTime", default.stop),
-        step=values.get("Interval", default.step),
-        tolerance=values.get("Tolerance"),
-    )
+    if not found:
+        return default
+    values = {key: float(value) for key, value in re.findall(rf"(\w+){_NUMBER}", found[-1].group(1))}
+    start = values.get("StartTime", default.start)
+    stop, step = values.get("StopTime", start + default.stop), values.get("Interval", default.step)
+    if not (step > 0 and 0 <= (stop - start) / step < math.inf and values.get("Tolerance", 0.0) >= 0):
+        raise ModelicaError(
+            f"{declared}: no run follows from its annotation experiment({found[-1].group(1).strip()}): write a "
+            "StopTime behind the StartTime, an Interval above 0, and no Tolerance below 0"
+        )
+    return Experiment(start, stop, step, values.get("Tolerance"))
 
 
 def description_of(declared: Declaration | None) -> str:

@@ -243,7 +243,7 @@ def _entry(path: Path, given: Mapping[str, str], key: str) -> Any:
         raise NetworkError(f"{path}: the metadata entry '{key}' is missing; 'hystid identify' writes it")
     try:
         return json.loads(given[key])
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise NetworkError(f"{path}: the metadata entry '{key}' cannot be read: {given[key][:60]!r}") from error
 
 

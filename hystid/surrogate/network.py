@@ -141,7 +141,7 @@ def interface_of(program: Program, given: Mapping[str, str], memory: Mapping[str
 def _json(given: Mapping[str, str], key: str) -> Any:
     try:
         return json.loads(given[key])
-    except (KeyError, ValueError):  # a foreign file may use the same key for something else
+    except (KeyError, ValueError, RecursionError):  # a foreign file may use the same key for something else
         return None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from math import prod
 from typing import Any
 
@@ -29,6 +30,7 @@ from hystid.surrogate.tensors import Buffer, Kind, View, whole
 
 MOST_CONSTANTS = 500_000
 MOST_STATEMENTS = 20_000
+_MOST_NODES = 10 * MOST_STATEMENTS  # with functions written out, which takes a second: few nodes make no statement
 
 _KINDS: dict[int, Kind] = {
     TensorProto.FLOAT: "float",
@@ -53,6 +55,7 @@ def program(model: ModelProto, name: str, sizes: Mapping[str, int] | None = None
 
 def _program(model: ModelProto, name: str, sizes: Mapping[str, int] | None) -> Program:
     if model.functions:
+        _check_functions(model)
         model = inliner.inline_local_functions(model)
     graph = model.graph
     if graph.sparse_initializer:
@@ -69,6 +72,25 @@ def _program(model: ModelProto, name: str, sizes: Mapping[str, int] | None) -> P
         raise NetworkError(f"output '{missing[0]}' of the network is computed by no node")
     outputs = [(info.name, known[info.name]) for info in graph.output]
     return builder.finish(name, inputs, outputs)
+
+
+def _check_functions(model: ModelProto) -> None:
+    """Raise NetworkError where functions that call functions would be written out to too many nodes."""
+    bodies = {(one.domain, one.name, getattr(one, "overload", "")): one.node for one in model.functions}
+
+    @cache
+    def inside(key: tuple[str, str, str]) -> int:
+        return sum(map(size, bodies[key]))
+
+    def size(node: NodeProto) -> int:
+        graphs = [graph for attribute in node.attribute for graph in (attribute.g, *attribute.graphs)]
+        key = (node.domain, node.op_type, getattr(node, "overload", ""))
+        return sum(size(part) for graph in graphs for part in graph.node) + (inside(key) if key in bodies else 1)
+
+    if (nodes := sum(map(size, model.graph.node))) > _MOST_NODES:
+        raise NetworkError(
+            f"the network has {nodes} nodes with its functions written out, more than {_MOST_NODES}: use a smaller one"
+        )
 
 
 def _constants(graph: GraphProto) -> dict[str, np.ndarray[Any, Any]]:

@@ -5,9 +5,11 @@
 #include <math.h>
 #include <signal.h>
 #include <stdbool.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #pragma GCC visibility push(default)
@@ -15,7 +17,7 @@ typedef void (*logger)(void *, const char *, int, const char *, const char *, ..
 typedef struct { logger log; void *(*allocate)(size_t, size_t); void (*release)(void *); void *finished, *owner; } callbacks;
 enum { FINE, CRASH, ABORT, LOOP, LEAK, EXIT0, EXIT3, DIVIDE, ILLEGAL, DEEP, KILL, PRINT, NOISE, CLOSE, FORK, NAN_, INFINITE,
        HUGE_, REFUSE, FATAL, LONG_MESSAGE, NULL_MESSAGE, FORMAT, SLEEP, WRITE_FILE, DOUBLE_FREE, READ_STDIN, BAD_ALLOC, FILL,
-       FLOOD, STORM, CREEP, STOP };
+       FLOOD, STORM, CREEP, STOP, DAEMON, BELOW, EARLY, BYTES };
 enum { NOWHERE, LOAD, INSTANTIATE, SETUP, STEP, GET, FREE, TIME, DERIVATIVES, DISCRETE };
 static const callbacks *call;
 static void (*log3)(void *, int, const char *, const char *);
@@ -52,6 +54,7 @@ static int wrong(int where)
     case CLOSE: for (int fd = 0; fd < 64; fd++) close(fd); for (;;) pause();
     case FORK: if (!fork()) for (;;) pause(); exit(0);
     case REFUSE: return 3;
+    case BELOW: return -5;
     case FATAL: return 4;
     case LONG_MESSAGE: { char *text = malloc(200001); memset(text, 'x', 200000); text[200000] = 0;
         call->log(call->owner, "i", 3, "error", "%s", text); return 3; }
@@ -65,6 +68,8 @@ static int wrong(int where)
     case DOUBLE_FREE: { char *p = malloc(100); free(p); free(p); break; }
     case FLOOD: for (int i = 0; i < 1000000; i++) say("here I am"); break;
     case STOP: raise(SIGSTOP); break;
+    case DAEMON: { const pid_t child = fork(); if (!child) { setsid(); if (!fork()) for (;;) pause(); _exit(0); }
+        waitpid(child, NULL, 0); break; }
     case READ_STDIN: { char c; if (read(0, &c, 1) == 0) return 3; break; }
     }
     return 0;
@@ -95,6 +100,10 @@ int fmi2GetReal(void *c, const unsigned *vr, size_t n, double *value)
     return wrong(GET);
 }
 int fmi2DoStep(void *c, double t, double h, int n) { (void)c, (void)t, (void)h, (void)n; return wrong(STEP); }
+int fmi3DoStep(void *c, double t, double h, bool n, bool *event, bool *end, bool *early, double *last)
+{ (void)c, (void)n; *event = *end = false; *early = WRONG == EARLY, *last = *early ? t : t + h; return wrong(STEP); }
+int fmi3GetBinary(void *c, const unsigned *vr, size_t n, size_t *sizes, const unsigned char **value, size_t m)
+{ (void)c, (void)vr, (void)n, (void)m; *value = (const unsigned char *)"ab", *sizes = WRONG == BYTES ? SIZE_MAX : 2; return 0; }
 int fmi2GetBooleanStatus(void *c, int k, int *v) { (void)c, (void)k; *v = 0; return 0; }
 
 /* ---- model exchange ---- */
@@ -131,6 +140,10 @@ void *fmi3InstantiateModelExchange(const char *n, const char *t, const char *r, 
     log3 = log;
     return malloc(8);
 }
+void *fmi3InstantiateCoSimulation(const char *n, const char *t, const char *r, bool v, bool l, bool e, bool early,
+                                  const unsigned *given, size_t count, void *o,
+                                  void (*log)(void *, int, const char *, const char *), void *update)
+{ (void)e, (void)early, (void)given, (void)count, (void)update; return fmi3InstantiateModelExchange(n, t, r, v, l, o, log); }
 void fmi3FreeInstance(void *c) { free(c); }
 int fmi3EnterInitializationMode(void *c, bool a, double b, double t, bool d, double e)
 { (void)c, (void)a, (void)b, (void)t, (void)d, (void)e; return 0; }
@@ -165,15 +178,15 @@ NONE(fmi2GetRealOutputDerivatives) NONE(fmi2GetRealStatus) NONE(fmi2GetStatus) N
 NONE(fmi2GetStringStatus) NONE(fmi2Reset) NONE(fmi2SerializeFMUstate) NONE(fmi2SerializedFMUstateSize)
 NONE(fmi2SetBoolean) NONE(fmi2SetDebugLogging) NONE(fmi2SetFMUstate) NONE(fmi2SetInteger)
 NONE(fmi2SetRealInputDerivatives) NONE(fmi2SetString)
-NONE(fmi3ActivateModelPartition) NONE(fmi3DeserializeFMUState) NONE(fmi3DoStep) NONE(fmi3EnterConfigurationMode)
+NONE(fmi3ActivateModelPartition) NONE(fmi3DeserializeFMUState) NONE(fmi3EnterConfigurationMode)
 NONE(fmi3EnterStepMode) NONE(fmi3EvaluateDiscreteStates) NONE(fmi3ExitConfigurationMode) NONE(fmi3FreeFMUState)
-NONE(fmi3GetAdjointDerivative) NONE(fmi3GetBinary) NONE(fmi3GetBoolean) NONE(fmi3GetClock)
+NONE(fmi3GetAdjointDerivative) NONE(fmi3GetBoolean) NONE(fmi3GetClock)
 NONE(fmi3GetDirectionalDerivative) NONE(fmi3GetFMUState) NONE(fmi3GetFloat32) NONE(fmi3GetInt16) NONE(fmi3GetInt32)
 NONE(fmi3GetInt64) NONE(fmi3GetInt8) NONE(fmi3GetIntervalDecimal) NONE(fmi3GetIntervalFraction)
 NONE(fmi3GetNumberOfContinuousStates) NONE(fmi3GetNumberOfEventIndicators) NONE(fmi3GetNumberOfVariableDependencies)
 NONE(fmi3GetOutputDerivatives) NONE(fmi3GetShiftDecimal) NONE(fmi3GetShiftFraction) NONE(fmi3GetString)
 NONE(fmi3GetUInt16) NONE(fmi3GetUInt32) NONE(fmi3GetUInt64) NONE(fmi3GetUInt8) NONE(fmi3GetVariableDependencies)
-NONE(fmi3InstantiateCoSimulation) NONE(fmi3InstantiateScheduledExecution) NONE(fmi3Reset)
+NONE(fmi3InstantiateScheduledExecution) NONE(fmi3Reset)
 NONE(fmi3SerializeFMUState) NONE(fmi3SerializedFMUStateSize) NONE(fmi3SetBinary) NONE(fmi3SetBoolean)
 NONE(fmi3SetClock) NONE(fmi3SetDebugLogging) NONE(fmi3SetFMUState) NONE(fmi3SetFloat32) NONE(fmi3SetInt16)
 NONE(fmi3SetInt32) NONE(fmi3SetInt64) NONE(fmi3SetInt8) NONE(fmi3SetIntervalDecimal) NONE(fmi3SetIntervalFraction)
