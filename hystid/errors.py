@@ -39,15 +39,12 @@ def _shown(letter: str) -> str:
 
 
 def sentence(text: str) -> str:
-    """Text for a message: each line is ``printable``, and long names are cut."""
-    lines = (
-        re.sub(rf"\S{{{_LONGEST_WORD},}}", lambda word: printable(word[0], 120), line) for line in text.split("\n")
-    )
-    return "\n".join(map(printable, lines))
+    """Text for a message: ``printable``, and long names are cut."""
+    return printable(re.sub(rf"\S{{{_LONGEST_WORD},}}", lambda word: printable(word[0], 120), text))
 
 
 class HystidError(Exception):
-    """Base of everything that hystid raises on purpose; ``str(error)`` is the sentence a user reads.
+    """Base of everything that hystid raises on purpose; ``str(error)`` is the sentence a user reads, or one a line.
 
     Whatever names and texts of files it quotes, it prints: see ``printable``.
     """
@@ -56,6 +53,9 @@ class HystidError(Exception):
 
     def __init__(self, *arguments: object) -> None:
         super().__init__(*(sentence(item) if isinstance(item, str) else item for item in arguments))
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.args))
 
 
 class UsageError(HystidError):

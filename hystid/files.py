@@ -17,6 +17,7 @@ import shutil
 import stat
 import tempfile
 import unicodedata
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -116,19 +117,40 @@ def check_regular(path: Path, error: type[HystidError]) -> None:
         raise error(f"{path}: this is a pipe or a device, which may have no end; copy its content to a file")
 
 
-def text_of(path: Path, error: type[HystidError]) -> str:
-    """Text (UTF-8) of a file that a user named. Raises the error where there is no such file, and see above."""
+def content_of(path: Path, error: type[HystidError]) -> bytes:
+    """Bytes of a file that a user named. Raises the error where there is no such file, and see above.
+
+    A file without a length is empty, whatever comes when it is read: those of /proc may have no end.
+    """
     check_regular(path, error)
+    size = Path(path).stat().st_size
     try:
-        return Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as problem:
-        raise error(f"{path}: cannot be read as UTF-8 text ({getattr(problem, 'strerror', None) or problem})") from None
+        return Path(path).read_bytes() if size else b""
+    except MemoryError:
+        raise error(f"{path}: it has {size >> 20} MB, for which there is not enough memory") from None
+    except OSError as problem:
+        raise error(f"{path}: it cannot be read ({problem.strerror}); check its permissions and the disk") from None
+
+
+def text_of(path: Path, error: type[HystidError]) -> str:
+    """``content_of`` as text (UTF-8)."""
+    try:
+        return content_of(path, error).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as problem:
+        raise error(f"{path}: cannot be read as UTF-8 text ({problem})") from None
 
 
 def json_of(path: Path, error: type[HystidError]) -> Any:
-    """Content of a JSON file that a user named. Raises the error where it is none."""
+    """Content of a JSON file that a user named. Raises the error where it is none, or names something twice."""
+
+    def named(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+        if len(found := dict(pairs)) < len(pairs):
+            twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
+            raise ValueError(f"'{twice}' stands there twice")
+        return found
+
     try:
-        return json.loads(text_of(path, error))
+        return json.loads(text_of(path, error), object_pairs_hook=named)
     except (ValueError, RecursionError) as problem:
         raise error(f"{path}: this is not JSON ({problem})") from None
 

@@ -273,6 +273,30 @@ def test_inputs_have_an_end(
     assert not (tmp_path / "out").exists() and not (tmp_path / "out.csv").exists()
 
 
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="there is no /proc")
+@pytest.mark.parametrize("name", ["status.csv", "status.mo", "status.onnx", "status.fmu"])
+def test_files_of_proc_are_empty(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """They are regular and have no length, and some never end (/proc/kmsg)."""
+    (path := tmp_path / name).symlink_to("/proc/self/status")
+    command = {"csv": "check {}", "fmu": "regress {}"}.get(name[-3:], "build {} -o " + str(tmp_path / "out.fmu"))
+    assert run(command.format(path).split()) == 2
+    said = capsys.readouterr().err
+    assert name in said and "internal" not in said and "Pid" not in said and len(said.splitlines()) == 1
+
+
+def test_links_in_a_circle_are_no_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (path := tmp_path / "loop.csv").symlink_to("loop.csv")
+    for command in ("identify {} --mass 1", "identify good.csv --holdout {} --mass 1", "diagnose {} --model {}"):
+        assert run([*command.format(path, path).split(), "-o", str(tmp_path / "out")]) == 2
+        assert "internal" not in capsys.readouterr().err
+
+
+def test_a_version_of_line_ends_is_shown_as_one(good: Content, tmp_path: Path) -> None:
+    text = re.sub(rb'fmiVersion="[0-9.]+"', b'fmiVersion="4&#10;hystid: as before"', good["modelDescription.xml"])
+    with pytest.raises(FmuError, match=r"FMI version 4\\nhystid: as before is not supported"):
+        open_fmu(_write(tmp_path / "model.fmu", {**good, "modelDescription.xml": text}))
+
+
 def test_a_killed_process_leaves_its_folder_to_the_next(good: Content, tmp_path: Path, temporary: Path) -> None:
     child = os.fork()
     if child == 0:

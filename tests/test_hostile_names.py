@@ -104,7 +104,9 @@ def test_messages_are_short_and_print(error: type[HystidError]) -> None:
     assert len(text) < 500 and text.isprintable()
     assert "\\x1b" in text and "N[...]N" in text
     assert len(str(error("word " * 20_000))) < 2100
-    assert str(error("first\nsecond")) == "first\nsecond"
+    assert str(error("first", "second")) == "first\nsecond"
+    # a name cannot begin a line of its own
+    assert str(error("version '\n' of the file")) == "version '\\n' of the file"
 
 
 @given(st.text(st.characters()))

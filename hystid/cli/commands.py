@@ -9,7 +9,7 @@ from typing import Annotated, Literal, TypeVar
 import typer
 
 from hystid.cli import options as opt
-from hystid.errors import UsageError
+from hystid.errors import UsageError, printable
 from hystid.outputs import check_file
 
 Choice = TypeVar("Choice", bound=str)
@@ -126,9 +126,11 @@ def build(
         made = work(
             model, out, fmi=version, parameters=values, platforms=platforms, libraries=library or (), about=about
         )
-    print(f"{made.summary()} from {model}")
+    opt.show(f"{made.summary()} from {model}")
     if made.changes is not None:
-        print("\n  ".join(["the reference is still that of the FMU before; changed:", *(made.changes or ["nothing"])]))
+        opt.show("the reference is still that of the FMU before; changed:")
+        for change in made.changes or ["nothing"]:
+            print(f"  {printable(change)}")
 
 
 def _build_c(network: Path, out: Path, real: Literal["double", "float"]) -> None:
@@ -140,7 +142,7 @@ def _build_c(network: Path, out: Path, real: Literal["double", "float"]) -> None
         raise UsageError(f"--target c: {network}: a step in C is made of a network; name an .onnx file")
     for name, text in c_source(network, name=out.stem, real=real).items():
         write_text(out.with_name(name), text)
-    print(f"{out} and {out.with_suffix('.h').name} ({real} precision, from {network})")
+    opt.show(f"{out} and {out.with_suffix('.h').name} ({real} precision, from {network})")
 
 
 @app.command()
@@ -168,7 +170,7 @@ def simulate(
         fmu, force_of(force, dt, seed), parameters=opt.numbers("--set", set_), noise_snr=noise_snr, seed=seed
     )
     write_csv(record, out)
-    print(f"{out} ({len(record)} samples at {record.sample_rate:.6g} Hz)")
+    opt.show(f"{out} ({len(record)} samples at {record.sample_rate:.6g} Hz)")
 
 
 @app.command()
@@ -405,7 +407,7 @@ def regress(
         return 0
     picture = fmu.with_name(f"{fmu.stem}_difference.svg")
     write_text(picture, outcome.picture())
-    print(f"the difference is drawn in {picture}")
+    opt.show(f"the difference is drawn in {picture}")
     return 1
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -206,9 +207,9 @@ def layer_sizes(text: str) -> tuple[int, ...]:
 
 def apart(recordings: Sequence[Path], holdout: Sequence[Path] | None) -> Sequence[Path]:
     """The held-out files, after checking that none of them is also used. Raises UsageError."""
-    used = {path.resolve() for path in recordings}
+    used = set(map(os.path.realpath, recordings))
     for path in holdout or ():
-        if path.resolve() in used:
+        if os.path.realpath(path) in used:
             raise UsageError(f"{path} is both used and held out: leave it out of one of the two lists")
     return holdout or ()
 
@@ -300,7 +301,7 @@ def grouped(command: Command) -> Command:
 def done(result: Result, out: Path) -> None:
     """Print what a command has found, and where it lies."""
     show(result.summary())
-    print(f"results and report.html in {out}")
+    show(f"results and report.html in {out}")
 
 
 def command_line(name: str) -> str:

@@ -153,7 +153,7 @@ class Examination(Result, report="examination", json="check.json"):
     def admit(self) -> None:
         """Raise RecordingError with one line per refusal, if there is any."""
         if self.refusals:
-            raise RecordingError("\n".join(str(item) for item in self.refusals))
+            raise RecordingError(*map(str, self.refusals))
 
     def undecided(self, channels: Collection[str]) -> list[str]:
         """What these data cannot show about some of these channels, as sentences."""

@@ -71,5 +71,5 @@ def report(problems: Iterable[Problem], accept: Collection[str] = ()) -> tuple[P
     judged = [replace(item, severity="warning") if item.rule in accept else item for item in problems]
     errors = [str(item) for item in judged if item.severity == "error"]
     if errors:
-        raise RecordingError("\n".join(errors))
+        raise RecordingError(*errors)
     return tuple(judged)

@@ -102,9 +102,9 @@ def read_all(
         try:
             recordings += _read_file(Path(path), door)
         except RecordingError as error:
-            refused.append(str(error))
+            refused += error.args
     if refused:
-        raise RecordingError("\n".join(refused))
+        raise RecordingError(*refused)
     return _unique_names(recordings)
 
 

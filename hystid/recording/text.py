@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from hystid.errors import RecordingError
+from hystid.files import content_of
 from hystid.recording.names import announced, is_unit, known_name, labels_units, scales, split_header
 from hystid.recording.problems import Problem
 from hystid.recording.stamps import is_stamp, seconds
@@ -82,7 +83,7 @@ def _content(path: Path) -> tuple[list[Line], list[Line]]:
 
 
 def _decode(path: Path) -> str:
-    raw = path.read_bytes()
+    raw = content_of(path, RecordingError)
     for mark, name in (
         (codecs.BOM_UTF8, "utf-8-sig"),
         (codecs.BOM_UTF32_LE, "utf-32"),
