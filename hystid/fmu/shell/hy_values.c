@@ -128,10 +128,6 @@ static int settable_now(const hy_instance *c, unsigned vr, double value)
 int hy_may_set(hy_instance *c, const char *call, unsigned vr, int type, double value)
 {
     const hy_variable *variable = vr < (unsigned)c->engine.model->n_values ? hy_variables + vr : NULL;
-    /* what is set before each step needs no further look */
-    if (variable && variable->type == type && (variable->flags & (IS_INPUT | IS_DISCRETE | HAS_LIMITS)) == IS_INPUT
-        && c->engine.status->mode == STEP && isfinite(value))
-        return 1;
     if (!variable || variable->type != type)
         hy_fail(c, "%s: there is no variable of this type with value reference %u", call, vr);
     else if (!isfinite(value))
@@ -158,11 +154,33 @@ static int set_running(hy_instance *c, unsigned vr, double value)
     return HY_OK;
 }
 
+/* What is set before each step, continuous inputs without limits, needs no further look; 0 where something else is set. */
+static int set_inputs(hy_instance *c, const unsigned *vr, size_t n, int type, const double *value)
+{
+    const hy_engine *const e = &c->engine;
+    const unsigned n_values = (unsigned)e->model->n_values;
+    int moved = 0;
+    if (e->status->mode != STEP) return 0;
+    for (size_t i = 0; i < n; i++) {
+        const hy_variable *const variable = hy_variables + vr[i];
+        if (vr[i] >= n_values || variable->type != type || !isfinite(value[i])
+            || (variable->flags & (IS_INPUT | IS_DISCRETE | HAS_LIMITS)) != IS_INPUT)
+            return 0;
+    }
+    for (size_t i = 0; i < n; i++) {
+        moved |= e->data.v[vr[i]] != value[i];
+        e->data.v[vr[i]] = value[i];
+    }
+    if (moved) e->status->stale = 1;
+    return 1;
+}
+
 /* All values are checked before the first is taken: a refused call changes nothing. */
 int hy_set(hy_instance *c, const char *call, const unsigned *vr, size_t n, int type, const double *value)
 {
     int outcome = HY_OK;
     if (n && (!vr || !value)) return hy_fail(c, "%s: a NULL array was given for %zu values", call, n);
+    if (set_inputs(c, vr, n, type, value)) return FMI_OK;
     for (size_t i = 0; i < n; i++)
         if (!hy_may_set(c, call, vr[i], type, value[i])) return FMI_ERROR;
     if (before_start(c)) {
