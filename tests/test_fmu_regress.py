@@ -56,6 +56,14 @@ def test_the_manifest_is_of_the_layered_standard():
         etree.XMLSchema(file=str(SSV_SCHEMA)).assertValid(values)
         found = {p.get("name"): float(p[0].get("value")) for p in values.iter("{*}Parameter")}
         assert found == {v.name: v.start for v in jenkins().variables if v.causality == "parameter"}
+        experiments = ET.fromstring(archive.read(f"{FOLDER}/{related.pop('experiment')}"))
+        assert experiments.tag == "Experiments" and experiments.get("name") == jenkins().name
+        simulation, *sources = experiments.find("Experiment")
+        t, _ = read_table(archive.read(f"{FOLDER}/Jenkins_out.csv").decode())
+        times = {name: float(value) for name, value in simulation.attrib.items()}
+        assert times == {"startTime": t[0], "stopTime": t[-1], "stepSize": jenkins().experiment.step}
+        files = {"Parameters": "Jenkins.ssv", "Stimuli": "Jenkins_in.csv", "References": "Jenkins_out.csv"}
+        assert {e.tag: e.get("source") for e in sources} == files
         assert related == {"result": "Jenkins_out.csv", "testcase": "Jenkins_in.csv"}
         for source in related.values():
             t, columns = read_table(archive.read(f"{FOLDER}/{source}").decode())

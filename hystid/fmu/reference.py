@@ -1,8 +1,8 @@
 """Reference results inside an FMU, in the form of the layered standard FMI-LS-REF (1.0.0-beta.1).
 
-``extra/org.fmi-standard.fmi-ls-ref/`` holds a manifest, ``<Model>_out.csv``, for inputs ``<Model>_in.csv``, and the
-parameters with their start values as a parameter set (SSV). The result comes from the table runner: fixed step, inputs
-linear between rows.
+``extra/org.fmi-standard.fmi-ls-ref/`` holds a manifest, ``<Model>_out.csv``, for inputs ``<Model>_in.csv``, the
+parameters with their start values as a parameter set (SSV), and the experiment that these make up. The result comes
+from the table runner: fixed step, inputs linear between rows.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from xml.etree import ElementTree as ET
@@ -32,6 +32,7 @@ NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
 _PURPOSE = "Layered Standard providing information on related files included in an FMU."  # wording fixed by its schema
 SSV = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 RESULT_ROLE, INPUT_ROLE = "result", "testcase"
+_EXPERIMENT = {".ssv": "Parameters", "_in.csv": "Stimuli", "_out.csv": "References"}  # end of the file -> element
 _MOST_ROWS = 251
 _DIGITS = 7  # of each number: far finer than any tube, and a third of the size
 _CYCLES = 5.0  # of the reference input within the experiment
@@ -85,6 +86,9 @@ def _entries(model: Interface, t: Array, inputs: Mapping[str, Array], results: M
         files[f"{stem}.ssv"] = parameter_set(parameters)
         what = "The parameters with the values that the results were computed with"
         related.append(_Related(f"{stem}.ssv", "application/x-ssp-parameter-set", "parameter", what))
+    files[f"{stem}.exp"] = _experiments(model.code, t, {k: f"{stem}{end}" for end, k in _EXPERIMENT.items()}, files)
+    what = "The default experiment: parameters, input and result"
+    related.append(_Related(f"{stem}.exp", "application/x-ma-hs-experiments", "experiment", what))
     for name in networks:
         what = "The network that the FMU was made from (ONNX)"
         related.append(_Related(f"../../resources/{name}", "application/octet-stream", "model", what))
@@ -93,6 +97,22 @@ def _entries(model: Interface, t: Array, inputs: Mapping[str, Array], results: M
     related.append(_Related("../../documentation/index.html", "text/html", "document", what))
     files["fmi-ls-manifest.xml"] = _manifest(related)
     return {f"{FOLDER}/{name}": text.encode() for name, text in files.items()}
+
+
+def _experiments(code: ModelCode, t: Array, sources: Mapping[str, str], files: Collection[str]) -> str:
+    """What the result belongs to, in the experiments format of the Modelica Association (MA-HS-Experiments).
+
+    sources: element -> file; those of them that are there are named.
+    """
+    root = ET.Element("Experiments", {"name": code.name})
+    tolerance = {} if code.experiment.tolerance is None else {"tolerance": f"{code.experiment.tolerance:.17g}"}
+    one = ET.SubElement(root, "Experiment", {"name": "default experiment", **tolerance})
+    times = {"startTime": float(t[0]), "stopTime": float(t[-1]), "stepSize": code.experiment.step}
+    ET.SubElement(one, "TransientSimulation", {name: f"{value:.17g}" for name, value in times.items()})
+    for kind, source in sources.items():
+        if source in files:
+            ET.SubElement(one, kind, {"source": source})
+    return text_of(root)
 
 
 def parameter_set(parameters: Sequence[Variable]) -> str:
