@@ -112,3 +112,13 @@ def test_initial_conditions_may_say_the_same_twice(run) -> None:
 def test_initial_conditions_that_do_not_fit_end_the_run(run) -> None:
     with pytest.raises(NumericalError, match=r"no answer|do not fit together"):
         run(TWICE, "b", parameters={"first": 3.0})
+
+
+@pytest.mark.parametrize("start", ["true", "false"])
+def test_the_start_of_a_mode_says_which_of_two_consistent_ones_is_meant(run, start: str) -> None:
+    text = f"""model A
+  Boolean up(start = {start}) = x > 0;
+  Real x = if up then 1 + time else -1 - time;
+end A;"""
+    got = run(text, "x")["x"]
+    np.testing.assert_array_equal(got, np.array([1, 1.1]) * (1 if start == "true" else -1))

@@ -456,6 +456,12 @@ class _Start:
             source = v.binding if v.kind in ("parameter", "constant") else v.start
             if isinstance(source, Num):
                 found[name] = source.value
+        relations = {r.name for r in self.events.relations}
+        for name, e in self.events.discrete.items():  # a mode that is to be tried first
+            turned = isinstance(e.right, Op) and e.right.name == "not"
+            relation = e.right.args[0] if isinstance(e.right, Op) and turned else e.right
+            if isinstance(relation, Ref) and relation.name in relations and name in found:
+                found[relation.name] = float((found[name] == 0) == turned)
         return found
 
 
