@@ -39,7 +39,9 @@ def fmu_regression(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[.
         if not result.passed:
             picture = tmp_path / f"{Path(path).stem}_difference.svg"
             picture.write_text(result.picture(), encoding="utf-8")
-            pytest.fail(f"{result.text()}\n  picture: {picture}\n  new reference: pytest --fmu-update", pytrace=False)
+            pytest.fail(
+                f"{result.summary()}\n  picture: {picture}\n  new reference: pytest --fmu-update", pytrace=False
+            )
         return result
 
     return check

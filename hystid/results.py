@@ -10,9 +10,15 @@ from typing import Any, ClassVar
 from hystid.files import write_json
 from hystid.outputs import replaced
 
+_CALLS = {  # by the module of the report: what a reader can run where no command line was given
+    "diagnosis": "hystid.diagnose(...)", "examination": "hystid.check(...)", "identification": "hystid.identify(...)",
+    "recording": "hystid.read(...)", "regression": "hystid.regress(...)", "study": "hystid.study",
+    "validation": "hystid.validate(...)",
+}  # fmt: skip
+
 
 class Result:
-    """Base of the answers of ``identify``, ``validate``, ``diagnose``, ``study`` and ``demo``.
+    """Base of the answers of ``identify``, ``validate``, ``diagnose``, ``check``, ``study`` and ``regress``.
 
     A subclass names the module of ``hystid.report`` that shows it, and its JSON file:
     ``class Diagnosis(Result, report="diagnosis", json="diagnosis.json")``. The report is loaded by name when a result
@@ -59,7 +65,7 @@ class Result:
 
     def report(self, path: str | Path, command: str = "") -> Path:
         """Write the report alone, one self-contained HTML file; returns its path. command: as for ``save``."""
-        return Path(_view(self).page(self, command or f"hystid {self._report}").write(Path(path)))
+        return Path(_view(self).page(self, command or _CALLS.get(self._report, "hystid")).write(Path(path)))
 
     def _write(self, folder: Path) -> None:
         """Files of the result but its report; by default those it was written to, else its JSON alone."""

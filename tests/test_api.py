@@ -96,3 +96,16 @@ def test_a_saved_diagnosis_is_what_a_run_writes(tmp_path: Path) -> None:
     assert answer.summary().startswith(answer.verdict.replace("_", " "))
     assert answer.plot().data
     assert answer.verdict.capitalize() in answer._repr_html_()
+
+
+def test_a_regression_shows_and_saves_itself(tmp_path: Path) -> None:
+    old = hystid.build("HystId.Oscillators.Linear", tmp_path / "old.fmu", parameters={"m": 1.0})
+    new = hystid.build("HystId.Oscillators.Linear", tmp_path / "new.fmu", parameters={"m": 1.5})
+    outcome = hystid.regress(new, reference=Path(old))
+    assert "new.fmu: differs" in outcome.summary() and "signals differ" in outcome._repr_html_()
+    folder = outcome.save(tmp_path / "shown")
+    assert {"regression.json", "report.html"} <= {path.name for path in folder.iterdir()}
+    assert "hystid.regress(...)" in (folder / "report.html").read_text()
+    assert set(outcome.plots()) == {"x", "v", "a", "R"}
+    assert outcome.plot("v").layout.yaxis.title.text.startswith("v [")
+    assert not outcome.as_dict()["passed"] and outcome.as_dict()["signals"][0]["unit"]

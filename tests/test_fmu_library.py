@@ -28,7 +28,7 @@ def test_the_model_answers_as_its_reference_says(tmp_path, model):
     for end in ("in", "out"):
         shutil.copy(FMUS / model / f"{model}_{end}.csv", tmp_path)
     result = regress(path)
-    assert result.passed and len(result.signals) == 4, result.text()
+    assert result.passed and len(result.signals) == 4, result.summary()
 
 
 @pytest.mark.parametrize("model", make.models())

@@ -39,7 +39,7 @@ def read_table(text):
 @pytest.mark.parametrize("make", EVERY)
 def test_every_fmu_answers_as_it_says(make, version):
     result = regress(built(make, version))
-    assert result.passed, result.text()
+    assert result.passed, result.summary()
     assert {s.name for s in result.signals} == {v.name for v in make().variables if v.causality == "output"}
 
 
@@ -91,7 +91,7 @@ def test_a_changed_model_is_found_shown_and_accepted(tmp_path):
     result = regress(path)
     assert not result.passed
     assert {s.name: s.text(result.t).split()[-1] for s in result.signals} == {"x": "m", "v": "m/s", "R": "N"}
-    assert "leaves the tube at t = " in result.text() and result.text().startswith("linear.fmu: differs")
+    assert "leaves the tube at t = " in result.summary() and result.summary().startswith("linear.fmu: differs")
     picture = ET.fromstring(result.picture())
     assert picture.tag.endswith("svg") and len(list(picture.iter("{http://www.w3.org/2000/svg}circle"))) > 10
     assert regress(path, update=True).updated
@@ -234,15 +234,15 @@ def test_texts_and_discrete_signals_are_compared(ending):
     beside = ending.with_name("ending_out.csv")
     beside.write_text("\n".join(["time,x,n,text", *rows]))
     result = regress(ending)
-    assert [signal.name for signal in result.signals] == ["x", "n", "text"] and result.passed, result.text()
+    assert [signal.name for signal in result.signals] == ["x", "n", "text"] and result.passed, result.summary()
     beside.write_text(beside.read_text().replace("another", "a third"))
     result = regress(ending)
     assert not result.passed
-    assert "text: is 'another' at t = 0.3 s, where the reference has 'a third'" in result.text()
+    assert "text: is 'another' at t = 0.3 s, where the reference has 'a third'" in result.summary()
     regress(ending, update=True)
     assert regress(ending).passed
     beside.write_text("\n".join(["time,n", *(f"{0.1 * k!r},{k + 2}" for k in range(6))]))
-    assert "n: is 0 at t = 0 s, where the reference has 2" in regress(ending).text()
+    assert "n: is 0 at t = 0 s, where the reference has 2" in regress(ending).summary()
     for text, sentence in (("time,y\n0,1", "no variable"), ("time,x\n0,1\n1", "rows differ in length")):
         beside.write_text(text)
         with pytest.raises(FmuError, match=sentence):

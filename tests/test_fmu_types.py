@@ -83,7 +83,7 @@ def build(tmp_path_factory):
 
 def test_every_type_goes_through_unchanged(build):
     result = regress(build(None))
-    assert result.passed, result.text()
+    assert result.passed, result.summary()
     names = [signal.name for signal in result.signals]
     assert names == [*TYPES[:-1], "Array[1]", "Array[2]"] and not result.skipped and not result.new
 
@@ -95,7 +95,7 @@ def test_a_change_of_any_type_is_found(build, broken):
     assert not result.passed
     wrong = [signal.name for signal in result.signals if not signal.tube.holds]
     assert wrong == ["Array[2]" if broken == "Array" else broken]
-    line = result.text().splitlines()[1]
+    line = result.summary().splitlines()[1]
     assert line.startswith(f"  {wrong[0]}: ") and "t = 0.6 s" in line, line
     assert result.picture().count("<polyline") == 3 * 6
     regress(path, update=True)
@@ -138,10 +138,12 @@ def test_what_cannot_be_compared_is_said(build):
     path.with_name(f"{path.stem}_in.csv").unlink()
     result = regress(path)
     assert result.passed and result.skipped == ("tick",) and "UInt8" in result.new
-    assert "not compared: tick" in result.text() and "for the reference does not have them: Float32" in result.text()
+    assert (
+        "not compared: tick" in result.summary() and "for the reference does not have them: Float32" in result.summary()
+    )
     table.write_text("time,tick\n0,1\n1,1\n")
     result = regress(path)
-    assert not result.passed and "nothing could be compared" in result.text()
+    assert not result.passed and "nothing could be compared" in result.summary()
     for text, sentence in (("time,Int8\n0,1.5\n", "'1.5' is no value of 'Int8', which is of type Int8"),
                            ("time,Array\n0,1\n", "'Array' has 2 elements"),
                            ("time,Int8\n1,1\n0,1\n", "its times are not in order"),

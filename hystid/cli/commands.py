@@ -402,7 +402,7 @@ def regress(
     from hystid.fmu import regress
 
     outcome = regress(fmu, update=update, reference=reference)
-    opt.show(outcome.text())
+    opt.show(outcome.summary())
     if outcome.passed:
         return 0
     picture = fmu.with_name(f"{fmu.stem}_difference.svg")

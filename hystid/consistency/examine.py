@@ -15,7 +15,7 @@ from hystid.consistency.cut_off import kept_size, with_full_sizes
 from hystid.consistency.filters import Form, filtered
 from hystid.consistency.force import FOURFOLD, Force, examine_force
 from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, computed, formula, motion, pairs, spectrum
-from hystid.consistency.slips import PRIOR_SLIP, SURE, Explanation, Situation, doubtful_units, explain
+from hystid.consistency.slips import PRIOR_SLIP, SURE, Explanation, Situation, doubtful_units, explain, with_alike
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
 from hystid.errors import UsageError
 from hystid.recording import Array, Recording, Sources, loaded, own_mass
@@ -199,7 +199,7 @@ def _formulas(recording: Recording, compared: Sequence[Pair]) -> dict[tuple[str,
 def _explanation(situation: Situation) -> Explanation:
     ordered = explain(situation)
     sound = next(item for item in ordered if item.sound)
-    best = ordered[0]
+    best = with_alike(ordered)
     return best if best.score - sound.score > SURE else sound
 
 

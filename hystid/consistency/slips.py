@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 
 from hystid.consistency.kinematics import ORDER, Pair
@@ -89,11 +89,15 @@ class Situation:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Slips together, ln of their posterior (not normalised), and what they leave unexplained (chi square)."""
+    """Slips together, ln of their posterior (not normalised), and what they leave unexplained (chi square).
+
+    alike: other units of a single slip that these data do not tell from its own.
+    """
 
     slips: tuple[Slip, ...]
     score: float
     misfit: float
+    alike: tuple[str, ...] = ()
 
     @property
     def sound(self) -> bool:
@@ -114,6 +118,16 @@ def explain(situation: Situation) -> list[Explanation]:
             _judged(situation, (a, b)) for a in named for b in single if b.kind == "gain" and _differ(a, b)
         ]  # fmt: skip
     return sorted(found, key=lambda e: -e.score)
+
+
+def with_alike(ordered: Sequence[Explanation]) -> Explanation:
+    """The first explanation, with the units of the same channel that explain it at odds below 20."""
+    best = ordered[0]
+    if len(best.slips) != 1 or best.slips[0].kind != "unit":
+        return best
+    channels = best.slips[0].channels
+    near = [e.slips[0] for e in ordered[1:] if len(e.slips) == 1 and best.score - e.score < SURE]
+    return replace(best, alike=tuple(s.units[1] for s in near if s.kind == "unit" and s.channels == channels))
 
 
 def doubtful_units(situation: Situation, name: str) -> list[str]:

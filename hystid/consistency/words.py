@@ -19,6 +19,8 @@ def slips(
     name: str, best: Explanation, compared: Sequence[Pair], rotational: bool, mass: float | None
 ) -> list[Finding]:
     """One finding per slip of an explanation."""
+    if best.alike:
+        return [_unit(name, best.slips[0], compared, best.alike)]
     return [_slip(name, slip, compared, rotational, mass) for slip in best.slips]
 
 
@@ -43,13 +45,13 @@ def _evidence(channel: str, compared: Sequence[Pair]) -> tuple[str, dict[str, fl
     return " and ".join(told), seen
 
 
-def _unit(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
+def _unit(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] = ()) -> Finding:
     channel = slip.channels[0]
     told, seen = _evidence(channel, compared)
     seen["times too large"] = slip.factor
-    size = (
-        f"{_number(slip.factor)} times too large" if slip.factor > 1 else f"{_number(1 / slip.factor)} times too small"
-    )
+    times = max(slip.factor, 1 / slip.factor)
+    size = f"about {times:.2g}" if alike else _number(times)
+    size += " times too large" if slip.factor > 1 else " times too small"
     others = "the motion" if channel == "F" else "the other channels" if told else "the force and the mass"
     sentence = f"{channel} is {size} for {others}" + (f" ({told})" if told else "")
     if channel == "F":
@@ -58,10 +60,11 @@ def _unit(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
         sentence += ", which fits no unit"
         mend = f"check the sensor's factor, as --sensitivity {channel}=..., or the column of {channel}"
         return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen)
-    sentence += f": it looks like {slip.units[1]}"
+    sentence += f": it looks like {' or '.join([slip.units[1], *alike])}"
     mend = f"write '{channel} [{slip.units[1]}]' in the header or give --unit {channel}={slip.units[1]}"
     mend += "; else the mass is wrong" if channel == "F" or not told else ""
-    return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen, {"unit": f"{channel}={slip.units[1]}"})
+    repair = {} if alike else {"unit": f"{channel}={slip.units[1]}"}  # the only reading that fits, or none
+    return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen, repair)
 
 
 def _time(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:

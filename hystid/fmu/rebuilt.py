@@ -88,4 +88,4 @@ def _changed_answers(new: Path) -> Iterator[str]:
         yield str(error)
         return
     if not result.passed:
-        yield from (line.strip() for line in result.text().splitlines()[1:])
+        yield from (line.strip() for line in result.summary().splitlines()[1:])

@@ -18,12 +18,13 @@ from hystid.fmu.kept import Kept
 from hystid.fmu.picture import difference_picture
 from hystid.fmu.reference import cells_text, read_cells
 from hystid.fmu.signals import Signal
+from hystid.results import Result
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class RegressionResult:
+class RegressionResult(Result, report="regression", json="regression.json"):
     """What a replay showed. Signals in the order of the reference, arrays element by element.
 
     skipped: names in the reference that could not be compared; new: outputs that the reference does not have;
@@ -42,7 +43,15 @@ class RegressionResult:
         """Whether something was compared and every signal agreed."""
         return self.updated or (bool(self.signals) and all(signal.tube.holds for signal in self.signals))
 
-    def text(self) -> str:
+    def as_dict(self) -> dict[str, Any]:
+        """Content of regression.json."""
+        signals = [
+            {"name": s.name, "unit": s.unit, "agrees": s.tube.holds, "outcome": s.text(self.t)} for s in self.signals
+        ]
+        kept = {"skipped": list(self.skipped), "new": list(self.new), "updated": self.updated}
+        return {"fmu": self.path.name, "passed": self.passed, "signals": signals, **kept}
+
+    def summary(self) -> str:
         """One line per signal, worst first where something failed."""
         lines = [
             f"{self.path.name}: {'reference updated' if self.updated else 'as before' if self.passed else 'differs'}"
