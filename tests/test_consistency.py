@@ -105,6 +105,16 @@ def test_accepted_slips_are_warnings() -> None:
     assert any("wrong sign" in text for text in taken.warnings)
 
 
+@pytest.mark.parametrize("name", ["v", "a"])
+def test_a_clock_in_milliseconds_beside_one_channel_of_motion(name: str) -> None:
+    """The mass tells with v. F over a is the same in any time: there the displacement that a means tells."""
+    plain = rig()
+    alone = replace(plain, **{other: None for other in "xva" if other != name})
+    assert not examine([alone], mass=MASS).refusals
+    (found,) = examine([replace(alone, t=1e3 * alone.t)], mass=MASS).refusals
+    assert found.slip == "wrong_unit" and found.channel == {"v": "t", "a": "a"}[name]
+
+
 @pytest.mark.parametrize("unit", ["kN", "lbf"])
 def test_the_mass_tells_the_unit_of_the_force(unit: str) -> None:
     plain = rig()

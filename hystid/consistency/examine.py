@@ -322,6 +322,12 @@ def _sizes(recording: Recording) -> list[Finding]:
         speed = float(np.std(names["x"])) * _main(recording)
         if speed > _LARGEST["v"]:
             return [words.too_large(recording.name, "x", f"moves at about {speed:.3g} m/s", speed, alone)]
+    if list(names) in (["v"], ["a"]) and not recording.quasi_static:  # a clock in ms says nothing else to these
+        (name,) = names
+        size = float(np.std(names[name])) / max(_main(recording), 1e-12) ** ORDER[name]
+        if size > _LARGEST["x"]:
+            seen = f"means a displacement of about {size:.3g} m at the frequencies of this file"
+            return [words.too_large(recording.name, name, seen, size, alone)]
     return []
 
 
