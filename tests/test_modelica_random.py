@@ -38,6 +38,11 @@ package Random
     end {kind};
   end Generators;
   package Utilities
+    function automaticLocalSeed
+      input String path;
+      output Integer seed;
+      external "C" seed = some_hash(path);
+    end automaticLocalSeed;
     impure function impureRandom
       input Integer id;
       output Real y;
@@ -135,6 +140,26 @@ def test_a_hidden_state_is_refused(tmp_path: Path, drawn) -> None:
     (tmp_path / "B.mo").write_text(text + "end when; end B;\n")
     with pytest.raises(ModelicaError, match=r"B\.mo:1: impureRandom\(\) is not supported: it keeps a state"):
         compile_model(f"{tmp_path / 'B.mo'}:B", libraries=[tmp_path / "lib"])
+
+
+def test_noise_that_takes_its_seed_from_its_name_is_told(
+    tmp_path: Path, drawn, caplog: pytest.LogCaptureFixture
+) -> None:
+    drawn("Xorshift64star", (1, 2), 1)  # writes the library
+    (tmp_path / "A.mo").write_text("""
+model Noise
+  parameter Boolean automatic = true;
+  final parameter Integer seed(fixed = false);
+initial equation
+  seed = if automatic then Modelica.Math.Random.Utilities.automaticLocalSeed(getInstanceName()) else 10;
+end Noise;
+model A
+  Noise named, given(automatic = false);
+end A;""")
+    model = CompiledModel(compile_model(f"{tmp_path / 'A.mo'}:A", libraries=[tmp_path / "lib"]))
+    got = model.simulate({}, 1.0, rows=1, outputs=["named.seed", "given.seed"])
+    assert (got["named.seed"][0], got["given.seed"][0]) == (hashed("A.named"), 10)
+    assert "from the names A.named, which tools write in different ways" in caplog.text
 
 
 def test_a_component_may_be_called_sample(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,6 +20,7 @@ from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
 from hystid.modelica.lookup import Tree, cut
+from hystid.modelica.random_numbers import seeds_of_names
 from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
 from hystid.modelica.sources import Source, declaration, only_class, read, read_tree, search_path
@@ -45,6 +47,8 @@ from hystid.modelica.workarounds.random_functions import with_known_starts
 from hystid.modelica.workarounds.sample_conditions import with_plain_samples
 from hystid.modelica.workarounds.shared_sources import with_separate_elements
 
+_log = logging.getLogger("hystid")
+
 # Our small package of units, constants and functions of the Modelica Standard Library, for those who have none.
 _STANDARD = Path(__file__).parent / "standard"
 
@@ -69,6 +73,12 @@ def _compiled(model: str, values: dict[str, float], libraries: Sequence[Path]) -
     structure = {n: _typed(v, values.pop(n)) for n, v in structural.items()}
     if structure:
         flat = flat_model(model, libraries=libraries, structure=structure)
+    names = ", ".join(dict.fromkeys(seeds_of_names(flat)))
+    if names:
+        _log.warning(
+            "%s: the seeds of this noise follow from the names %s, which tools write in different ways: others draw "
+            "other numbers; useAutomaticLocalSeed = false with fixedLocalSeed gives all of them the same", model, names,
+        )  # fmt: skip
     return model_code(causalise(flat, values))
 
 

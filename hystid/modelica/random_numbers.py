@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from hystid.modelica.expr import ZERO, Expr, Num, Text, op
+from hystid.modelica.expr import ZERO, Expr, Num, Op, Ref, Text, nodes, op
+from hystid.modelica.flat import FlatModel
 from hystid.modelica.values import Interpreter, Value, array, flattened
 from hystid.modelica.xorshift import GENERATORS, hashed
 
@@ -26,6 +27,17 @@ _UNREPEATABLE = {
 def is_random_function(name: str) -> bool:
     """Whether a function draws random numbers, or makes a seed."""
     return _FUNCTION.search(name) is not None
+
+
+def seeds_of_names(flat: FlatModel) -> Iterator[str]:
+    """Components whose noise takes its seed from their name, which tools write in different ways."""
+    off = {v.name for v in flat.variables if v.binding == ZERO}
+    stated = [*(v.binding for v in flat.variables if v.binding is not None), *(e.residual for e in flat.initial)]
+    for node in (n for expr in stated for n in nodes(expr) if isinstance(n, Op) and n.name == "if"):
+        condition, seed = node.args[:2]
+        by_name = isinstance(seed, Op) and seed.name.endswith(".automaticLocalSeed") and isinstance(seed.args[0], Text)
+        if by_name and not (isinstance(condition, Ref) and condition.name in off):
+            yield seed.args[0].value
 
 
 def drawn(expander: Interpreter, name: str, args: Sequence[Value]) -> list[Value]:
