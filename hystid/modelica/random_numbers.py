@@ -33,11 +33,12 @@ def seeds_of_names(flat: FlatModel) -> Iterator[str]:
     """Components whose noise takes its seed from their name, which tools write in different ways."""
     off = {v.name for v in flat.variables if v.binding == ZERO}
     stated = [*(v.binding for v in flat.variables if v.binding is not None), *(e.residual for e in flat.initial)]
-    for node in (n for expr in stated for n in nodes(expr) if isinstance(n, Op) and n.name == "if"):
-        condition, seed = node.args[:2]
-        by_name = isinstance(seed, Op) and seed.name.endswith(".automaticLocalSeed") and isinstance(seed.args[0], Text)
-        if by_name and not (isinstance(condition, Ref) and condition.name in off):
-            yield seed.args[0].value
+    for node in (n for expr in stated for n in nodes(expr)):
+        match node:
+            case Op("if", (Ref(condition), *_)) if condition in off:
+                continue
+            case Op("if", (_, Op(function, (Text(name), *_)), *_)) if function.endswith(".automaticLocalSeed"):
+                yield name
 
 
 def drawn(expander: Interpreter, name: str, args: Sequence[Value]) -> list[Value]:
