@@ -66,7 +66,7 @@ def compared(
     signal: Signal, values: NDArray[Any], reference: NDArray[Any], tolerance: Tolerance
 ) -> Iterator[SignalResult]:
     """One result per element; values and reference are (n,), of an array (n, size)."""
-    names = [signal.name] if not signal.shape or signal.is_text else _element_names(signal)
+    names = [signal.name] if not signal.shape or signal.is_text else [v.name for v in signal.elements()]
     n = len(reference)
     for name, new, old in zip(names, values.reshape(n, -1).T, reference.reshape(n, -1).T, strict=True):
         if signal.is_real:
@@ -75,10 +75,6 @@ def compared(
             yield SignalResult(name, new, old, band, unit="" if signal.unit == "1" else signal.unit)
         else:
             yield _exactly(name, new, old, tolerance.samples)
-
-
-def _element_names(signal: Signal) -> list[str]:
-    return [f"{signal.name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*signal.shape)]
 
 
 def _exactly(name: str, values: NDArray[Any], reference: NDArray[Any], samples: int) -> SignalResult:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -39,6 +40,7 @@ class Driver:
         self.fmi = self._fmu.version
         self._ranges = {v.name: _range(v) for v in self.model.variables if v.min is not None or v.max is not None}
         self._foreign = None if runs_here(self._fmu) else Foreign.of(self._fmu)
+        self._elements: Mapping[str, tuple[str, ...]] = {}  # array -> names of its elements, for the batch entry
         self._own = self._batch_entry() if self._foreign is None else None
         self._has_batch_entry = self._own is not None if self._foreign is None else self._foreign.has_batch_entry()
 
@@ -92,12 +94,15 @@ class Driver:
         dt = (times[-1] - times[0]) / max(len(times) - 1, 1) or 1.0
         settings = {**(parameters or {}), **(start or {})}
         self._check_settings(settings)
-        if self._own and uniform:
+        if self._own and uniform and not settings.keys() & self._elements.keys():
             table = {name: self._samples(name, values, len(times)) for name, values in (inputs or {}).items()}
-            return self._own.simulate(
-                table, dt, parameters=settings, outputs=names, interpolation=interpolation, substeps=0, rows=len(times),
-                start_time=float(times[0]),
+            columns = {part: column for name in table for part, column in self._columns(name, table[name])}
+            parts = [part for name in names for part in self._elements.get(name, (name,))]
+            found = self._own.simulate(
+                columns, dt, parameters=settings, outputs=parts, interpolation=interpolation, substeps=0,
+                rows=len(times), start_time=float(times[0]),
             )  # fmt: skip
+            return {name: self._joined(name, found) for name in names}
         found = self.record(times, inputs, settings=settings, outputs=names, interpolation=interpolation)
         result = {name: np.ascontiguousarray(values, np.float64) for name, values in found.items()}
         check_finite(self._fmu.name, result, dt)
@@ -179,14 +184,25 @@ class Driver:
 
     def _batch_entry(self) -> CompiledModel | None:
         kind = self._fmu.co_simulation or self._fmu.model_exchange
-        if kind is None or any(s.shape for s in self.signals.values() if s.causality in ("input", "output")):
-            return None  # a table has single numbers
+        arrays = [s for s in self.signals.values() if s.shape and s.causality in ("input", "output")]
+        if kind is None or not all(s.is_real for s in arrays):
+            return None
         library = load(self._fmu, kind)
         if not hasattr(library, "hy_run_table"):
             return None
         # The table is read by the places that the description states: it must be the one of this library.
         Instance(self._fmu, "CoSimulation" if self._fmu.co_simulation else "ModelExchange").close()
-        return CompiledModel(self.model, TableRunner(library, self._fmu.name))
+        self._elements = {s.name: tuple(v.name for v in s.elements()) for s in arrays}  # side by side in its block
+        single = replace(self.model, variables=(*self.model.variables, *(v for s in arrays for v in s.elements())))
+        return CompiledModel(single, TableRunner(library, self._fmu.name))
+
+    def _columns(self, name: str, values: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+        """Single columns of a table, as the batch entry takes them: those of an array are its elements."""
+        parts = self._elements.get(name, (name,))
+        yield from zip(parts, np.ascontiguousarray(values.reshape(len(values), -1).T), strict=True)
+
+    def _joined(self, name: str, found: Mapping[str, Array]) -> Array:
+        return np.stack([found[part] for part in self._elements[name]], 1) if name in self._elements else found[name]
 
     def _outputs(self) -> tuple[str, ...]:
         return tuple(s.name for s in self.signals.values() if s.causality == "output" and not s.is_text)

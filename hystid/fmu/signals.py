@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from hystid.modelcode import Causality, Variability, Variable
 
 _TRUTH = {"false": False, "true": True, "0": False, "1": True}
 _REALS = ("Real", "Float64", "Float32")
@@ -49,6 +51,14 @@ class Signal:
     def size(self) -> int:
         """Number of its elements."""
         return math.prod(self.shape)
+
+    def elements(self) -> tuple[Variable, ...]:
+        """The elements of an array of real numbers as single ones, which follow one another from its reference on."""
+        places = [f"{self.name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*self.shape)]
+        return tuple(
+            Variable(place, self.reference + k, cast(Causality, self.causality), cast(Variability, self.variability))
+            for k, place in enumerate(places)
+        )
 
     @property
     def is_text(self) -> bool:
