@@ -18,6 +18,7 @@ from hystid.diagnosis.decide.trials import are_reached
 from hystid.diagnosis.fit.hypothesis import Fit, Key, get, put
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import scan, try_fit
+from hystid.diagnosis.fit.uncertainty import SAME
 from hystid.diagnosis.fit.windows import in_window_of
 from hystid.diagnosis.model.effects import Effect
 from hystid.errors import NumericalError
@@ -27,7 +28,6 @@ _PHYSICAL = ("m", "m/s", "s", "Hz", "N")  # units of thresholds, times and force
 _FARTHEST = 2.0  # distances of two forms that the truth may lie off: what two draws say of a spread is little
 _STARTS, _ITERATIONS = 2, 25  # grid points of another form that are fitted, and iterations
 _WIDER = 5.0  # factor on the speed over which friction changes sign, for a slower approach to sliding
-_SAME = 1e-9  # relative singular value below which directions are not told apart
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class _Tangent:
         scale = np.linalg.norm(jacobian, axis=0)
         scale[scale == 0] = 1.0
         self.fitted, self.columns = fitted, jacobian / scale
-        self.inverse = np.linalg.pinv(self.columns, rcond=_SAME)
+        self.inverse = np.linalg.pinv(self.columns, rcond=SAME)
         here = fitted.hypothesis
         self.units = np.array([abs(get(here, u.key)) if u.log else 1.0 for u in fitted.unknowns]) / scale
         self.index = {u.key: i for i, u in enumerate(fitted.unknowns)}

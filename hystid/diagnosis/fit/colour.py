@@ -19,12 +19,11 @@ from scipy.optimize import lsq_linear
 from hystid.diagnosis.fit.curves import cells, curves
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.prepare.reduction import colouring, filtered
+from hystid.diagnosis.prepare.reduction import ROWS, colouring, filtered
 from hystid.diagnosis.prepare.segments import Part, band
 
 Array = NDArray[np.float64]
 NOISE_ERROR = 0.05  # relative error of the noise power that is estimated from a recording
-_ROWS = 16_000  # of one recording; more are averaged in blocks
 _POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of their own
 _FIRST = 3  # line of the spectrum from which the polynomial and the window leave it alone
 _BELOW = 0.5  # share of the lowest frequency of the motion below which the window leaks nothing of it
@@ -103,7 +102,7 @@ def _coloured(part: Part, colour: tuple[float, float]) -> Part:
 def _below(seen: _Residual) -> tuple[Array, Array, Array]:
     """Lines of the spectrum below the motion: frequency [cycles per sample], power over that of white noise, dt [s]."""
     part, residual = seen.part, seen.residual
-    block = max(1, len(residual) // _ROWS)
+    block = max(1, len(residual) // ROWS)
     rows = len(residual) // block
     # lines that a filter has taken out say nothing
     last = 0 if part.lowest else int(_BELOW * band(part)[0] * rows * block * part.dt)

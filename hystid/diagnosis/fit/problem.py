@@ -20,7 +20,7 @@ from hystid.diagnosis.model.baseline import Baseline, Held
 from hystid.diagnosis.model.cache import Memory
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.prepare.differences import Advanced
-from hystid.diagnosis.prepare.reduction import Reduction
+from hystid.diagnosis.prepare.reduction import RARE, Reduction
 from hystid.diagnosis.prepare.segments import DRAWS, Part, band
 from hystid.errors import NumericalError
 
@@ -31,7 +31,7 @@ MASS_TOLERANCE = 0.035  # share of the mass: weighing and sensitivity errors; mo
 _TURN = 0.05  # share of the peak speed over which a contact may turn
 _ROUND = 12**-0.5  # share of a jump that the shape of a turn leaves open, where the law has its own turn (uniform)
 _FILTERED = 0.3  # share of a jump that filters of the recording chain leave open in the samples beside it
-_RARE, _SEEN = 0.999, 0.1  # quantile of rows, and noise power, from which what a turn leaves open is seen
+_SEEN = 0.1  # noise power from which what a reversal of motion leaves undetermined is seen
 _AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
@@ -306,7 +306,7 @@ class Problem:
         self.reduce.trust()
         if self.baseline.memoryless:
             turns, filtered = (np.maximum.reduce(rows) for rows in zip(*map(self._jumps, hypotheses), strict=True))
-            self.turns = float(np.quantile(np.maximum(turns, filtered) ** 2, _RARE)) > _SEEN
+            self.turns = float(np.quantile(np.maximum(turns, filtered) ** 2, RARE)) > _SEEN
             unsure = self._unsure(hypotheses[0])
             self.reduce.distrust([*self.movements(hypotheses[0]), turns], np.hypot(filtered, unsure))
         else:

@@ -25,7 +25,7 @@ _STRETCHES = 60  # of all rows together: long against the memory of the residual
 _LEFT_OUT = 12  # stretches that are left out in turn: each is a test of its own
 _ALONE = (0.5, 100.0)  # variance without a stretch over that with it, outside which only that stretch shows a parameter
 _FIRST = 1.5  # bias of the noise that is there over that of the same noise once more, which meets flattened slopes
-_SAME = 1e-9  # relative singular value below which directions are not told apart
+SAME = 1e-9  # relative singular value below which directions are one
 
 
 def with_robust_errors(problem: Problem, fitted: Fit) -> Fit:
@@ -83,7 +83,7 @@ def _bias(problem: Problem, fitted: Fit, scale: Array, inverse: Array, jacobian:
             rows = again.rows(fitted.hypothesis)
         except NumericalError:
             return np.zeros(len(scale))
-        moved.append(np.linalg.lstsq(columns, rows, rcond=_SAME)[0])
+        moved.append(np.linalg.lstsq(columns, rows, rcond=SAME)[0])
     start = inverse @ (jacobian.T @ fitted.residual)
     found = np.mean(moved, axis=0) - start
     return found if np.all(np.isfinite(found)) else np.zeros(len(scale))

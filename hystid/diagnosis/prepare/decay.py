@@ -31,8 +31,8 @@ _RISEN, _CLEAR = 1.5, 5.0  # times the smallest size so far, and times the noise
 _SWINGS, _SHALLOW = 4, 0.02  # reversals of two periods, and share of the range below which one is none
 _GONE = 0.01  # share of the first size below which a motion is creep, or rounding
 GOOD_RIG = 2e-3  # noise of the channels of a good rig (54 dB)
-_MODEL_ERROR = 5e-4  # share of the inertia that integration and interpolation leave of a force of zero; besides, a
-# force of zero is known no better than what the noise of the motion makes of it: sensors drift below the motion
+MODEL_ERROR = 5e-4  # share of a channel that integration and interpolation leave; besides, a force of zero is known no
+# better than what the noise of the motion makes of it: sensors drift below the motion
 
 
 class NoDecay(NotDiagnosable):
@@ -105,7 +105,7 @@ def _decay(test: Recording, mass: float, seed: int, driven: bool) -> list[Record
     for number, (begin, stop) in enumerate(pairwise(places)):
         piece = _cut(test, slice(begin, stop))
         piece = with_noise(piece, seed + number) if quiet else piece
-        level = float(np.hypot((GOOD_RIG if quiet else _MODEL_ERROR) * np.std(values[begin:stop]), noise))
+        level = float(np.hypot((GOOD_RIG if quiet else MODEL_ERROR) * np.std(values[begin:stop]), noise))
         draw = np.random.default_rng((seed, number)).standard_normal(len(piece))
         force = mass * omega ** (2 - "xva".index(name)) * level * draw
         x = None if piece.x is None else piece.x - zero

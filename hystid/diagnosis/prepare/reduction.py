@@ -18,12 +18,12 @@ from hystid.smoothing.smoother import BELOW
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-_ROWS = 16_000  # rows of the least squares problems; more are averaged in blocks
+ROWS = 16_000  # of the least squares problems; more are averaged in blocks
 _SLOW, _LEAST = 8, 2  # blocks per period of the quickest motion, and samples that are averaged all the same
 _MOST, _STRETCHES = 40_000, 24  # rows beyond which stretches of each recording are taken, and how many
 _DECAY = 10.0  # radians at the corner of a whitening filter after which nothing is left of an end (exp(-7))
 _SHORT = 7  # samples per block that are added column by column
-_JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
+_JUMP, RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
 
 
 class Reduction:
@@ -37,7 +37,7 @@ class Reduction:
     def __init__(self, parts: Sequence[Part], mass: float) -> None:
         self.parts = tuple(parts)
         total = sum(len(part) for part in parts)
-        self.block = max(1, min(total // _ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
+        self.block = max(1, min(total // ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
         self._trust: Array | None = None
         self.jumps = False  # whether a law jumps: noise of the regressors, or its shape, moves rows far
         stiffness = _stiffness(parts, mass)
@@ -89,8 +89,8 @@ class Reduction:
         """
         spread = maximum_filter1d(np.mean([rows**2 for rows in draws], axis=0), 3)
         wide = spread + filtered**2
-        self.jumps = float(np.quantile(spread, _RARE)) > _JUMP
-        if float(np.quantile(wide, _RARE)) > _JUMP:
+        self.jumps = float(np.quantile(spread, RARE)) > _JUMP
+        if float(np.quantile(wide, RARE)) > _JUMP:
             self._trust = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0)
 
     def trust(self) -> None:

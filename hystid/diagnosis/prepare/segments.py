@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.diagnosis.prepare.decay import MODEL_ERROR
 from hystid.diagnosis.prepare.differences import FIRST, SECOND, advanced, stencil
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.recording import Recording
@@ -22,7 +23,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Single = NDArray[np.float32]
 _SLOWEST, _QUICKEST = 0.01, 0.99  # shares of the power of the velocity below the slowest and the quickest motion
-_MODEL_ERROR = 5e-4  # share of a channel below which differences are not worth a name (integration, interpolation)
 DRAWS = 3
 _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
 _STOPS = 4.0  # standard deviations of noise on a level at which a channel stops: one sample in 30,000 lies below
@@ -125,7 +125,7 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     F, dt = recording.channel("F"), recording.dt
     measured = measured_motion(recording)
     noise = {name: noise_level(values) for name, values in measured.items()}
-    noise["F"] = max(noise_level(F), _MODEL_ERROR * float(np.std(F)))
+    noise["F"] = max(noise_level(F), MODEL_ERROR * float(np.std(F)))
     louder = _louder({**measured, "F": F}, noise)
     known, valid = _without_stops({**measured, "F": F}, noise, stopped or {})
     seen, force = {name: known[name] for name in measured}, np.nan_to_num(known["F"])
@@ -148,7 +148,7 @@ def _louder(channels: Mapping[str, Array], noise: dict[str, float]) -> dict[str,
             level, factor = uneven
             quiet = min(noise[name], level)
             if name == "F":
-                quiet = max(quiet, _MODEL_ERROR * float(np.std(values)))
+                quiet = max(quiet, MODEL_ERROR * float(np.std(values)))
             found[name] = np.maximum(factor * level / quiet, 1.0)
             noise[name] = quiet
     return found
