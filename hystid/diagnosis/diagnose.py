@@ -15,7 +15,7 @@ from hystid.diagnosis.decide import forms
 from hystid.diagnosis.decide.possible import possible
 from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.decide.unseen import unseen_likelihood
-from hystid.diagnosis.fit.case import pose
+from hystid.diagnosis.fit.case import Case, pose, recoloured
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.uncertainty import with_robust_errors
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
@@ -80,16 +80,22 @@ def diagnose(
                 everything = load_effects(_paths(effects))
                 case = replace(case, catalogue=catalogue_of(everything))
                 library, untestable = possible(everything, case, exclude)
-                choice = choose(
-                    case.problem, case.refit, library, _every(step, max(1, len(library) // 70)), minima=case.minima,
-                    unseen=unseen_likelihood(case.problem, case.unseen),
-                )  # fmt: skip
+                every = _every(step, max(1, len(library) // 70))
+                choice = _chosen(case, library, every)
+                again = recoloured(case, choice.best) if choice.missing else None
+                if again is not None:
+                    case, choice = again, _chosen(again, library)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:
         return not_applicable(str(refusal), str(model), given.values, out)
     answer = replace(answer, misread=taken.misread, doubts=taken.doubts, as_given=as_given)
     return written(turned(answer) if taken.tests[0].rotational else answer, extended, out)
+
+
+def _chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] = lambda: None) -> Choice:
+    unseen = unseen_likelihood(case.problem, case.unseen)
+    return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen)
 
 
 def not_applicable(

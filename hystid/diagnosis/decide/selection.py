@@ -75,9 +75,19 @@ class Choice:
     left_open: Mapping[Key, float] = field(repr=False, default_factory=dict)
 
     @property
+    def missing(self) -> bool:
+        """Whether something is missing, whatever its name."""
+        return self.posterior.something > NAME
+
+    @property
     def unknown(self) -> bool:
         """Whether something is missing that has no name."""
-        return not self.named and self.posterior.something > NAME
+        return not self.named and self.missing
+
+    @property
+    def best(self) -> Fit:
+        """The fit that leaves least."""
+        return min([self.before, *(c.hypothesis.fit for c in self.posterior.candidates)], key=lambda fit: fit.chi2)
 
     @property
     def explained(self) -> float:

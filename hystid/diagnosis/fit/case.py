@@ -160,6 +160,24 @@ def _colour(problem: Problem, refitted: Fit) -> list[Part] | None:
     return None
 
 
+def recoloured(case: Case, law: Fit) -> Case | None:
+    """The case with the colour of its noise measured beside a law that explains what the baseline leaves; None where
+    the noise is no louder than what the law leaves.
+
+    What moves the structure slowly may have been taken for noise as long as no law explained it.
+    """
+    problem = case.problem
+    coloured = any(any(part.colour) for part in problem.parts)
+    if not coloured or law.chi2 >= problem.floor(law.hypothesis) - NOISE_ERROR:
+        return None
+    white = problem.of(fainter(problem.parts, problem.parts, 0.0))
+    parts = _colour(white, refit_again(white, [law])[0]) or white.parts
+    again = problem.of(parts)
+    refitted, minima, nominal = refit_again(again, [case.refit, *case.minima])
+    unseen = tuple(coloured_alike(case.unseen, parts))
+    return replace(case, problem=again, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=unseen)
+
+
 def _no_force(baseline: Baseline, parts: Sequence[Part]) -> str:
     """Why the law has no finite force along a recording at its nominal values; "" where it has."""
     try:

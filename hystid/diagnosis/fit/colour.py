@@ -59,7 +59,7 @@ def with_colour_above(problem: Problem, fitted: Fit) -> list[Part] | None:
 
 
 def fainter(parts: Sequence[Part], seen: Sequence[Part], share: float) -> list[Part]:
-    """Parts of white noise with a share of the colour that was seen."""
+    """Parts with a share of the colour that was seen."""
     return [_coloured(p, (share * q.colour[0], share * q.colour[1])) for p, q in zip(parts, seen, strict=True)]
 
 
@@ -94,7 +94,7 @@ def _seen(problem: Problem, fitted: Fit) -> list[_Residual]:
 
 def _coloured(part: Part, colour: tuple[float, float]) -> Part:
     """A part with the colour of its noise, and so the draws of what noise does to its motion."""
-    response = 1 / colouring(len(part), colour)
+    response = colouring(len(part), part.colour) / colouring(len(part), colour)
     jitter = tuple(tuple(filtered(u.astype(float), response).astype(np.float32) for u in draw) for draw in part.jitter)
     return replace(part, colour=colour, jitter=jitter)
 
