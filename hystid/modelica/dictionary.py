@@ -66,7 +66,7 @@ class DictionaryReader:
                     pieces = self._pieces.setdefault(span["source"], {})
                     if word and len(pieces) < 200:
                         pieces[(span["start"], span["end"])] = word
-            stack.extend(value for value in inside if type(value) in _NESTED)
+            stack.extend(value for value in reversed(inside) if type(value) in _NESTED)  # in the order of the text
 
     def _source(self, number: int) -> Source | None:
         if number not in self._origin:
