@@ -65,6 +65,14 @@ def test_a_kink_wider_than_the_stroke_is_none(sound: tuple[Problem, Fit], name: 
     assert is_itself(problem, square, signals)
 
 
+@pytest.mark.parametrize("form", ["", "Lorentz"])
+def test_a_pinched_region_that_a_few_samples_pass_is_none(sound: tuple[Problem, Fit], form: str) -> None:
+    problem, fitted = sound
+    signals, top = problem.signals(fitted.hypothesis), problem.scales.x[-1]
+    assert is_itself(problem, Term(law("pinching", form), {"share": 0.5, "w": 0.1 * top}), signals)
+    assert not is_itself(problem, Term(law("pinching", form), {"share": 0.5, "w": 1e-3 * top}), signals)
+
+
 def test_a_mode_resonates_in_the_band(sound: tuple[Problem, Fit]) -> None:
     problem, fitted = sound
     signals, band = problem.signals(fitted.hypothesis), problem.scales.band

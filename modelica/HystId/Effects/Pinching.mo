@@ -8,5 +8,6 @@ equation
   annotation(Documentation(info = "<html><p>Slip of a bolted or reinforced joint before its faces bear.</p></html>"),
     __HystId_effect(
       title = "pinching",
+      becomes = {End(law = "hysteretic_friction", of = w, below = 1, per = "resolution")},
       experiment = "cycle through zero at several amplitudes"));
 end Pinching;
