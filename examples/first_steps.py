@@ -16,7 +16,7 @@ from pathlib import Path
 from hystid.fmu import build_model
 from hystid.identification import identify
 from hystid.report.identification import write_identification
-from hystid.report.text import identification_summary, validation_summary
+from hystid.report.terminal import identification_summary, validation_summary
 from hystid.report.validation import write_validation
 from hystid.simulation import force_of, simulate
 from hystid.validation import validate

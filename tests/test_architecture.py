@@ -165,8 +165,7 @@ def test_no_file_is_too_long_to_read() -> None:
 
 # File names that stand in several folders still; the list may only become shorter.
 SHARED_NAMES = {
-    "cache.py", "curves.py", "independence.py", "layout.py", "limits.py", "names.py", "result.py", "tables.py",
-    "text.py", "types.py", "values.py", "worker.py",
+    "curves.py", "independence.py", "layout.py", "limits.py", "result.py", "tables.py", "types.py", "worker.py",
 }  # fmt: skip
 
 

@@ -12,9 +12,9 @@ from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.baseline import Baseline, baseline_of
-from hystid.diagnosis.model.cache import Memory
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.library import load_effects
+from hystid.diagnosis.model.memory import Memory
 from hystid.diagnosis.prepare.differences import Advanced
 from hystid.diagnosis.prepare.reduction import Reduction
 from hystid.diagnosis.prepare.segments import Part, prepare_part

@@ -1,7 +1,7 @@
 """Diagnosis: where a model and recordings disagree, which physics was left out, and the model with it."""
 
 from hystid.diagnosis.diagnose import diagnose, not_applicable
-from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.recordings import TOLERATED, inputs_missing
 from hystid.diagnosis.tell.result import Diagnosis, Errors, Finding, Traces, Where

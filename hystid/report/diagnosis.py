@@ -14,7 +14,7 @@ from hystid.report.curves import FORCE, T_AXIS, V_AXIS, X_AXIS
 from hystid.report.linked import Linked, Signal, views_of, windows
 from hystid.report.page import Fact, Page, Table, Tone, Verdict, number, percent, with_error
 from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
-from hystid.report.text import columns
+from hystid.report.terminal import columns
 
 Array = NDArray[np.float64]
 _TONES: dict[str, Tone] = {

@@ -12,7 +12,7 @@ from hystid.recording import Recording
 from hystid.report.curves import T_AXIS, responses
 from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent, with_error
 from hystid.report.plots import Axis, Line, Plot
-from hystid.report.text import columns
+from hystid.report.terminal import columns
 from hystid.rotation import turned_text
 
 _SHOWN = 6  # recordings with pictures

@@ -27,7 +27,7 @@ from hystid.report.curves import (
 from hystid.report.linked import Linked, Signal, views_of, windows
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent
 from hystid.report.plots import Axis, Bars, Line, Plot, Points, Role
-from hystid.report.text import columns
+from hystid.report.terminal import columns
 
 _GOOD, _FAIR = 0.05, 0.15  # force NRMSE: a few percent is what the published method reaches on measured data
 _OVERVIEWS = 5

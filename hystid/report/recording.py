@@ -8,7 +8,7 @@ from hystid.recording import CHANNELS, Recording
 from hystid.report.curves import T_AXIS, Curve, loops, window_of
 from hystid.report.page import Fact, Page, Table, number
 from hystid.report.plots import Axis, Line, Plot
-from hystid.report.text import columns
+from hystid.report.terminal import columns
 
 NAMES = {"F": "Force F", "x": "Displacement x", "v": "Velocity v", "a": "Acceleration a", "R": "Restoring force R"}
 

@@ -9,7 +9,7 @@ import numpy as np
 from hystid.recording import Array
 from hystid.report.page import Fact, Page, Table, Verdict, percent
 from hystid.report.plots import Axis, Boxes, Line, Mark, Plot, Points, Series
-from hystid.report.text import columns
+from hystid.report.terminal import columns
 from hystid.study import GridResult, MassResult
 from hystid.study.cells import Cell
 

@@ -9,7 +9,7 @@ from hystid.report.curves import X_AXIS, Curve, highest_frequency, over_time, sp
 from hystid.report.linked import Linked, Signal, views_of, windows
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent
 from hystid.report.plots import Axis, Bars, Plot
-from hystid.report.text import columns
+from hystid.report.terminal import columns
 from hystid.validation import Case, Levels, Stability, Validation
 
 _GOOD, _FAIR = 0.06, 0.15  # force NRMSE at worst: the demo's target, and what is still of use

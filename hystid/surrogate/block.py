@@ -11,7 +11,7 @@ import numpy as np
 
 from hystid.modelcode import ModelCode
 from hystid.surrogate.emit import Functions, number
-from hystid.surrogate.names import readable
+from hystid.surrogate.identifiers import readable
 from hystid.surrogate.program import Port, Program
 
 INCLUDES = """\

@@ -18,7 +18,7 @@ from hystid.errors import NetworkError, UsageError
 from hystid.networks import onnx_reading
 from hystid.surrogate import block, reader
 from hystid.surrogate.emit import Functions, number, value_function
-from hystid.surrogate.names import Names, identifier, readable
+from hystid.surrogate.identifiers import Names, identifier, readable
 from hystid.surrogate.network import Interface, interface_of
 from hystid.surrogate.program import Elementwise, MatMul, Port, Program
 from hystid.surrogate.restoring_force import interface_of_surrogate, is_surrogate

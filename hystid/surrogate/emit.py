@@ -17,7 +17,7 @@ from math import prod
 import numpy as np
 
 from hystid.surrogate.functions import C_HELPERS, FUNCTIONS
-from hystid.surrogate.names import readable
+from hystid.surrogate.identifiers import readable
 from hystid.surrogate.program import Elementwise, MatMul, Program, Reduce, Statement, Table
 from hystid.surrogate.tensors import Buffer, View
 

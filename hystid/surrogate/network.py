@@ -22,7 +22,7 @@ from hystid.networks import onnx_reading
 from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
 from hystid.surrogate.emit import functions
-from hystid.surrogate.names import Names, identifier, readable
+from hystid.surrogate.identifiers import Names, identifier, readable
 from hystid.surrogate.program import Port, Program
 
 OUTSIDE = "outside_training_range"

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hystid.limits import COMPILE_ELEMENTS, room_for
 from hystid.surrogate.functions import FUNCTIONS
-from hystid.surrogate.names import Names
+from hystid.surrogate.identifiers import Names
 from hystid.surrogate.tensors import Buffer, Kind, Values, View, broadcast_shape, whole
 
 Reduction = Literal["sum", "max", "min"]

@@ -23,7 +23,7 @@ from onnx import (
 from hystid.errors import NetworkError
 from hystid.limits import compiled, room_for
 from hystid.surrogate import layout, recurrent  # noqa: F401  (they register their operators)
-from hystid.surrogate.names import readable
+from hystid.surrogate.identifiers import readable
 from hystid.surrogate.operators import OPERATORS, Node
 from hystid.surrogate.program import MOST_ELEMENTS, Builder, Port, Program
 from hystid.surrogate.tensors import Buffer, Kind, View, whole

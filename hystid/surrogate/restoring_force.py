@@ -15,7 +15,7 @@ from hystid.rotation import turned_code
 from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
 from hystid.surrogate.emit import functions
-from hystid.surrogate.names import readable
+from hystid.surrogate.identifiers import readable
 from hystid.surrogate.network import OUTSIDE, Interface, block_code, described, network_code, outside_variable, usual
 from hystid.surrogate.oscillator import OscillatorText, recorded
 from hystid.surrogate.program import Program

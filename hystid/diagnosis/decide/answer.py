@@ -15,7 +15,7 @@ from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.decide.trials import DELAY
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.fit.windows import Windowed, edges, has_own_windows, term_for, widest
 from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.catalogue import Catalogue

@@ -1,4 +1,9 @@
-"""Levenberg-Marquardt on a hypothesis: steps from normal equations, within bounds, none tried twice."""
+"""Levenberg-Marquardt on a hypothesis: steps from normal equations, within bounds, none tried twice.
+
+A loop of its own beside ``leastsquares``: an evaluation costs a run of the law, so a step tells more than whether the
+error fell. Unknowns at bounds are solved out, the damping follows the promised fall, and a fit that cannot reach the
+incumbent is given up.
+"""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ from scipy.ndimage import uniform_filter1d
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, Unknown, get, is_mass, is_source, put
 from hystid.diagnosis.model.baseline import Baseline, Held
-from hystid.diagnosis.model.cache import Memory
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
+from hystid.diagnosis.model.memory import Memory
 from hystid.diagnosis.prepare.differences import Advanced
 from hystid.diagnosis.prepare.reduction import RARE, Reduction
 from hystid.diagnosis.prepare.segments import DRAWS, Part, band

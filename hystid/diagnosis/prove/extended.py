@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Term, is_source
-from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.fit.windows import WINDOW, window_names
 from hystid.diagnosis.model.channel_effects import ChannelEffect
 

@@ -2,6 +2,9 @@
 
 The balance judges every sample by itself, so that small biases of the regressors add up in a free run. Here the whole
 run is compared. The last quarter of every recording is kept back: what does not help there is not taken.
+
+A loop of its own beside ``leastsquares``: steps are relative to where the unknowns stand and limited in size, and the
+search ends when the derivatives promise too little, or when so many samples have been simulated.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import numpy as np
 from hystid.diagnosis.decide.answer import GAIN, Answer, describe
 from hystid.diagnosis.decide.limits import is_reached
 from hystid.diagnosis.decide.trials import DELAY
-from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.tell.locate import where_term

@@ -15,7 +15,7 @@ from hystid.diagnosis.decide.criterion import Posterior
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.prove.unchanged import Unchanged
 from hystid.diagnosis.tell.dependence import Dependence

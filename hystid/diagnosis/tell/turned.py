@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from hystid.diagnosis.fit.values import Value
+from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.tell.result import Diagnosis, Finding, Where
 from hystid.rotation import turned_text, turned_unit
 
