@@ -120,6 +120,15 @@ def test_weights_that_are_no_numbers_are_refused(tmp_path: Path, value: float, w
         load(path)
 
 
+@pytest.mark.parametrize(("first", "says"), [("x", "must be matrices"), ("a", "do not match")])
+def test_layers_of_other_shapes_are_refused(tmp_path: Path, first: str, says: str) -> None:
+    """Found by changed bytes: an input with one axis was a traceback while its C was written."""
+    weights = {"a": np.ones((1, 2), np.float32), "w": np.ones((3, 4), np.float32)}
+    path = written(tmp_path / "net.onnx", [node("Gemm", [first, "w"])], **weights)
+    with pytest.raises(NetworkError, match=rf"\(Gemm\): .*{says}"):
+        network_code(path)
+
+
 def test_complex_weights_are_refused(tmp_path: Path) -> None:
     """Their imaginary parts were left out, with a warning of NumPy."""
     path = written(tmp_path / "net.onnx", [node("Identity", ["w"])], w=np.array([1, 1j], np.complex64))

@@ -194,6 +194,15 @@ def test_truncation_anywhere_is_noticed(saved: tuple[TwoNetworkModel, Path], tmp
         assert "\n" not in str(caught.value)
 
 
+def test_an_element_type_without_a_name_is_one_sentence(tmp_path: Path, saved: tuple[TwoNetworkModel, Path]) -> None:
+    """Found by changed bytes."""
+    proto = onnx.load(str(saved[1]))
+    next(port for port in proto.graph.input if port.name == "state").type.tensor_type.elem_type = 75
+    onnx.save(proto, tmp_path / "odd.onnx")
+    with pytest.raises(NetworkError, match=r"odd\.onnx: input state must be float64 \(DOUBLE\), found type 75"):
+        onnx_reading.read(tmp_path / "odd.onnx")
+
+
 @pytest.mark.parametrize("text", ['{"x": "m", "v" "m/s"}', "[1]", "", "[" * 100_000])
 def test_units_that_are_no_object_are_one_sentence(
     tmp_path: Path, saved: tuple[TwoNetworkModel, Path], text: str

@@ -231,7 +231,8 @@ def _ports(path: Path, graph: GraphProto, further: Sequence[str]) -> dict[str, t
 def _check_port(path: Path, kind: str, name: str, info: ValueInfoProto, size: int) -> None:
     tensor = info.type.tensor_type
     if tensor.elem_type != TensorProto.DOUBLE:
-        found = TensorProto.DataType.Name(tensor.elem_type)
+        known = {number: name for name, number in TensorProto.DataType.items()}
+        found = known.get(tensor.elem_type, f"type {tensor.elem_type}")
         raise NetworkError(f"{path}: {kind} {name} must be float64 (DOUBLE), found {found}")
     sizes = [axis.dim_value for axis in tensor.shape.dim if axis.dim_value > 0]
     if math.prod(sizes) != size:

@@ -252,8 +252,12 @@ def _range(b: Builder, node: Node) -> View:
 def _gemm(b: Builder, node: Node) -> View:
     """alpha A' B' + beta C"""
     a, w = node.operand(0), node.operand(1)
+    if len(a.shape) != 2 or len(w.shape) != 2:
+        raise node.refuse(f"operands must be matrices, not of shapes {list(a.shape)} and {list(w.shape)}")
     a = a.transpose((1, 0)) if node.attributes.get("transA", 0) else a
     w = w.transpose((1, 0)) if node.attributes.get("transB", 0) else w
+    if a.shape[1] != w.shape[0]:
+        raise node.refuse(f"shapes {list(a.shape)} and {list(w.shape)} do not match")
     alpha, beta = node.number("alpha", 1.0), node.number("beta", 1.0)
     if alpha != 1.0:
         w = b.apply("mul", w, b.constant(alpha))
