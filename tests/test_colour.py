@@ -57,7 +57,7 @@ def test_the_colour_of_noise_is_measured_and_the_refit_leaves_its_floor() -> Non
     at = 5 * DT
     assert pink / at + red / at**2 == pytest.approx(0.05 / at, rel=0.5)
     # 0.12: the floor rests on a noise level that holds a part of the 1/f noise, here a tenth
-    assert case.refit.chi2 == pytest.approx(case.problem.floor(case.refit.hypothesis), abs=0.12)
+    assert case.refit.chi2 == pytest.approx(case.problem.floor(case.refit), abs=0.12)
 
 
 @pytest.mark.parametrize("pink", [0.0, 0.05])
@@ -80,8 +80,8 @@ def test_noise_that_is_louder_than_what_a_law_leaves_is_measured_anew() -> None:
     case = posed(rig(1, 0.0), rig(2, 0.0))
     assert recoloured(case, case.refit) is None
     loud = case.problem.of(coloured_alike(case.problem.parts, [replace(case.problem.parts[0], colour=(1.0, 0.0))]))
-    (law, *_), floor = refit_again(loud, [case.refit]), case.problem.floor(case.refit.hypothesis)
+    (law, *_), floor = refit_again(loud, [case.refit]), case.problem.floor(case.refit)
     again = recoloured(replace(case, problem=loud), law)
     assert again is not None and again.problem.parts[0].colour == (0.0, 0.0)
     # the draws of the noise are filtered there and back, but for what their ends lose: rounding of single precision
-    assert again.problem.floor(again.refit.hypothesis) == pytest.approx(floor, rel=1e-3)
+    assert again.problem.floor(again.refit) == pytest.approx(floor, rel=1e-3)

@@ -5,6 +5,13 @@ import pytest
 from numpy.typing import NDArray
 
 from hystid.diagnosis import diagnose
+from hystid.diagnosis.fit.case import scales_of
+from hystid.diagnosis.fit.hypothesis import Hypothesis
+from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.model.baseline import baseline_of
+from hystid.diagnosis.prepare.reduction import Reduction
+from hystid.diagnosis.prepare.segments import prepare_part
+from hystid.modelica import compile_model
 from hystid.recording import Recording
 
 Array = NDArray[np.float64]
@@ -56,6 +63,66 @@ def test_a_jump_whose_side_noise_decides_is_no_mismatch(channels: str) -> None:
         recordings.append(seen(f"hand_{seed}", t, F, motion, 0.02, 0.0, seed))
     found = diagnose(recordings, model=PECORARI, parameters={**RIG, **CONTACT})
     assert found.verdict in CALM and not found.findings
+
+
+def in_lulls(seed: int) -> tuple[Array, Array, Array]:
+    """x, v, a of strokes to and fro with rests between them, (n,) each."""
+    rng = np.random.default_rng(seed)
+    x, v, a, at, here, side = np.zeros(N), np.zeros(N), np.zeros(N), 0, 0.0, 1.0
+    while at < N:
+        n, rest, top = int(rng.integers(60, 200)), int(rng.integers(40, 250)), side * rng.uniform(5e-4, 1e-3)
+        k = np.arange(min(n, N - at))
+        x[at:] = here + top * n * DT / 2
+        x[at : at + n] = here + top * DT * (k / 2 - n / (4 * np.pi) * np.sin(2 * np.pi * k / n))
+        v[at : at + n] = top * np.sin(np.pi * k / n) ** 2
+        a[at : at + n] = top * np.pi / (n * DT) * np.sin(2 * np.pi * k / n)
+        at, here, side = at + n + rest, here + top * n * DT / 2, -side
+    return x, v, a
+
+
+def test_a_contact_that_rests_holds_any_force_between_its_branches() -> None:
+    # A velocity that noise has brought two or three standard errors from zero is one of a contact at rest all the same:
+    # any other one in the range of the motion is far less likely. Then the force is off by half of the jump at most.
+    x, v, a = in_lulls(1)
+    F = RIG["m"] * a + RIG["B"] * v + RIG["Kl"] * x
+    part = prepare_part(seen("lulls", np.arange(N) * DT, F, {"x": x, "v": v, "a": a}, 0.02, 0.0, 1))
+    law = {"Ks": 4e4, "x0": 4e-4, "x1": 3e-4, "v_turn": 1e-6}  # |x| < x1, so that the jump is Ks (x0 - x1)
+    baseline = baseline_of(PECORARI, compile_model(PECORARI), {**RIG, **law})
+    problem = Problem([part], baseline, scales_of([part], baseline))
+    assert problem.distrust(Hypothesis(dict(baseline.nominal)))
+    taken, size = problem.reduce.trusted(0), np.abs(part.v) / part.velocity_error()
+    far = (v == 0) & (size > 2) & (size < 3) & (taken > 0)
+    half = 0.5 * law["Ks"] * (law["x0"] - law["x1"]) / part.balance_noise(RIG["m"])
+    assert np.count_nonzero(far) > 20
+    assert np.all(taken[far] * half <= 1)
+
+
+@pytest.mark.parametrize("one_sign", [True, False])
+def test_what_errors_of_a_law_leave_in_filtered_rows_is_known(one_sign: bool) -> None:
+    # x alone: the balance is whitened, and what a law does not know at 40 samples is spread over their neighbours.
+    t, x, v, a = by_hand(7)
+    F = RIG["m"] * a + RIG["B"] * v + RIG["Kl"] * x
+    part = prepare_part(seen("x", t, F, {"x": x}, 0.02, 0.0, 7))
+    reduce, rng = Reduction([part], RIG["m"]), np.random.default_rng(7)
+    open_ = np.where((t > 2.0) & (t <= 2.04), 1.0, 0.0)
+    assert not reduce.is_local
+    draws = [reduce([open_ * rng.standard_normal(1 if one_sign else N)]) for _ in range(400)]
+    scatter = np.sqrt(np.mean(np.square(draws), axis=0))
+    # 400 draws of a normal variable: its standard deviation is known to 3.5 %, in one of 5,000 rows to 14 %
+    assert np.all(scatter <= 1.15 * reduce.spread([open_]) + 1e-6 * np.max(scatter))
+
+
+def test_rows_of_which_a_law_is_not_sure_say_nothing_until_they_hold_more() -> None:
+    t, x, v, a = by_hand(8)
+    F = RIG["m"] * a + RIG["B"] * v + RIG["Kl"] * x
+    reduce = Reduction([prepare_part(seen("x", t, F, {"x": x, "v": v, "a": a}, 0.02, 0.0, 8))], RIG["m"])
+    rows = np.random.default_rng(8).standard_normal(len(reduce.sure()))
+    doubt = np.where(np.arange(len(rows)) < len(rows) // 2, 30.0, 0.0)
+    reduce.distrust([np.zeros(len(rows))], np.zeros(1), doubt)
+    sure = reduce.sure()
+    left = [np.mean(u**2) - reduce.left_open(u) for u in (np.where(sure, rows, k * rows) for k in (0.3, 0.9, 3.0))]
+    assert left[0] == pytest.approx(left[1], rel=1e-12)
+    assert left[2] > left[1] + 3.0  # half of the rows hold 9 where 1 is open
 
 
 def test_noise_of_a_motion_that_fills_its_recording_is_told_by_what_is_above_it() -> None:

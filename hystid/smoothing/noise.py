@@ -10,7 +10,7 @@ from scipy.special import binom
 
 Array = NDArray[np.float64]
 _DIFFERENCES = 6
-_SECTION, _SECTIONS = 128, 24  # samples of a section at least, and sections at most, in which noise may be louder
+_SECTION, SECTIONS = 128, 24  # samples of a section at least, and sections at most, in which noise may be louder
 _LOUD = 2.0  # over the median section: 4.5 standard errors of the level of a section of 128 samples
 _FLANK = 1.3  # the same beside a loud section
 _HIGHER, _ORDERS_APART = 9, 4.0  # order of differences, and five standard errors of the logarithm of their ratio to
@@ -45,7 +45,7 @@ def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
     What is loud must be noise: its differences of sixth and of ninth order say the same, as those of white noise do and
     those of a motion do not, and it has no shocks. A friction that snaps, an impact, or a quick motion is none.
     """
-    count = min(len(channel) // _SECTION, _SECTIONS)
+    count = min(len(channel) // _SECTION, SECTIONS)
     if count < 4 or steps(channel) is not None:
         return None
     edges = np.linspace(0, len(channel), count + 1).astype(int)

@@ -124,7 +124,8 @@ class Criterion:
         restoring = problem.reduce([part.F - mass * part.inertia for part in problem.parts])
         self.force = float(max(np.mean(force**2), np.mean(restoring**2)))
         self._added = problem.noise_added(baseline.hypothesis)
-        self.floor = problem.reduce.level + float(np.mean(self._added))
+        self._open = problem.reduce.left_open(baseline.residual)
+        self.floor = problem.reduce.level + self._open + float(np.mean(self._added))
         self.each = self.rows / self.states  # rows per independent value of the model error
 
     @property
@@ -138,8 +139,10 @@ class Criterion:
         return ACCURACY**2 * self.force
 
     def misfit(self, fit: Fit, floor: float) -> float:
-        """Mean square above the noise."""
-        return fit.chi2 - (floor if np.isfinite(floor) else self.floor)
+        """Mean square above the noise, and above what nobody knows of where a law stands: leaving less of that than the
+        baseline gains nothing. floor: of the noise; NaN for that of the baseline."""
+        less = max(self._open - self.problem.reduce.left_open(fit.residual), 0.0)
+        return fit.chi2 + less - (floor if np.isfinite(floor) else self.floor)
 
     def floor_of(self, fit: Fit) -> float:
         """Mean square that noise alone leaves of a fit; that of the baseline where draws of the noise do not agree that

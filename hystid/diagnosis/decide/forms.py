@@ -104,7 +104,7 @@ def _simpler(problem: Problem, fitted: Fit, index: int, library: Sequence[Effect
     simpler = [in_window_of(e, term) for e in others if {shape.name for shape in e.shapes} == shapes]
     if not simpler:
         return
-    left = max(0.0, fitted.chi2 - problem.floor(fitted.hypothesis))
+    left = max(0.0, fitted.chi2 - problem.floor(fitted))
     for made in _refitted(problem, fitted, index, simpler):
         worth = max(made.chi2 - fitted.chi2, 0.0)
         weight = left / worth if worth > left else 1.0

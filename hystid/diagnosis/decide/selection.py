@@ -420,7 +420,7 @@ def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Ch
     after = _with_one_mass(search.problem, _to_the_end(search.problem, criterion, leader.hypothesis.fit))
     classes = [_class(criterion, posterior, leader, name) for name in names]
     return Choice(
-        before, after, search.floor, search.problem.floor(after.hypothesis), posterior, names,
+        before, after, search.floor, search.problem.floor(after), posterior, names,
         tuple(alike for alike, _ in classes), tuple(p for _, p in classes), _shares(search, leader, names),
         tuple(search.first), untestable,
     )  # fmt: skip
@@ -524,7 +524,7 @@ def _with_one_mass(problem: Problem, fitted: Fit) -> Fit:
 def _to_the_end(problem: Problem, criterion: Criterion, reached: Fit) -> Fit:
     """What is named, fitted to the end: comparisons accept a side minimum, or end early."""
     for _ in range(_ROUNDS):
-        if criterion.is_reached(reached.chi2 - problem.floor(reached.hypothesis)):
+        if criterion.is_reached(reached.chi2 - problem.floor(reached)):
             return reached
         on = try_fit(problem, reached.hypothesis, LAST) or reached
         fits = [try_fit(problem, start, LAST, incumbent=on.chi2) for start in other_minima(problem, on)]

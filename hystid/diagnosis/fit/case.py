@@ -155,7 +155,7 @@ def _colour(problem: Problem, refitted: Fit) -> list[Part] | None:
         parts = fainter(problem.parts, seen or (), share)
         coloured = problem.of(parts)
         again = refit_again(coloured, [refitted])[0]
-        if again.chi2 >= coloured.floor(again.hypothesis) - NOISE_ERROR:
+        if again.chi2 >= coloured.floor(again) - NOISE_ERROR:
             return parts if below is not None or is_noise(coloured, again) else None
     return None
 
@@ -168,7 +168,7 @@ def recoloured(case: Case, law: Fit) -> Case | None:
     """
     problem = case.problem
     coloured = any(any(part.colour) for part in problem.parts)
-    if not coloured or law.chi2 >= problem.floor(law.hypothesis) - NOISE_ERROR:
+    if not coloured or law.chi2 >= problem.floor(law) - NOISE_ERROR:
         return None
     white = problem.of(fainter(problem.parts, problem.parts, 0.0))
     parts = _colour(white, refit_again(white, [law])[0]) or white.parts

@@ -48,7 +48,8 @@ def is_noise(problem: Problem, fitted: Fit, *, shown: bool = True) -> bool:
     if any(_has_shocks(residual) or _has_line(residual) for residual in residuals):
         return False
     pairs = [(0, 1), (1, 2), (3, 1), (4, 0), *([(4, 1)] if shown else [])]
-    excess = max(0.0, 1.0 - problem.reduce.level / fitted.chi2)
+    floor = problem.reduce.level + problem.reduce.left_open(fitted.residual)
+    excess = max(0.0, 1.0 - floor / fitted.chi2)
     known = (_KNOWN[0] + _KNOWN[1] * excess) * int(np.count_nonzero(np.concatenate(sure)))
     powers = [(residual**2 - 1.0) * seen for residual, seen in zip(residuals, sure, strict=True)]
     return all(

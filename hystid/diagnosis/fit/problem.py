@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.stats import norm
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, Unknown, get, is_mass, is_source, put
@@ -20,8 +21,8 @@ from hystid.diagnosis.model.baseline import Baseline, Held
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.memory import Memory
 from hystid.diagnosis.prepare.differences import Advanced
-from hystid.diagnosis.prepare.reduction import RARE, Reduction
-from hystid.diagnosis.prepare.segments import DRAWS, Part, band
+from hystid.diagnosis.prepare.reduction import Reduction
+from hystid.diagnosis.prepare.segments import DRAWS, Part
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -31,7 +32,6 @@ MASS_TOLERANCE = 0.035  # share of the mass: weighing and sensitivity errors; mo
 _TURN = 0.05  # share of the peak speed over which a contact may turn
 _ROUND = 12**-0.5  # share of a jump that the shape of a turn leaves open, where the law has its own turn (uniform)
 _FILTERED = 0.3  # share of a jump that filters of the recording chain leave open in the samples beside it
-_SEEN = 0.1  # noise power from which what a reversal of motion leaves undetermined is seen
 _AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
@@ -39,16 +39,7 @@ _SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembere
 # Bytes that are remembered: laws, forces of effects, and of scans columns, and forces per unit of h.
 _KEPT = (40_000_000, 24_000_000, 120_000_000, 40_000_000)
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
-# Gauss-Hermite quadrature of five nodes over a normal distribution (Abramowitz and Stegun 1964, table 25.10).
-_NODES = (-2.856970, -1.355626, 0.0, 1.355626, 2.856970)
-_WEIGHTS = (0.011257, 0.222076, 0.533333, 0.222076, 0.011257)
-
-
-def _local(part: Part) -> Array:
-    """Error of the velocity [m/s], (n,): rms of its draws over half a period of the quickest motion."""
-    width = max(1, int(0.5 / (part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))))
-    squares = np.mean([np.asarray(dv, dtype=float) ** 2 for _, dv, _, _ in part.jitter], axis=0)
-    return np.asarray(np.sqrt(uniform_filter1d(squares, width)))
+_NODES = 5  # of a Gauss-Hermite quadrature over a normal distribution
 
 
 @dataclass(frozen=True)
@@ -78,7 +69,6 @@ class Problem:
         self._ready: list[dict[tuple[CompiledModel, int], Motion]] = [{} for _ in self.parts]  # motions for the effects
         self._shifted: dict[tuple[int, float], Array] = {}
         self._movable: dict[int, Advanced] = {}
-        self.turns = False  # whether the law turns within a small part of the speeds, in a way that is seen
         self._held = [self._hold(p, p.x, p.v) for p in self.parts]
         self._laws, self._forces, self._columns, self._grids = (Memory(most) for most in _KEPT)
         self._last: tuple[Hypothesis, list[Array]] | None = None
@@ -264,20 +254,23 @@ class Problem:
             self._shifted[key] = self._movable[index](delay * self.parts[index].pace)
         return self._shifted[key]
 
-    def floor(self, hypothesis: Hypothesis) -> float:
-        """Mean square that noise alone leaves: that of the balance, and what noise of the motion makes of the force.
+    def floor(self, fitted: Fit) -> float:
+        """Mean square that noise alone leaves of a fit: that of the balance, and what noise of the motion makes of the
+        force.
 
         Both come from the same channels, so that they may cancel in part: what is added is the mean square of the two
         together less that of the balance.
         """
-        return self.reduce.level + float(np.mean(self.noise_added(hypothesis)))
+        known = self.reduce.level + self.reduce.left_open(fitted.residual)
+        return known + float(np.mean(self.noise_added(fitted.hypothesis)))
 
     def noise_added(self, hypothesis: Hypothesis) -> Array:
-        """What noise of the motion adds to the mean square that noise leaves, one value per draw of it."""
-        added = []
+        """What noise of the motion adds to the mean square that noise leaves, one value per draw of it; rows that are
+        weighed down for it hold that already."""
+        added, sure = [], self.reduce.sure()
         for draw, moved in enumerate(self.movements(hypothesis)):
             balance = self.reduce([self.baseline.mass * part.jitter[draw][3].astype(float) for part in self.parts])
-            added.append(float(np.mean(moved * (moved + 2 * balance))))
+            added.append(float(np.mean(moved * (moved + 2 * balance) * sure)))
         return np.array(added)
 
     def movements(self, hypothesis: Hypothesis) -> list[Array]:
@@ -306,12 +299,10 @@ class Problem:
         self.reduce.trust()
         if self.baseline.memoryless:
             turns, filtered = (np.maximum.reduce(rows) for rows in zip(*map(self._jumps, hypotheses), strict=True))
-            self.turns = float(np.quantile(np.maximum(turns, filtered) ** 2, RARE)) > _SEEN
             unsure = self._unsure(hypotheses[0])
-            self.reduce.distrust([*self.movements(hypotheses[0]), turns], np.hypot(filtered, unsure))
+            self.reduce.distrust([*self.movements(hypotheses[0]), turns], filtered, unsure)
         else:
-            self.turns = False
-            self.reduce.distrust(self.movements(hypotheses[0]), np.zeros(1))
+            self.reduce.distrust(self.movements(hypotheses[0]), np.zeros(1), np.zeros(1))
         self._columns.clear()
         self._reduce_anew()
         return self.reduce.weighs
@@ -347,28 +338,31 @@ class Problem:
         """Rows of the standard deviation that the error of the velocity leaves to a law without memory where it bends.
 
         A few draws of the noise miss most of the samples beside a turn of slow motion, whose side nobody knows. So the
-        whole velocity is moved by its local error, by the nodes of a Gauss-Hermite quadrature. A contact that may
+        whole velocity is moved by its error, by the nodes of a Gauss-Hermite quadrature. A contact that may
         stand still holds any force between those of sliding either way. What is linear in the velocity is a damper,
         and no bend.
         """
-        error = [_local(part) for part in self.parts]
+        error = [part.velocity_error() for part in self.parts]
+        points, shares = hermegauss(_NODES)
         fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
 
         def law(shifts: Sequence[Array]) -> list[Array]:
             moved = [self._hold(p, p.x, p.v + shift) for p, shift in zip(self.parts, shifts, strict=True)]
             return [R for R, _ in self._follow(moved, hypothesis.values)]
 
-        turned = zip(*(law([node * e for e in error]) for node in _NODES), strict=True)
+        turned = zip(*(law([node * e for e in error]) for node in points), strict=True)
         sliding = zip(*(law([side * _TURN * fastest + 0 * e for e in error]) for side in (-2, -1, 1, 2)), strict=True)
-        weights, nodes = np.array(_WEIGHTS)[:, None], np.array(_NODES)[:, None]
+        weights, nodes = shares[:, None] / np.sum(shares), points[:, None]
         spread = []
         for part, e, forces, (further, back, forth, beyond) in zip(self.parts, error, turned, sliding, strict=True):
             damper = ((beyond - forth) + (back - further)) / (2 * _TURN * fastest)
             bent = np.array(forces) - damper * nodes * e
             variance = np.sum(weights * (bent - np.sum(weights * bent, axis=0)) ** 2, axis=0)
             jump = (forth - back) - (beyond - forth) - (back - further)
-            rests = np.exp(-0.5 * (part.v / np.maximum(e, 1e-300)) ** 2)  # likelihood of standing still
-            spread.append(np.sqrt(variance + rests * jump**2 / 12))
+            # probability of standing still, as likely as not before, against any velocity up to the fastest
+            least = np.maximum(e, _TINY)
+            rests = norm.pdf(part.v, scale=least) / (norm.pdf(part.v, scale=least) + 0.5 / fastest)
+            spread.append(np.sqrt(variance + rests * jump**2 / 4))  # the most that forces between them vary (Popoviciu)
         return self.reduce.spread(spread)
 
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:

@@ -86,4 +86,4 @@ def _without_jumps(problem: Problem, fits: Sequence[Fit], nominal: Hypothesis) -
 
 def _sits(problem: Problem, fitted: Fit) -> bool:
     """Whether a refit leaves hardly more than noise."""
-    return fitted.chi2 < problem.floor(fitted.hypothesis) + _LEFT
+    return fitted.chi2 < problem.floor(fitted) + _LEFT

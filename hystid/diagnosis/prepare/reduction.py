@@ -23,7 +23,7 @@ _SLOW, _LEAST = 8, 2  # blocks per period of the quickest motion, and samples th
 _MOST, _STRETCHES = 40_000, 24  # rows beyond which stretches of each recording are taken, and how many
 _DECAY = 10.0  # radians at the corner of a whitening filter after which nothing is left of an end (exp(-7))
 _SHORT = 7  # samples per block that are added column by column
-_JUMP, RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
+_JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
 
 
 class Reduction:
@@ -39,7 +39,7 @@ class Reduction:
         total = sum(len(part) for part in parts)
         self.block = max(1, min(total // ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
         self._trust: Array | None = None
-        self.jumps = False  # whether a law jumps: noise of the regressors, or its shape, moves rows far
+        self._open = np.zeros(1)  # variance that rows have as nobody knows where a law stands
         stiffness = _stiffness(parts, mass)
         self._filters = [_whitening(part, mass, stiffness) for part in parts]
         filters = [filt for filt in self._filters if filt is not None]
@@ -60,8 +60,16 @@ class Reduction:
         return rows if self._trust is None else rows * self._trust
 
     def spread(self, columns: Sequence[Array]) -> Array:
-        """Rows of standard deviations, one column per part: of one sign all along a row, and hence not filtered."""
-        return np.concatenate([np.sqrt(self.plain(i, u**2)) * self._weights[i] for i, u in enumerate(columns)])
+        """Rows of standard deviations, one column per part. Whether errors keep their sign from sample to sample is not
+        known: after a filter the larger of the two counts."""
+        rows = []
+        for i, (column, filt) in enumerate(zip(columns, self._filters, strict=True)):
+            power = column**2
+            if filt is not None:
+                alone = filtered(power, np.asarray(np.fft.rfft(np.fft.irfft(filt) ** 2).real))
+                power = np.maximum(alone, filtered(column, filt) ** 2)
+            rows.append(np.sqrt(self.plain(i, power)) * self._weights[i])
+        return np.concatenate(rows)
 
     def whitened(self, columns: Sequence[Array]) -> list[Array]:
         """One column per part at all its samples, (n,), in units of the white noise."""
@@ -80,22 +88,23 @@ class Reduction:
             return list(filtered(np.stack(columns), self._together))
         return [c if filt is None else filtered(c, filt) for c, filt in zip(columns, self._filters, strict=True)]
 
-    def distrust(self, draws: Sequence[Array], filtered: Array) -> None:
+    def distrust(self, draws: Sequence[Array], filtered: Array, unsure: Array) -> None:
         """Weigh down the rows in which the noise of the regressors moves the force by more than its own noise.
 
-        draws: rows of such movements, not weighed. filtered: rows of what filters of the recording chain leave open. A
-        law that jumps where the velocity changes sign is the case in mind: where the jump falls is not known to the
-        sample, and its neighbours say nothing about the law.
+        draws: rows of such movements, not weighed. filtered: rows of what filters of the recording chain leave open.
+        unsure: standard deviations of rows in which nobody knows on which side of its jump a law stands; they are
+        noise as well. A law that jumps where the velocity changes sign is the case in mind: where the jump falls is not
+        known to the sample, and its neighbours say nothing about the law.
         """
         spread = maximum_filter1d(np.mean([rows**2 for rows in draws], axis=0), 3)
-        wide = spread + filtered**2
-        self.jumps = float(np.quantile(spread, RARE)) > _JUMP
-        if float(np.quantile(wide, RARE)) > _JUMP:
+        wide = spread + filtered**2 + unsure**2
+        if float(np.quantile(wide, _RARE)) > _JUMP:
             self._trust = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0)
+        self._open = unsure**2
 
     def trust(self) -> None:
         """Weigh all rows alike again."""
-        self._trust, self.jumps = None, False
+        self._trust, self._open = None, np.zeros(1)
 
     def trusted(self, index: int) -> Array:
         """Weight of each sample of one part beside that of its noise, (n,): 1 where the law is sure, 0 where no row is
@@ -135,6 +144,13 @@ class Reduction:
         """Mean square of rows that hold noise alone."""
         seen = float(np.average([self._seen(part) for part in self.parts], weights=[len(part) for part in self.parts]))
         return seen if self._trust is None else seen * float(np.mean(self._trust**2))
+
+    def left_open(self, rows: Array) -> float:
+        """Mean square of rows (rows,) that says nothing, as nobody knows where a law stands: as little as they show. A
+        row that is weighed down leaves no more than 1 by that."""
+        sure, weight = self.sure(), 1.0 if self._trust is None else self._trust**2
+        shown, most = rows**2 - weight, np.where(sure, self._open, 1.0 - weight)
+        return sum(float(np.clip(np.mean(shown * one), 0.0, np.mean(most * one))) for one in (sure, ~sure))
 
     def _seen(self, part: Part) -> float:
         """Share of the band of the rows in which the motion of a part can be seen."""

@@ -11,12 +11,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from hystid.diagnosis.prepare.decay import MODEL_ERROR
 from hystid.diagnosis.prepare.differences import FIRST, SECOND, advanced, stencil
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.recording import Recording
-from hystid.smoothing.noise import louder_for_a_while, noise_level, steps
+from hystid.smoothing.noise import SECTIONS, louder_for_a_while, noise_level, steps
 from hystid.smoothing.smoother import Smoothed, smooth
 
 Array = NDArray[np.float64]
@@ -109,6 +110,14 @@ class Part:
         )
         below = 2 * np.pi * np.arange(len(power)) / len(self) < 0.9 * self.first
         return float(np.sum(power[below]) / max(float(np.sum(power)), float(np.sum(ringing)), 1e-300))
+
+    def velocity_error(self) -> Array:
+        """Standard error of the velocity [m/s], (n,): rms of its draws over all samples, or over sections where noise
+        is louder for a while. A few draws hold too few independent errors to tell more."""
+        squares = np.mean([np.asarray(dv, dtype=float) ** 2 for _, dv, _, _ in self.jitter], axis=0)
+        if self.louder:
+            return np.asarray(np.sqrt(uniform_filter1d(squares, len(self) // SECTIONS)))
+        return np.full(len(self), float(np.sqrt(np.mean(squares))))
 
     def balance_noise(self, mass: float) -> float:
         """Standard deviation of F - m a per sample [N], where the acceleration was measured; else of F alone."""

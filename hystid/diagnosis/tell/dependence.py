@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from hystid.diagnosis.fit.hypothesis import Hypothesis
-from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.fit.problem import Problem, standing
 
 Array = NDArray[np.float64]
 CHANCE = 0.01  # probability of a dependence by chance, over all columns, below which it is told: one report in 100
@@ -88,8 +88,8 @@ def dependences(problem: Problem, hypothesis: Hypothesis, before: Hypothesis | N
 
 
 def _dependences(problem: Problem, hypothesis: Hypothesis) -> list[Dependence]:
-    rows = problem.rows(hypothesis)
-    misfit = float(np.mean(rows**2)) - problem.floor(hypothesis)
+    here = standing(problem, hypothesis)
+    rows, misfit = here.residual, here.chi2 - problem.floor(here)
     names = [name for name in problem.parts[0].extra if all(name in part.extra for part in problem.parts)]
     columns = {name: [part.extra[name] for part in problem.parts] for name in names}
     columns = {name: values for name, values in columns.items() if _changes(values)}
