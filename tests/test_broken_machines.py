@@ -65,6 +65,16 @@ def test_a_full_disk_is_named_and_nothing_half_written(rig: Path, small_disk: Pa
 
 
 @ROOT_ONLY
+def test_a_full_disk_is_named_where_an_fmu_is_unpacked(rig: Path, small_disk: Path) -> None:
+    """An FMU of some 90 kB does not fit into 64."""
+    cache = {"HYSTID_CACHE": str(rig / "cache")}
+    assert hystid(rig, "build", "rig.mo", "-o", "rig.fmu", **cache).returncode == 0
+    done = hystid(rig, "regress", "rig.fmu", TMPDIR=str(small_disk), **cache)
+    assert done.returncode == 1 and done.stderr == f"hystid: {small_disk}: the disk is full\n"
+    assert list(small_disk.iterdir()) == []
+
+
+@ROOT_ONLY
 def test_a_home_that_cannot_be_written_costs_the_cache_only(rig: Path) -> None:
     """The model is built, and one sentence says that nothing is kept; a result there is refused before any work."""
     home = rig / "home"

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from xml.parsers import expat
 
 from hystid.errors import FmuError
-from hystid.files import check_regular, scratch_folder
+from hystid.files import check_regular, on_disk_of, scratch_folder
 from hystid.fmu.platforms import PLATFORMS, host
 from hystid.fmu.signals import Signal, signals_of
 from hystid.limits import FMU_DESCRIPTION, FMU_ELEMENTS, FMU_ENTRIES, FMU_UNPACKED, Limit
@@ -109,7 +109,7 @@ def unpack(path: Path) -> Path:
     check_regular(path, FmuError)
     folder = scratch_folder()
     try:
-        with zipfile.ZipFile(path) as archive:
+        with on_disk_of(folder.parent), zipfile.ZipFile(path) as archive:
             _extract(path, archive, _checked(path, archive), folder)
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
