@@ -120,6 +120,16 @@ def test_a_law_is_the_more_probable_the_less_it_leaves_down_to_nothing(stiffenin
         assert forms[0] > 5.0 and forms[-1] < 0.0
 
 
+def test_where_the_noise_is_louder_what_a_law_leaves_counts_for_less(stiffening: Diagnosis) -> None:
+    """A misfit is measured against the noise that there is, not against what a channel shows above the motion."""
+    criterion, hypothesis = fits(stiffening, 30.0)
+    louder = criterion.at(20.0)
+    assert louder.misfit(hypothesis.fit, np.nan) == pytest.approx(10.0)
+    rates = [c.likelihood(0.0) - c.likelihood(10.0) for c in (criterion, louder)]
+    assert rates[1] < rates[0]
+    assert louder.least == pytest.approx(criterion.least + 20.0)
+
+
 def test_a_further_law_is_no_name_where_noise_hides_what_it_leaves(stiffening: Diagnosis) -> None:
     """What others leave by their form is taken down to the noise by anything, if the noise is louder than that."""
     criterion, _ = fits(stiffening, 0.0)
@@ -140,7 +150,7 @@ def test_a_set_is_compared_with_what_it_is_without_an_idle_member(stiffening: Di
     search = _Search(problem, choice.before, [], lambda: None, ())
     rests = {
         rest.names: counts
-        for rest, counts in search.without_one(Hypothesis(("cubic_stiffness", "preload"), 2, both), 0.0)
+        for rest, counts in search.without_one(Hypothesis(("cubic_stiffness", "preload"), 2, both), search.criterion)
     }
     assert rests == {("cubic_stiffness",): False, ("preload",): True}
 
@@ -274,7 +284,7 @@ def test_a_rest_of_few_independent_samples_shows_nothing(slow: int, shown: bool)
     rest = np.convolve(rng.standard_normal(len(t) + slow), np.ones(slow), mode="same")[: len(t)]
     rest = (rest - np.mean(rest)) / np.std(rest)
     cells = _cells(np.sin(9 * t), np.cos(9 * t))
-    assert _independent([rest], [cells], 0.08 * len(rest), shown=True) == shown
+    assert _independent([rest], [cells], 0.08 * len(rest)) == shown
 
 
 def test_no_share_of_a_force_is_more_than_all_of_it() -> None:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -112,8 +113,11 @@ class Posterior:
 class Criterion:
     """The likelihood of hypotheses about one problem.
 
-    ids: number of effects that are tried, each as probable as any other.
+    ids: number of effects that are tried, each as probable as any other. level: mean square by which the noise differs
+    from what the channels show above the motion.
     """
+
+    level = 0.0
 
     def __init__(self, problem: Problem, baseline: Fit, ids: int) -> None:
         self.problem, self.baseline, self.ids = problem, baseline, max(ids, 1)
@@ -128,10 +132,16 @@ class Criterion:
         self.floor = problem.reduce.level + self._open + float(np.mean(self._added))
         self.each = self.rows / self.states  # rows per independent value of the model error
 
+    def at(self, level: float) -> Criterion:
+        """The same where the noise is of another level: what a law leaves counts against the noise that there is."""
+        made = copy(self)
+        made.level = level
+        return made
+
     @property
     def least(self) -> float:
         """Variance of an average where nothing but noise and the error of the preparation is left."""
-        return 1.0 + self.each * self.accuracy
+        return 1.0 + max(self.level, 0.0) + self.each * self.accuracy
 
     @property
     def accuracy(self) -> float:
@@ -142,7 +152,7 @@ class Criterion:
         """Mean square above the noise, and above what nobody knows of where a law stands: leaving less of that than the
         baseline gains nothing. floor: of the noise; NaN for that of the baseline."""
         less = max(self._open - self.problem.reduce.left_open(fit.residual), 0.0)
-        return fit.chi2 + less - (floor if np.isfinite(floor) else self.floor)
+        return fit.chi2 + less - (floor if np.isfinite(floor) else self.floor) - self.level
 
     def floor_of(self, fit: Fit) -> float:
         """Mean square that noise alone leaves of a fit; that of the baseline where draws of the noise do not agree that
@@ -191,7 +201,7 @@ class Criterion:
     @property
     def slack(self) -> float:
         """Mean square that a wrong noise level feigns."""
-        return NOISE_ERROR * self.floor
+        return NOISE_ERROR * (self.floor + max(self.level, 0.0))
 
     def form(self, misfit: float, whole: float, *, exact: bool = False, curves: int = 1) -> float:
         """Logarithm of the density of what right laws leave, as a share of the misfit, over that of what curves of one
@@ -224,23 +234,19 @@ class Criterion:
             return False
         return without > self.usual * formed or self.form(misfit, without) > np.log(PRIOR[1] / PRIOR[2])
 
-    def level(self, found: Sequence[Hypothesis], reached: float) -> float:
-        """Mean square by which the noise differs from what the channels show above the motion: what the best hypothesis
-        leaves, as far as the noise may be off, or all of it where that is noise alone (reached; infinite where not)."""
+    def with_level(self, found: Sequence[Hypothesis], reached: float) -> Criterion:
+        """The same at the level of the noise: what the best hypothesis leaves, as far as the noise may be off, or all
+        of it where that is noise alone (reached; infinite where not)."""
         best = min([self.misfit(self.baseline, self.floor), *(self.misfit(h.fit, h.floor) for h in found)])
-        return best if best < 0 else max(min(best, self.slack), reached if np.isfinite(reached) else 0.0)
+        return self.at(best if best < 0 else max(min(best, self.slack), reached if np.isfinite(reached) else 0.0))
 
-    def posterior(
-        self, found: Sequence[Hypothesis], *, is_noise: bool, reached: float = np.inf, curves: Sequence[float] = ()
-    ) -> Posterior:
+    def posterior(self, found: Sequence[Hypothesis], *, is_noise: bool, curves: Sequence[float] = ()) -> Posterior:
         """Probabilities of the hypotheses.
 
         curves: what forces without a law explain of the mean square (``lawfree``). is_noise: the baseline leaves
-        noise, whatever its level. reached: as in ``level``.
+        noise, whatever its level.
         """
-        misfits = [self.misfit(h.fit, h.floor) for h in found]
-        level = self.level(found, reached)
-        whole, misfits = self.misfit(self.baseline, self.floor) - level, [m - level for m in misfits]
+        whole, misfits = self.misfit(self.baseline, self.floor), [self.misfit(h.fit, h.floor) for h in found]
         plain = [
             self.likelihood(m) + h.unseen - self.penalty(h.size, len(h.names), m)
             for h, m in zip(found, misfits, strict=True)

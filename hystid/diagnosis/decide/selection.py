@@ -210,7 +210,7 @@ class _Search:
         misfit = self.criterion.misfit(best.fit, best.floor)
         if self.criterion.is_settled(misfit, self.formed(best.names)):
             return True
-        return best.windowed and is_noise(self.problem, best.fit, shown=False)
+        return best.windowed and is_noise(self.problem, best.fit)
 
     def _trials(self) -> list[Trial]:
         """Joint fits of the promising effects, each from the best starts that are known."""
@@ -357,13 +357,11 @@ class _Search:
                     found.append(self._hypothesis(names, size, made))
         return found
 
-    def without_one(self, hypothesis: Hypothesis, level: float) -> Iterator[tuple[Hypothesis, bool]]:
+    def without_one(self, hypothesis: Hypothesis, criterion: Criterion) -> Iterator[tuple[Hypothesis, bool]]:
         """A set without each of its members, fitted again, and whether the member counts: whether that costs more than
-        it does. level: of the noise, as the criterion has it."""
-        criterion, here = self.criterion, hypothesis.fit.hypothesis
-        misfit, formed = (
-            m - level for m in (criterion.misfit(hypothesis.fit, hypothesis.floor), self.formed(hypothesis.names))
-        )
+        it does. criterion: at the level of the noise."""
+        here, misfit = hypothesis.fit.hypothesis, criterion.misfit(hypothesis.fit, hypothesis.floor)
+        formed = self.formed(hypothesis.names) - criterion.level
         for at, term in enumerate(here.terms):
             if term.effect.id in hypothesis.names:
                 rest = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
@@ -371,7 +369,7 @@ class _Search:
                 if made is None:
                     continue
                 names = tuple(name for name in hypothesis.names if name != term.effect.id)
-                without = criterion.misfit(made, hypothesis.floor) - level
+                without = criterion.misfit(made, hypothesis.floor)
                 gain = criterion.likelihood(misfit) - criterion.likelihood(without)
                 counts = gain > criterion.price(term.effect.size, misfit)
                 counts = counts and criterion.is_worth_a_name(misfit, without, formed)
@@ -392,15 +390,14 @@ def _one_per_id(scanned: Sequence[Scanned]) -> list[Scanned]:
 
 def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Choice:
     """The choice that the probabilities of the hypotheses lead to."""
-    criterion, before = search.criterion, search.baseline
-    noise = search.is_noise
-    reached = _level(search, found)
+    before, noise = search.baseline, search.is_noise
+    criterion = search.criterion.with_level(found, _level(search, found))
     curves = tuple(free_curves(search.problem, before)) if len(found) > 0 else ()
 
     def weighed(hypotheses: Sequence[Hypothesis]) -> Posterior:
-        return criterion.posterior(hypotheses, is_noise=noise, reached=reached, curves=curves)
+        return criterion.posterior(hypotheses, is_noise=noise, curves=curves)
 
-    found = _pruned(search, found, weighed, criterion.level(found, reached))
+    found = _pruned(search, found, weighed, criterion)
     near = _near(weighed(found))
     zeros = {id(h): _with_zero(search.problem, h) for h in near}
     found, near = [zeros.get(id(h), h) for h in found], list(zeros.values())
@@ -417,7 +414,7 @@ def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Ch
             before, before, search.floor, search.floor, posterior, trials=tuple(search.first), untestable=untestable
         )
     leader, names = chosen
-    after = _with_one_mass(search.problem, _to_the_end(search.problem, criterion, leader.hypothesis.fit))
+    after = _with_one_mass(search.problem, _to_the_end(search.problem, search.criterion, leader.hypothesis.fit))
     classes = [_class(criterion, posterior, leader, name) for name in names]
     return Choice(
         before, after, search.floor, search.problem.floor(after), posterior, names,
@@ -434,7 +431,7 @@ def _pruned(
     search: _Search,
     found: Sequence[Hypothesis],
     weighed: Callable[[Sequence[Hypothesis]], Posterior],
-    level: float,
+    criterion: Criterion,
 ) -> list[Hypothesis]:
     """Hypotheses without the sets of which a member does not count, and with what sets are without one of theirs: what
     grew by the best further effect may hold one that the next makes idle."""
@@ -444,7 +441,7 @@ def _pruned(
             if len(h.names) < 2 or frozenset(h.names) in seen:
                 continue
             seen.add(frozenset(h.names))
-            rests = list(search.without_one(h, level))
+            rests = list(search.without_one(h, criterion))
             pruned += [rest for rest, _ in rests if are_reached(search.problem, rest.fit)]
             if not all(counts for _, counts in rests):
                 idle.add(frozenset(h.names))
@@ -462,11 +459,11 @@ def _with_zero(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
 
 
 def _level(search: _Search, found: Sequence[Hypothesis]) -> float:
-    """Misfit of the best hypothesis where what it leaves is noise; infinite where it is not."""
+    """Misfit of the best hypothesis where what it leaves is shown to be noise; infinite where it is not."""
     if search.is_noise or not found:
         return np.inf
     misfit, fit = min(((search.criterion.misfit(h.fit, h.floor), h.fit) for h in found), key=lambda pair: pair[0])
-    return misfit if misfit > search.criterion.slack and is_noise(search.problem, fit, shown=False) else np.inf
+    return misfit if misfit > search.criterion.slack and is_noise(search.problem, fit) else np.inf
 
 
 def _told(criterion: Criterion, posterior: Posterior) -> tuple[Candidate, tuple[str, ...]] | None:

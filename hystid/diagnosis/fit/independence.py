@@ -28,12 +28,9 @@ _RARE, _LITTLE = 3.8, 0.05  # standard deviations, and share of the power beyond
 # louder than its level says, so is that of the motion, and a law that jumps is off by a sample here and there
 
 
-def is_noise(problem: Problem, fitted: Fit, *, shown: bool = True) -> bool:
-    """Whether the residual of a fit is independent of x, v, a and h, of the time, and has neither lines nor shocks.
-
-    shown: whether that must be shown; else it is enough that nothing speaks against it. A residual that is slow beside
-    its recording has few independent samples, and shows nothing.
-    """
+def is_noise(problem: Problem, fitted: Fit) -> bool:
+    """Whether the residual of a fit is shown to be independent of x, v, a and h, of the time, and has neither lines nor
+    shocks. A residual that is slow beside its recording has few independent samples, and shows nothing."""
     signals = problem.signals(fitted.hypothesis)
     motion = [
         [problem.reduce.plain(i, column) for column in (s.x, s.v, s.a, s.h, problem.parts[i].t)]
@@ -47,13 +44,13 @@ def is_noise(problem: Problem, fitted: Fit, *, shown: bool = True) -> bool:
     residuals = [_standard(residual, seen) for residual, seen in zip(np.split(residual, ends), sure, strict=True)]
     if any(_has_shocks(residual) or _has_line(residual) for residual in residuals):
         return False
-    pairs = [(0, 1), (1, 2), (3, 1), (4, 0), *([(4, 1)] if shown else [])]
+    pairs = [(0, 1), (1, 2), (3, 1), (4, 0), (4, 1)]
     floor = problem.reduce.level + problem.reduce.left_open(fitted.residual)
     excess = max(0.0, 1.0 - floor / fitted.chi2)
     known = (_KNOWN[0] + _KNOWN[1] * excess) * int(np.count_nonzero(np.concatenate(sure)))
     powers = [(residual**2 - 1.0) * seen for residual, seen in zip(residuals, sure, strict=True)]
     return all(
-        _independent(values, [_cells(m[a], m[b]) for m in motion], known, shown=shown)
+        _independent(values, [_cells(m[a], m[b]) for m in motion], known)
         for a, b in pairs
         for values in (residuals, powers)
     )
@@ -82,17 +79,18 @@ def _ranks(values: Array, bins: int) -> NDArray[np.int64]:
     return found
 
 
-def _independent(values: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float, *, shown: bool) -> bool:
-    """Whether means of values differ between the cells no more than when the values are moved in time.
+def _independent(values: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float) -> bool:
+    """Whether means of values differ between the cells no more than when the values are moved in time, and what moved
+    ones show scatters by less than what would show.
 
-    known: power between the cells from which the values know them. shown: and what moved ones show scatters by less.
+    known: power between the cells from which the values know them.
     """
     shares = np.random.default_rng(0).uniform(0.05, 0.95, (_SHIFTS, len(values)))
     moved = [
         _between([np.roll(p, int(share * len(p))) for p, share in zip(values, row, strict=True)], cells)
         for row in shares
     ]
-    scatter = _TWO_SIDED * float(np.std(moved)) if shown else 0.0
+    scatter = _TWO_SIDED * float(np.std(moved))
     return _between(values, cells) - float(np.median(moved)) <= known and scatter <= known
 
 
