@@ -225,6 +225,25 @@ def test_a_motion_that_stays_on_one_side_may_begin_in_mid_motion() -> None:
     assert found.findings == ()
 
 
+def test_what_is_remembered_for_most_of_a_recording_is_no_mismatch() -> None:
+    """Sliders that a stronger motion has left on one side come back one by one, as the recorded motion grows: the last
+    of them after three quarters of the recording. Noise of 60 dB shows the force of each."""
+    dt, rng = 1e-3, np.random.default_rng(8)
+    t = dt * np.arange(-1000, 6000)
+    grown = np.interp(t, [-1.0, 0.0, 4.5, 6.0], [1.5, 0.1, 1.0, 1.0])
+    x = 1e-3 * grown * (np.sin(60 * t) + 0.3 * np.sin(97 * t + 1.0))
+    v, given = np.gradient(x, dt), {"m": 0, "Ks": 2e4, "fc": 12.0, "Kl": 1e4}
+    rig = CompiledModel(compile_model("HystId.Oscillators.Iwan"))
+    R = rig.clamp({"x": x, "v": v}, {}, dt, parameters=given, outputs=("R",))["R"]
+    seen = t > -dt / 2
+    F, x = (u[seen] + 0.001 * np.std(u) * rng.standard_normal(np.count_nonzero(seen)) for u in (R, x))
+    found = diagnose([Recording("grows", t[seen], F=F, x=x)], model="HystId.Oscillators.Iwan", parameters=given)
+    assert found.findings == ()
+    assert found.verdict in ("consistent", "recalibrated")
+    left_out = next(note for note in found.notes if "begins in mid-motion" in note)
+    assert float(left_out.split("its first ")[1].split(" s")[0]) > 3.2  # more than half
+
+
 def test_a_mass_that_has_just_been_let_go_begins_at_rest() -> None:
     """A preload pulls from the first sample on: eight samples later the mass moves, and yet nothing was before.
 

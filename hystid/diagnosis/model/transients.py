@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.model.baseline import Baseline
+from hystid.diagnosis.prepare.recordings import SHORTEST
 from hystid.diagnosis.prepare.segments import Part
 
 Array = NDArray[np.float64]
 _FIRST = 8  # samples whose mean shows whether a recording begins at rest
 _SURE, _STILL = 4.0, 0.05  # standard errors of that mean, and share of the spread of a channel, that are still rest
 _VISIBLE = 0.5  # noise units: force of another past that is seen
-_MOST = 0.5  # share of a recording that is left out at most
 _STROKE = 60  # samples of a stroke that is put before a recording
 _NEAR, _LAST = 0.03, 20  # share of the stroke that is near an end, and part of a recording that has forgotten most
 
@@ -41,7 +41,7 @@ def beginning(
         past = _past(part)
         lasting, keeps = _remembered(replace(part, past=past), baseline, values)
         valid = np.ones(len(part), dtype=bool) if part.valid is None else part.valid.copy()
-        left_out = max(min(lasting, int(_MOST * len(part))), int(np.argmax(valid)) if part.past else 0)
+        left_out = max(min(lasting, max(len(part) - SHORTEST, 0)), int(np.argmax(valid)) if part.past else 0)
         valid[:left_out] = False
         found[number] = replace(part, valid=valid, past=past)
         kept += [number] if keeps else []
