@@ -209,6 +209,16 @@ equation
 end A;""",
         "y", 1_673_190_961.0, "expected Real",
     ),
+    "delay_times": (
+        """
+model A
+  Real x(start = 0, fixed = true), y;
+equation
+  der(x) = 2;
+  y = delay(x, 1) + 2;
+end A;""",
+        "y", 2.0, "must have type 'Real'",
+    ),
     "sample_conditions": (
         """
 model A
