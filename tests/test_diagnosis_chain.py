@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, lfilter, sosfiltfilt
 
+from hystid.diagnosis.prepare.bandwidth import where_white
 from hystid.diagnosis.prepare.chain import DEAD, DELAY, GAIN, SATURATION, ZERO, examined, stopped
 from hystid.diagnosis.prepare.independence import measured_alike
 from hystid.diagnosis.prepare.pairs import agreed, pairs
@@ -193,6 +194,20 @@ def test_what_was_derived_from_a_filtered_channel_is_computed(snr: float) -> Non
     tests = [motion(seed, noise=10 ** (-snr / 20)) for seed in (1, 2)]
     for found in measured_alike([made(test) for test in tests]):
         assert found.measured == ("x",)
+
+
+def test_a_filter_that_one_recording_shows_is_in_those_where_the_motion_hides_it() -> None:
+    """A low-pass at 0.35 of the Nyquist frequency shows where the motion ends below it, and not where it reaches it:
+    read off what is beyond, the noise there would be nothing."""
+    low_pass = butter(4, 0.35, output="sos")
+    shows, hides = (replace(motion(seed, noise=1e-3), v=None, a=None) for seed in (1, 2))
+    broad = np.cumsum(np.random.default_rng(3).standard_normal(N)) * np.hanning(N)
+    hides = replace(hides, x=broad)
+    tests = [replace(test, x=sosfiltfilt(low_pass, test.x)) for test in (shows, hides)]
+    # noise is white up to 0.35 of the Nyquist frequency: one sample in three keeps what lies below
+    assert [len(test) // len(kept) for test, kept in zip(tests, where_white(tests), strict=True)] == [3, 3]
+    open_end = replace(motion(4, noise=1e-3), v=None, a=None)  # its own noise is the end of its spectrum
+    assert [len(kept) for kept in where_white([tests[0], open_end])] == [N, N]
 
 
 def test_a_sum_of_an_acceleration_is_computed_and_an_integral_measured() -> None:

@@ -31,7 +31,10 @@ _SHORTEST = 400  # samples that must remain
 
 
 def corner(channel: Array, dt: float) -> float:
-    """Frequency [Hz] up to which the noise of a channel is white, where it falls steeply beyond; infinite elsewhere."""
+    """Frequency [Hz] up to which the noise of a channel is white, where it falls steeply beyond.
+
+    Infinite where noise is the end of the spectrum, nan where there is none there and the motion hides a corner.
+    """
     length = min(len(channel) // 8, 2048)
     bands = min(_BANDS, length // 4)
     if bands < _FEWEST:
@@ -49,7 +52,7 @@ def corner(channel: Array, dt: float) -> float:
         top = _end_of_shelf(near, bands, floor) if len(near) >= 2 * bands else None
         if top is not None:
             return float(frequency[1 + top])
-    return np.inf
+    return np.nan
 
 
 def _end_of_shelf(power: Array, bands: int, floor: float) -> int | None:
@@ -76,20 +79,30 @@ def where_white(tests: Sequence[Recording]) -> list[Recording]:
     Samples are left out, no filter is applied: noise that is white stays so, and what was low-passed holds nothing that
     could fold back.
     """
-    lowest = min((_common(tests, name) for name in "xva"), default=np.inf)
     if all(is_noise_free(test.channel("F")) for test in tests):
         return list(tests)  # a simulation: what falls steeply is the motion
-    return [_thinned(test, lowest) for test in tests] if np.isfinite(lowest) else list(tests)
+    found = [_corners(tests, name) for name in "xva"]
+    return [_thinned(test, min(each)) for test, *each in zip(tests, *found, strict=True)]
 
 
-def _common(tests: Sequence[Recording], name: str) -> float:
-    """Corner of one channel, if most recordings show it: a filter is in all of them."""
-    found = [corner(np.asarray(values), test.dt) for test in tests if (values := getattr(test, name)) is not None]
-    return float(np.median(found)) if found else np.inf
+def _corners(tests: Sequence[Recording], name: str) -> list[float]:
+    """Corner of one channel in each recording, if most show it or may hide it: a filter is in all of them.
+
+    A filter is set in Hz or in shares of the sample rate: the lower of both counts.
+    """
+    found = np.array(
+        [corner(values, test.dt) if (values := getattr(test, name)) is not None else np.nan for test in tests]
+    )
+    seen = found[np.isfinite(found)]
+    if not len(seen) or np.count_nonzero(np.isinf(found)) >= len(seen):
+        return [np.inf] * len(tests)
+    dt = np.array([test.dt for test in tests])
+    share = float(np.median((found * dt)[np.isfinite(found)]))
+    return [min(float(np.median(seen)), share / step) for step in dt]
 
 
 def _thinned(test: Recording, lowest: float) -> Recording:
-    every = int(np.ceil(0.5 / (test.dt * lowest)))
+    every = int(np.ceil(0.5 / (test.dt * lowest))) if np.isfinite(lowest) else 1
     if every < 2 or len(test) // every < _SHORTEST:
         return test
     kept = slice(None, None, every)
