@@ -201,6 +201,7 @@ def test_the_ring_down_of_a_beam_with_magnets_hardens() -> None:
     found = diagnose([record], model=LINEAR)
     assert found.verdict in ("missing_physics", "unknown_physics")
     assert np.sqrt(found.refit["Kl"].value) / (2 * np.pi) == pytest.approx(36.9, rel=0.1)
+    assert not any("periodic force" in note for note in found.notes)  # that line is the motion's own
 
 
 def test_a_velocity_alone_is_enough_where_nothing_depends_on_the_displacement() -> None:

@@ -116,7 +116,9 @@ def pose(taken: Taken, model: str) -> Case:
     if knocked is not None and not knocked.told:  # they belong to the law, and only the noise was to be seen without
         problem = problem.of([replace(p, valid=q.valid) for p, q in zip(problem.parts, every, strict=True)])
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
-    refitted, lines = periodic_forces(problem, refitted)
+    lines = []
+    if not given.unforced:  # a steady line would hold the motion up: what dies away has none
+        refitted, lines = periodic_forces(problem, refitted)
     told += [chain.NO_CLOCK] if still else []
     notes = (
         *sensors.notes,
