@@ -15,7 +15,7 @@ from hystid.diagnosis.fit.colour import NOISE_ERROR, coloured_alike, fainter, wi
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import without_knocks
-from hystid.diagnosis.fit.periodic import periodic_forces
+from hystid.diagnosis.fit.periodic import PeriodicForce, periodic_forces
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.refit import refit, refit_again
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
@@ -116,7 +116,7 @@ def pose(taken: Taken, model: str) -> Case:
     if knocked is not None and not knocked.told:  # they belong to the law, and only the noise was to be seen without
         problem = problem.of([replace(p, valid=q.valid) for p, q in zip(problem.parts, every, strict=True)])
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
-    lines = []
+    lines: list[PeriodicForce] = []
     if not given.unforced:  # a steady line would hold the motion up: what dies away has none
         refitted, lines = periodic_forces(problem, refitted)
     told += [chain.NO_CLOCK] if still else []
