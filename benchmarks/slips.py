@@ -82,6 +82,11 @@ class Slip:
         """Whether a finding names this slip, with the unit that the numbers are in."""
         return any(self._is_named(item.slip, item.channel, item.sentence, item.repair) for item in found.findings)
 
+    def listed(self, found: Examination) -> bool:
+        """Whether a finding lists the right unit, beside units that these data do not tell from it."""
+        units = (f.sentence.partition("it looks like ")[2].split(" or ") for f in found.findings if f.slip == self.rule)
+        return any(self.unit.partition("=")[2] in listed for listed in units if len(listed) > 1)
+
     def undecided(self, told: Mapping[str, str]) -> bool:
         """Whether it was said of the recording, as it should be, that this slip would not show."""
         text = " ".join(told.get(name, "") for name in self.channels)
@@ -223,25 +228,28 @@ def measure(data: Path, show: bool) -> None:
         plain = examine([recording], mass).examined[0].undecided
         for k, slip in enumerate(slips(recording.rotational)):
             titles.setdefault(k, slip.name)
-            row = rows.setdefault(k, [0, 0, 0])
+            row = rows.setdefault(k, [0, 0, 0, 0])
             if not _makes_sense(slip, recording, mass):
                 continue
             found = examine([slip.make(recording)], mass * slip.mass)
-            named = slip.names(found)
+            listed = slip.listed(found)
+            named = listed or slip.names(found)
             if not named and slip.undecided(plain):  # said beforehand, of the recording as it should be
                 row[2] += 1
                 continue
             row[0] += named
             row[1] += 1
+            row[3] += listed
             if show and not named:
                 said = "; ".join(f"{f.slip} {f.channel}: {f.sentence}" for f in found.findings) or "nothing"
                 print(f"missed: {slip.name} on {recording.name}: {said[:220]}")
-    print("| slip | named | said beforehand not to show |\n|---|---|---|")
-    for k, (named, all_, blind) in rows.items():
-        print(f"| {titles[k]} | {named} of {all_} | {blind or ''} |")
-    named, all_, blind = (sum(row[i] for row in rows.values()) for i in range(3))
+    print("| slip | named | with other units | said beforehand not to show |\n|---|---|---|---|")
+    for k, (named, all_, blind, listed) in rows.items():
+        print(f"| {titles[k]} | {named} of {all_} | {listed or ''} | {blind or ''} |")
+    named, all_, blind, listed = (sum(row[i] for row in rows.values()) for i in range(4))
     print(f"named: {named} of {all_} ({100 * named / all_:.1f} %), and of all {all_ + blind}: "
-          f"{100 * named / (all_ + blind):.1f} %; {blind} more are said beforehand not to show")  # fmt: skip
+          f"{100 * named / (all_ + blind):.1f} %; {listed} of them beside units that the data do not tell from it; "
+          f"{blind} more are said beforehand not to show")  # fmt: skip
 
 
 def warnings(data: Path) -> None:

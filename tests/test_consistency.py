@@ -9,11 +9,13 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from hystid.consistency import admit, examine
+from hystid.consistency.slips import Explanation, Slip, with_alike
 from hystid.errors import RecordingError
 from hystid.recording import Recording
 from hystid.units import to_si
 
 RATE, N, MASS, DAMPING, STIFFNESS = 1000.0, 6000, 2.5, 30.0, 4e4
+UNITS = {"N.mm": 1e3, "N.cm": 100.0, "mN.m": 1e3}
 
 
 def rig(noise_db: float | None = 40.0, seed: int = 0) -> Recording:
@@ -220,3 +222,10 @@ def test_force_and_acceleration_alone_show_the_sign_of_the_force() -> None:
     assert plain.F is not None
     (found,) = examine([replace(alone, F=-plain.F)], mass=MASS).findings
     assert found.slip == "swapped_sign"
+
+
+def test_units_that_the_data_do_not_tell_apart_are_listed_once() -> None:
+    """N.mm and mN.m are one size under two names; N.cm is ten times as large."""
+    one, other, same = (Slip("unit", ("F",), -5.0, size, ("N.m", u)) for u, size in UNITS.items())
+    ordered = [Explanation((slip,), score, 0.0) for slip, score in ((one, 3.0), (other, 2.0), (same, 1.0))]
+    assert with_alike(ordered).alike == ("N.cm",)

@@ -216,8 +216,9 @@ def _undecided(recording: Recording, situation: Situation, force: Force | None) 
             reason = why.get(name, f"no other channel of the motion is there, and {rest}")
             called = "the mass" if name == "m" else name
             found[name] = f"whether {called} is in {', '.join(doubtful)} does not show: {reason}"
-    if force is not None and not recording.quasi_static and _main(recording) * force.hidden_lag > _PHASE:
-        late = f"a lag of F below {words.milliseconds(force.hidden_lag)} does not show: hysteresis explains F as well"
+    hidden = 0.0 if force is None or recording.quasi_static else force.hidden_lag
+    if hidden > 1.5 * recording.dt and (_main(recording) * hidden) ** 2 > _MATTERS:
+        late = f"a lag of F below {words.milliseconds(hidden)} does not show: hysteresis explains F as well"
         found["F"] = f"{found['F']}; {late}" if "F" in found else late
     return found
 

@@ -121,13 +121,22 @@ def explain(situation: Situation) -> list[Explanation]:
 
 
 def with_alike(ordered: Sequence[Explanation]) -> Explanation:
-    """The first explanation, with the units of the same channel that explain it at odds below 20."""
+    """The first explanation, with the units of another size that explain it by the same channel at odds below 20."""
     best = ordered[0]
     if len(best.slips) != 1 or best.slips[0].kind != "unit":
         return best
     channels = best.slips[0].channels
-    near = [e.slips[0] for e in ordered[1:] if len(e.slips) == 1 and best.score - e.score < SURE]
-    return replace(best, alike=tuple(s.units[1] for s in near if s.kind == "unit" and s.channels == channels))
+    near = [best.slips[0]]
+    for other in ordered[1:]:
+        one = other.slips[0] if len(other.slips) == 1 and best.score - other.score < SURE else None
+        if one is not None and one.kind == "unit" and one.channels == channels and not _size_is_among(near, one):
+            near.append(one)
+    return replace(best, alike=tuple(one.units[1] for one in near[1:]))
+
+
+def _size_is_among(listed: Sequence[Slip], one: Slip) -> bool:
+    """Whether a unit has the size of one that is listed, as mN.m has that of N.mm."""
+    return any(abs(math.log(one.factor / other.factor)) < 1e-6 for other in listed)
 
 
 def doubtful_units(situation: Situation, name: str) -> list[str]:

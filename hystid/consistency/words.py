@@ -50,7 +50,7 @@ def _unit(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] 
     told, seen = _evidence(channel, compared)
     seen["times too large"] = slip.factor
     times = max(slip.factor, 1 / slip.factor)
-    size = f"about {times:.2g}" if alike else _number(times)
+    size = f"about {float(f'{times:.2g}'):g}" if alike else _number(times)
     size += " times too large" if slip.factor > 1 else " times too small"
     others = "the motion" if channel == "F" else "the other channels" if told else "the force and the mass"
     sentence = f"{channel} is {size} for {others}" + (f" ({told})" if told else "")
