@@ -235,11 +235,12 @@ def test_parquet(tmp_path: Path) -> None:
     [
         ("Prüfstand 7\nBediener: Müller\n\nZeit in s;Kraft in N;Weg in mm\n", "cp1252"),
         ("Prüfung\nZeit;Kraft;Weg\ns;N;mm\n", "utf-16"),
+        ("Zeit [s];Kraftaufnehmer [N];Wegsensor [mm]\n", "utf-8"),
         ("Temps (s);Force (N);Déplacement (mm)\n", "cp1252"),
         ("Tiempo [s];Fuerza [N];Desplazamiento [mm]\n", "utf-8"),
         ("時間 [s];荷重 [N];変位 [mm]\n", "utf-8"),
     ],
-    ids=["preamble", "second row of units", "French", "Spanish", "Japanese"],
+    ids=["preamble", "second row of units", "sensors", "French", "Spanish", "Japanese"],
 )
 def test_text_of_loggers(tmp_path: Path, head: str, encoding: str) -> None:
     """Nine digits, decimal commas, a preamble, and the words of four languages."""
@@ -425,6 +426,7 @@ def test_channels_are_chosen_where_a_binary_file_names_none(tmp_path: Path) -> N
         ("v / (m/s)", "v", "m/s"),
         ("Drehzahl in 1/min", "Drehzahl", "1/min"),
         ("Kraft/N", "Kraft", "N"),
+        ("Beschl. in g", "Beschl.", "g"),
         ("t_pseudo", "t_pseudo", None),
     ],
 )

@@ -208,7 +208,7 @@ def _undecided(recording: Recording, situation: Situation, force: Force | None) 
     found = {}
     clock = [] if recording.quasi_static or "t" not in recording.units else ["t"]
     weighed = ["m"] if situation.mass else []
-    rest = "the mass does not show well enough" if situation.mass else "the mass is not known"
+    rest = "F over a shows the mass too roughly" if situation.mass else "the mass is not known"
     why = {"t": f"only rates against each other show it, and {rest}", "m": rest, "F": rest}
     for name in [*clock, *weighed, *(["F"] if recording.F is not None else []), *motion(recording)]:
         doubtful = doubtful_units(situation, name)

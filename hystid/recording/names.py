@@ -38,15 +38,27 @@ def _plain(text: str) -> str:
     return re.sub(r"[\s_.\-]+", " ", unicodedata.normalize("NFKC", text)).strip().casefold()
 
 
+def _found(name: str) -> tuple[str, bool] | None:
+    """Channel and whether the rig turns, of a word, or of a word with a sensor's behind it, as "Kraftaufnehmer"."""
+    plain, known = _plain(name), _channels()
+    if plain in known:
+        return known[plain]
+    for sensor in _words()["sensors"]["words"]:
+        word = plain.removesuffix(sensor).rstrip()
+        if len(word) > 1 and word != plain:
+            return known.get(word) or known.get(word.removesuffix("s"))  # German joins words with an s
+    return None
+
+
 def known_name(name: str) -> str | None:
     """The channel (t, F, x, v, a, R) that a column of this name holds, None when hystid has no meaning for it."""
-    found = _channels().get(_plain(name))
+    found = _found(name)
     return found[0] if found else None
 
 
 def turns(name: str) -> bool:
     """Whether the name alone says that the rig turns, as "torque" does."""
-    found = _channels().get(_plain(name))
+    found = _found(name)
     return bool(found and found[1])
 
 
