@@ -168,9 +168,12 @@ def test_constant_and_even_forces_are_told():
 
     assert notes(plain) == ()
     (offset,) = notes(plain + 3.0)
-    assert "constant force of 3 N" in offset and "6.99 N forward" in offset
-    (even,) = notes(plain + 1.5 * (x**2 - np.mean(x**2)))
+    assert "constant force of 2.99 N" in offset and "6.99 N forward" in offset  # standard error 0.03 N
+    assert notes(-20.0 + 4 * np.sign(v) + noise, x=x + 9)[0].startswith("the model holds a constant force of -20 N")
+    (even,) = notes(plain + 1.5 * x**2)
     assert "even in the displacement" in even
+    (contact,) = notes(plain + 40 * np.maximum(x - 0.3, 0))  # its mean of 10 N is no constant force
+    assert "even in the displacement" in contact
     assert any("AC-coupled" in note for note in notes(plain - np.mean(plain), x=x + 0.5))
 
 

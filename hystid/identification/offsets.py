@@ -11,49 +11,79 @@ from hystid.recording import Array, Recording
 _BLOCKS = 10  # left out in turn: how far the answers move then is their standard error (jackknife)
 _SURE = 3.0  # standard errors
 _WORTH = 0.01  # of the force's standard deviation: less does not show in an NRMSE of a few percent
+_KNOTS = 16  # of a curve over x; twice as many say how much the answer hangs on them
+_EDGE = 0.01  # of the samples, at either end of x, between which 0 must lie
 _NOTHING = 1e-3  # of the standard deviation: a mean below it has been taken out, not measured
 
 
 def constant_and_even(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Sentences on a constant force, on one that is even in x, and on channels without a mean.
 
-    R is fitted by x, v, sign(v), x^2 and a constant. A constant force and friction levels that differ with the
-    direction are the same columns, so that the sentence names both.
+    The constant force is that of a curve over x at x = 0, beside v and sign(v): a mean alone is no constant force, for
+    a contact on one side has one. A constant force and friction levels that differ with the direction are the same
+    columns, so that the sentence names both.
     """
     x, v, R = (np.concatenate([r.channel(name) for r in recordings]) for name in ("x", "v", "R"))
-    size = float(np.std(R))
-    centre, span = float(np.mean(x)), float(np.std(x))
-    square = ((x - centre) / span) ** 2
-    table = np.stack([x / span, v / np.std(v), np.sign(v), square - square.mean(), np.ones_like(x)], axis=1)
-    found, error = _jackknife(table, R)
-    friction, even, offset = (float(value) for value in found[2:])
+    size, span = float(np.std(R)), float(np.std(x))
+    square = ((x - np.mean(x)) / span) ** 2
+    sides = np.stack([v / np.std(v), np.sign(v)], axis=1)
     notes = []
-    if abs(offset) > max(_SURE * error[4], _WORTH * size):
+    offset, error, friction = _at_zero(x, sides, R)
+    if abs(offset) > max(_SURE * error, _WORTH * size):
         notes.append(
-            f"the model holds a constant force of {offset:.3g} N (standard error {error[4]:.2g} N), which is the same "
+            f"the model holds a constant force of {offset:.3g} N (standard error {error:.2g} N), which is the same "
             f"as friction levels of {friction + offset:.3g} N forward and {friction - offset:.3g} N backward; check "
-            "the zero of the force channel"
+            "the zeros of force and displacement"
         )
-    if abs(even) * float(np.std(square)) > max(_SURE * error[3] * float(np.std(square)), _WORTH * size):
+        notes += _coupled(recordings)
+    found, errors = _jackknife(np.column_stack([x / span, sides, square - square.mean(), np.ones_like(x)]), R)
+    even = float(found[3])
+    if abs(even) * float(np.std(square)) > max(_SURE * errors[3] * float(np.std(square)), _WORTH * size):
         notes.append(
             f"the force has a part that is even in the displacement, {even:.3g} N at one standard deviation of x: the "
             "two directions differ, as with a contact, a preload or a sensor that saturates"
         )
-    return (*notes, *_coupled(recordings))
+    return tuple(notes)
+
+
+def _at_zero(x: Array, sides: Array, R: Array) -> tuple[float, float, float]:
+    """Force at x = 0 beside v and sign(v) [N], its standard error, and the friction.
+
+    Where x does not pass 0, the force in the middle: all that the curve over x changes may then be a spring's.
+    """
+    low, middle, high = np.quantile(x, (_EDGE, 0.5, 1.0 - _EDGE))
+    inside = bool(low < 0.0 < high)
+    rough, *_ = _curve(x if inside else x - middle, sides, R, _KNOTS)
+    offset, error, friction, range_ = _curve(x if inside else x - middle, sides, R, 2 * _KNOTS)
+    return offset, float(np.hypot(error, offset - rough if inside else range_)), friction
+
+
+def _curve(x: Array, sides: Array, R: Array, count: int) -> tuple[float, float, float, float]:
+    """Value at x = 0 of broken lines over x with a number of knots, its error by chance, the friction beside them, and
+    the range of the lines."""
+    knots = np.quantile(x, np.linspace(0.0, 1.0, count))
+    apart = np.abs(knots) > 0.25 * float(np.std(x)) / count
+    knots = np.unique(np.append(knots[apart], 0.0))
+    hats = np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=1)
+    found, error = _jackknife(np.column_stack([hats, sides]), R)
+    at = int(np.flatnonzero(knots == 0.0)[0])
+    return float(found[at]), float(error[at]), float(found[-1]), float(np.ptp(found[: len(knots)]))
 
 
 def _coupled(recordings: Sequence[Recording]) -> list[str]:
-    """Sentences on forces whose mean is gone while the displacement has one."""
+    """A sentence on forces whose mean is gone while the displacement has one."""
     found = []
     for recording in recordings:
         F = recording.F if recording.F is not None else recording.channel("R")
         x = recording.channel("x")
         if abs(np.mean(F)) < _NOTHING * np.std(F) and abs(np.mean(x)) > 0.1 * np.std(x):
-            found.append(
-                f"{recording.name}: the force has no mean, the displacement has: where the force channel is "
-                "AC-coupled, constant forces (weight, preload, gas) are missing from the model"
-            )
-    return found
+            found.append(recording.name)
+    if not found:
+        return []
+    return [
+        f"{', '.join(found)}: the force has no mean, the displacement has: where the force channel is AC-coupled, "
+        "constant forces (weight, preload, gas) are missing from the model"
+    ]
 
 
 def _jackknife(table: Array, target: Array) -> tuple[Array, Array]:
