@@ -7,6 +7,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ import pytest
 from hystid import study
 from hystid.errors import UsageError
 from hystid.recording import Recording, write_csv
+from hystid.report.study import page as study_page
 from hystid.study import work
+from hystid.study.cells import Spread
 
 DT, MASS = 1e-3, 1.0
 
@@ -61,6 +64,21 @@ def test_grid_gives_figures_for_every_structure(finished):
         # of three starts a tenth is one: ensemble and best single network are the same
         assert cell.ensemble["force_nrmse"] == pytest.approx(cell.single["force_nrmse"], rel=1e-12)
     assert finished.best.name in finished.reason and "within 10 %" in finished.reason
+
+
+@pytest.mark.parametrize(("values", "expected"), [((1, 2, 4, 5), 3), ((1, 2, np.inf, np.inf), np.inf), ((1, 3), 2)])
+def test_the_median_is_that_of_the_box_that_is_drawn(values, expected):
+    """Half way between the middle two, and as plotly draws it (Hazen); nothing is half way to a run that diverged."""
+    assert Spread.of(values).median == expected
+
+
+def test_a_grid_that_is_of_no_use_says_so_everywhere(finished):
+    poor = replace(finished.best, free_run=Spread.of([0.6, 0.8]))
+    lost = replace(finished, cells=[poor], chosen=0)
+    assert finished.failure == "" and "choose" in finished.summary()
+    assert lost.as_dict()["failure"] == "no structure is of use: the free-run displacement is off by 70 % at best"
+    assert lost.failure in lost.summary() and "choose" not in lost.summary()
+    assert "No structure is of use" in study_page(lost, "").html()
 
 
 def test_stored_outcomes_are_whole(finished):

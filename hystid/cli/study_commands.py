@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import typer
 
@@ -10,6 +11,7 @@ from hystid.cli import options as opt
 from hystid.cli.commands import app
 from hystid.results import Result
 
+T = TypeVar("T", bound=Result)
 study = typer.Typer(
     rich_markup_mode=None,
     help="Many trainings: which structure, which mass. Resumable; on this machine or a Dask cluster.",
@@ -19,7 +21,7 @@ app.add_typer(study, name="study", no_args_is_help=True)
 
 @study.command("grid")
 @opt.grouped
-def study_grid(*, settings: opt.Study, reading: opt.Reading) -> None:
+def study_grid(*, settings: opt.Study, reading: opt.Reading) -> int:
     """Which network structure: 1-3 hidden layers of 2-13 neurons, many starts each, tested on held-out recordings.
 
     \b
@@ -28,7 +30,7 @@ def study_grid(*, settings: opt.Study, reading: opt.Reading) -> None:
     """
     from hystid import study
 
-    _study(study.grid, settings, reading)
+    return 1 if _study(study.grid, settings, reading).failure else 0
 
 
 @study.command("mass")
@@ -45,7 +47,7 @@ def study_mass(*, settings: opt.Study, reading: opt.Reading) -> None:
     _study(study.mass, settings, reading)
 
 
-def _study(kind: Callable[..., Result], settings: opt.Study, reading: opt.Reading) -> None:
+def _study(kind: Callable[..., T], settings: opt.Study, reading: opt.Reading) -> T:
     from hystid.processing import parse_band
 
     unseen = opt.apart(settings.recordings, settings.holdout)
@@ -55,3 +57,4 @@ def _study(kind: Callable[..., Result], settings: opt.Study, reading: opt.Readin
         result = kind(**options)
         result.report(settings.out / "report.html", opt.command_line(f"study {kind.__name__}"))
     opt.done(result, settings.out)
+    return result

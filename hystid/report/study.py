@@ -13,7 +13,7 @@ from hystid.report.terminal import columns
 from hystid.study import GridResult, MassResult
 from hystid.study.cells import Cell
 
-_USELESS = 0.5  # NRMSE: a displacement of zero has 1
+_OTHERS = "Other recordings help more than other structures: they must cover the motion of the held-out ones."
 
 
 def page(result: GridResult | MassResult, command: str) -> Page:
@@ -27,7 +27,10 @@ def summary(result: GridResult | MassResult) -> str:
     for cell in result.cells:
         free = "-" if np.isnan(cell.free_run.median) else _share(cell.free_run.median)
         rows.append((cell.name, f"{cell.mass:.4g} kg", _share(cell.force.median), free))
-    last = f"choose {result.reason}" if isinstance(result, GridResult) else _cost(result)
+    if isinstance(result, MassResult):
+        last = _cost(result)
+    else:
+        last = f"{result.failure}. {_OTHERS}" if result.failure else f"choose {result.reason}"
     return f"{columns(rows)}\n{last}"
 
 
@@ -66,13 +69,9 @@ def _grid_page(result: GridResult, command: str) -> Page:
 
 def _chosen(result: GridResult) -> Verdict:
     """The choice, or that none of the structures is of use."""
-    best, free = result.best, not np.isnan(result.best.free_run.median)
-    error = best.free_run.median if free else best.force.median
-    if error < _USELESS:
-        return Verdict("neutral", f"Choose {best.name} hidden neurons", _sentence(result.reason))
-    what = "free-run displacement" if free else "force"
-    told = "Other recordings help more than other structures: they must cover the motion of the held-out ones."
-    return Verdict("bad", f"No structure is of use: the {what} is off by {_share(error)} at best", told)
+    if result.failure:
+        return Verdict("bad", _sentence(result.failure).rstrip("."), _OTHERS)
+    return Verdict("neutral", f"Choose {result.best.name} hidden neurons", _sentence(result.reason))
 
 
 def _mass_page(result: MassResult, command: str) -> Page:
@@ -104,6 +103,7 @@ def _boxes(cells: Sequence[Cell], kind: str) -> Plot:
     title = "Force NRMSE on the measured motion" if kind == "force" else "Free-run displacement NRMSE"
     lost = sum(len(getattr(cell, kind).values) for cell in cells) - sum(values.size for values in shown)
     caption = f"{lost} starts without a finite answer (diverged, or no mass) are left out." if lost else ""
+    caption += " The tables count them." if lost else ""
     axis = Axis("NRMSE", "%", log=True)
     return Plot(
         title, Axis("Hidden neurons"), axis, [Boxes([cell.name for cell in cells], shown, "", "model")], caption

@@ -15,11 +15,13 @@ from hystid.results import Result
 from hystid.study.work import Outcome
 
 _NEAR = 1.1  # medians within this factor of the least count as equally good
+_USELESS = 0.5  # NRMSE: a displacement of zero has 1
+_DIVERGED = 1e300  # stands for infinity between which and a number there is a number
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Box-plot figures of values (NRMSE, fractions): best, quartiles by nearest rank, worst. Infinity: diverged."""
+    """Box-plot figures of values (NRMSE, fractions), as the report draws them; infinity where what counts diverged."""
 
     best: float
     lower: float
@@ -33,8 +35,9 @@ class Spread:
         """Figures of at least one value; NaN (no free run) stays NaN."""
         array = np.array(values, dtype=float)
         levels = [float("nan")] * 5
-        if not np.isnan(array).any():  # nearest rank: infinity, a free run that diverged, takes part in the order
-            levels = [float(level) for level in np.quantile(array, [0, 0.25, 0.5, 0.75, 1], method="inverted_cdf")]
+        if not np.isnan(array).any():
+            levels = np.quantile(np.minimum(array, _DIVERGED), [0, 0.25, 0.5, 0.75, 1], method="hazen").tolist()
+            levels = [level if level < 1e-3 * _DIVERGED else np.inf for level in levels]
         best, lower, median, upper, worst = levels
         return Spread(best, lower, median, upper, worst, tuple(values))
 
@@ -106,6 +109,16 @@ class GridResult(Result, report="study", json="study.json"):
         """The chosen structure."""
         return self.cells[self.chosen]
 
+    @property
+    def failure(self) -> str:
+        """That no structure is of use, "" where one is: half of the motion is beyond the chosen one's median start."""
+        free = not np.isnan(self.best.free_run.median)
+        error = self.best.free_run.median if free else self.best.force.median
+        if error < _USELESS:
+            return ""
+        found = f"is off by {_percent(error)}" if np.isfinite(error) else "diverges"
+        return f"no structure is of use: the {'free-run displacement' if free else 'force'} {found} at best"
+
     def as_dict(self) -> dict[str, Any]:
         """Content of study.json."""
         return {
@@ -113,6 +126,7 @@ class GridResult(Result, report="study", json="study.json"):
             "settings": dict(self.settings),
             "cells": [cell.as_dict() for cell in self.cells],
             "best": {"layers": list(self.best.layers), "reason": self.reason},
+            "failure": self.failure,
         }
 
 
