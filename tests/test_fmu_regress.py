@@ -275,6 +275,11 @@ def test_a_reference_of_another_fmu_a_folder_or_a_table(tmp_path):
             (tmp_path / f"kept_{end}.csv").write_bytes(archive.read(name))
     table = tmp_path / "kept_out.csv"
     assert not regress(new, reference=table).passed and regress(old, reference=table).passed
+    tables = tmp_path / "tables"
+    tables.mkdir()
+    for end in ("in", "out"):
+        (tables / f"old_{end}.csv").write_bytes((tmp_path / f"kept_{end}.csv").read_bytes())
+    assert regress(old, reference=tables).passed and not regress(new, reference=tables).passed
     regress(new, reference=table, update=True)
     assert regress(new, reference=table).passed and not regress(old, reference=table).passed
     before = old.read_bytes()
@@ -287,6 +292,21 @@ def test_a_reference_of_another_fmu_a_folder_or_a_table(tmp_path):
         if sentence:
             with pytest.raises(HystidError, match=sentence):
                 regress(new, reference=reference)
+
+
+def test_a_table_without_inputs_is_told_and_one_with_them_drives(tmp_path):
+    path = build(linear(), tmp_path / "plain.fmu", reference=False).path
+    t = np.linspace(0.0, 0.1, 101)
+    force = np.sin(40 * t)
+    x = Driver(path).simulate(t, {"F": force}, outputs=("x",))["x"]
+    rows = [f"{a:.9g},{b:.9g},{c:.9g}" for a, b, c in zip(t, force, x, strict=True)]
+    (tmp_path / "both.csv").write_text("time,F,x\n" + "\n".join(rows))
+    (tmp_path / "alone.csv").write_text(
+        "time,x\n" + "\n".join(row.split(",")[0] + "," + row.split(",")[2] for row in rows)
+    )
+    assert regress(path, reference=tmp_path / "both.csv").passed
+    alone = regress(path, reference=tmp_path / "alone.csv")
+    assert not alone.passed and "at their start values, for the reference gives no input: F" in alone.summary()
 
 
 def test_a_rebuild_keeps_the_reference_and_says_what_changed(tmp_path):

@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 class RegressionResult(Result, report="regression", json="regression.json"):
     """What a replay showed. Signals in the order of the reference, arrays element by element.
 
-    skipped: names in the reference that could not be compared; new: outputs that the reference does not have;
-    updated: whether the reference was written anew.
+    skipped: names in the reference that could not be compared; new: outputs that the reference does not have; unset:
+    inputs that it does not give, which kept their start values; updated: whether the reference was written anew.
     """
 
     path: Path
@@ -36,6 +36,7 @@ class RegressionResult(Result, report="regression", json="regression.json"):
     signals: tuple[SignalResult, ...]
     skipped: tuple[str, ...] = ()
     new: tuple[str, ...] = ()
+    unset: tuple[str, ...] = ()
     updated: bool = False
 
     @property
@@ -48,8 +49,8 @@ class RegressionResult(Result, report="regression", json="regression.json"):
         signals = [
             {"name": s.name, "unit": s.unit, "agrees": s.tube.holds, "outcome": s.text(self.t)} for s in self.signals
         ]
-        kept = {"skipped": list(self.skipped), "new": list(self.new), "updated": self.updated}
-        return {"fmu": self.path.name, "passed": self.passed, "signals": signals, **kept}
+        kept = {"skipped": list(self.skipped), "new": list(self.new), "unset": list(self.unset)}
+        return {"fmu": self.path.name, "passed": self.passed, "signals": signals, **kept, "updated": self.updated}
 
     def summary(self) -> str:
         """One line per signal, worst first where something failed."""
@@ -64,6 +65,8 @@ class RegressionResult(Result, report="regression", json="regression.json"):
             lines.append(f"  not compared: {', '.join(self.skipped)} (clocks, or texts in model exchange)")
         if self.new and not self.updated:
             lines.append(f"  not compared, for the reference does not have them: {', '.join(self.new)}")
+        if self.unset:
+            lines.append(f"  at their start values, for the reference gives no input: {', '.join(self.unset)}")
         return "\n".join(lines)
 
     def picture(self) -> str:
@@ -83,7 +86,7 @@ def regress(
 
     The reference lies in the FMU (``extra/org.fmi-standard.fmi-ls-ref``) or beside it as ``<file>_out.csv`` (and
     ``<file>_in.csv``); reference: another FMU that carries one, a folder that holds such tables or the FMU of the same
-    name, or a table.
+    name, or a table. Without a table of inputs, columns of the result that are inputs drive the FMU.
     Everything that the reference has is compared. Real numbers stay in a tube: half height relative * range of the
     signal, half width ``samples`` rows. Integers, enumerations, truth values, texts and binary data must be those of
     one of these rows. update: write the new result in place of the old.
@@ -100,8 +103,11 @@ def regress(
     if update and kept.entry and kept.place != path:
         raise UsageError(f"--update would change {kept.place}, which is another FMU; update a table or the FMU itself")
     rows = _Table.of(kept.place, driver, kept.result)
-    t, back = np.unique(rows.t, return_inverse=True)  # a row before and one after an event have one time
-    results = {name: values[back] for name, values in _replay(driver, t, _inputs(path, driver, kept, t), rows.names)}
+    t, first, back = np.unique(rows.t, return_index=True, return_inverse=True)  # rows around an event have one time
+    drive = _inputs(path, driver, kept, t)
+    if not kept.input:
+        drive = {name: rows.columns[name][first] for name in rows.names if driver.signals[name].causality == "input"}
+    results = {name: values[back] for name, values in _replay(driver, t, drive, rows.names)}
     tolerance = Tolerance(relative, samples)
     signals = tuple(
         result
@@ -115,7 +121,8 @@ def regress(
         kept.replaced(cells_text(rows.t, cells))
     named = {*rows.names, *rows.skipped}
     new = tuple(s.name for s in driver.signals.values() if s.causality == "output" and s.name not in named)
-    return RegressionResult(path, rows.t, signals, rows.skipped, new, updated=update)
+    unset = tuple(s.name for s in driver.signals.values() if s.causality == "input" and s.name not in drive)
+    return RegressionResult(path, rows.t, signals, rows.skipped, new, unset, updated=update)
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,10 @@ def page(result: RegressionResult, command: str) -> Page:
     rows: list[list[str | Cell]] = [
         [s.name, Cell(s.text(result.t), "good" if s.tube.holds else "bad")] for s in ordered
     ]
-    left = ", ".join((*result.skipped, *result.new))
-    made.table(Table("Outcome", ["signal", "outcome"], rows, f"Not compared: {left}." if left else ""))
+    left, unset = ", ".join((*result.skipped, *result.new)), ", ".join(result.unset)
+    note = f"Not compared: {left}. " if left else ""
+    note += f"At their start values, for the reference gives no input: {unset}." if unset else ""
+    made.table(Table("Outcome", ["signal", "outcome"], rows, note))
     made.plots(*(_figure(signal, result.t) for signal in ordered[:_SHOWN]))
     made.reproduce(command)
     return made
