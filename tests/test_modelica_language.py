@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hystid.compiled import CompiledModel
+from hystid.errors import ModelicaError
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
 
@@ -275,6 +276,28 @@ def test_initial_change_and_edge():
     rises = 1 + (t > 2 * math.pi / 10).astype(int) + (t > 0.5)
     np.testing.assert_array_equal(got["edges"][clear & (t != 0.5)], rises[clear & (t != 0.5)])
     assert got["last"][-1] == 2 and got["last"][40] == 1
+
+
+def names_of(**parameters: float) -> set[str]:
+    return {v.name for v in compile_model(f"{MODELS}/Conditions.mo:Conditions.Rig", parameters=parameters).variables}
+
+
+def test_parameters_that_decide_components_are_built_in():
+    made = code("Conditions.Rig")
+    kinds = {v.name: v.variability for v in made.variables}
+    # what is built in cannot be changed in the FMU, where it would change nothing
+    assert [kinds[n] for n in ("wanted", "ratio", "law", "slope")] == ["constant"] * 3 + ["tunable"]
+    assert {n for n in names_of(ratio=4.0) if n.startswith("other.")} == {"other.rate", "other.y"}
+    there = names_of(wanted=1.0, **{"line.count": 3.0})  # a parameter that only the other value brings in
+    assert {n for n in there if n.startswith("line.parts") and n.endswith("y")} == {
+        f"line.parts[{k}].y" for k in (1, 2, 3)
+    }
+
+
+def test_a_built_in_enumeration_is_set_by_the_number_of_its_item():
+    assert {n for n in names_of(law=2.0) if n.startswith("cubed.")} == {"cubed.rate", "cubed.y"}
+    with pytest.raises(ModelicaError, match=r"Conditions\.mo:18: .*'law' cannot be 3: it is one of 1 \(linear\), 2 "):
+        code("Conditions.Rig", law=3.0)
 
 
 def test_if_equations_of_parameters_and_conditional_components():

@@ -69,9 +69,10 @@ def compile_model(
 
 def _compiled(model: str, values: dict[str, float], libraries: Sequence[Path]) -> ModelCode:
     flat = flat_model(model, libraries=libraries)
-    structural = {v.name: v for v in flat.variables if v.structural and v.name in values}
-    structure = {n: _typed(v, values.pop(n)) for n, v in structural.items()}
-    if structure:
+    structure: dict[str, float | str] = {}
+    # a component that only such a value brings in may have others
+    while given := [v for v in flat.variables if v.structural and v.name in values]:
+        structure |= {v.name: _typed(v, values.pop(v.name)) for v in given}
         flat = flat_model(model, libraries=libraries, structure=structure)
     names = ", ".join(dict.fromkeys(seeds_of_names(flat)))
     if names:
@@ -104,7 +105,7 @@ def _without_collector() -> Iterator[None]:
 
 
 def flat_model(
-    model: str, *, libraries: Sequence[Path] = (), structure: Mapping[str, float] | None = None
+    model: str, *, libraries: Sequence[Path] = (), structure: Mapping[str, float | str] | None = None
 ) -> FlatModel:
     """The flat model of ``model``, with values of structural parameters built in. Raises ModelicaError.
 
@@ -115,7 +116,7 @@ def flat_model(
 
 
 def flat_from_text(
-    model: str, *, libraries: Sequence[Path] = (), structure: Mapping[str, float] | None = None
+    model: str, *, libraries: Sequence[Path] = (), structure: Mapping[str, float | str] | None = None
 ) -> FlatModel:
     """The flat model from Modelica text by the front end, checked. Raises ModelicaError."""
     name, files, placed = texts_for(model, libraries)
@@ -123,7 +124,8 @@ def flat_from_text(
     placed = [(_unfolded(source), file) for source, file in placed]
     everything = [*files, *(source for source, _ in placed)]
     _must_be_complete(name, everything)
-    refuse_large_arrays(name, everything, structure or {})
+    numbers = {n: value for n, value in (structure or {}).items() if not isinstance(value, str)}
+    refuse_large_arrays(name, everything, numbers)
     acting = with_acting_modifiers(name, with_limits_kept(name, with_separate_packages(name, everything)))
     acting = with_carried_algorithms([with_calls_in_algorithms(source) for source in acting])
     acting = with_separate_elements(with_functions_apart(acting))
@@ -162,8 +164,14 @@ def _must_be_complete(name: str, sources: Sequence[Source]) -> None:
         raise ModelicaError(f"{declared}: '{name}' is partial: compile a class that extends it")
 
 
-def _typed(v: FlatVariable, value: float) -> float:
-    """The value as the parameter's type; structural ones are whole numbers or truth values, rarely Real."""
+def _typed(v: FlatVariable, value: float) -> float | str:
+    """The value as the parameter's type: whole numbers, truth values, literals of enumerations, rarely Real."""
+    if v.enumeration:
+        items = dict(enumerate(v.enumeration.items, 1))
+        if value not in items:
+            said = ", ".join(f"{number} ({item})" for number, item in items.items())
+            raise ModelicaError(f"{v.place}: parameter '{v.name}' cannot be {value:g}: it is one of {said}")
+        return f"{v.enumeration.name}.{items[int(value)]}"
     if v.type == "Boolean":
         return bool(value)
     if v.type == "Integer" and value != int(value):

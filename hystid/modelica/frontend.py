@@ -16,7 +16,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from importlib import metadata
@@ -30,8 +30,9 @@ from hystid.modelica.adapter import Adapter
 from hystid.modelica.annotations import description_of, experiment_of
 from hystid.modelica.diagnostics import broken_down, explain, gave_up, located_syntax_error
 from hystid.modelica.dictionary import ASKED_FOR
-from hystid.modelica.expr import Num
+from hystid.modelica.expr import refs
 from hystid.modelica.flat import FlatModel
+from hystid.modelica.sizes import deciding_words
 from hystid.modelica.sources import Source, declaration, library_folder, read
 
 _MEMORY = 8 << 30  # bytes
@@ -39,7 +40,10 @@ _STACK = 256 << 20  # bytes: parentheses nested ten thousand deep fit
 
 
 def flatten(
-    name: str, files: Sequence[Source], library: Sequence[tuple[Source, Path]], structure: Mapping[str, float]
+    name: str,
+    files: Sequence[Source],
+    library: Sequence[tuple[Source, Path]],
+    structure: Mapping[str, float | str],
 ) -> FlatModel:
     """The flat model of class ``name``.
 
@@ -49,39 +53,29 @@ def flatten(
     """
     texts = [source for source, _ in library]
     with _one_root(library) as root, FrontEnd(name, files, texts, root) as front_end:
-        dictionary = front_end.flat_dictionary(structure)
-        flat = Adapter(name, (*files, *texts)).model(dictionary)
-        if any(relation["indices"] for relation in dictionary["instance_relations"].values()):
-            now = frozenset(dictionary["variables"])
-
-            def matters(changed: Mapping[str, float]) -> bool:
-                try:
-                    return frozenset(front_end.flat_dictionary({**structure, **changed})["variables"]) != now
-                except ModelicaError:
-                    return True  # another value does not even make a model
-
-            flat = _with_sizes_of_components(flat, matters)
+        flat = Adapter(name, (*files, *texts)).model(front_end.flat_dictionary(structure))
+    flat = _with_what_decides_components(flat, deciding_words(name, (*files, *texts)))
     declared = declaration(name, (*files, *texts))
     return replace(flat, description=description_of(declared), experiment=experiment_of(declared))
 
 
-def _with_sizes_of_components(flat: FlatModel, matters: Callable[[Mapping[str, float]], bool]) -> FlatModel:
-    """Marks the parameters that decide sizes of component arrays, which the front end does not report.
+def _with_what_decides_components(flat: FlatModel, words: frozenset[str]) -> FlatModel:
+    """Marks the parameters of these names, which decide components, and those that their values follow from.
 
-    matters(changed): whether other values of such parameters give other variables, which takes a pass of the front end.
+    The front end reports what decides equations and sizes of variables, and nothing of components.
     """
-    other = {
-        v.name: v.binding.value == 0 if v.type == "Boolean" else v.binding.value + 1
-        for v in flat.variables
-        if v.variability == "parameter" and v.type != "Real" and not (v.structural or v.final or "[" in v.name)
-        if isinstance(v.binding, Num)
-    }
-
-    if not other or not matters(other):
-        return flat
-    found = {name for name, value in other.items() if matters({name: value})}
+    found = {v.name for v in flat.variables if v.name.rpartition(".")[2].partition("[")[0] in words}
+    bindings = {v.name: refs(v.binding) for v in flat.variables if v.binding is not None}
+    more = found
+    while more:
+        more = {n for name in more for n in bindings.get(name, ())} - found
+        found |= more
     return replace(
-        flat, variables=tuple(replace(v, structural=v.structural or v.name in found) for v in flat.variables)
+        flat,
+        variables=tuple(
+            replace(v, structural=v.structural or (v.variability == "parameter" and v.name in found))
+            for v in flat.variables
+        ),
     )
 
 
@@ -150,7 +144,7 @@ class FrontEnd:
         self._printed.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def flat_dictionary(self, structure: Mapping[str, float]) -> dict[str, Any]:
+    def flat_dictionary(self, structure: Mapping[str, float | str]) -> dict[str, Any]:
         """The front end's flat dictionary. Raises ModelicaError for its complaints, and where it does not answer."""
         wrapper = {"class": ASKED_FOR, "path": f"hystid/{ASKED_FOR}.mo", "text": _wrapper(self.name, structure)}
         answer: dict[str, Any] = json.loads(self._asked(wrapper))
@@ -224,13 +218,13 @@ def _memory_limit() -> int:
     return min(_MEMORY, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") * 3 // 4)
 
 
-def _wrapper(name: str, structure: Mapping[str, float]) -> str:
+def _wrapper(name: str, structure: Mapping[str, float | str]) -> str:
     """A class that extends the wanted one, so that files, packages and structural values take one way in."""
     values = ", ".join(_modifier(key, value) for key, value in structure.items())
     return f"model {ASKED_FOR}\n  extends {name}{f'({values})' if values else ''};\nend {ASKED_FOR};\n"
 
 
-def _modifier(name: str, value: float) -> str:
+def _modifier(name: str, value: float | str) -> str:
     """A modifier of a component's parameter stands in brackets: law.N is set by law(N = 4)."""
     if "[" in name:
         raise ModelicaError(f"'{name}' decides sizes or equations within an array: give its value in the Modelica text")
@@ -238,7 +232,9 @@ def _modifier(name: str, value: float) -> str:
     return "".join(f"{component}(" for component in components) + f"{last} = {_literal(value)}" + ")" * len(components)
 
 
-def _literal(value: float) -> str:
+def _literal(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
     if isinstance(value, bool):
         return str(value).lower()
     return str(int(value)) if float(value).is_integer() else repr(float(value))

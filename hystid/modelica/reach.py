@@ -108,17 +108,17 @@ def reached(name: str, sources: Sequence[Source]) -> dict[Source, list[Class] | 
     by_name: dict[str, list[Class]] = {}
     for c in (c for found in outlines.values() for c in found or ()):
         by_name.setdefault(c.name, []).append(c)
-    words = set(name.split("."))
-    words.update(*(_words(source.plain) for source, found in outlines.items() if found is None))
+    wanted = set(name.split("."))
+    wanted.update(*(words(source.plain) for source, found in outlines.items() if found is None))
     used: set[Class] = set()
-    while words:
-        new = {a for word in words for c in by_name.get(word, ()) for a in c.around()} - used
+    while wanted:
+        new = {a for word in wanted for c in by_name.get(word, ()) for a in c.around()} - used
         used |= new
-        words = {word for c in new for word in _words(_own_text(c, outlines[c.source] or ()))}
+        wanted = {word for c in new for word in words(own_text(c, outlines[c.source] or ()))}
     return {source: None if found is None else [c for c in found if c in used] for source, found in outlines.items()}
 
 
-def _own_text(c: Class, found: Sequence[Class]) -> str:
+def own_text(c: Class, found: Sequence[Class]) -> str:
     """Text of a class without the classes nested in it; the ``within`` of its file counts as its own."""
     text, at = [], c.start
     for inner in (d for d in found if d.parent is c):
@@ -128,5 +128,6 @@ def _own_text(c: Class, found: Sequence[Class]) -> str:
     return " ".join((*text, c.source.plain[at : c.end], within.group() if within else ""))
 
 
-def _words(plain: str) -> set[str]:
+def words(plain: str) -> set[str]:
+    """Identifiers in a text."""
     return set(re.findall(r"[A-Za-z_]\w*", plain))

@@ -1,4 +1,7 @@
-"""Arrays that are too large to be written out as scalars are refused before anything spends minutes on them."""
+"""Sizes and conditions of components, as far as the text shows them.
+
+Arrays that are too large to be written out as scalars are refused before anything spends minutes on them.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,11 @@ from collections.abc import Mapping, Sequence
 from hystid.errors import ModelicaError
 from hystid.modelica.clauses import Clause, clauses
 from hystid.modelica.flat import FlatModel
-from hystid.modelica.reach import Class, reached
+from hystid.modelica.reach import Class, own_text, reached, words
 from hystid.modelica.sources import Source
 
 _SURELY_TOO_MANY = 100_000  # by an estimate that counts components which conditions or redeclarations take away
+_PREDEFINED = ("Real", "Integer", "Boolean", "String")
 MOST = 20_000  # scalars: each becomes lines of C, and passes over them take seconds to minutes beyond
 
 
@@ -31,6 +35,20 @@ def refuse_large_arrays(name: str, sources: Sequence[Source], structure: Mapping
             raise _too_many(_line(clause.owner, clause.start), clause.name, number)
     for owner in (owner for classes in found.values() for owner in classes or ()):
         _refuse_long_loops(owner, structure)
+
+
+_CONDITION = re.compile(r"\bif\b((?:(?!\bthen\b)[^;])*);")  # of a component: no "then" follows
+
+
+def deciding_words(name: str, sources: Sequence[Source]) -> frozenset[str]:
+    """Names in the sizes of component arrays and in the conditions of components that class ``name`` may have."""
+    deciding = []
+    for found in reached(name, sources).values():
+        for owner in found or ():
+            deciding += [part.partition("annotation")[0] for part in _CONDITION.findall(own_text(owner, found or ()))]
+            parts = (c for c in clauses(owner, found or ()) if c.kind == "component" and c.target not in _PREDEFINED)
+            deciding += [re.sub(r"\bsize\s*\([^()]*\)", "", size) for c in parts for size in c.sizes]
+    return frozenset(words(" ".join(deciding)))
 
 
 def _line(owner: Class, offset: int) -> str:
