@@ -152,7 +152,9 @@ class Criterion:
         """Mean square above the noise, and above what nobody knows of where a law stands: leaving less of that than the
         baseline gains nothing. floor: of the noise; NaN for that of the baseline."""
         less = max(self._open - self.problem.reduce.left_open(fit.residual), 0.0)
-        return fit.chi2 + less - (floor if np.isfinite(floor) else self.floor) - self.level
+        known = floor if np.isfinite(floor) else self.floor
+        known = min(known, max(fit.chi2 + less, self.floor))  # noise that a law is said to add, as far as it is there
+        return fit.chi2 + less - known - self.level
 
     def floor_of(self, fit: Fit) -> float:
         """Mean square that noise alone leaves of a fit; that of the baseline where draws of the noise do not agree that

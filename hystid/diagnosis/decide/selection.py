@@ -329,13 +329,24 @@ class _Search:
     ) -> list[Trial]:
         """The best further effects of a set, one per id. fits: how many forms are fitted."""
         end, used = line[-1], {trial.name for trial in line}
-        scanned = [c for c in scanned if c.effect.id not in used]
+        left = end.chi2 - self.floor
+        scanned = self._by_worth([c for c in scanned if c.effect.id not in used], left)
         best = _one_per_id(scanned)[:_LAWS]  # forms of one law fit alike, and would take the places of simpler laws
         scanned = [*best, *(c for c in scanned if not any(c is one for one in best))]
-        left = end.chi2 - self.floor
         extra = chain_trials(self.problem, end.fit, self.effects)
         found = trials(self.problem, end.fit, scanned, left, extra, most=fits)
         return distinct(t for t in found if t.name not in used)[:most]
+
+    def _by_worth(self, scanned: Sequence[Scanned], misfit: float) -> list[Scanned]:
+        """Candidates by what they gain beyond the price of their parameters: a law always fits worse than the more
+        general one that holds it, and would never be tried for its gain alone. misfit: what they may take."""
+        criterion = self.criterion
+
+        def worth(c: Scanned) -> float:
+            left = misfit - c.gain / criterion.rows
+            return criterion.likelihood(left) - criterion.penalty(c.effect.size, 1, left)
+
+        return sorted(scanned, key=worth, reverse=True)
 
     def _exchanged(self, best: Hypothesis) -> list[Hypothesis]:
         """The leading set with each member exchanged for others: the first was chosen when the rest was not there."""
@@ -348,7 +359,8 @@ class _Search:
             bare = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
             start = standing(self.problem, bare)
             laws = [effect for effect in self.library if effect.id not in others]
-            for candidate in _one_per_id(scan(self.problem, start, laws))[:_REPLACED]:
+            scanned = self._by_worth(scan(self.problem, start, laws), start.chi2 - self.floor)
+            for candidate in _one_per_id(scanned)[:_REPLACED]:
                 there = replace(bare, terms=(*here.terms[:at], candidate.term, *here.terms[at + 1 :]))
                 made = try_fit(self.problem, there, incumbent=best.fit.chi2)
                 if made is not None and are_reached(self.problem, made):
