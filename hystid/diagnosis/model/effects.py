@@ -28,6 +28,7 @@ _SHORT = (0.003, 0.012)  # shares of the stroke over which friction may build up
 # Resonances are sought from the lower of these shares: of the lowest, and of the highest frequency that is excited,
 _BELOW = (0.7, 0.35)
 _SLOWEST = 0.1  # but not below this share of the highest
+_ASIDE = 1 / 3  # of the range on either side, from where shapes that may have either sign begin too
 _APART = 0.08  # relative distance of such starts: a resonance is 0.1 wide at the damping ratio that is tried
 _LEAD = (0.01, 0.05, 0.2, 1.0)  # of the time in which the quickest motion turns by a radian: least time, and starts
 _PROBE = 2001  # samples of the signal on which linearity is tested
@@ -351,4 +352,6 @@ def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
         first, last = max(low, slow, _SLOWEST * scales.band[1]), 0.85 * high
         return np.geomspace(first, last, int(np.log(last / first) / _APART) + 2 if fine else 6)
     start = shape.start if shape.start is not None else 0.5 * (low + high)
+    if low < 0 < high:  # of either sign: what is even at 0 says nothing of what it is beside it
+        return np.unique([_ASIDE * low, np.clip(start, low, high), _ASIDE * high])
     return np.unique(np.clip([start, *((0.3 * low + 0.7 * high,) if fine else ())], low, high))
