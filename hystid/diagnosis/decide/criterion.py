@@ -52,6 +52,8 @@ PRIOR: dict[str | int, float] = {
 _THIN = 1e-9  # width of an interval of shares whose probability rounding leaves
 _VISITED = 0.001  # of the rows: a cell that holds fewer says nothing
 ZERO = 0.02  # of the standard deviation of a channel: how far sensors are off their zero after they were set
+NOMINAL = math.log(2)  # scale of the logarithm by which a structure differs from parameters that somebody has given
+_NO_MORE = 0.01  # of its nominal value, below which a parameter is nought
 _BY_CHANCE = 0.05  # probability at which draws of the noise count as agreeing by chance
 NAME = 0.5  # probability from which a name is told: a wrong name costs as much as a right one gains
 
@@ -181,6 +183,18 @@ class Criterion:
         """Logarithm of the number of samples that count as independent."""
         return float(np.log(max(self.states, self.rows / self.variance(misfit))))
 
+    def departure(self, fit: Fit) -> float:
+        """What a fit pays for parameters of the baseline far from those that were given (a Cauchy distribution of the
+        logarithm, ``NOMINAL``), beyond what the recordings leave open: a wrong law drags the baseline along."""
+        base, cost = self.problem.baseline, 0.0
+        for name in base.stated.intersection(base.free):
+            given, found = base.nominal[name], fit.hypothesis.values[name]
+            if given != 0:
+                open_ = 2 * float(np.nan_to_num(fit.stderr(("base", name))))
+                near = found + float(np.clip(given - found, -open_, open_))
+                cost += math.log1p((math.log(max(near / given, _NO_MORE)) / NOMINAL) ** 2)
+        return cost
+
     def prior(self, effects: int, *, windowed: bool = False) -> float:
         """Logarithm of the probability, before any data, that so many effects are missing."""
         return float(np.log(PRIOR["window"] if windowed else PRIOR.get(effects, PRIOR[3] / self.ids)))
@@ -253,17 +267,18 @@ class Criterion:
             self.likelihood(m) + h.unseen - self.penalty(h.size, len(h.names), m)
             for h, m in zip(found, misfits, strict=True)
         ]
+        far, moved = self.departure(self.baseline), [self.departure(h.fit) for h in found]
         scores = [
-            p + self.form(m, whole, exact=h.exact, curves=h.curves) + self.prior(len(h.names), windowed=h.windowed)
-            for h, p, m in zip(found, plain, misfits, strict=True)
+            p + self.form(m, whole, exact=h.exact, curves=h.curves) + self.prior(len(h.names), windowed=h.windowed) - d
+            for h, p, m, d in zip(found, plain, misfits, moved, strict=True)
         ]
         error = 0.0 if is_noise else max(whole, 0.0) / self.force
         doubt = -0.5 * error / SOUND**2
-        nothing = float(np.log(PRIOR["nothing"])) + self.likelihood(whole) + doubt
+        nothing = float(np.log(PRIOR["nothing"])) + self.likelihood(whole) + doubt - far
         # What contradicts a law does not contradict that something else is missing.
         spared = [p - min(h.unseen, 0.0) for h, p in zip(found, plain, strict=True)]
         free = [self.likelihood(m) - 0.5 * CURVE * self.samples(m) for m in (whole - gain for gain in curves)]
-        unknown = max([self.likelihood(whole), *spared, *free]) + float(np.log(PRIOR["unknown"]))
+        unknown = max([self.likelihood(whole), *spared, *free]) + float(np.log(PRIOR["unknown"])) - min([far, *moved])
         unknown += float(np.log(-np.expm1(min(doubt, -1e-12))))
         weights = np.array([nothing, unknown, *scores])
         weights = np.exp(weights - np.max(weights))

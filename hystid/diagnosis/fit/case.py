@@ -85,7 +85,8 @@ def pose(taken: Taken, model: str) -> Case:
         starts, told = _starts(parts, code, values, model, quasi_static=still)
         dampers = {v.name for v in real_parameters(code) if v.unit == "N.s/m"} - set(values) if still else set()
         start, rest = {**starts, **dict.fromkeys(dampers, 0.0), **values}, frozenset(fixed) | dampers
-        return baseline_of(model, code, start, rest, weighed=weighed, length=length, model=runs), told
+        base = baseline_of(model, code, start, rest, weighed=weighed, length=length, model=runs)
+        return replace(base, stated=frozenset(values)), told
 
     baseline, told = begun(values)
     if (sentence := _no_force(baseline, parts)) and model.startswith(_LIBRARY):

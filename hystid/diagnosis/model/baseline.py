@@ -40,6 +40,7 @@ class Baseline:
     units: parameter name -> unit. has_h: the model has a hysteretic force f_h that is not zero.
     reading: where R and the mass stand in the model. inner_mass: mass of a model without a parameter for it [kg].
     lowest, highest: values that the model allows. weighed: the mass may be off by what weighing and sensors leave.
+    stated: names of the parameters that somebody has given; the others begin at what the recordings suggest.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Baseline:
     weighed: bool = True
     reading: Reading = field(default=Reading("R", "", _MASS))
     inner_mass: float = 0.0
+    stated: frozenset[str] = frozenset()
 
     @property
     def mass(self) -> float:
