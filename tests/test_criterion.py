@@ -78,11 +78,13 @@ def stiffening() -> Diagnosis:
 
 
 def fits(found: Diagnosis, misfit: float) -> tuple[Criterion, Hypothesis]:
-    """A criterion on the rows of a diagnosis, and a made-up hypothesis that leaves a misfit."""
+    """A criterion on the rows of a diagnosis, and a made-up hypothesis that leaves a misfit of the same shape."""
     assert found.choice is not None and found.problem is not None
-    before = found.choice.before
+    before, noise = found.choice.before, found.choice.after.residual
     criterion = Criterion(found.problem, before, 20)
-    fit = replace(before, chi2=criterion.floor + misfit)
+    share = misfit / (before.chi2 - criterion.floor)
+    residual = noise + np.sqrt(share) * (before.residual - noise)
+    fit = replace(before, residual=residual, chi2=criterion.floor + misfit)
     return criterion, Hypothesis(("cubic_stiffness",), 1, fit)
 
 
@@ -94,6 +96,30 @@ def test_probabilities_add_up_to_one(stiffening: Diagnosis) -> None:
     assert [f.effect for f in stiffening.findings] == ["cubic_stiffness"]
     assert stiffening.findings[0].confidence > 0.9
     assert stiffening.findings[0].explained > 0.9
+
+
+def test_noise_that_a_law_is_said_to_add_explains_nothing(stiffening: Diagnosis) -> None:
+    assert stiffening.choice is not None
+    before = stiffening.choice.before
+    criterion, hypothesis = fits(stiffening, 0.0)
+    noise = hypothesis.fit
+    quieter, louder = (criterion.misfit(noise, share * criterion.floor) for share in (1.0, 1.5))
+    assert louder == quieter  # what is left shows none of it
+    # A law so uncertain that all it leaves could be its noise: a spring's force stays in the means over states, far
+    # above what the noise level leaves open.
+    assert criterion.misfit(before, before.chi2) > 10 * criterion.slack
+
+
+def test_a_law_pays_for_dragging_the_baseline_along(stiffening: Diagnosis) -> None:
+    criterion, hypothesis = fits(stiffening, 0.0)
+    here = hypothesis.fit.hypothesis
+
+    def cost(damping: float) -> float:
+        moved = replace(here, values={**here.values, "B": damping})
+        return criterion.departure(replace(hypothesis.fit, hypothesis=moved))
+
+    # damping at nought against that of a factor of 2.5: nobody gives parameters that are 50 times off
+    assert cost(NOMINAL["B"]) < cost(2.5 * NOMINAL["B"]) < 2.0 < cost(0.0)
 
 
 def test_the_better_a_law_fits_the_more_probable_it_is(stiffening: Diagnosis) -> None:

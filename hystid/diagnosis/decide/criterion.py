@@ -27,7 +27,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from hystid.diagnosis.fit.colour import NOISE_ERROR
@@ -54,7 +54,7 @@ _VISITED = 0.001  # of the rows: a cell that holds fewer says nothing
 ZERO = 0.02  # of the standard deviation of a channel: how far sensors are off their zero after they were set
 NOMINAL = math.log(2)  # scale of the logarithm by which a structure differs from parameters that somebody has given
 _NO_MORE = 0.01  # of its nominal value, below which a parameter is nought
-_BY_CHANCE = 0.05  # probability at which draws of the noise count as agreeing by chance
+_BY_CHANCE = 0.05  # probability at which draws of the noise, and its means over states, count as agreeing by chance
 NAME = 0.5  # probability from which a name is told: a wrong name costs as much as a right one gains
 
 
@@ -133,6 +133,9 @@ class Criterion:
         self._open = problem.reduce.left_open(baseline.residual)
         self.floor = problem.reduce.level + self._open + float(np.mean(self._added))
         self.each = self.rows / self.states  # rows per independent value of the model error
+        self._by_chance = float(chi2.ppf(1 - _BY_CHANCE, self.states))
+        self._told = np.flatnonzero(problem.reduce.told())
+        self._place = _places([problem])[0][self._told]
 
     def at(self, level: float) -> Criterion:
         """The same where the noise is of another level: what a law leaves counts against the noise that there is."""
@@ -156,7 +159,18 @@ class Criterion:
         less = max(self._open - self.problem.reduce.left_open(fit.residual), 0.0)
         known = floor if np.isfinite(floor) else self.floor
         known = min(known, max(fit.chi2 + less, self.floor))  # noise that a law is said to add, as far as it is there
-        return fit.chi2 + less - known - self.level
+        return max(fit.chi2 + less - known - self.level, self._standing(fit, known))
+
+    def _standing(self, fit: Fit, known: float) -> float:
+        """Mean square of what stands in the means over the states that the motion visits, beyond what noise leaves of
+        it: noise averages out there, however loud it is said to be. -inf where it is none, as far as noise can tell.
+        """
+        sums = np.bincount(self._place, fit.residual[self._told], CELLS**2)
+        counts = np.maximum(np.bincount(self._place, minlength=CELLS**2), 1)
+        noise = (known + max(self.level, 0.0)) / len(fit.residual)
+        most = self._by_chance * noise
+        stands = float(np.sum(sums**2 / counts)) / len(fit.residual)
+        return stands - self.states * noise if stands > most else -math.inf
 
     def floor_of(self, fit: Fit) -> float:
         """Mean square that noise alone leaves of a fit; that of the baseline where draws of the noise do not agree that
@@ -343,6 +357,11 @@ def visited(problems: Sequence[Problem]) -> list[NDArray[np.bool_]]:
 
     A recording that is given twice, or goes on in the same way, visits no further state.
     """
+    return [np.bincount(place, minlength=CELLS**2) > _VISITED * len(place) for place in _places(problems)]
+
+
+def _places(problems: Sequence[Problem]) -> list[NDArray[np.int64]]:
+    """Number of the cell of each row, in one phase plane of all problems."""
     pairs = [
         [
             np.concatenate([p.reduce.plain(i, getattr(part, name)) for i, part in enumerate(p.parts)])
@@ -351,8 +370,7 @@ def visited(problems: Sequence[Problem]) -> list[NDArray[np.bool_]]:
         for p in problems
     ]
     ends = np.cumsum([len(x) for x, _ in pairs])[:-1]
-    places = np.split(cells(*(np.concatenate(columns) for columns in zip(*pairs, strict=True))), ends)
-    return [np.bincount(place, minlength=CELLS**2) > _VISITED * len(place) for place in places]
+    return np.split(cells(*(np.concatenate(columns) for columns in zip(*pairs, strict=True))), ends)
 
 
 def effective_states(problem: Problem) -> float:

@@ -129,6 +129,10 @@ class Reduction:
         count = sum(len(self.plain(i, part.x)) for i, part in enumerate(self.parts))
         return np.ones(count, dtype=bool) if self._trust is None else self._trust == 1.0
 
+    def told(self) -> Flags:
+        """Rows, (rows,), that are not weighed down, and in which it is known where a law stands."""
+        return np.asarray(self.sure() & (self._open == 0.0))
+
     @property
     def is_local(self) -> bool:
         """Whether a row holds what its own samples do, and nothing of those before and after."""
