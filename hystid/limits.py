@@ -71,7 +71,7 @@ TRAININGS = 10_000  # starts that one command may ask for: with the fastest, an 
 _T = TypeVar("_T")
 _STACK = 256 << 20  # bytes, of which only what is used is taken
 _DEPTH = 20_000  # Python calls: expressions nested some 5,000 deep
-_LOOK = 0.25  # s between looks at the clock, at most
+_LOOK = 0.25  # s between looks at the clock, at least
 _IDLE = 10  # times the limit on the clock of the wall: what then has not computed that long waits for nothing
 _ONE_AT_A_TIME = threading.RLock()  # stack size and depth of recursion belong to the whole process
 
@@ -100,9 +100,9 @@ class _Compilation:
         self._is_stopped = False
         self._lock = threading.Lock()
 
-    def is_over(self) -> bool:
-        """Whether the time is spent."""
-        return self._computed() > self.seconds or time.monotonic() - self._begin > _IDLE * self.seconds
+    def left(self) -> float:
+        """Seconds until the time may be spent, below 0 when it is."""
+        return min(self.seconds - self._computed(), self._begin + _IDLE * self.seconds - time.monotonic())
 
     def _computed(self) -> float:
         with self._lock:
@@ -221,12 +221,15 @@ def _do(work: Callable[[], _T], done: Future[_T]) -> None:
 def _waited(done: Future[_T], compilation: _Compilation) -> _T:
     thread = compilation.thread
     assert thread is not None
-    look, allowed = min(_LOOK, compilation.seconds), compilation.seconds
+    soon, allowed = min(_LOOK, compilation.seconds), compilation.seconds
+    look = soon
     try:
         while not wait_for([done], look).done:
             if not thread.is_alive() and not done.done():
                 raise OutOfTime
-            if thread.is_alive() and compilation.is_over():
+            left = compilation.left() if thread.is_alive() else 0.0
+            look = max(soon, left / 8)  # a look costs 15 ms, and no compilation keeps eight processors busy
+            if left < 0:
                 compilation.stop()
                 compilation.seconds += allowed  # what catches it has as long again to put things away
     except BaseException:  # Ctrl-C

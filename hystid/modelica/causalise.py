@@ -493,7 +493,7 @@ def _assemble(
     event: tuple[Step, ...],
     start: _Initial,
 ) -> HybridModel:
-    later = start.solved
+    rates = {der(s) for s in events.states}
     return HybridModel(
         flat=events.scalar.flat,
         variables=events.scalar.variables,
@@ -501,7 +501,7 @@ def _assemble(
         discrete=tuple(_discrete(events)),
         hidden=frozenset(events.hidden),
         clocked=frozenset((*events.hidden, *events.from_when)),
-        algebraic=tuple(n for n in _unknowns(events, aliases) if n not in {der(s) for s in events.states}),
+        algebraic=tuple(n for n in _unknowns(events, aliases) if n not in rates),
         inputs=tuple(_of_kind(events, "input")),
         settable=tuple(_of_kind(events, "parameter")),
         computed=tuple(_of_kind(events, "dependent", "free", "constant")),
@@ -511,7 +511,7 @@ def _assemble(
         event=event,
         initialisation=start.steps,
         starts=start.starts,
-        solved_at_start=later,
+        solved_at_start=start.solved,
         guesses=start.guesses,
         surplus=start.surplus,
         relations=events.relations,

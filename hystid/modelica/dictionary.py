@@ -57,7 +57,7 @@ class DictionaryReader:
         stack = [node]
         while stack:
             node = stack.pop()
-            inside = node
+            inside, span = node, None
             if type(node) is dict:
                 inside = node.values()
                 span = node.get("span")
@@ -66,7 +66,8 @@ class DictionaryReader:
                     pieces = self._pieces.setdefault(span["source"], {})
                     if word and len(pieces) < 200:
                         pieces[(span["start"], span["end"])] = word
-            stack.extend(value for value in reversed(inside) if type(value) in _NESTED)  # in the order of the text
+            nested = [value for value in inside if type(value) in _NESTED and value is not span]
+            stack.extend(reversed(nested))  # in the order of the text
 
     def _source(self, number: int) -> Source | None:
         if number not in self._origin:

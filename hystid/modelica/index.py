@@ -33,7 +33,8 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
     used: set[ScalarEquation] = set()
     for _ in range(len(events.states)):
         unknowns = unknowns_of(events, aliases)
-        options = [preference(e, set(unknowns)) for e in events.equations]
+        known = set(unknowns)
+        options = [preference(e, known) for e in events.equations]
         owner, left = matching(_settled(events.equations, options, {*events.states, *former}), unknowns)
         tie = _tie(events.equations, options, owner, left[0], {*events.states, *former}) if left else None  # type: ignore[arg-type]  # lists are invariant
         if tie is not None and (tie in used or not _free(events, tie)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
+from collections.abc import Hashable, Iterable, Sequence, Set
 
 
 def matching(
@@ -33,6 +33,7 @@ def augment(
 ) -> bool:
     """Give ``equation`` an unknown by moving others along an augmenting path; False where there is none."""
     parent: dict[Hashable, int] = {}
+    owned: dict[int, Hashable] = {}  # by equations in the queue
     queue = deque([equation])
     while queue:
         e = queue.popleft()
@@ -41,19 +42,11 @@ def augment(
                 continue
             parent[u] = e
             if u not in owner:
-                _flip(u, equation, parent, owner)
+                owner[u] = parent[u]
+                while owner[u] != equation:
+                    u = owned[owner[u]]
+                    owner[u] = parent[u]
                 return True
+            owned[owner[u]] = u
             queue.append(owner[u])
     return False
-
-
-def _flip(end: Hashable, equation: int, parent: Mapping[Hashable, int], owner: dict[Hashable, int]) -> None:
-    owned_by = {e: u for u, e in owner.items()}
-    u = end
-    while True:
-        e = parent[u]
-        before = owned_by.get(e)
-        owner[u] = e
-        if e == equation or before is None:
-            return
-        u = before

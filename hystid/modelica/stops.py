@@ -36,23 +36,24 @@ def stops_of(model: HybridModel) -> tuple[Stop, ...]:
     A stop is der(z) = if slips then 0 else K*v, or v, with slips = (z >= c and v > 0) or (z <= -c and v < 0), K and c
     parameters.
     """
-    found = tuple(stop for state in model.states if (stop := _stop(model, state)) is not None)
+    derivatives, event = _values(model.derivatives), _values(model.event)
+    found = tuple(s for state in model.states if (s := _stop(model, state, derivatives, event)) is not None)
     theirs = {name for stop in found for name in (stop.above, stop.forward, stop.below, stop.backward)}
     happens = bool(model.samplers or model.reinits or model.checks or model.assertions or model.delays)
     complete = {stop.slips for stop in found} == set(model.discrete) and theirs == {r.name for r in model.relations}
     return found if complete and not happens else ()
 
 
-def _stop(model: HybridModel, state: str) -> Stop | None:
+def _stop(model: HybridModel, state: str, derivatives: Mapping[str, Expr], event: Mapping[str, Expr]) -> Stop | None:
     stiffness: str | None
-    match _values(model.derivatives).get(der(state)):
+    match derivatives.get(der(state)):
         case Op("if", (Ref(slips), Num(0.0), Op("*", (Ref(factor), Ref(speed))))):
             stiffness = factor
         case Op("if", (Ref(slips), Num(0.0), Ref(speed))):
             stiffness = None
         case _:
             return None
-    match _values(model.event).get(slips):
+    match event.get(slips):
         case Op("or", (Op("and", (Ref(above), Ref(forward))), Op("and", (Ref(below), Ref(backward))))):
             pass
         case _:
