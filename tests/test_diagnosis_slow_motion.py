@@ -97,6 +97,27 @@ def test_a_contact_that_rests_holds_any_force_between_its_branches() -> None:
     assert np.all(taken[far] * half <= 1)
 
 
+@pytest.mark.parametrize(("level", "falls"), [(0.02, 0.0), (0.005, 0.8)])
+def test_dry_friction_that_holds_a_structure_at_rest_is_named(level: float, falls: float) -> None:
+    # At rest the force drifts from that of sliding to any other within the friction: no law of the motion says which.
+    recordings, top, slow = [], 8.0, 1e-4
+    for seed in (1, 2):
+        x, v, a = in_lulls(seed)
+        t, still = np.arange(N) * DT, np.flatnonzero(v == 0)
+        friction = top * (1 + falls * np.exp(-((v / slow) ** 2))) * np.sign(v)
+        for rest in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1):
+            last = friction[rest[0] - 1]  # of the sample before; the end of the recording, which slides, at its start
+            friction[rest] = np.linspace(last, np.random.default_rng(rest[0]).uniform(-top, top), len(rest))
+        F = RIG["m"] * a + RIG["B"] * v + RIG["Kl"] * x + friction
+        recordings.append(seen(f"lulls_{seed}", t, F, {"x": x, "v": v, "a": a}, level, 0.0, seed))
+    found = diagnose(recordings, model="HystId.Oscillators.Linear", parameters=RIG)
+    assert [one.effect for one in found.findings] == ["stribeck_friction" if falls else "coulomb_friction"]
+    told = found.findings[0].parameters
+    assert told["Fc"].value == pytest.approx(top, rel=0.01)  # a law led by the rests was off by a third
+    if falls:
+        assert told["Fd"].value == pytest.approx(falls * top, rel=0.02)  # it shows below 1e-4 m/s only
+
+
 @pytest.mark.parametrize("one_sign", [True, False])
 def test_what_errors_of_a_law_leave_in_filtered_rows_is_known(one_sign: bool) -> None:
     # x alone: the balance is whitened, and what a law does not know at 40 samples is spread over their neighbours.

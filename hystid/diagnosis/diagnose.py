@@ -15,7 +15,7 @@ from hystid.diagnosis.decide import forms
 from hystid.diagnosis.decide.possible import possible
 from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.decide.unseen import unseen_likelihood
-from hystid.diagnosis.fit.case import Case, pose, recoloured
+from hystid.diagnosis.fit.case import Case, at_rest, pose, recoloured
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.uncertainty import with_robust_errors
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
@@ -80,11 +80,13 @@ def diagnose(
                 everything = load_effects(_paths(effects))
                 case = replace(case, catalogue=catalogue_of(everything))
                 library, untestable = possible(everything, case, exclude)
+                case = at_rest(case, library)
                 every = _every(step, max(1, len(library) // 70))
                 choice = _chosen(case, library, every)
                 again = recoloured(case, choice.best) if choice.missing else None
                 if again is not None:
-                    case, choice = again, _chosen(again, library)
+                    case = at_rest(again, library)
+                    choice = _chosen(case, library)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:

@@ -22,6 +22,9 @@ def unseen_likelihood(problem: Problem, unseen: Sequence[Part]) -> Callable[[Fit
     """A function of the baseline and of a fit: logarithm of the likelihood that unseen recordings add to a fit, over
     what they add to the baseline. A recording alone can make a fit ten times less probable, never impossible."""
     alone = [problem.of([part]) for part in unseen]
+    for one in alone:
+        if problem.weighed_by:  # where a law jumps, nobody knows there either on which side it stands
+            one.distrust(*map(_without_channel, problem.weighed_by))
     known: dict[int, list[_Judge]] = {}
 
     def told(before: Fit, after: Fit) -> float:

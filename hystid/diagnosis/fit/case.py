@@ -17,11 +17,11 @@ from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import without_knocks
 from hystid.diagnosis.fit.periodic import PeriodicForce, periodic_forces
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.refit import refit, refit_again
+from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
 from hystid.diagnosis.model.catalogue import Catalogue
-from hystid.diagnosis.model.effects import Scales
+from hystid.diagnosis.model.effects import Effect, Scales
 from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.model.starts import scaled, sizes_of
 from hystid.diagnosis.model.transients import beginning
@@ -179,6 +179,15 @@ def recoloured(case: Case, law: Fit) -> Case | None:
     refitted, minima, nominal = refit_again(again, [case.refit, *case.minima])
     unseen = tuple(coloured_alike(case.unseen, parts))
     return replace(case, problem=again, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=unseen)
+
+
+def at_rest(case: Case, effects: Sequence[Effect]) -> Case:
+    """The case with the rows weighed down in which dry friction that was left out may hold the structure."""
+    found = refit_at_rest(case.problem, [case.refit, *case.minima], effects)
+    if found is None:
+        return case
+    refitted, minima, nominal = found
+    return replace(case, refit=refitted, minima=minima, nominal_chi2=nominal)
 
 
 def _no_force(baseline: Baseline, parts: Sequence[Part]) -> str:

@@ -72,6 +72,7 @@ class Problem:
         self._held = [self._hold(p, p.x, p.v) for p in self.parts]
         self._laws, self._forces, self._columns, self._grids = (Memory(most) for most in _KEPT)
         self._last: tuple[Hypothesis, list[Array]] | None = None
+        self.weighed_by: tuple[Hypothesis, ...] = ()  # fits by which rows were weighed down
         self._slopes: list[tuple[tuple[float, ...], dict[str, _Slope]]] = []
         self.work = 0  # rows of residuals that were evaluated: what a search has cost, on any machine
         self._units = self._linear_columns()
@@ -296,13 +297,15 @@ class Problem:
 
         hypotheses: the fit, and others that a law may have jumped in where the fit was led astray.
         """
+        self.weighed_by = hypotheses
         self.reduce.trust()
+        movements, filtered, unsure = self.movements(hypotheses[0]), np.zeros(1), np.zeros(1)
         if self.baseline.memoryless:
             turns, filtered = (np.maximum.reduce(rows) for rows in zip(*map(self._jumps, hypotheses), strict=True))
+            movements.append(turns)
+        if self.baseline.memoryless or any(term.effect.turns for term in hypotheses[0].terms):
             unsure = self._unsure(hypotheses[0])
-            self.reduce.distrust([*self.movements(hypotheses[0]), turns], filtered, unsure)
-        else:
-            self.reduce.distrust(self.movements(hypotheses[0]), np.zeros(1), np.zeros(1))
+        self.reduce.distrust(movements, filtered, unsure)
         self._columns.clear()
         self._reduce_anew()
         return self.reduce.weighs
@@ -346,12 +349,28 @@ class Problem:
         points, shares = hermegauss(_NODES)
         fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
 
-        def law(shifts: Sequence[Array]) -> list[Array]:
-            moved = [self._hold(p, p.x, p.v + shift) for p, shift in zip(self.parts, shifts, strict=True)]
-            return [R for R, _ in self._follow(moved, hypothesis.values)]
+        def law(velocities: Sequence[Array]) -> list[Array]:
+            forces = [np.zeros(len(part)) for part in self.parts]
+            if self.baseline.memoryless:
+                moved = [self._hold(p, p.x, v) for p, v in zip(self.parts, velocities, strict=True)]
+                forces = [R for R, _ in self._follow(moved, hypothesis.values)]
+            seen = [
+                Signals(p.x, v, p.a, s.h, p.dt, s.index) for p, v, s in zip(self.parts, velocities, here, strict=True)
+            ]
+            for term in hypothesis.terms:
+                if term.effect.turns:
+                    added = term.effect.forces(seen, term.values)
+                    forces = [f + g for f, g in zip(forces, added, strict=True)]
+            return forces
 
-        turned = zip(*(law([node * e for e in error]) for node in points), strict=True)
-        sliding = zip(*(law([side * _TURN * fastest + 0 * e for e in error]) for side in (-2, -1, 1, 2)), strict=True)
+        here = self.signals(hypothesis)
+        turned = zip(
+            *(law([p.v + node * e for p, e in zip(self.parts, error, strict=True)]) for node in points), strict=True
+        )
+        sliding = zip(
+            *(law([np.full_like(p.v, side * _TURN * fastest) for p in self.parts]) for side in (-2, -1, 1, 2)),
+            strict=True,
+        )
         weights, nodes = shares[:, None] / np.sum(shares), points[:, None]
         spread = []
         for part, e, forces, (further, back, forth, beyond) in zip(self.parts, error, turned, sliding, strict=True):

@@ -8,8 +8,9 @@ import numpy as np
 
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.search import downhill, from_nominal, other_minima, try_fit
+from hystid.diagnosis.fit.search import downhill, from_nominal, other_minima, scan, try_fit, try_term
 from hystid.diagnosis.model.channel_effects import history
+from hystid.diagnosis.model.effects import Effect
 from hystid.errors import NumericalError
 
 _STARTS = (0.5, 2.0)  # factors on the nominal shapes of the law, for further starts of the refit
@@ -68,6 +69,30 @@ def refit_again(problem: Problem, before: Sequence[Fit]) -> tuple[Fit, tuple[Fit
     return _without_jumps(problem, sorted(made or before[:1], key=lambda f: f.chi2), nominal)
 
 
+def refit_at_rest(
+    problem: Problem, before: Sequence[Fit], effects: Sequence[Effect]
+) -> tuple[Fit, tuple[Fit, ...], float] | None:
+    """The same with the rows weighed down in which a structure may stand still by dry friction that was left out; None
+    where there are none.
+
+    before: the refit and other optima. A contact at rest holds any force up to its friction. No law of the motion says
+    which, and what such rows hold would speak for laws that follow the motion into the rest.
+    """
+    scanned = scan(problem, before[0], [effect for effect in effects if effect.turns])
+    friction = try_term(problem, before[0], scanned[0].term) if scanned else None
+    if friction is None:
+        return None
+    by, sure = problem.weighed_by, problem.reduce.sure()
+    nominal = Hypothesis(dict(problem.baseline.nominal), before[0].hypothesis.terms)
+    problem.distrust(friction.hypothesis, nominal)
+    if not np.any(sure & ~problem.reduce.sure()):
+        problem.distrust(*by)
+        return None
+    made = [one for fit in before if (one := try_fit(problem, fit.hypothesis, 25)) is not None]
+    best, *others = sorted(made or before[:1], key=lambda f: f.chi2)
+    return best, _minima(best, others), float(np.mean(problem.rows(nominal) ** 2))
+
+
 def _without_jumps(problem: Problem, fits: Sequence[Fit], nominal: Hypothesis) -> tuple[Fit, tuple[Fit, ...], float]:
     """The best fit (they are sorted), other optima, and the mean square at the nominal values, with the rows weighed
     down in which a law jumps."""
@@ -80,8 +105,11 @@ def _without_jumps(problem: Problem, fits: Sequence[Fit], nominal: Hypothesis) -
         again = [best.hypothesis, nominal]  # jumps may have led the fits astray: begin again without them
         fits = [made for h in again if (made := try_fit(problem, h, 25)) is not None]
         best, rows, others = min(fits, key=lambda f: f.chi2), problem.rows(nominal), []
-    minima = [f for f in others if f.chi2 > (1 + _APART) * best.chi2]
-    return best, tuple(minima[:2]), float(np.mean(rows**2))
+    return best, _minima(best, others), float(np.mean(rows**2))
+
+
+def _minima(best: Fit, others: Sequence[Fit]) -> tuple[Fit, ...]:
+    return tuple(f for f in others if f.chi2 > (1 + _APART) * best.chi2)[:2]
 
 
 def _sits(problem: Problem, fitted: Fit) -> bool:

@@ -124,6 +124,11 @@ class Effect:
         return "" if self.remembers or self.is_over_time or len(self.reads) != 1 else next(iter(self.reads))
 
     @property
+    def turns(self) -> bool:
+        """Whether the force turns at once with the sign of the velocity, over a transition that the block declares."""
+        return bool(self.semantics.transition) and not self.remembers and not self.uses_h
+
+    @property
     def needs_clock(self) -> bool:
         """Whether the force depends on the time itself: where time only numbers the samples, such a law means nothing.
 
