@@ -11,6 +11,7 @@ from hystid.diagnosis.decide.criterion import Criterion, visited
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.windows import for_recording, has_windows
+from hystid.diagnosis.fit.windowscan import in_every_interval
 from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
@@ -56,26 +57,35 @@ class _Judge:
     def gain(self, fit: Fit) -> float:
         """Logarithm of the likelihood of a fit in this recording, over that of the baseline."""
         try:
-            told = [self._likelihood(standing(self.alone, _without_channel(h))) for h in _variants(fit.hypothesis)]
+            told = self._told(_without_channel(fit.hypothesis))
         except NumericalError:
             return -np.inf
-        gain = float(np.logaddexp.reduce(told) - np.log(len(told))) - self._likelihood(self.before)
+        gain = _mean(told) - self._likelihood(self.before)
         return gain * (self.new if gain > 0 else 1.0)
 
-    def _likelihood(self, fit: Fit) -> float:
-        if not np.isfinite(fit.chi2):
+    def _told(self, hypothesis: Hypothesis) -> list[float]:
+        """Likelihoods of a hypothesis as it may stand in a recording of which nothing is known: what acts for a part of
+        the time may act then as long as ever, never, always, or from any time to any other."""
+        if not has_windows(hypothesis):
+            return [self._likelihood(standing(self.alone, hypothesis))]
+        off = tuple(term for term in hypothesis.terms if term.law.effect is term.effect)
+        on = tuple(term.law for term in hypothesis.terms)
+        never, always = (standing(self.alone, replace(hypothesis, terms=terms)) for terms in (off, on))
+        any_ = [self._likelihood(never, chi2) for chi2 in in_every_interval(self.alone, never, always)]
+        as_ever = standing(self.alone, for_recording(hypothesis))
+        return [*map(self._likelihood, (as_ever, never, always)), _mean(any_)]
+
+    def _likelihood(self, fit: Fit, chi2: float | None = None) -> float:
+        """chi2: mean square in the place of that of the fit."""
+        chi2 = fit.chi2 if chi2 is None else chi2
+        if not np.isfinite(chi2):
             return -np.inf
-        return self.seen.likelihood(self.seen.misfit(fit, self.seen.floor))
+        return self.seen.likelihood(self.seen.misfit(replace(fit, chi2=chi2), self.seen.floor))
 
 
-def _variants(hypothesis: Hypothesis) -> list[Hypothesis]:
-    """A hypothesis as it may stand in a recording of which nothing is known: what acts for a part of the time may act
-    then as long as ever, never, or always."""
-    if not has_windows(hypothesis):
-        return [hypothesis]
-    never = tuple(term for term in hypothesis.terms if term.law.effect is term.effect)
-    always = tuple(term.law for term in hypothesis.terms)
-    return [for_recording(hypothesis), replace(hypothesis, terms=never), replace(hypothesis, terms=always)]
+def _mean(logarithms: Sequence[float]) -> float:
+    """Logarithm of the mean of what has these logarithms."""
+    return float(np.logaddexp.reduce(logarithms) - np.log(len(logarithms)))
 
 
 def _without_channel(hypothesis: Hypothesis) -> Hypothesis:

@@ -207,6 +207,14 @@ def _blocks(problem: Problem) -> list[Numbers]:
     return [np.minimum((t * _BLOCKS).astype(np.int64), _BLOCKS - 1) + i * _BLOCKS for i, t in enumerate(shares)]
 
 
+def in_every_interval(problem: Problem, never: Fit, always: Fit) -> Array:
+    """Mean squares that one recording leaves of a law that acts in each interval of time, (intervals,), from what it
+    leaves where the law never acts and where it always does."""
+    place = _blocks(problem)[0]
+    off, on = (np.bincount(place, fit.residual**2, minlength=_BLOCKS) for fit in (never, always))
+    return np.asarray((np.sum(off) + _within((on - off)[None])[0]) / len(place))
+
+
 def outside(problem: Problem, before: Fit) -> tuple[Fit, float]:
     """The baseline as it fits where it leaves least, and the mean square that it leaves there.
 
