@@ -85,3 +85,14 @@ def test_noise_that_is_louder_than_what_a_law_leaves_is_measured_anew() -> None:
     assert again is not None and again.problem.parts[0].colour == (0.0, 0.0)
     # the draws of the noise are filtered there and back, but for what their ends lose: rounding of single precision
     assert again.problem.floor(again.refit) == pytest.approx(floor, rel=1e-3)
+
+
+def test_what_is_left_out_reaches_no_other_row() -> None:
+    case = posed(rig(1, 0.05))
+    part = replace(case.problem.parts[0], colour=(0.05, 0.0))
+    valid = np.ones(N, dtype=bool)
+    valid[:15], valid[3000:3100] = False, False
+    reduce = case.problem.of([replace(part, valid=valid)]).reduce
+    wrong = np.where(valid, part.F, part.F + 1e3)
+    # a filter against slow noise remembers thousands of samples; nothing of what is left out may come through
+    np.testing.assert_array_equal(reduce([wrong]), reduce([part.F]))

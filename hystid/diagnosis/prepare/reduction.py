@@ -6,6 +6,7 @@ Whatever is done to the balance (whitening, block averages, weights) is done to 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,7 @@ class Reduction:
         alike = len(filters) == len(parts) and len({len(part) for part in parts}) == 1
         self._together = np.stack(filters) if alike else None
         self._trims = [_trim(len(p), filt, p.first) for p, filt in zip(self.parts, self._filters, strict=True)]
+        self._bridges = [_bridge(p.valid) if f is not None else None for p, f in zip(parts, self._filters, strict=True)]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
         self._kept = [self._stretches(i, total) for i in range(len(self.parts))]
         self._louder = [_louder_balance(part, mass) for part in parts]
@@ -63,7 +65,7 @@ class Reduction:
         """Rows of standard deviations, one column per part. Whether errors keep their sign from sample to sample is not
         known: after a filter the larger of the two counts."""
         rows = []
-        for i, (column, filt) in enumerate(zip(columns, self._filters, strict=True)):
+        for i, (column, filt) in enumerate(zip(self._bridged(columns), self._filters, strict=True)):
             power = column**2
             if filt is not None:
                 alone = filtered(power, np.asarray(np.fft.rfft(np.fft.irfft(filt) ** 2).real))
@@ -84,9 +86,14 @@ class Reduction:
 
     def _whitened(self, columns: Sequence[Array]) -> Sequence[Array]:
         """Columns of all parts after their filters, in one transform where the parts are of one length."""
+        columns = self._bridged(columns)
         if self._together is not None:
             return list(filtered(np.stack(columns), self._together))
         return [c if filt is None else filtered(c, filt) for c, filt in zip(columns, self._filters, strict=True)]
+
+    def _bridged(self, columns: Sequence[Array]) -> list[Array]:
+        """Columns with straight lines over the samples that are not valid: a filter would spread these far."""
+        return [c if over is None else over(c) for c, over in zip(columns, self._bridges, strict=True)]
 
     def distrust(self, draws: Sequence[Array], filtered: Array, unsure: Array) -> None:
         """Weigh down the rows in which the noise of the regressors moves the force by more than its own noise.
@@ -192,6 +199,32 @@ class Reduction:
         if part.valid is not None:
             kept &= part.valid[trim : trim + rows * self.block].reshape(rows, self.block).all(axis=1)
         return None if kept.all() else kept
+
+
+@dataclass(frozen=True)
+class _Bridge:
+    """Samples without a value, and the samples on either side of their gaps with their shares."""
+
+    gap: NDArray[np.int64]
+    before: NDArray[np.int64]
+    after: NDArray[np.int64]
+    share: Array
+
+    def __call__(self, column: Array) -> Array:
+        """A column, (n,), with straight lines over the gaps; what begins or ends it goes on as it is."""
+        made = np.array(column)
+        made[self.gap] = (1 - self.share) * column[self.before] + self.share * column[self.after]
+        return made
+
+
+def _bridge(valid: Flags | None) -> _Bridge | None:
+    """How to bridge what is not valid; None where all is, or nothing."""
+    if valid is None or np.all(valid) or not np.any(valid):
+        return None
+    known, gap = np.flatnonzero(valid), np.flatnonzero(~valid)
+    place = np.searchsorted(known, gap)
+    before, after = known[np.maximum(place - 1, 0)], known[np.minimum(place, len(known) - 1)]
+    return _Bridge(gap, before, after, (gap - before) / np.maximum(after - before, 1))
 
 
 def _slowly(part: Part) -> int:
