@@ -211,7 +211,7 @@ def in_every_interval(problem: Problem, never: Fit, always: Fit) -> Array:
     """Mean squares that one recording leaves of a law that acts in each interval of time, (intervals,), from what it
     leaves where the law never acts and where it always does."""
     place = _blocks(problem)[0]
-    off, on = (np.bincount(place, fit.residual**2, minlength=_BLOCKS) for fit in (never, always))
+    off, on = (np.bincount(place, f.residual**2, minlength=_BLOCKS).astype(float) for f in (never, always))
     return np.asarray((np.sum(off) + _within((on - off)[None])[0]) / len(place))
 
 
