@@ -85,12 +85,15 @@ def test_knocks_that_nobody_measured_are_told_and_left_out() -> None:
     assert "2 knocks" in told
 
 
-def test_a_stop_that_is_met_three_times_is_no_knock() -> None:
-    """It comes with the largest displacements, and with all of them."""
-    motion = tones(8)
-    tops = np.sort([float(np.max(part)) for part in np.array_split(motion["x"], 100)])
+@pytest.mark.parametrize(("seed", "either"), [(8, False), (26, True)])
+def test_a_stop_that_is_met_three_times_is_no_knock(seed: int, either: bool) -> None:
+    """It comes with the largest displacements, on one side or on either, and with all of them."""
+    motion = tones(seed)
+    x = motion["x"]
+    way = np.abs(x) if either else x
+    tops = np.sort([float(np.max(part)) for part in np.array_split(way, 100)])
     gap = 0.5 * (tops[-4] + tops[-3])
-    force = balance(motion) + 60 * K * np.maximum(motion["x"] - gap, 0.0)
+    force = balance(motion) + 60 * K * np.sign(x) * np.maximum(way - gap, 0.0)
     found = asked(recorded(motion, force, 9, snr=60.0))
     assert not [note for note in found.notes if "knock" in note]
     assert found.verdict not in CALM

@@ -9,7 +9,7 @@ from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.decide.trials import are_reached, fitted_on
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.search import Candidate, try_fit
+from hystid.diagnosis.fit.search import Candidate, scan, try_fit
 from hystid.diagnosis.fit.windows import has_edges, is_off_outside, settled, shared
 from hystid.diagnosis.fit.windowscan import outside, scan_windows
 from hystid.diagnosis.model.effects import Effect
@@ -19,18 +19,28 @@ _LAWS, _FORMS = 3, 6  # laws that are fitted to the end, and forms that are trie
 
 def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Sequence[Effect]) -> Iterator[Fit]:
     """Fits of the baseline and one law that is switched on and off, each once with windows of its own per recording,
-    and with one for all where they agree.
+    and with one for all where they agree; [] where there is no time in which nothing acts.
 
-    Laws that open or close over most of their window, or that would not have been seen outside of it, are left out.
+    A refit without the effect stands where a part of the time pulls it. Hence law and window are looked for beside the
+    baseline as it fits where nothing acts, and fitted alone before both are. There the baseline is a right law. A law
+    that acts at some levels of the motion only needs no window for that: such laws come first. Laws that open or close
+    over most of their window, or that would not have been seen outside of it, are left out.
     """
+    start, left = outside(problem, before)
+    if left - criterion.floor > criterion.usual * _left(criterion, before):
+        return
+    for fit in _joint(problem, before, _alone(problem, start, _one_each(scan(problem, start, effects)[:_FORMS]))):
+        ended = _to_the_end(problem, criterion, before, fit)
+        if are_reached(problem, ended):
+            yield ended
+            if _is_reached(criterion, ended):
+                return
     switched = [effect for effect in effects if not effect.is_over_time]
-    leading = _leading(problem, criterion, before, switched)
-    for begun in leading[:_LAWS]:
+    for begun in _leading(problem, start, before, switched):
         one = shared(problem, begun.hypothesis)
         made = try_fit(problem, one) if one is not None else None
         for fit in (begun, *([made] if made is not None else [])):
-            near = _left(criterion, fit) < criterion.usual * _left(criterion, before)  # a right law leaves no more
-            ended = fitted_on(problem, fit) if near and not _is_reached(criterion, fit) else fit
+            ended = _to_the_end(problem, criterion, before, fit)
             term = ended.hypothesis.terms[-1]
             if (
                 has_edges(ended)
@@ -40,27 +50,39 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
                 yield settled(problem, ended)
 
 
-def _leading(problem: Problem, criterion: Criterion, before: Fit, effects: Sequence[Effect]) -> list[Fit]:
-    """The best fit of each law, best first; [] where there is no time in which nothing acts.
-
-    A refit without the effect stands where a part of the time pulls it. Hence law and window are looked for beside the
-    baseline as it fits where nothing acts, and fitted alone before both are. There the baseline is a right law.
-    """
-    start, left = outside(problem, before)
-    if left - criterion.floor > criterion.usual * _left(criterion, before):
-        return []
+def _leading(problem: Problem, start: Fit, before: Fit, effects: Sequence[Effect]) -> list[Fit]:
+    """The best fits of laws in windows, one of each, best first. start: the baseline as it fits where nothing acts."""
     scanned = scan_windows(problem, start, effects)
-    laws = {candidate.effect.id: candidate for candidate in reversed(scanned)}
-    alone = _alone(problem, start, laws.values())
+    laws = _one_each(scanned)
+    alone = _alone(problem, start, laws)
     best = {fit.hypothesis.terms[-1].effect.id for fit in alone[:_LAWS]}
-    done = {id(candidate) for candidate in laws.values()}
-    alone += _alone(problem, start, (c for c in scanned if c.effect.id in best and id(c) not in done))
+    done = {id(candidate) for candidate in laws}
+    return _joint(
+        problem,
+        before,
+        alone + _alone(problem, start, (c for c in scanned if c.effect.id in best and id(c) not in done)),
+    )
+
+
+def _one_each(scanned: Sequence[Candidate]) -> list[Candidate]:
+    """The best form of each law."""
+    return list({candidate.effect.id: candidate for candidate in reversed(scanned)}.values())
+
+
+def _joint(problem: Problem, before: Fit, alone: Sequence[Fit]) -> list[Fit]:
+    """Laws that were fitted beside a held baseline, fitted with it: the best form of each, best first."""
     found: dict[str, Fit] = {}
     for fit in sorted(alone, key=lambda fit: fit.chi2)[:_FORMS]:
         made, name = try_fit(problem, fit.hypothesis), fit.hypothesis.terms[-1].effect.id
         if made is not None and made.chi2 < found.get(name, before).chi2:
             found[name] = made
-    return sorted(found.values(), key=lambda fit: fit.chi2)
+    return sorted(found.values(), key=lambda fit: fit.chi2)[:_LAWS]
+
+
+def _to_the_end(problem: Problem, criterion: Criterion, before: Fit, fit: Fit) -> Fit:
+    """A fit, continued where a right law may leave as much, and not yet the noise."""
+    near = _left(criterion, fit) < criterion.usual * _left(criterion, before)
+    return fitted_on(problem, fit) if near and not _is_reached(criterion, fit) else fit
 
 
 def _alone(problem: Problem, start: Fit, candidates: Iterable[Candidate]) -> list[Fit]:

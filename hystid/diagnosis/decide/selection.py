@@ -36,6 +36,7 @@ from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import ABSORBED, other_minima, scan, try_fit
 from hystid.diagnosis.fit.search import Candidate as Scanned
+from hystid.diagnosis.fit.windows import has_windows
 from hystid.diagnosis.fit.zeros import zero_of_term
 from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drift
 from hystid.diagnosis.model.effects import Effect
@@ -276,11 +277,11 @@ class _Search:
         return Hypothesis(names, size, fit, windowed, exact, floor, curves=max(curves.values(), default=1))
 
     def _in_windows(self) -> Iterator[Hypothesis]:
-        """Effects that act for a part of the time. What these cost is not taken from the sets."""
+        """Effects that act for a part of the time, or of the levels. What these cost is not taken from the sets."""
         began = self.problem.work
         for fit in in_windows(self.problem, self.criterion, self.baseline, self.effects):
             effect = fit.hypothesis.terms[-1].effect
-            yield self._hypothesis((effect.id,), effect.size, fit, windowed=True)
+            yield self._hypothesis((effect.id,), effect.size, fit, windowed=has_windows(fit.hypothesis))
         self.began += self.problem.work - began
 
     def _sets(self) -> list[Hypothesis]:

@@ -76,12 +76,12 @@ def _knocks(part: Part, residual: Array, used: Flags) -> list[Knock]:
 
 
 def _come_with_motion(struck: Sequence[tuple[Part, Sequence[Knock]]]) -> bool:
-    """Whether the motion goes further in what was struck than elsewhere on one side (Mann and Whitney 1947): all the
-    time, or between the first and the last knock, as a law may act for a part of the time."""
+    """Whether the motion goes further in what was struck than elsewhere, on one side or on either (Mann and Whitney
+    1947): all the time, or between the first and the last knock, as a law may act for a part of the time."""
     chances = []
-    for side in (1.0, -1.0):
+    for side in (np.positive, np.negative, np.abs):
         for between in (False, True):
-            heights = [_heights(side * part.x, knocks, between=between) for part, knocks in struck]
+            heights = [_heights(side(part.x), knocks, between=between) for part, knocks in struck]
             hit, free = (np.concatenate(columns) for columns in zip(*heights, strict=True))
             if len(free):
                 chances.append(float(mannwhitneyu(hit, free, alternative="greater").pvalue))

@@ -74,9 +74,20 @@ def periodic_forces(problem: Problem, baseline: Fit) -> tuple[Fit, list[Periodic
         made = try_term(problem, fitted, Term(effect, dict.fromkeys(effect.amplitudes, 0.0)))
         if made is None or fitted.chi2 - made.chi2 < _SHARE * (fitted.chi2 - problem.reduce.level):
             break
+        if not _is_everywhere(problem, fitted, made):
+            break
         fitted = made
         frequencies.append(frequency)
     return fitted, _told(fitted)
+
+
+def _is_everywhere(problem: Problem, before: Fit, after: Fit) -> bool:
+    """Whether less is left in most sections of the recording in which the line is strongest: what comes and goes with
+    the motion, as at a resonance, is paid for everywhere else."""
+    ends = np.cumsum(problem.row_counts())[:-1]
+    pairs = zip(np.split(before.residual, ends), np.split(after.residual, ends), strict=True)
+    gains = [np.array([np.sum(part) for part in np.array_split(u**2 - w**2, _SECTIONS)]) for u, w in pairs]
+    return bool(np.median(max(gains, key=np.sum)) > 0)
 
 
 def _told(fitted: Fit) -> list[PeriodicForce]:

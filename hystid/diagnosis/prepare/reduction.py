@@ -44,10 +44,14 @@ class Reduction:
         stiffness = _stiffness(parts, mass)
         self._filters = [_whitening(part, mass, stiffness) for part in parts]
         filters = [filt for filt in self._filters if filt is not None]
-        alike = len(filters) == len(parts) and len({len(part) for part in parts}) == 1
+        split = [_local(p, f, mass) for p, f in zip(parts, self._filters, strict=True)]
+        self._valid = [_clean(p.valid, local) for p, (local, _) in zip(parts, split, strict=True)]
+        triples = zip(self._valid, self._filters, split, strict=True)
+        self._bridges = [_bridge(v, f, local) if spreads else None for v, f, (local, spreads) in triples]
+        whole = len(filters) == len(parts) and all(bridge is None for bridge in self._bridges)
+        alike = whole and len({len(part) for part in parts}) == 1
         self._together = np.stack(filters) if alike else None
         self._trims = [_trim(len(p), filt, p.first) for p, filt in zip(self.parts, self._filters, strict=True)]
-        self._bridges = [_bridge(p.valid) if f is not None else None for p, f in zip(parts, self._filters, strict=True)]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
         self._kept = [self._stretches(i, total) for i in range(len(self.parts))]
         self._louder = [_louder_balance(part, mass) for part in parts]
@@ -65,11 +69,13 @@ class Reduction:
         """Rows of standard deviations, one column per part. Whether errors keep their sign from sample to sample is not
         known: after a filter the larger of the two counts."""
         rows = []
-        for i, (column, filt) in enumerate(zip(self._bridged(columns), self._filters, strict=True)):
+        for i, (column, filt) in enumerate(zip(columns, self._filters, strict=True)):
             power = column**2
             if filt is not None:
-                alone = filtered(power, np.asarray(np.fft.rfft(np.fft.irfft(filt) ** 2).real))
-                power = np.maximum(alone, filtered(column, filt) ** 2)
+                bridge = self._bridges[i]
+                known = power if bridge is None else bridge.over(power)
+                alone = filtered(known, np.asarray(np.fft.rfft(np.fft.irfft(filt) ** 2).real))
+                power = np.maximum(alone, self._whitened_of(i, column) ** 2)
             rows.append(np.sqrt(self.plain(i, power)) * self._weights[i])
         return np.concatenate(rows)
 
@@ -86,14 +92,16 @@ class Reduction:
 
     def _whitened(self, columns: Sequence[Array]) -> Sequence[Array]:
         """Columns of all parts after their filters, in one transform where the parts are of one length."""
-        columns = self._bridged(columns)
         if self._together is not None:
             return list(filtered(np.stack(columns), self._together))
-        return [c if filt is None else filtered(c, filt) for c, filt in zip(columns, self._filters, strict=True)]
+        return [self._whitened_of(i, column) for i, column in enumerate(columns)]
 
-    def _bridged(self, columns: Sequence[Array]) -> list[Array]:
-        """Columns with straight lines over the samples that are not valid: a filter would spread these far."""
-        return [c if over is None else over(c) for c, over in zip(columns, self._bridges, strict=True)]
+    def _whitened_of(self, index: int, column: Array) -> Array:
+        """A column of one part after its filter."""
+        filt, bridge = self._filters[index], self._bridges[index]
+        if bridge is not None:
+            return bridge(column)
+        return column if filt is None else filtered(column, filt)
 
     def distrust(self, draws: Sequence[Array], filtered: Array, unsure: Array) -> None:
         """Weigh down the rows in which the noise of the regressors moves the force by more than its own noise.
@@ -176,7 +184,8 @@ class Reduction:
         part, trim = self.parts[index], self._trims[index]
         found = np.zeros(len(part), dtype=bool)
         found[trim : len(part) - trim] = True
-        return found if part.valid is None else found & part.valid
+        valid = self._valid[index]
+        return found if valid is None else found & valid
 
     def plain(self, index: int, column: Array) -> Array:
         """A column of one part at its rows: trimmed and averaged alike, but neither whitened nor weighted."""
@@ -196,35 +205,70 @@ class Reduction:
         kept = np.ones(rows, dtype=bool)
         if share < 1:
             kept &= np.arange(rows) * _STRETCHES / rows % 1 < share
-        if part.valid is not None:
-            kept &= part.valid[trim : trim + rows * self.block].reshape(rows, self.block).all(axis=1)
+        valid = self._valid[index]
+        if valid is not None:
+            kept &= valid[trim : trim + rows * self.block].reshape(rows, self.block).all(axis=1)
         return None if kept.all() else kept
 
 
 @dataclass(frozen=True)
 class _Bridge:
-    """Samples without a value, and the samples on either side of their gaps with their shares."""
+    """A filter in two steps, with straight lines over samples that are not valid in between: the first reaches a few
+    samples far, None for none, the second as far as slow noise does.
 
+    gap: these samples; before, after: those on either side of their gaps; share: how near they are to the latter.
+    """
+
+    first: Array | None
+    second: Array
     gap: NDArray[np.int64]
     before: NDArray[np.int64]
     after: NDArray[np.int64]
     share: Array
 
     def __call__(self, column: Array) -> Array:
-        """A column, (n,), with straight lines over the gaps; what begins or ends it goes on as it is."""
+        """A column, (n,), after both steps."""
+        return filtered(self.over(column if self.first is None else filtered(column, self.first)), self.second)
+
+    def over(self, column: Array) -> Array:
+        """A column, (n,), with straight lines over the gaps; it begins and ends as it does beside a gap there."""
         made = np.array(column)
         made[self.gap] = (1 - self.share) * column[self.before] + self.share * column[self.after]
         return made
 
 
-def _bridge(valid: Flags | None) -> _Bridge | None:
-    """How to bridge what is not valid; None where all is, or nothing."""
-    if valid is None or np.all(valid) or not np.any(valid):
+def _local(part: Part, response: Array | None, mass: float) -> tuple[Array | None, bool]:
+    """The step of a filter that takes the noise of a derivative, None for none, and whether there is another one, which
+    spreads what is not valid far. That noise cancels over time: it must stay whole until it is filtered."""
+    spreads = response is not None and (bool(part.lowest) or any(part.colour))
+    if response is None or part.inertia_order == 0 or mass == 0.0:
+        return None, spreads
+    omega = np.pi * np.arange(len(response)) / (len(response) - 1)
+    noise = mass * _derived_noise(part, omega) / part.noise["F"]
+    return np.asarray(1 / np.sqrt(1 + noise**2)), spreads
+
+
+def _clean(valid: Flags | None, local: Array | None) -> Flags | None:
+    """Samples that a local filter keeps from what is not valid, unless it leaves hardly any."""
+    if valid is None or local is None:
+        return valid
+    corner = (
+        max(int(np.argmax(local < 0.7)), 1) * np.pi / (len(local) - 1)
+    )  # a derivative hides no noise at the very end
+    reach = int(min(_DECAY / corner, len(valid)))
+    clean = np.asarray(maximum_filter1d((~valid).astype(np.int8), 2 * reach + 1, mode="nearest") == 0)
+    return clean if 2 * np.count_nonzero(clean) > np.count_nonzero(valid) else valid
+
+
+def _bridge(valid: Flags | None, response: Array | None, local: Array | None) -> _Bridge | None:
+    """How to filter a part of which some samples are not valid; None where all are."""
+    if response is None or valid is None or np.all(valid) or not np.any(valid):
         return None
     known, gap = np.flatnonzero(valid), np.flatnonzero(~valid)
     place = np.searchsorted(known, gap)
     before, after = known[np.maximum(place - 1, 0)], known[np.minimum(place, len(known) - 1)]
-    return _Bridge(gap, before, after, (gap - before) / np.maximum(after - before, 1))
+    second = response if local is None else response / local
+    return _Bridge(local, second, gap, before, after, (gap - before) / np.maximum(after - before, 1))
 
 
 def _slowly(part: Part) -> int:
