@@ -6,17 +6,16 @@ below a sample, a mass error), and amplitudes and shapes of the effects; ``desce
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, Unknown, get, is_mass, is_source, put
+from hystid.diagnosis.fit.velocity_sign import Law, bends, unsure
 from hystid.diagnosis.model.baseline import Baseline, Held
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.memory import Memory
@@ -29,17 +28,12 @@ Array = NDArray[np.float64]
 DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fault
 LATE_LIMIT = 8.0  # samples
 MASS_TOLERANCE = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
-_TURN = 0.05  # share of the peak speed over which a contact may turn
-_ROUND = 12**-0.5  # share of a jump that the shape of a turn leaves open, where the law has its own turn (uniform)
-_FILTERED = 0.3  # share of a jump that filters of the recording chain leave open in the samples beside it
-_AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
 _SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
 # Bytes that are remembered: laws, forces of effects, and of scans columns, and forces per unit of h.
 _KEPT = (40_000_000, 24_000_000, 120_000_000, 40_000_000)
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
-_NODES = 5  # of a Gauss-Hermite quadrature over a normal distribution
 
 
 @dataclass(frozen=True)
@@ -299,90 +293,37 @@ class Problem:
         """
         self.weighed_by = hypotheses
         self.reduce.trust()
-        movements, filtered, unsure = self.movements(hypotheses[0]), np.zeros(1), np.zeros(1)
+        movements, filtered, sides = self.movements(hypotheses[0]), np.zeros(1), np.zeros(1)
         if self.baseline.memoryless:
-            turns, filtered = (np.maximum.reduce(rows) for rows in zip(*map(self._jumps, hypotheses), strict=True))
-            movements.append(turns)
+            found = [bends(partial(self._law_along, h.values), self.parts) for h in hypotheses]
+            # Their sign changes with that of v: blocks would lose it.
+            slow, quick = (
+                np.maximum.reduce([self.reduce(forces) for forces in one]) for one in zip(*found, strict=True)
+            )
+            movements, filtered = [*movements, slow], quick
         if self.baseline.memoryless or any(term.effect.turns for term in hypotheses[0].terms):
-            unsure = self._unsure(hypotheses[0])
-        self.reduce.distrust(movements, filtered, unsure)
+            sides = self.reduce.spread(unsure(self._turning(hypotheses[0]), self.parts))
+        self.reduce.distrust(movements, filtered, sides)
         self._columns.clear()
         self._reduce_anew()
         return self.reduce.weighs
 
-    def _jumps(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
-        """Rows of what the bend of a law without memory leaves open: over some of the largest speed, and over one
-        sample, either way.
+    def _law_along(self, values: Mapping[str, float], velocities: Sequence[Array]) -> list[Array]:
+        """R of the baseline per part [N], with other velocities beside the displacements."""
+        moved = [self._hold(part, part.x, v) for part, v in zip(self.parts, velocities, strict=True)]
+        return [R for R, _ in self._follow(moved, values)]
 
-        Where such a law jumps with the sign of the velocity, a real contact turns over a finite speed: the force near
-        the jump says little. A law that turns over a speed of its own is fitted to what there is. Filters of the
-        recording chain round and ring over the samples beside a jump, and beside any turn shorter than a sample.
-        """
-        fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
-
-        def law(velocity: Callable[[Part], Array]) -> list[Array]:
-            moved = [self._hold(p, p.x, velocity(p)) for p in self.parts]
-            return [R for R, _ in self._follow(moved, hypothesis.values)]
-
-        def bend(shift: Callable[[Part], Array | float]) -> list[Array]:
-            sides = (law(lambda p: p.v - shift(p)), law(lambda p: p.v + shift(p)))
-            return [np.abs(b + c - 2 * a) for a, b, c in zip(here, *sides, strict=True)]
-
-        here = law(lambda p: p.v)
-        falling, rising = (law(partial(_steadily, share * fastest)) for share in (-_AT_ONCE, _AT_ONCE))
-        jump = max(float(np.max(np.abs(r - f))) for r, f in zip(rising, falling, strict=True))
-        slow, quick = bend(lambda _: _TURN * fastest), bend(lambda p: p.a * p.dt)
-        sharp = jump > 0.5 * max(float(np.max(b)) for b in slow)
-        share = 1.0 if sharp else _ROUND
-        # Their sign changes with that of v: blocks would lose it.
-        return self.reduce([share * s for s in slow]), self.reduce([_FILTERED * q for q in quick])
-
-    def _unsure(self, hypothesis: Hypothesis) -> Array:
-        """Rows of the standard deviation that the error of the velocity leaves to a law without memory where it bends.
-
-        A few draws of the noise miss most of the samples beside a turn of slow motion, whose side nobody knows. So the
-        whole velocity is moved by its error, by the nodes of a Gauss-Hermite quadrature. A contact that may
-        stand still holds any force between those of sliding either way. What is linear in the velocity is a damper,
-        and no bend.
-        """
-        error = [part.velocity_error() for part in self.parts]
-        points, shares = hermegauss(_NODES)
-        fastest = float(max(np.max(np.abs(p.v)) for p in self.parts))
+    def _turning(self, hypothesis: Hypothesis) -> Law:
+        """What of a hypothesis may turn at once with the sign of the velocity, as a function of the velocities."""
+        here, terms = self.signals(hypothesis), [term for term in hypothesis.terms if term.effect.turns]
 
         def law(velocities: Sequence[Array]) -> list[Array]:
-            forces = [np.zeros(len(part)) for part in self.parts]
-            if self.baseline.memoryless:
-                moved = [self._hold(p, p.x, v) for p, v in zip(self.parts, velocities, strict=True)]
-                forces = [R for R, _ in self._follow(moved, hypothesis.values)]
-            seen = [
-                Signals(p.x, v, p.a, s.h, p.dt, s.index) for p, v, s in zip(self.parts, velocities, here, strict=True)
-            ]
-            for term in hypothesis.terms:
-                if term.effect.turns:
-                    added = term.effect.forces(seen, term.values)
-                    forces = [f + g for f, g in zip(forces, added, strict=True)]
-            return forces
+            along = self._law_along(hypothesis.values, velocities) if self.baseline.memoryless else []
+            seen = [Signals(s.x, v, s.a, s.h, s.dt, s.index) for s, v in zip(here, velocities, strict=True)]
+            forces = [*([along] if along else []), *(term.effect.forces(seen, term.values) for term in terms)]
+            return [np.sum(one, axis=0) for one in zip(*forces, strict=True)]
 
-        here = self.signals(hypothesis)
-        turned = zip(
-            *(law([p.v + node * e for p, e in zip(self.parts, error, strict=True)]) for node in points), strict=True
-        )
-        sliding = zip(
-            *(law([np.full_like(p.v, side * _TURN * fastest) for p in self.parts]) for side in (-2, -1, 1, 2)),
-            strict=True,
-        )
-        weights, nodes = shares[:, None] / np.sum(shares), points[:, None]
-        spread = []
-        for part, e, forces, (further, back, forth, beyond) in zip(self.parts, error, turned, sliding, strict=True):
-            damper = ((beyond - forth) + (back - further)) / (2 * _TURN * fastest)
-            bent = np.array(forces) - damper * nodes * e
-            variance = np.sum(weights * (bent - np.sum(weights * bent, axis=0)) ** 2, axis=0)
-            jump = (forth - back) - (beyond - forth) - (back - further)
-            # probability of standing still, as likely as not before, against any velocity up to the fastest
-            least = np.maximum(e, _TINY)
-            rests = norm.pdf(part.v, scale=least) / (norm.pdf(part.v, scale=least) + 0.5 / fastest)
-            spread.append(np.sqrt(variance + rests * jump**2 / 4))  # the most that forces between them vary (Popoviciu)
-        return self.reduce.spread(spread)
+        return law
 
     def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
         moved = []
@@ -574,11 +515,6 @@ class _Slope:
 def _are_near(known: Sequence[float], shapes: Sequence[float]) -> bool:
     """Whether derivatives of the law at a known point serve at another one."""
     return all(abs(there - here) <= _REUSE * abs(here) for there, here in zip(known, shapes, strict=True))
-
-
-def _steadily(speed: float, part: Part) -> Array:
-    """The same velocity at every sample [m/s]."""
-    return np.full_like(part.v, speed)
 
 
 def _key(term: Term) -> tuple[object, ...]:
