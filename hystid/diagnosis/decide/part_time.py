@@ -29,14 +29,15 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
     start, left = outside(problem, before)
     if left - criterion.floor > criterion.usual * _left(criterion, before):
         return
-    for fit in _joint(problem, before, _alone(problem, start, _one_each(scan(problem, start, effects)[:_FORMS]))):
+    levels = _alone(problem, start, _one_each(scan(problem, start, effects)[:_FORMS]))
+    for fit in _joint(problem, criterion, before, levels):
         ended = _to_the_end(problem, criterion, before, fit)
         if are_reached(problem, ended):
             yield ended
             if _is_reached(criterion, ended):
                 return
     switched = [effect for effect in effects if not effect.is_over_time]
-    for begun in _leading(problem, start, before, switched):
+    for begun in _leading(problem, criterion, (start, before), switched):
         one = shared(problem, begun.hypothesis)
         made = try_fit(problem, one) if one is not None else None
         for fit in (begun, *([made] if made is not None else [])):
@@ -50,18 +51,16 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
                 yield settled(problem, ended)
 
 
-def _leading(problem: Problem, start: Fit, before: Fit, effects: Sequence[Effect]) -> list[Fit]:
-    """The best fits of laws in windows, one of each, best first. start: the baseline as it fits where nothing acts."""
+def _leading(problem: Problem, criterion: Criterion, fits: tuple[Fit, Fit], effects: Sequence[Effect]) -> list[Fit]:
+    """The best fits of laws in windows, best first. fits: of the baseline where nothing acts, and of all."""
+    start, before = fits
     scanned = scan_windows(problem, start, effects)
     laws = _one_each(scanned)
     alone = _alone(problem, start, laws)
-    best = {fit.hypothesis.terms[-1].effect.id for fit in alone[:_LAWS]}
+    best = {_effect(fit).id for fit in _ranked(criterion, alone)[:_LAWS]}
     done = {id(candidate) for candidate in laws}
-    return _joint(
-        problem,
-        before,
-        alone + _alone(problem, start, (c for c in scanned if c.effect.id in best and id(c) not in done)),
-    )
+    more = _alone(problem, start, (c for c in scanned if c.effect.id in best and id(c) not in done))
+    return _joint(problem, criterion, before, [*alone, *more])
 
 
 def _one_each(scanned: Sequence[Candidate]) -> list[Candidate]:
@@ -69,14 +68,28 @@ def _one_each(scanned: Sequence[Candidate]) -> list[Candidate]:
     return list({candidate.effect.id: candidate for candidate in reversed(scanned)}.values())
 
 
-def _joint(problem: Problem, before: Fit, alone: Sequence[Fit]) -> list[Fit]:
+def _joint(problem: Problem, criterion: Criterion, before: Fit, alone: Sequence[Fit]) -> list[Fit]:
     """Laws that were fitted beside a held baseline, fitted with it: the best form of each, best first."""
     found: dict[str, Fit] = {}
-    for fit in sorted(alone, key=lambda fit: fit.chi2)[:_FORMS]:
-        made, name = try_fit(problem, fit.hypothesis), fit.hypothesis.terms[-1].effect.id
+    for fit in _ranked(criterion, alone)[:_FORMS]:
+        made, name = try_fit(problem, fit.hypothesis), _effect(fit).id
         if made is not None and made.chi2 < found.get(name, before).chi2:
             found[name] = made
-    return sorted(found.values(), key=lambda fit: fit.chi2)[:_LAWS]
+    return _ranked(criterion, found.values())[:_LAWS]
+
+
+def _ranked(criterion: Criterion, fits: Iterable[Fit]) -> list[Fit]:
+    """Fits of one law by what decides between them, best first: a simpler law that explains as much comes before."""
+
+    def cost(fit: Fit) -> float:
+        misfit = _left(criterion, fit)
+        return criterion.penalty(_effect(fit).size, 1, misfit) - criterion.likelihood(misfit)
+
+    return sorted(fits, key=cost)
+
+
+def _effect(fit: Fit) -> Effect:
+    return fit.hypothesis.terms[-1].effect
 
 
 def _to_the_end(problem: Problem, criterion: Criterion, before: Fit, fit: Fit) -> Fit:
@@ -86,11 +99,11 @@ def _to_the_end(problem: Problem, criterion: Criterion, before: Fit, fit: Fit) -
 
 
 def _alone(problem: Problem, start: Fit, candidates: Iterable[Candidate]) -> list[Fit]:
-    """Fits of laws and windows beside a baseline that is held, best first."""
+    """Fits of laws, and windows, beside a baseline that is held."""
     here = start.hypothesis
     terms = [(*here.terms, candidate.term) for candidate in candidates]
     fits = [try_fit(problem, replace(here, terms=t), last=True) for t in terms]
-    return sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.chi2)
+    return [fit for fit in fits if fit is not None]
 
 
 def _left(criterion: Criterion, fit: Fit) -> float:
