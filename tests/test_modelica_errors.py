@@ -54,6 +54,14 @@ REFUSED = {
     "algorithm": (
         model("  Real x;\nalgorithm\n  for i in 1:2 loop\n    x := i;\n    break;\n  end for;\n"), 3, "algorithm",
     ),
+    "loop of an initial algorithm": (
+        model(
+            "  parameter Integer n(fixed = false);\n  Real x[3];\ninitial algorithm\n  n := 2;\n"
+            "  for i in 1:n loop\n    x[i] := i;\n  end for;\nequation\n  der(x) = fill(1, 3);\n"
+        ),
+        4,
+        "the range of a loop in an initial algorithm is open; give a number",
+    ),
     "initial algorithm": (model("  Real x;\ninitial algorithm\n  x := 1;\nequation\n  der(x) = 1;\n"), 3, "algorithm"),
     "string": (model('  String s;\n  Real x = 1;\nequation\n  s = "a";\n'), 2, "String variable"),
     "string without a value": (model("  parameter String s;\n  Real x = 1;\n"), 2, "value of the String 's'"),

@@ -138,7 +138,11 @@ _ADVICE = (
     (r"external function", "; external functions are not supported: write the function in Modelica"),
     (r"only be applied to state variables", "; reinit() takes a scalar state: name array elements as scalars"),
     (r"history operator|edge\(|change\(", "; give the operand a name: Boolean b = <condition>, then change(b)"),
-    (r"algorithm", "; algorithm sections are for functions only: write equations, or a function"),
+    (
+        r"unevaluable array dimensions|algorithm [`']for[`'] range",
+        "; give a number that is known when the model is built",
+    ),
+    (r"algorithm", "; write equations, or a function"),
     (
         r"branches have mismatched equation counts",
         "; every branch of an if-equation needs as many equations, 'else' too",
@@ -175,11 +179,19 @@ def _identifiers(sources: Sequence[Source]) -> set[str]:
     return {word for s in sources for word in re.findall(r"[A-Za-z_]\w{2,}", s.plain)} - {"time"}
 
 
+# Words of a compiler, and those of a Modelica author in their place.
+_WORDS = (
+    (r".*model algorithm.*", "this algorithm section in a model is not supported"),
+    (r"unevaluable array dimensions for (\S+): .*?\[Expression\((.*?)\)\].*", r"the size \2 of \1 is open"),
+    (r".*initial algorithm [`']for[`'] range.*", "the range of a loop in an initial algorithm is open"),
+    (r"unsupported Flat semantic owner ", "not supported: "),
+    (r"; unknowns\[.*", ""),
+    (r"\s*\(line \d+\)", ""),
+    ("`", "'"),
+)
+
+
 def _plain(core: str) -> str:
-    """Words of a Modelica author in place of those of a compiler."""
-    if "model algorithm" in core:
-        return "an algorithm section in a model is not supported"
-    core = core.replace("unsupported Flat semantic owner ", "not supported: ")
-    core = re.sub(r"; unknowns\[.*", "", core)
-    core = re.sub(r"\s*\(line \d+\)", "", core)
-    return core.replace("`", "'")
+    for words, others in _WORDS:
+        core = re.sub(words, others, core)
+    return core
