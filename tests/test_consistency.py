@@ -92,6 +92,17 @@ def test_a_mass_in_grams_is_named() -> None:
         admit([rig()], mass=1e3 * MASS)
 
 
+def test_a_force_without_the_inertia_of_the_mass_is_no_recording_of_it() -> None:
+    """x as a copy of F over a stiffness: laws explain all of F, and 2.5 kg would be three quarters of it."""
+    plain = rig()
+    assert plain.F is not None
+    noise = np.random.default_rng(1).normal(0, 1e-2 * np.std(plain.F), N)
+    copy = replace(plain, x=(plain.F + noise) / STIFFNESS, v=None, a=None)
+    with pytest.raises(RecordingError, match=r"F shows no mass: 2\.5 kg would change it by .* \[wrong_mass\]"):
+        admit([copy], mass=MASS)
+    assert examine([copy], mass=0.0).findings == []
+
+
 def test_a_late_force_is_measured_in_milliseconds() -> None:
     plain = rig()
     assert plain.F is not None

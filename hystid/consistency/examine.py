@@ -13,7 +13,7 @@ import numpy as np
 from hystid.consistency import words
 from hystid.consistency.cut_off import kept_size, with_full_sizes
 from hystid.consistency.filters import Form, filtered
-from hystid.consistency.force import FOURFOLD, Force, examine_force
+from hystid.consistency.force import EXPLAINED, FOURFOLD, Force, examine_force
 from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, computed, formula, motion, pairs, spectrum
 from hystid.consistency.slips import PRIOR_SLIP, SURE, Explanation, Situation, doubtful_units, explain, with_alike
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
@@ -33,7 +33,6 @@ _CERTAIN = 0.8  # coherence at which a response is read band by band
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
 _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
 _MATTERS = 0.01  # share of the power of the motion: a tenth of its size
-_EXPLAINED = 0.5  # of the power of the force that laws explain, from which it belongs to the motion
 _STANDS_OUT = 10.0  # motion over noise from which two channels are coherent, whatever else differs
 _DRIFT = 0.01  # share of the power of a channel
 
@@ -108,6 +107,8 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
             force = examine_force(mended) if best.slips and len(recording) >= _SHORTEST else force
             findings += _judged_force(mended, force)
             findings += [] if findings else _sizes(mended)
+            if mass and not findings and force is not None and force.denies(mass):
+                findings.append(words.no_inertia(recording, force, mass))
         # a channel that is cut off loses motion where that is large, not by frequency
         whole = [p for p in compared if kept[p.low] == kept[p.high] == 1.0]
         findings += _lags(recording, compared, best, forms) + _filters(recording, whole, best, forms)
@@ -142,7 +143,7 @@ def _situation(recording: Recording, compared: Sequence[Pair], force: Force | No
     names = motion(recording)
     ratio = None
     # a force that no law explains, as the noise of a free decay, says nothing about the mass
-    seen = force is not None and force.free_share > _EXPLAINED
+    seen = force is not None and force.free_share > EXPLAINED
     # nor does a mass whose sign is not that of the force: a spring and an inertia of one frequency are alike
     seen = seen and force is not None and (force.mass > 0) == (force.share >= force.reversed_share)
     if mass and force is not None and seen and math.isfinite(force.mass_ratio_error):
@@ -346,7 +347,7 @@ def _is_late(recording: Recording, force: Force) -> bool:
 def _fits_aligned(force: Force) -> bool:
     """Whether the force belongs to the motion once it is aligned, and not before: an unknown law may look late, too."""
     before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
-    return before < _EXPLAINED < after
+    return before < EXPLAINED < after
 
 
 def _main(recording: Recording) -> float:
@@ -358,7 +359,7 @@ def _main(recording: Recording) -> float:
 
 def _inertia(recording: Recording, force: Force | None, mass: float | None) -> float:
     """rms of m a over that share of F which does work, with the mass given or else the apparent one; 0: unknown."""
-    if force is None or recording.F is None or recording.a is None or force.power <= 0 or force.share < _EXPLAINED:
+    if force is None or recording.F is None or recording.a is None or force.power <= 0 or force.share < EXPLAINED:
         return 0.0
     moving = mass if mass is not None else force.mass if force.mass > 3 * force.mass_error else 0.0
     return moving * float(np.std(recording.a)) / (force.power * float(np.std(recording.F)))

@@ -26,6 +26,10 @@ _INTEGRATED = 1e-4  # share of noise in the power of an integrated displacement:
 _HALF = 0.5
 _PERIODS = 4  # of the motion, over which its energy is averaged
 _REST = 0.01  # energy at the beginning over the largest one, from which it could tell for a tenth of the force
+_TENTH = 0.1  # of the force, by which a mass would change it
+_NOISY = 0.2  # of an acceleration: twice what sensors of 20 dB leave
+EXPLAINED = 0.5  # of the power of the force that laws explain, from which it belongs to the motion
+_WEIGHED = 0.37  # of a weighed mass: four standard deviations of what fixtures and springs add to its logarithm
 _FEWEST = 64  # samples of a force that can be compared with a motion
 FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
 
@@ -40,8 +44,9 @@ class Force:
     stiffness: slope of F over x [N/m]; correlation of the two. lag [s]: how much later the force is, with its error;
     free_share and free_lag_share: what any law explains before and after that shift; lag_share, lag_reversed: a
     passive one after it. samples: number of independent samples that tell the sign, from the correlation time of what
-    is left. law: relative error of the mass from laws that the free ones do not follow. hidden_lag [s]: shifts of the
-    force that leave less than fourfold of what the best one leaves: a law that looks late may be behind them.
+    is left. law: relative error of the mass from laws that the free ones do not follow. weight [1/kg]: what a mass adds
+    to the force that no law makes, over the rms of the force; 0 where noise may add as much. hidden_lag [s]: shifts of
+    the force that leave less than fourfold of what the best one leaves: a law that looks late may be behind them.
     """
 
     share: float
@@ -59,6 +64,7 @@ class Force:
     lag_reversed: float
     samples: float
     law: float
+    weight: float
     hidden_lag: float
 
     @property
@@ -67,6 +73,19 @@ class Force:
         if not np.isfinite(self.mass_error) or not self.mass:
             return np.inf
         return float(np.hypot(self.mass_error / abs(self.mass), self.law))
+
+    def denies(self, mass: float) -> bool:
+        """Whether a mass would show in the force, and next to none does.
+
+        Next to none: less than a weighed one can be off. To show: a tenth of the force, and six standard errors, both
+        of chance and of what laws leave (that the acceleration absorbs as much as they leave is two of them).
+        """
+        if not np.isfinite(self.mass_error) or self.free_share < EXPLAINED:
+            return False
+        lacking = mass - abs(self.mass)
+        left = max(1.0 - self.free_share, 0.0) ** 0.5
+        shows = lacking * self.weight > max(_TENTH, 3.0 * left) and lacking > 6.0 * self.mass_error
+        return abs(self.mass) < _WEIGHED * mass and shows
 
 
 @dataclass(frozen=True)
@@ -98,7 +117,7 @@ def examine_force(recording: Recording) -> Force | None:
     if first:
         now, flipped = _passive_from(columns, first, 0)
         there, back = _passive_from(columns, first, shift)
-    mass, error, law = _mass(columns, recording.quasi_static)
+    mass, error, law, weight = _mass(columns, recording.quasi_static)
     left = _left(columns)
     F, v, x = columns.F - np.mean(columns.F), columns.signed[:, 1], columns.x - np.mean(columns.x)
     lag, lag_error = _fine(columns, fit, shift)
@@ -107,7 +126,8 @@ def examine_force(recording: Recording) -> Force | None:
     return Force(
         now, flipped, mass, error, power, float(F @ x) / max(float(x @ x), 1e-300), float(F @ x) / size,
         lag * recording.dt, lag_error * recording.dt, fit.freely(0), fit.freely(shift), there, back,
-        (1 - first / len(F)) * len(left) / max(_memory(left), 1.0), law, fit.hidden(shift) * recording.dt,
+        (1 - first / len(F)) * len(left) / max(_memory(left), 1.0), law, weight,
+        fit.hidden(shift) * recording.dt,
     )  # fmt: skip
 
 
@@ -369,15 +389,15 @@ def _memory(left: Array) -> float:
     return 1.0 + 2.0 * float(np.sum(np.abs(rho[1:end])))
 
 
-def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float]:
-    """Apparent mass with a free law beside it, unsigned, its standard error (one block left out at a time), and the
-    relative error that laws of another form can make.
+def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float, float]:
+    """Apparent mass with a free law beside it, its standard error (one block left out at a time), the relative error
+    that laws of another form can make, and ``weight`` of the answer.
 
     What no free law explains is there for the acceleration to absorb as well: that it absorbed no more than what it
     left is taken as the limit of 95 %, two standard errors.
     """
     if quasi_static:
-        return np.nan, np.inf, np.inf
+        return np.nan, np.inf, np.inf, 0.0
     table, force = _table(columns)
     step = max(1, len(columns.F) // _ROWS)
     size = float(np.sqrt(np.mean(columns.signed[::step, 0] ** 2)))
@@ -393,4 +413,6 @@ def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float]:
     ]
     error = float(np.sqrt((_BLOCKS - 1) / _BLOCKS * np.sum((np.array(left_out) - np.mean(left_out)) ** 2)))
     absorbed = float(np.std(force - table @ fit) / max(float(np.std(alone)), 1e-300))
-    return float(fit[0]) / size, error, 0.5 * absorbed / max(abs(float(fit[0])), 1e-300)
+    own = float(np.std(alone))
+    weight = size * own / max(float(np.std(force)), 1e-300) if own > _NOISY else 0.0
+    return float(fit[0]) / size, error, 0.5 * absorbed / max(abs(float(fit[0])), 1e-300), weight

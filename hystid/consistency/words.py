@@ -9,7 +9,7 @@ from hystid.consistency.force import Force
 from hystid.consistency.kinematics import Pair
 from hystid.consistency.slips import CALIBRATION, LINEAR, USUAL, Explanation, Slip
 from hystid.consistency.types import Finding
-from hystid.recording import Array
+from hystid.recording import Array, Recording
 from hystid.units import to_si
 
 _DERIVATIVES = {("x", "v"): "dx/dt", ("x", "a"): "the second derivative of x", ("v", "a"): "dv/dt"}
@@ -96,6 +96,19 @@ def _mass(name: str, slip: Slip, rotational: bool, mass: float | None) -> Findin
     mend = f"give --mass {_number(true)} if it was weighed so, or check the units of F and a"
     mend += f", for {' or '.join(same)} would look the same" if same and not rotational else ""
     return Finding(name, "m", "wrong_mass", sentence, mend, "refuse", seen)
+
+
+def no_inertia(recording: Recording, force: Force, mass: float) -> Finding:
+    """The force follows the motion without the mass that was given."""
+    word, unit = ("inertia", "kg.m2") if recording.rotational else ("mass", "kg")
+    sentence = (
+        f"F shows no {word}: {_number(mass)} {unit} would change it by {100 * mass * force.weight:.0f} %, and laws"
+    )
+    sentence += f" of x and v explain {100 * force.free_share:.4g} % of it without any"
+    mend = f"give the {word} as 0 where F is measured behind the moving parts, or check that all channels are measured"
+    return Finding(
+        recording.name, "m", "wrong_mass", sentence, mend, "refuse", {"apparent mass": force.mass, "given mass": mass}
+    )
 
 
 def _units(channel: str, slip: Slip, power: int) -> list[str]:
