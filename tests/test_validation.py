@@ -56,6 +56,15 @@ def test_the_reference_itself_is_found_exact(folder: Path, name: str) -> None:
     assert [case.levels is not None for case in result.cases] == [True, False]
 
 
+def test_a_force_is_sampled_as_the_surrogate_was(tmp_path: Path) -> None:
+    """At ten times its rate the memory of a surrogate is refused; nobody should have to name the rate that it states."""
+    slow = replace(smooth_slider(), sample_rate=1000.0)
+    exchange.write(slow, tmp_path / "slow.onnx")
+    build(oscillator_code(tmp_path / "slow.onnx"), tmp_path / "slow.fmu")
+    result = validate(tmp_path / "slow.onnx", reference=tmp_path / "slow.fmu", forces=["harmonic:20Hz@40N,0.5s"])
+    assert result.cases[0].reference.sample_rate == pytest.approx(1000.0)
+
+
 def test_recordings_give_the_same_answer(folder: Path) -> None:
     result = validate(folder / "surrogate.fmu", [recorded()])
     assert result.figures("force_nrmse")[0] < 1e-10 and result.figures("x_nrmse")[0] < 1e-9

@@ -291,7 +291,10 @@ def validate(
     mass: Annotated[
         float | None, typer.Option(metavar="KG", help="Moving mass in kg, if not that of the model.")
     ] = None,
-    dt: Step = 1e-4,
+    dt: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Time step in s of a force given as SPEC, if not that of the surrogate."),
+    ] = None,
     band: opt.BandText = None,
     decimate: opt.Decimate = 1,
     further: opt.Input = None,

@@ -27,6 +27,7 @@ SHORTEST = 50
 HARMONICS = 10
 RUNAWAY = 100.0
 """A free run further out than this many times the reference's greatest displacement has diverged."""
+_STEP = 1e-4  # s of a force for a surrogate without a sample rate of its own
 
 
 def validate(
@@ -36,7 +37,7 @@ def validate(
     reference: str | Path | None = None,
     forces: Sequence[str] = (),
     mass: float | None = None,
-    dt: float = 1e-4,
+    dt: float | None = None,
     band: Band | None = None,
     decimate: int = 1,
     out: Path | None = None,
@@ -45,8 +46,9 @@ def validate(
 
     surrogate: surrogate.onnx, surrogate.fmu (x, v -> R) or oscillator.fmu (F -> x, v, a, R). recordings: measured
     tests; band [Hz] and decimate: their processing (``processing.prepare``). reference: FMU with input F; forces: what
-    drives it, specifications at step dt [s] or files. mass [kg]: instead of the surrogate's own. out: folder for
-    validation.json. Both sides start with the same x, v and restoring force.
+    drives it, specifications at step dt [s] (None: that of the surrogate's samples, else 0.1 ms) or files. mass [kg]:
+    instead of the surrogate's own. out: folder for validation.json. Both sides start with the same x, v and restoring
+    force.
 
     A free run that diverges is a result (``Case.diverged``). Raises UsageError (nothing to compare with, sample rates
     that do not fit), RecordingError (no x, too short), NetworkError and FmuError (a file that cannot be used).
@@ -55,7 +57,7 @@ def validate(
     >>> fmu = hystid.build("HystId.Oscillators.Jenkins", "jenkins.fmu")
     >>> sweep = hystid.simulate(fmu, "chirp:0-60Hz@60N,2s", dt=4e-4, noise_snr=40)
     >>> folder = hystid.identify(sweep, mass=1.0, ensemble=2, method="published", workers=1).save("model")
-    >>> check = hystid.validate(folder / "surrogate.fmu", reference=fmu, forces=["harmonic:20Hz@50N,1s"], dt=4e-4)
+    >>> check = hystid.validate(folder / "surrogate.fmu", reference=fmu, forces=["harmonic:20Hz@50N,1s"])
     >>> float(check.figures("force_nrmse")[0]) < 0.2
     True
     """
@@ -66,8 +68,8 @@ def validate(
         raise UsageError(f"{reference}: a reference FMU needs a force to be driven by, as harmonic:20Hz@80N,2s")
     model = open_surrogate(Path(surrogate), mass)
     if reference:
-        driver = Driver(reference)
-        prepared = [prepare(simulate(driver, force_of(force, dt)), mass=model.mass) for force in forces]
+        driver, step = Driver(reference), dt or (1 / model.sample_rate if model.sample_rate else _STEP)
+        prepared = [prepare(simulate(driver, force_of(force, step)), mass=model.mass) for force in forces]
     else:
         admitted = admit(recordings, model.mass)
         prepared = [
