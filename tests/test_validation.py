@@ -57,7 +57,7 @@ def test_the_reference_itself_is_found_exact(folder: Path, name: str) -> None:
 
 
 def test_a_force_is_sampled_as_the_surrogate_was(tmp_path: Path) -> None:
-    """At ten times its rate the memory of a surrogate is refused; nobody should have to name the rate that it states."""
+    """At ten times its rate a surrogate is refused; nobody should have to name the rate that it states."""
     slow = replace(smooth_slider(), sample_rate=1000.0)
     exchange.write(slow, tmp_path / "slow.onnx")
     build(oscillator_code(tmp_path / "slow.onnx"), tmp_path / "slow.fmu")
