@@ -151,7 +151,10 @@ class Effect:
             return 0.02 * scales.path, 3.0 * scales.path
         if self._is_lead(shape):
             return _LEAD[0] / (2 * np.pi * scales.band[1]), 1 / (2 * np.pi * scales.band[0])
-        return shape_bounds(shape, scales)
+        low, high = shape_bounds(shape, scales)
+        if self.needs_clock and shape.unit == "s" and shape in self.law.shapes:
+            low = max(low, 1 / scales.band[1])  # what is over within a period is how a recording begins
+        return low, high
 
     def _is_lead(self, shape: Variable) -> bool:
         """Whether a shape is a time in a law without memory: it weighs the velocity against the displacement."""
@@ -163,7 +166,7 @@ class Effect:
             return np.geomspace(0.1, 1.0, 3) * scales.path
         if self._is_lead(shape):
             return np.array(_LEAD[1:]) / (2 * np.pi * scales.band[1])
-        return shape_values(shape, scales, fine=fine)
+        return np.unique(np.clip(shape_values(shape, scales, fine=fine), *self.bounds(shape, scales)))
 
     @property
     def lasts(self) -> bool:

@@ -91,7 +91,11 @@ class Reduction:
         return np.concatenate([1 / np.sqrt(self.plain(i, by**2)) for i, by in enumerate(ones)])
 
     def _whitened(self, columns: Sequence[Array]) -> Sequence[Array]:
-        """Columns of all parts after their filters, in one transform where the parts are of one length."""
+        """Columns of all parts after their filters, in one transform where the parts are of one length.
+
+        What stands in samples that are not valid must not reach the rows beside them through a filter.
+        """
+        columns = [c if p.valid is None else c * p.valid for p, c in zip(self.parts, columns, strict=True)]
         if self._together is not None:
             return list(filtered(np.stack(columns), self._together))
         return [self._whitened_of(i, column) for i, column in enumerate(columns)]
