@@ -93,9 +93,11 @@ class Reduction:
     def _whitened(self, columns: Sequence[Array]) -> Sequence[Array]:
         """Columns of all parts after their filters, in one transform where the parts are of one length.
 
-        What stands in samples that are not valid must not reach the rows beside them through a filter.
+        A recording that begins with samples that are not valid is continued from its first valid one, as from its end:
+        what stands there must not reach the rows beside it through a filter.
         """
-        columns = [c if p.valid is None else c * p.valid for p, c in zip(self.parts, columns, strict=True)]
+        begun = [0 if p.valid is None else int(np.argmax(p.valid)) for p in self.parts]
+        columns = [np.pad(c[b:], (b, 0), "symmetric") if b else c for b, c in zip(begun, columns, strict=True)]
         if self._together is not None:
             return list(filtered(np.stack(columns), self._together))
         return [self._whitened_of(i, column) for i, column in enumerate(columns)]
