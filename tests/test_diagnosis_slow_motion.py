@@ -1,5 +1,7 @@
 """Sound rigs in slow motion, and what a contact remembers from before: nothing is missing, and nothing is named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -131,6 +133,16 @@ def test_what_errors_of_a_law_leave_in_filtered_rows_is_known(one_sign: bool) ->
     scatter = np.sqrt(np.mean(np.square(draws), axis=0))
     # 400 draws of a normal variable: its standard deviation is known to 3.5 %, in one of 5,000 rows to 14 %
     assert np.all(scatter <= 1.15 * reduce.spread([open_]) + 1e-6 * np.max(scatter))
+
+
+def test_first_samples_that_do_not_count_do_not_reach_the_rows() -> None:
+    t, x, v, a = by_hand(7)
+    F = RIG["m"] * a + RIG["B"] * v + RIG["Kl"] * x
+    part = prepare_part(seen("x", t, F, {"x": x}, 0.02, 0.0, 7))
+    reduce = Reduction([replace(part, valid=np.arange(N) >= 400)], RIG["m"])
+    assert not reduce.is_local  # a filter that sees thousands of samples
+    unknown = np.where(np.arange(N) < 400, 1e3, 1.0)  # as the force of a contact whose past nobody knows
+    np.testing.assert_array_equal(reduce([unknown]), reduce([np.ones(N)]))
 
 
 def test_rows_of_which_a_law_is_not_sure_say_nothing_until_they_hold_more() -> None:
