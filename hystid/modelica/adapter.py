@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from typing import Any
 
 from hystid.modelcode import BuiltInText, Enumeration
-from hystid.modelica.dictionary import REFUSED, DictionaryReader, spans
+from hystid.modelica.dictionary import REFUSED, DictionaryReader
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text
 from hystid.modelica.flat import (
     Action,
@@ -25,21 +25,24 @@ from hystid.modelica.flat import (
     When,
 )
 from hystid.modelica.sections import Carried
-from hystid.modelica.spoken import structural_names, unconnected
+from hystid.modelica.spoken import spans, structural_names, unconnected
 from hystid.modelica.tables import is_table_object
 
 
 class Adapter(DictionaryReader):
     """Reads one dictionary: declarations, equations, functions."""
 
-    def model(self, d: Mapping[str, Any]) -> FlatModel:
-        """The flat model. Raises ModelicaError for what the subset leaves out."""
+    def model(self, d: Mapping[str, Any], deciding: Set[str]) -> FlatModel:
+        """The flat model. deciding: last names of parameters on which components depend.
+
+        Raises ModelicaError for what the subset leaves out.
+        """
         self._note_pieces(d)
         self._enumerations = {k: float(v) for k, v in d["enum_literal_ordinals"].items()}
         self._records = d["record_instances"]
         self._record_types = {int(k): r for k, r in d["record_types"].items()}
         self._refuse_sections(d)
-        structural = structural_names(d)
+        structural = structural_names(d, deciding)
         texts = [v for v in d["variables"].values() if self._is_text(v, d)]
         for v in texts:
             self._note_text(v)

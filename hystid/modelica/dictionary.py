@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, NoReturn
 
@@ -12,13 +12,13 @@ from hystid.modelica.diagnostics import declared_at
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text, balanced_sum
 from hystid.modelica.flat import Place
 from hystid.modelica.sources import Source
+from hystid.modelica.spoken import dictionaries, spans
 
 _BINARY = {
     "Add": "+", "Sub": "-", "Mul": "*", "Div": "/", "Exp": "^", "And": "and", "Or": "or",
     "AddElem": "+", "SubElem": "-", "MulElem": ".*", "DivElem": "./", "ExpElem": ".^",
     "Lt": "<", "Le": "<=", "Gt": ">", "Ge": ">=", "Eq": "==", "Neq": "<>", "Ne": "<>",
 }  # fmt: skip
-_NESTED = frozenset((dict, list))
 _UNARY = {"Minus": "neg", "Not": "not", "Plus": "+", "DotMinus": "neg", "DotPlus": "+"}
 
 # The front end is asked for this class, which extends the wanted one.
@@ -54,20 +54,13 @@ class DictionaryReader:
 
     def _note_pieces(self, node: Any) -> None:
         """Collects identifiers with their offsets by source number, to find out which file a number means."""
-        stack = [node]
-        while stack:
-            node = stack.pop()
-            inside, span = node, None
-            if type(node) is dict:
-                inside = node.values()
-                span = node.get("span")
-                if isinstance(span, dict) and ("ident" in node or "subscripts" in node):
-                    word = node.get("ident") or _last_name(node)
-                    pieces = self._pieces.setdefault(span["source"], {})
-                    if word and len(pieces) < 200:
-                        pieces[(span["start"], span["end"])] = word
-            nested = [value for value in inside if type(value) in _NESTED and value is not span]
-            stack.extend(reversed(nested))  # in the order of the text
+        for piece in dictionaries(node):
+            span = piece.get("span")
+            if isinstance(span, dict) and ("ident" in piece or "subscripts" in piece):
+                word = piece.get("ident") or _last_name(piece)
+                pieces = self._pieces.setdefault(span["source"], {})
+                if word and len(pieces) < 200:
+                    pieces[(span["start"], span["end"])] = word
 
     def _source(self, number: int) -> Source | None:
         if number not in self._origin:
@@ -257,15 +250,3 @@ def _added(binary: Mapping[str, Any]) -> list[Any]:
         terms.append(node["Binary"]["rhs"])
         node = node["Binary"]["lhs"]
     return [node, *reversed(terms)]
-
-
-def spans(node: Any) -> Iterator[Mapping[str, Any]]:
-    """Dictionaries with a span, outermost first."""
-    if isinstance(node, dict):
-        if isinstance(node.get("span"), dict):
-            yield node
-        for value in node.values():
-            yield from spans(value)
-    elif isinstance(node, list):
-        for value in node:
-            yield from spans(value)

@@ -30,7 +30,6 @@ from hystid.modelica.adapter import Adapter
 from hystid.modelica.annotations import description_of, experiment_of
 from hystid.modelica.diagnostics import broken_down, explain, gave_up, located_syntax_error
 from hystid.modelica.dictionary import ASKED_FOR
-from hystid.modelica.expr import refs
 from hystid.modelica.flat import FlatModel
 from hystid.modelica.sizes import deciding_words
 from hystid.modelica.sources import Source, declaration, library_folder, read
@@ -53,30 +52,10 @@ def flatten(
     """
     texts = [source for source, _ in library]
     with _one_root(library) as root, FrontEnd(name, files, texts, root) as front_end:
-        flat = Adapter(name, (*files, *texts)).model(front_end.flat_dictionary(structure))
-    flat = _with_what_decides_components(flat, deciding_words(name, (*files, *texts)))
+        dictionary = front_end.flat_dictionary(structure)
+    flat = Adapter(name, (*files, *texts)).model(dictionary, deciding_words(name, (*files, *texts)))
     declared = declaration(name, (*files, *texts))
     return replace(flat, description=description_of(declared), experiment=experiment_of(declared))
-
-
-def _with_what_decides_components(flat: FlatModel, words: frozenset[str]) -> FlatModel:
-    """Marks the parameters of these names, which decide components, and those that their values follow from.
-
-    The front end reports what decides equations and sizes of variables, and nothing of components.
-    """
-    found = {v.name for v in flat.variables if v.name.rpartition(".")[2].partition("[")[0] in words}
-    bindings = {v.name: refs(v.binding) for v in flat.variables if v.binding is not None}
-    more = found
-    while more:
-        more = {n for name in more for n in bindings.get(name, ())} - found
-        found |= more
-    return replace(
-        flat,
-        variables=tuple(
-            replace(v, structural=v.structural or (v.variability == "parameter" and v.name in found))
-            for v in flat.variables
-        ),
-    )
 
 
 @contextmanager
