@@ -244,6 +244,32 @@ def test_what_is_remembered_for_most_of_a_recording_is_no_mismatch() -> None:
     assert float(left_out.split("its first ")[1].split(" s")[0]) > 3.2  # more than half
 
 
+def test_a_contact_that_slips_late_was_at_rest_where_the_recording_says_so() -> None:
+    """Its memory would leave out all but a few samples, which any parameters fit: a spring that is missing was not
+    seen."""
+    t = np.arange(5000) * 1e-3
+    growth = 0.4 + 0.6 * t / t[-1]
+    x = 1e-3 * growth * (np.sin(9.0 * t + 0.7) + 0.4 * np.sin(23.0 * t))
+    v = np.gradient(x, 1e-3, edge_order=2)
+    a = np.gradient(v, 1e-3, edge_order=2)
+    h = np.zeros_like(x)
+    for i in range(1, len(x)):  # an elastic slider, at rest before the first sample
+        h[i] = np.clip(h[i - 1] + 4000.0 * (x[i] - x[i - 1]), -3.0, 3.0)
+    rng = np.random.default_rng(3)
+    for cubic in (0.0, 2e9):
+        channels = {"F": 2.0 * a + 5.0 * v + 3000.0 * x + h + cubic * x**3, "x": x, "v": v, "a": a}
+        noisy = {key: u + 2e-3 * np.std(u) * rng.standard_normal(len(u)) for key, u in channels.items()}
+        found = diagnose(
+            Recording("by_hand", t, **noisy),
+            model="HystId.Oscillators.Jenkins",
+            parameters={"m": 2.0, "B": 6.0, "Kl": 2500.0, "Ks": 5000.0, "fc": 6.0},
+        )
+        assert any("bears out" in note for note in found.notes)
+        assert (found.verdict == "missing_physics") == bool(cubic)
+        # 54 dB and 5000 samples: a few thousandths; 3 % leaves room for the smoothed turns of the contact
+        assert found.final_values()["fc"].value == pytest.approx(3.0, rel=0.03)
+
+
 def test_a_mass_that_has_just_been_let_go_begins_at_rest() -> None:
     """A preload pulls from the first sample on: eight samples later the mass moves, and yet nothing was before.
 

@@ -10,13 +10,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.colour import NOISE_ERROR, coloured_alike, fainter, with_colour, with_colour_above
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import without_knocks
 from hystid.diagnosis.fit.periodic import PeriodicForce, periodic_forces
-from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
@@ -34,8 +35,11 @@ from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
 
+Array = NDArray[np.float64]
 _LIBRARY = "HystId."
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no louder than all that is left
+_SECTIONS = 10  # of a recording, the first of which tells most of what was before
+_RESTED = ", and what its contacts remember of the time before bears out that they were at rest"
 _BEGUN = 3  # times that the beginning is judged again by a refit
 
 
@@ -94,6 +98,7 @@ def pose(taken: Taken, model: str) -> Case:
         told = [f"the parameters that were given are no start: {sentence}", *told]
     if sentence := _no_force(baseline, parts):
         raise NumericalError(f"{sentence}; give parameters at which {model} has an answer on these recordings")
+    complete = parts
     parts, kept, running = beginning(parts, baseline, baseline.nominal)
     baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
@@ -106,6 +111,9 @@ def pose(taken: Taken, model: str) -> Case:
         problem, running = problem.of(longer), told_again
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
     held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
+    if (rested := _begun_at_rest(problem, complete, kept, sized)) is not None:
+        problem, (refitted, minima, nominal), begun_so = rested
+        running = [*(told for told in running if not told.startswith(begun_so)), *(f"{b}{_RESTED}" for b in begun_so)]
     held = beginning(held, baseline, refitted.hypothesis.values)[0]
     every = problem.parts
     if (knocked := without_knocks(problem, refitted)) is not None:
@@ -135,6 +143,42 @@ def pose(taken: Taken, model: str) -> Case:
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
     )  # fmt: skip
+
+
+def _begun_at_rest(
+    problem: Problem, whole: Sequence[Part], kept: Sequence[int], sized: Mapping[str, float]
+) -> tuple[Problem, tuple[Fit, tuple[Fit, ...], float], tuple[str, ...]] | None:
+    """The problem, refitted, with contacts at rest before the first sample of recordings of which their memory leaves
+    out most, and how sentences about these begin; None where there are none, or they were not at rest.
+
+    Few samples are left there, and any law fits them: what is missing would not be seen, and a contact that is believed
+    to slip late remembers for long. A wrong past leaves most at the beginning, and another past less than rest does.
+    """
+    used, moves = ([_count(part) for part in group] for group in (problem.parts, whole))
+    long = [i for i, part in enumerate(problem.parts) if part.past and 2 * used[i] < moves[i]]
+    if not long:
+        return None
+    tried = problem.of([whole[i] if i in long else part for i, part in enumerate(problem.parts)])
+    found = refit(tried, tuple(i for i in kept if i not in long), sized)
+    here = found[0].hypothesis
+    moving = [replace(whole[i], past=p.past) if i in long else p for i, p in enumerate(problem.parts)]
+    rests, others = (_by_section(one, standing(one, here)) for one in (tried, problem.of(moving)))
+    for i in long:
+        first = rests[i][0]
+        if first * (1 - NOISE_ERROR) > np.max(rests[i][1:]) or first > others[i][0]:
+            return None
+    return tried, found, tuple(f"{problem.parts[i].name} begins in mid-motion" for i in long)
+
+
+def _count(part: Part) -> int:
+    """Samples that say something about the law."""
+    return len(part) if part.valid is None else int(np.count_nonzero(part.valid))
+
+
+def _by_section(problem: Problem, fitted: Fit) -> list[Array]:
+    """Mean squares of the residual in sections of each recording, one after the other."""
+    pieces = np.split(fitted.residual, np.cumsum(problem.row_counts())[:-1])
+    return [np.array([np.sum(u**2) / max(len(u), 1) for u in np.array_split(rows, _SECTIONS)]) for rows in pieces]
 
 
 def _same(one: Flags | None, other: Flags | None) -> bool:
