@@ -139,7 +139,7 @@ def test_options_take_several_values_where_they_cannot_be_mistaken(given: str, m
 
 
 def test_texts_of_options() -> None:
-    assert numbers("--set", ["Ks=2e5", "m = 4.2"]) == {"Ks": 2e5, "m": 4.2}
+    assert numbers("--set", ["Ks=2e5", "m = 4.2", "stiff=false"]) == {"Ks": 2e5, "m": 4.2, "stiff": 0}
     assert pairs("--channel", ["F=Load cell"]) == {"F": "Load cell"}
     assert layer_sizes("5,5") == layer_sizes("5-5") == (5, 5)
 

@@ -136,13 +136,13 @@ def pairs(option: str, texts: Iterable[str] | None) -> dict[str, str]:
 
 
 def numbers(option: str, texts: Iterable[str] | None) -> dict[str, float]:
-    """``["Ks=2e5"]`` -> {"Ks": 2e5}. Raises UsageError for what is no finite number."""
+    """``["Ks=2e5"]`` -> {"Ks": 2e5}; true is 1. Raises UsageError for what is no finite number."""
     return {name: _number(f"{option} {name}={value}", value) for name, value in pairs(option, texts).items()}
 
 
 def _number(place: str, text: str) -> float:
     try:
-        value = float(text)
+        value = float({"true": "1", "false": "0"}.get(text, text))
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
