@@ -6,7 +6,7 @@ regressors are smoothed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -133,31 +133,35 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     """
     F, dt = recording.channel("F"), recording.dt
     measured = measured_motion(recording)
-    noise = {name: noise_level(values) for name, values in measured.items()}
-    noise["F"] = max(noise_level(F), MODEL_ERROR * float(np.std(F)))
-    louder = _louder({**measured, "F": F}, noise)
-    known, valid = _without_stops({**measured, "F": F}, noise, stopped or {})
-    seen, force = {name: known[name] for name in measured}, np.nan_to_num(known["F"])
+    channels = {**measured, "F": F}
+    # what is integrated does not know slow motion better than integration allows, however quiet it is
+    limited = frozenset("F" if "x" in measured else channels)
+    noise = {name: _at_least(name in limited, noise_level(values), values) for name, values in channels.items()}
+    louder = _louder(channels, noise, limited)
+    gapped, valid = _without_stops(channels, noise, stopped or {})
+    seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
     motion = smooth(seen, noise, dt, None, _of_motion(louder), force)
     inertia, order = _inertia(measured, dt, motion)
     return Part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
-        {**measured, "F": F}, valid, motion.roughness.lowest, 0, not recording.quasi_static,
+        channels, valid, motion.roughness.lowest, 0, not recording.quasi_static,
         {name: column for name, column in recording.extra.items() if len(column) == len(F)},
         _jitter(measured, noise, dt, motion, (seed, louder)), louder=louder,
     )  # fmt: skip
 
 
-def _louder(channels: Mapping[str, Array], noise: dict[str, float]) -> dict[str, Array]:
+def _at_least(limited: bool, level: float, values: Array) -> float:
+    return max(level, MODEL_ERROR * float(np.std(values))) if limited else level
+
+
+def _louder(channels: Mapping[str, Array], noise: dict[str, float], limited: Collection[str]) -> dict[str, Array]:
     """Noise of channels over its level, (n,) each, where it is louder for a while; ``noise`` is told the level of the
     rest then."""
     found = {}
     for name, values in channels.items():
         if (uneven := louder_for_a_while(values)) is not None:
             level, factor = uneven
-            quiet = min(noise[name], level)
-            if name == "F":
-                quiet = max(quiet, MODEL_ERROR * float(np.std(values)))
+            quiet = _at_least(name in limited, min(noise[name], level), values)
             found[name] = np.maximum(factor * level / quiet, 1.0)
             noise[name] = quiet
     return found
