@@ -142,7 +142,7 @@ _ADVICE = (
         r"unevaluable array dimensions|algorithm [`']for[`'] range",
         "; give a number that is known when the model is built",
     ),
-    (r"algorithm", "; write equations, or a function"),
+    (r"algorithm", "; write equations, or a function, in place of this algorithm section"),
     (
         r"branches have mismatched equation counts",
         "; every branch of an if-equation needs as many equations, 'else' too",
