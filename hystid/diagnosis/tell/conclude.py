@@ -11,7 +11,7 @@ import numpy as np
 from hystid.diagnosis.decide.answer import Answer, Verdict, refit_values
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.case import Case
-from hystid.diagnosis.fit.windows import for_recording
+from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.fit.zeros import zeros_instead
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
 from hystid.diagnosis.model.baseline import Baseline
@@ -43,7 +43,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
         Errors(p.name, f, (b[1], a[1])) for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
     )
     verdict = answer.verdict()
-    told = _not_borne_out(unseen) if choice.named else []
+    told = _not_borne_out(choice, unseen) if choice.named else []
     depends = tuple(dependences(case.problem, choice.after.hypothesis, choice.before.hypothesis))
     remains = _rest(choice)
     masses = several_masses(resonances(case.problem.parts)) if remains or choice.unknown else []
@@ -88,11 +88,13 @@ def free_run_only(fmu: FmuModel, taken: Taken, model: str) -> Diagnosis:
     return Diagnosis(verdict, f"{told}; {limits}", model, dict(values), {}, errors=listed, next_experiment=advice)
 
 
-def _not_borne_out(unseen: Sequence[Errors]) -> list[str]:
+def _not_borne_out(choice: Choice, unseen: Sequence[Errors]) -> list[str]:
     """A sentence for each held-out recording whose force is no better explained with what is named than without."""
+    parted = has_windows(choice.after.hypothesis)
+    why = "when it acts there is not known" if parted else "it may be of another state of the structure"
     return [
         f"{e.name} was held out and is not better explained with what is named (force error {100 * e.force[0]:.3g} % "
-        f"without, {100 * e.force[1]:.3g} % with it): it may be of another state of the structure"
+        f"without, {100 * e.force[1]:.3g} % with it): {why}"
         for e in unseen
         if e.force[1] >= e.force[0]
     ]
