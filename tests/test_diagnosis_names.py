@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hystid.diagnosis.decide.limits import is_itself
+from hystid.diagnosis.decide.limits import blames_in_vain, is_itself
 from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.hypothesis import Fit, Term
-from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.windows import Window, has_edges, windowed
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects
@@ -50,6 +50,22 @@ def test_a_contact_that_damps_more_than_it_carries_is_none(sound: tuple[Problem,
     spring, damper = ({**contact, "tau": share / (2 * np.pi * problem.scales.band[0])} for share in (0.1, 1.0))
     assert is_itself(problem, Term(law("impact", "KelvinVoigt"), spring), signals)
     assert not is_itself(problem, Term(law("impact", "KelvinVoigt"), damper), signals)
+
+
+def test_no_mass_is_blamed_that_leaves_the_force_as_it_is(sound: tuple[Problem, Fit]) -> None:
+    """Without mass, spring and damper the balance is F: nothing of it is explained, however large the inertia was."""
+    problem, fitted = sound
+    effect, mass = law("added_mass"), fitted.hypothesis.values["m"]
+    name = effect.semantics.mass
+    heavier = replace(fitted.hypothesis, terms=(Term(effect, {name: 0.05 * mass}),))
+    lost = replace(
+        fitted.hypothesis,
+        values={**fitted.hypothesis.values, "B": 0.0, "Kl": 0.0},
+        terms=(Term(effect, {name: -0.98 * mass}),),
+    )
+    assert blames_in_vain(problem, standing(problem, lost))
+    assert not blames_in_vain(problem, standing(problem, heavier))
+    assert not blames_in_vain(problem, fitted)
 
 
 @pytest.mark.parametrize(("name", "form"), [("bilinear_stiffness", "Rough"), ("contact_loss", "Smooth")])

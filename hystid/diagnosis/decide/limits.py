@@ -11,8 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hystid.diagnosis.fit.hypothesis import Term, is_mass
+from hystid.consistency.force import EXPLAINED
+from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
 from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.diagnosis.model.effects import Signals
 from hystid.diagnosis.model.semantics import End
 
@@ -47,6 +49,19 @@ def is_reached(problem: Problem, term: Term, end: End, signals: Sequence[Signals
         return value >= _AT * high if end.at == "top" else value <= low / _AT
     unit = _unit(problem, end.per)
     return value >= end.above * unit if end.above is not None else value < (end.below or 0.0) * unit
+
+
+def blames_in_vain(problem: Problem, fit: Fit) -> bool:
+    """Whether nothing but the force channel or the mass is blamed, and half of the force belongs to no motion still.
+
+    Where inertia is large beside the force, a mass of next to nothing, or a channel that is cut off, leaves the force
+    as it is and explains nearly all of the balance.
+    """
+    terms = fit.hypothesis.terms
+    if not terms or not all(isinstance(term.effect, ChannelEffect) or is_mass(term.effect) for term in terms):
+        return False
+    force = problem.reduce([part.F - np.mean(part.F) for part in problem.parts])
+    return bool(0.0 < (1.0 - EXPLAINED) * float(force @ force) < fit.rss)
 
 
 def _unit(problem: Problem, per: str) -> float:

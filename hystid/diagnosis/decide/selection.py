@@ -15,6 +15,7 @@ import numpy as np
 
 from hystid.diagnosis.decide.criterion import NAME, SOUND, Candidate, Criterion, Hypothesis, Posterior, zero_probability
 from hystid.diagnosis.decide.lawfree import free_curves
+from hystid.diagnosis.decide.limits import blames_in_vain
 from hystid.diagnosis.decide.part_time import in_windows
 from hystid.diagnosis.decide.trials import (
     LAST,
@@ -420,6 +421,8 @@ def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Ch
     posterior = weighed(heard)
     untestable = _untestable(search.candidates)
     chosen = _told(criterion, posterior)
+    if chosen is not None and blames_in_vain(search.problem, chosen[0].hypothesis.fit):
+        chosen = None
     if chosen is None:
         if posterior.zero is not None:  # what is left is the zero of a sensor
             before = posterior.zero.fit
