@@ -92,6 +92,16 @@ def test_a_mass_in_grams_is_named() -> None:
         admit([rig()], mass=1e3 * MASS)
 
 
+def test_a_mass_in_grams_and_a_force_in_kilonewton_are_both_told_where_sizes_do_not_tell() -> None:
+    # 250 kg under a few newtons are as unusual as a few newtons that were kilonewtons
+    light = replace(rig(), F=0.1 * np.asarray(rig().F))
+    found = examine([light], mass=1e3 * 0.1 * MASS).findings
+    assert {(item.channel, item.slip) for item in found} == {("F", "wrong_unit"), ("m", "wrong_mass")}
+    text = " ".join(map(str, found))
+    assert "looks like kN" in text and "or else" in text and "says a mass of 0.25" in text
+    assert not any(item.repair for item in found)  # nobody knows which one mends it
+
+
 def test_a_force_without_the_inertia_of_the_mass_is_no_recording_of_it() -> None:
     """x as a copy of F over a stiffness: laws explain all of F, and 2.5 kg would be three quarters of it."""
     plain = rig()

@@ -91,13 +91,15 @@ class Situation:
 class Explanation:
     """Slips together, ln of their posterior (not normalised), and what they leave unexplained (chi square).
 
-    alike: other units of a single slip that these data do not tell from its own.
+    alike: other units of a single slip that these data do not tell from its own; instead: slips of unit of other
+    channels that explain it as well, as a force in kN does a mass in g.
     """
 
     slips: tuple[Slip, ...]
     score: float
     misfit: float
     alike: tuple[str, ...] = ()
+    instead: tuple[Slip, ...] = ()
 
     @property
     def sound(self) -> bool:
@@ -121,17 +123,19 @@ def explain(situation: Situation) -> list[Explanation]:
 
 
 def with_alike(ordered: Sequence[Explanation]) -> Explanation:
-    """The first explanation, with the units of another size that explain it by the same channel at odds below 20."""
+    """The first explanation, with units of another size or of another channel that explain it at odds below 20."""
     best = ordered[0]
     if len(best.slips) != 1 or best.slips[0].kind != "unit":
         return best
-    channels = best.slips[0].channels
-    near = [best.slips[0]]
+    near: dict[tuple[str, ...], list[Slip]] = {best.slips[0].channels: [best.slips[0]]}
     for other in ordered[1:]:
         one = other.slips[0] if len(other.slips) == 1 and best.score - other.score < SURE else None
-        if one is not None and one.kind == "unit" and one.channels == channels and not _size_is_among(near, one):
-            near.append(one)
-    return replace(best, alike=tuple(one.units[1] for one in near[1:]))
+        if one is not None and one.kind == "unit" and not _size_is_among(near.setdefault(one.channels, []), one):
+            near[one.channels].append(one)
+    own, *others = near.values()
+    return replace(
+        best, alike=tuple(one.units[1] for one in own[1:]), instead=tuple(listed[0] for listed in others if listed)
+    )
 
 
 def _size_is_among(listed: Sequence[Slip], one: Slip) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from hystid.consistency.force import Force
 from hystid.consistency.kinematics import Pair
@@ -18,10 +19,16 @@ _DERIVATIVES = {("x", "v"): "dx/dt", ("x", "a"): "the second derivative of x", (
 def slips(
     name: str, best: Explanation, compared: Sequence[Pair], rotational: bool, mass: float | None
 ) -> list[Finding]:
-    """One finding per slip of an explanation."""
+    """One finding per slip of an explanation, and one for each slip that would explain as much instead."""
     if best.alike:
-        return [_unit(name, best.slips[0], compared, best.alike)]
-    return [_slip(name, slip, compared, rotational, mass) for slip in best.slips]
+        found = [_unit(name, best.slips[0], compared, best.alike)]
+    else:
+        found = [_slip(name, slip, compared, rotational, mass) for slip in best.slips]
+    if not best.instead:
+        return found
+    others = [_slip(name, slip, compared, rotational, mass) for slip in best.instead]
+    others = [replace(item, sentence=f"or else {item.sentence}") for item in others]
+    return [replace(item, repair={}) for item in (*found, *others)]  # nobody knows which one mends it
 
 
 def _slip(name: str, slip: Slip, compared: Sequence[Pair], rotational: bool, mass: float | None) -> Finding:
