@@ -85,7 +85,8 @@ class Slip:
     def listed(self, found: Examination) -> bool:
         """Whether a finding lists the right unit, beside units that these data do not tell from it."""
         units = (f.sentence.partition("it looks like ")[2].split(" or ") for f in found.findings if f.slip == self.rule)
-        return any(self.unit.partition("=")[2] in listed for listed in units if len(listed) > 1)
+        several = any("or else" in f.sentence for f in found.findings)
+        return any(self.unit.partition("=")[2] in listed for listed in units if several or len(listed) > 1)
 
     def undecided(self, told: Mapping[str, str]) -> bool:
         """Whether it was said of the recording, as it should be, that this slip would not show."""
