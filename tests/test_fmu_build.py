@@ -358,8 +358,9 @@ def test_all_platforms_in_one_fmu(tmp_path, version):
         assert names == {"linux64", "aarch64-linux", "win64", "darwin64"}
     windows = next(data for name, data in binaries.items() if name.endswith(".dll"))
     assert windows[:2] == b"MZ"
-    assert all(len(zlib.compress(data)) < 100_000 for data in binaries.values())  # two Macs share a file in FMI 2.0
-    assert len(windows) < 100_000
+    two = version == 2  # Macs, which share a file
+    # docs/fmu.md: 20 to 60 kB zipped
+    assert all(len(zlib.compress(d)) < 60_000 * (1 + (two and "darwin" in n)) for n, d in binaries.items())
 
 
 EXPLICIT = """
