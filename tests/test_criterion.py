@@ -11,7 +11,7 @@ import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.decide.criterion import ACCURACY, ZERO, Criterion, Hypothesis, effective_states, zero_probability
-from hystid.diagnosis.decide.selection import _Search
+from hystid.diagnosis.decide.hypotheses import Search
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_allowed
 from hystid.diagnosis.fit.independence import _cells, _independent
@@ -173,7 +173,7 @@ def test_a_set_is_compared_with_what_it_is_without_an_idle_member(stiffening: Di
     preload = next(e for e in load_effects([]) if e.id == "preload" and e.size == 1)
     idle = Term(preload, dict.fromkeys(preload.amplitudes, 0.0))
     both = standing(problem, replace(choice.after.hypothesis, terms=(*choice.after.hypothesis.terms, idle)))
-    search = _Search(problem, choice.before, [], lambda: None, ())
+    search = Search(problem, choice.before, [], lambda: None, ())
     rests = {
         rest.names: counts
         for rest, counts in search.without_one(Hypothesis(("cubic_stiffness", "preload"), 2, both), search.criterion)

@@ -1,57 +1,28 @@
-"""From a refit to names: hypotheses are made until none could earn its place any more, then the criterion decides.
-
-What is tried, and in which order, is a matter of cost. Singles come first; a window of time, and two or three effects
-together, only where the best single leaves what a further effect could still earn.
-"""
+"""From hypotheses to names: the criterion weighs them all, and the most probable one that can be told is named."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
-from hystid.diagnosis.decide.criterion import NAME, SOUND, Candidate, Criterion, Hypothesis, Posterior, zero_probability
+from hystid.diagnosis.decide.criterion import NAME, Candidate, Criterion, Hypothesis, Posterior, zero_probability
+from hystid.diagnosis.decide.hypotheses import Search
 from hystid.diagnosis.decide.lawfree import free_curves
 from hystid.diagnosis.decide.limits import blames_in_vain
-from hystid.diagnosis.decide.part_time import in_windows
-from hystid.diagnosis.decide.trials import (
-    LAST,
-    Trial,
-    also_from_nominal,
-    are_reached,
-    chain_trials,
-    distinct,
-    exchanged,
-    finished,
-    fitted_on,
-    ranked,
-    searched_again,
-    trials,
-)
-from hystid.diagnosis.fit.clipped import clipped_force
-from hystid.diagnosis.fit.hypothesis import Fit, Key, is_mass, is_source
+from hystid.diagnosis.decide.trials import LAST, Trial, are_reached
+from hystid.diagnosis.fit.hypothesis import Fit, Key, is_mass
 from hystid.diagnosis.fit.independence import is_noise
-from hystid.diagnosis.fit.problem import Problem, standing
-from hystid.diagnosis.fit.search import ABSORBED, other_minima, scan, try_fit
+from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.fit.search import ABSORBED, other_minima, try_fit
 from hystid.diagnosis.fit.search import Candidate as Scanned
-from hystid.diagnosis.fit.windows import has_windows
 from hystid.diagnosis.fit.zeros import zero_of_term
-from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drift
 from hystid.diagnosis.model.effects import Effect
 
-_LEAP = 0.5  # share of the misfit that is left by a start from nominal values, from which the refit was stuck
 _ROUNDS = 3  # of looking for a better local minimum of what leads
-_STARTS = 3  # singles from which sets of effects grow
-_TRIED, _LAWS = 6, 4  # forms that are fitted as a further member of a set, and laws among them
-_MEMBERS = 3  # effects of a set at most
-_REPLACED = 4  # other effects that are tried in the place of each member of the leading set
 _CHANCE = 1e-3  # probability below which a hypothesis is not looked at more closely
 _ALIKE = 0.05  # of the probability of what leads: less is told apart, unless it fits better with more parameters
-_WORK = 15_000_000  # rows of residuals after which no further set is begun: some ten seconds, counted and not timed
-_FINISHED = 4  # effects that are fitted to the end beside the leading one
 
 
 @dataclass(frozen=True)
@@ -114,295 +85,12 @@ def choose(
 
     minima: other local minima of the refit. unseen: what held-out recordings say about a fit.
     """
-    search = _Search(problem, baseline, effects, progress, minima)
+    search = Search(problem, baseline, effects, progress, minima)
     found = search.hypotheses()
     return _decided(search, found, unseen)
 
 
-class _Search:
-    """Makes the hypotheses about one problem."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        baseline: Fit,
-        effects: Sequence[Effect],
-        progress: Callable[[], None],
-        minima: Sequence[Fit],
-    ) -> None:
-        self.problem, self.baseline, self.effects, self.minima = problem, baseline, effects, minima
-        drifts = (force_drift(len(problem.parts), bow=bow) for bow in (False, True))
-        self.library = [*effects, *drifts, *clipped_force(problem, baseline)]
-        self.candidates = scan(problem, baseline, self.library, progress)
-        self.criterion = Criterion(problem, baseline, len({effect.id for effect in self.library}))
-        self.first: list[Trial] = []
-        self.restarted = False
-        self.began = problem.work
-        self.exact: dict[str, float] = {}
-
-    @property
-    def floor(self) -> float:
-        """Mean square that noise leaves of the baseline."""
-        return self.criterion.floor
-
-    @property
-    def excess(self) -> float:
-        """Misfit of the baseline above the noise."""
-        return self.baseline.chi2 - self.floor
-
-    def hypotheses(self) -> list[Hypothesis]:
-        """Sets of effects, each fitted."""
-        found: list[Hypothesis] = []
-        if not self._may_gain(self.candidates, self.excess) and (
-            self.is_noise or self.criterion.is_reached(self.excess)
-        ):
-            return self._singles(chain_trials(self.problem, self.baseline, self.effects))
-        self.first = self._trials()
-        found = self._singles(self.first)
-        self.exact = {h.names[0]: self.criterion.misfit(h.fit, h.floor) for h in found if h.exact}
-        if self.is_noise and not self._leads(found):
-            return found
-        if not self._all_is_explained(found):
-            found += self._in_windows()
-        if self.first and not self._all_is_explained(found):
-            found += self._sets()
-        else:
-            for start in distinct(self.first)[:_STARTS]:
-                pairs = list(self._beside(start))
-                found += pairs
-                if not pairs:  # what fits less well leaves more, and would win by no further law
-                    break
-        return found
-
-    @cached_property
-    def is_noise(self) -> bool:
-        """Whether what the baseline leaves is noise, whatever its level."""
-        return is_noise(self.problem, self.baseline)
-
-    def _leads(self, found: Sequence[Hypothesis]) -> bool:
-        """Whether any effect explains more than it costs."""
-        criterion, whole = self.criterion, self.excess
-        return any(
-            criterion.likelihood(m) - criterion.likelihood(whole) > criterion.penalty(h.size, 1, m)
-            for h in found
-            if (m := criterion.misfit(h.fit, h.floor)) < whole
-        )
-
-    def _may_gain(self, candidates: Sequence[Scanned], misfit: float) -> bool:
-        """Whether any effect could be worth its price beside a fit, as a scan sees it; scans are linear, hence the
-        factor.
-
-        What one column takes does not hang on how well the level of the noise is known, as what is left in all does.
-        Where all is within that level, a column counts from the size on that a sound rig does not leave.
-        """
-        criterion = self.criterion
-        most = max((c.gain for c in candidates), default=0.0) / criterion.rows
-        least = SOUND**2 * criterion.force if misfit < criterion.slack else 0.0
-        gain = criterion.likelihood(0.0) - criterion.likelihood(2 * most)
-        return most > least and gain > criterion.price(1, 0.0)
-
-    def formed(self, names: Sequence[str]) -> float:
-        """Misfit that is left to those effects of a set that have a form, which may be a little wrong."""
-        return min([self.excess, *(misfit for name, misfit in self.exact.items() if name in names)])
-
-    def _all_is_explained(self, found: Sequence[Hypothesis]) -> bool:
-        best = min(found, key=lambda h: self.criterion.misfit(h.fit, h.floor), default=None)
-        if best is None:
-            return self.criterion.is_reached(self.excess)
-        misfit = self.criterion.misfit(best.fit, best.floor)
-        if self.criterion.is_settled(misfit, self.formed(best.names)):
-            return True
-        return best.windowed and is_noise(self.problem, best.fit)
-
-    def _trials(self) -> list[Trial]:
-        """Joint fits of the promising effects, each from the best starts that are known."""
-        problem, before = self.problem, self.baseline
-        chain = chain_trials(problem, before, self.effects)
-        first = trials(problem, before, self.candidates, self.excess, chain)
-        if not first:
-            return []
-        freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=before.hypothesis.terms, late=False), 25)
-        if freed is not None and before.chi2 - freed.chi2 > 0.1 * self.excess and not self.restarted:
-            self.baseline, self.restarted = freed, True  # the refit was stuck, and the effect a way out
-            self.minima = (before, *self.minima)
-            self.criterion = Criterion(problem, freed, self.criterion.ids)
-            self.__dict__.pop("is_noise", None)
-            self.candidates = scan(problem, freed, self.library)
-            return self._trials()
-        if not self._is_reached(first[0]):
-            stuck = first[0].chi2
-            first = also_from_nominal(problem, first, self.baseline, self.library)
-            if first[0].chi2 - self.floor < _LEAP * (stuck - self.floor):  # nothing was fitted from there yet
-                first = exchanged(problem, first, self.baseline, self.library)
-        if not self._is_reached(first[0]):
-            first = searched_again(problem, first, self.baseline, self.floor, self.minima)
-        for _ in range(_ROUNDS):
-            best = first[0].chi2
-            first = finished(problem, exchanged(problem, first, self.baseline), self.excess)
-            if best - first[0].chi2 < self.criterion.slack:
-                break
-        return ranked(problem, [*self._to_the_end(first), *first])
-
-    def _to_the_end(self, first: Sequence[Trial]) -> Iterator[Trial]:
-        """What fits about as well as a right law, fitted on: a law with corners creeps, and comparisons end early."""
-        usual = self.criterion.usual * self.excess
-        forms = {t.form: t for t in reversed(first) if t.name == first[0].name}
-        leading = [*distinct(first), *forms.values()]
-        unlike = {id(t): t for t in leading}.values()
-        near = [t for t in unlike if t.chi2 - self.floor < usual and not self._is_reached(t)]
-        for trial in near[:_FINISHED]:
-            best = fitted_on(self.problem, trial.fit)
-            if best.chi2 < trial.chi2:
-                yield replace(trial, fit=best, others=())
-
-    def _is_reached(self, trial: Trial) -> bool:
-        return self.criterion.is_reached(self.criterion.misfit(trial.fit, float("nan")))
-
-    def _is_settled(self, line: Sequence[Trial]) -> bool:
-        misfit = self.criterion.misfit(line[-1].fit, float("nan"))
-        return self.criterion.is_settled(misfit, self.formed([trial.name for trial in line]))
-
-    def _singles(self, found: Sequence[Trial]) -> list[Hypothesis]:
-        """One hypothesis per id and size: the best form of each."""
-        made: dict[tuple[str, int], Trial] = {}
-        for trial in found:
-            made.setdefault((trial.name, trial.size), trial)
-        return [self._hypothesis((t.name,), t.size, t.fit) for t in made.values()]
-
-    def _hypothesis(self, names: tuple[str, ...], size: int, fit: Fit, *, windowed: bool = False) -> Hypothesis:
-        near = fit.chi2 - self.floor < 2 * self.criterion.slack + 0.1 * self.excess
-        floor = self.criterion.floor_of(fit) if near else self.floor
-        terms = {term.effect.id: term.effect for term in fit.hypothesis.terms}
-        exact = all(name not in terms or _is_exact(terms[name]) for name in names)
-        curves = Counter(effect.curve_of for effect in terms.values() if effect.curve_of)
-        return Hypothesis(names, size, fit, windowed, exact, floor, curves=max(curves.values(), default=1))
-
-    def _in_windows(self) -> Iterator[Hypothesis]:
-        """Effects that act for a part of the time, or of the levels. What these cost is not taken from the sets."""
-        began = self.problem.work
-        for fit in in_windows(self.problem, self.criterion, self.baseline, self.effects):
-            effect = fit.hypothesis.terms[-1].effect
-            yield self._hypothesis((effect.id,), effect.size, fit, windowed=has_windows(fit.hypothesis))
-        self.began += self.problem.work - began
-
-    def _sets(self) -> list[Hypothesis]:
-        """Two or three effects: forward from the leading singles, then members exchanged for others."""
-        found: list[Hypothesis] = []
-        for start in distinct(self.first)[:_STARTS]:
-            line = self._line(start, self.library, found)
-            if len(line) > 1 and self._is_settled(line):
-                break
-        if not self.problem.baseline.has_h:  # what weakens or pinches hysteresis says nothing before there is some
-            readers = [effect for effect in self.library if effect.uses_h]
-            sources = [t for t in self.first if t.form_of is not None and is_source(t.form_of)]
-            for start in list({t.form: t for t in reversed(sources)}.values())[-_STARTS:]:
-                self._line(start, readers, found)
-        if found and self.problem.work - self.began < _WORK:
-            found += self._exchanged(min(found, key=lambda h: h.fit.chi2))
-        return found
-
-    def _beside(self, start: Trial) -> Iterator[Hypothesis]:
-        """A small effect beside one that explains nearly all: what the form of a law leaves, no other law takes down to
-        the noise."""
-        misfit = self.criterion.misfit(start.fit, float("nan"))
-        scanned = scan(self.problem, start.fit, self.library) if self._is_settled([start]) else []
-        if not self._may_gain(scanned, misfit):
-            return
-        nexts = self._further([start], scanned, most=len(self.library), fits=3 * _TRIED)  # simple ones too
-        made = (self._of([start, further]) for further in nexts)
-        yield from (h for h in made if self.criterion.is_reached(self.criterion.misfit(h.fit, h.floor)))
-
-    def _line(self, start: Trial, library: Sequence[Effect], found: list[Hypothesis]) -> list[Trial]:
-        """A set that grows from one effect by the best further one; all that was tried is added to what was found."""
-        line = [start]
-        while len(line) < _MEMBERS and not self._is_settled(line) and self.problem.work - self.began < _WORK:
-            nexts = self._further(line, scan(self.problem, line[-1].fit, library))
-            if not nexts:
-                break
-            found += [self._of([*line, trial]) for trial in nexts]
-            line.append(nexts[0])
-        return line
-
-    def _of(self, line: Sequence[Trial]) -> Hypothesis:
-        return self._hypothesis(tuple(t.name for t in line), sum(t.size for t in line), line[-1].fit)
-
-    def _further(
-        self, line: Sequence[Trial], scanned: Sequence[Scanned], most: int = _STARTS, fits: int = _TRIED
-    ) -> list[Trial]:
-        """The best further effects of a set, one per id. fits: how many forms are fitted."""
-        end, used = line[-1], {trial.name for trial in line}
-        left = end.chi2 - self.floor
-        scanned = self._by_worth([c for c in scanned if c.effect.id not in used], left)
-        best = _one_per_id(scanned)[:_LAWS]  # forms of one law fit alike, and would take the places of simpler laws
-        scanned = [*best, *(c for c in scanned if not any(c is one for one in best))]
-        extra = chain_trials(self.problem, end.fit, self.effects)
-        found = trials(self.problem, end.fit, scanned, left, extra, most=fits)
-        return distinct(t for t in found if t.name not in used)[:most]
-
-    def _by_worth(self, scanned: Sequence[Scanned], misfit: float) -> list[Scanned]:
-        """Candidates by what they gain beyond the price of their parameters: a law always fits worse than the more
-        general one that holds it, and would never be tried for its gain alone. misfit: what they may take."""
-        criterion = self.criterion
-
-        def worth(c: Scanned) -> float:
-            left = misfit - c.gain / criterion.rows
-            return criterion.likelihood(left) - criterion.penalty(c.effect.size, 1, left)
-
-        return sorted(scanned, key=worth, reverse=True)
-
-    def _exchanged(self, best: Hypothesis) -> list[Hypothesis]:
-        """The leading set with each member exchanged for others: the first was chosen when the rest was not there."""
-        found = []
-        here = best.fit.hypothesis
-        for at, term in enumerate(here.terms):
-            if term.effect.id not in best.names:
-                continue
-            others = {t.effect.id for i, t in enumerate(here.terms) if i != at}
-            bare = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
-            start = standing(self.problem, bare)
-            laws = [effect for effect in self.library if effect.id not in others]
-            scanned = self._by_worth(scan(self.problem, start, laws), start.chi2 - self.floor)
-            for candidate in _one_per_id(scanned)[:_REPLACED]:
-                there = replace(bare, terms=(*here.terms[:at], candidate.term, *here.terms[at + 1 :]))
-                made = try_fit(self.problem, there, incumbent=best.fit.chi2)
-                if made is not None and are_reached(self.problem, made):
-                    names = tuple(candidate.effect.id if n == term.effect.id else n for n in best.names)
-                    size = best.size - term.effect.size + candidate.effect.size
-                    found.append(self._hypothesis(names, size, made))
-        return found
-
-    def without_one(self, hypothesis: Hypothesis, criterion: Criterion) -> Iterator[tuple[Hypothesis, bool]]:
-        """A set without each of its members, fitted again, and whether the member counts: whether that costs more than
-        it does. criterion: at the level of the noise."""
-        here, misfit = hypothesis.fit.hypothesis, criterion.misfit(hypothesis.fit, hypothesis.floor)
-        formed = self.formed(hypothesis.names) - criterion.level
-        for at, term in enumerate(here.terms):
-            if term.effect.id in hypothesis.names:
-                rest = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
-                made = try_fit(self.problem, rest)
-                if made is None:
-                    continue
-                names = tuple(name for name in hypothesis.names if name != term.effect.id)
-                without = criterion.misfit(made, hypothesis.floor)
-                gain = criterion.likelihood(misfit) - criterion.likelihood(without)
-                counts = gain > criterion.price(term.effect.size, misfit)
-                counts = counts and criterion.is_worth_a_name(misfit, without, formed)
-                yield self._hypothesis(names, hypothesis.size - term.effect.size, made), counts
-
-
-def _is_exact(effect: Effect) -> bool:
-    """Whether an effect has no form to be wrong: a fault of a channel, a force that depends on nothing, or mass."""
-    return isinstance(effect, ChannelEffect) or not effect.reads or is_mass(effect)
-
-
-def _one_per_id(scanned: Sequence[Scanned]) -> list[Scanned]:
-    best: dict[str, Scanned] = {}
-    for candidate in scanned:
-        best.setdefault(candidate.effect.id, candidate)
-    return list(best.values())
-
-
-def _decided(search: _Search, found: Sequence[Hypothesis], unseen: Unseen) -> Choice:
+def _decided(search: Search, found: Sequence[Hypothesis], unseen: Unseen) -> Choice:
     """The choice that the probabilities of the hypotheses lead to."""
     before, noise = search.baseline, search.is_noise
     criterion = search.criterion.with_level(found, _level(search, found))
@@ -444,7 +132,7 @@ def _near(posterior: Posterior) -> list[Hypothesis]:
 
 
 def _pruned(
-    search: _Search,
+    search: Search,
     found: Sequence[Hypothesis],
     weighed: Callable[[Sequence[Hypothesis]], Posterior],
     criterion: Criterion,
@@ -474,7 +162,7 @@ def _with_zero(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     return hypothesis
 
 
-def _level(search: _Search, found: Sequence[Hypothesis]) -> float:
+def _level(search: Search, found: Sequence[Hypothesis]) -> float:
     """Misfit of the best hypothesis where what it leaves is shown to be noise; infinite where it is not."""
     if search.is_noise or not found:
         return np.inf
@@ -507,7 +195,7 @@ def _class(criterion: Criterion, posterior: Posterior, leader: Candidate, name: 
     return tuple(alike), min(1.0, posterior.of(alike))
 
 
-def _shares(search: _Search, leader: Candidate, names: Sequence[str]) -> tuple[float, ...]:
+def _shares(search: Search, leader: Candidate, names: Sequence[str]) -> tuple[float, ...]:
     """Share of the misfit that each named law explains: what taking it away costs; of a single one, all it explains."""
     if len(names) == 1:
         return (leader.explained,)
