@@ -9,6 +9,7 @@ from scipy.special import factorial
 Array = NDArray[np.float64]
 _TERMS, _LONG = 16, 50_000  # of the series for delays, and samples beyond which there is none
 _SIZES, _SMALL = np.pi ** np.arange(_TERMS) / factorial(np.arange(_TERMS)), 1e-10  # terms of it at most, and of no use
+_KEPT = 3  # whole numbers of samples whose series are kept: fits try one, and what lies to its sides
 # Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
@@ -23,25 +24,24 @@ def stencil(values: Array, weights: Array) -> Array:
 class Advanced:
     """``advanced`` for many numbers of samples, one after another.
 
-    Between whole samples it is a power series in the rest, of which half a sample needs 16 terms to 1e-10; that of
-    the last whole number of samples is kept. Long signals, for which it would take too much memory, go without.
+    Between whole samples it is a power series in the rest, of which half a sample needs 16 terms to 1e-10; those of
+    the last few whole numbers of samples are kept. Long signals, for which it would take too much memory, go without.
     """
 
     def __init__(self, values: Array) -> None:
         self._values = values
-        self._whole: int | None = None
-        self._series = np.empty((0, 0))
+        self._series: dict[int, Array] = {}
 
     def __call__(self, samples: float) -> Array:
         """The signal, moved; its edges are kept."""
         whole = round(samples)
         if len(self._values) > _LONG:
             return advanced(self._values, samples)
-        if whole != self._whole:
-            self._whole, self._series = whole, self._about(whole)
+        series = self._series.pop(whole) if whole in self._series else self._about(whole)
+        self._series = {whole: series, **dict(list(self._series.items())[: _KEPT - 1])}
         powers = (samples - whole) ** np.arange(_TERMS)
         told = int(np.count_nonzero(np.abs(powers) * _SIZES > _SMALL))
-        return _with_edges(powers[:told] @ self._series[:told], self._values, samples)
+        return _with_edges(powers[:told] @ series[:told], self._values, samples)
 
     def _about(self, whole: int) -> Array:
         """Coefficients of the powers of what is left beside a whole number of samples, shape (_TERMS, n)."""
