@@ -94,7 +94,7 @@ class Search:
         if self.first and not self._all_is_explained(found):
             found += self._sets()
         else:
-            for start in distinct(self.first)[:_STARTS]:
+            for start in self._starts():
                 pairs = list(self._beside(start))
                 found += pairs
                 if not pairs:  # what fits less well leaves more, and would win by no further law
@@ -215,7 +215,7 @@ class Search:
     def _sets(self) -> list[Hypothesis]:
         """Two or three effects: forward from the leading singles, then members exchanged for others."""
         found: list[Hypothesis] = []
-        for start in distinct(self.first)[:_STARTS]:
+        for start in self._starts():
             line = self._line(start, self.library, found)
             if len(line) > 1 and self._is_settled(line):
                 break
@@ -227,6 +227,15 @@ class Search:
         if found and self.problem.work - self.began < _WORK:
             found += self._exchanged(min(found, key=lambda h: h.fit.chi2))
         return found
+
+    def _starts(self) -> list[Trial]:
+        """Singles from which sets grow, by what they explain beyond the price of their parameters."""
+
+        def worth(trial: Trial) -> float:
+            misfit = self.criterion.misfit(trial.fit, float("nan"))
+            return self.criterion.likelihood(misfit) - self.criterion.penalty(trial.size, 1, misfit)
+
+        return distinct(sorted(self.first, key=worth, reverse=True))[:_STARTS]
 
     def _beside(self, start: Trial) -> Iterator[Hypothesis]:
         """A small effect beside one that explains nearly all: what the form of a law leaves, no other law takes down to
