@@ -12,6 +12,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from hystid.diagnosis.decide import forms
+from hystid.diagnosis.decide.criterion import DOUBT
 from hystid.diagnosis.decide.possible import possible
 from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.decide.unseen import unseen_likelihood
@@ -80,13 +81,12 @@ def diagnose(
                 everything = load_effects(_paths(effects))
                 case = replace(case, catalogue=catalogue_of(everything))
                 library, untestable = possible(everything, case, exclude)
-                case = at_rest(case, library)
                 every = _every(step, max(1, len(library) // 70))
                 choice = _chosen(case, library, every)
                 again = recoloured(case, choice.best) if choice.missing else None
                 if again is not None:
-                    case = at_rest(again, library)
-                    choice = _chosen(case, library)
+                    case, choice = again, _chosen(again, library)
+                case, choice = _held(case, choice, library)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:
@@ -98,6 +98,16 @@ def diagnose(
 def _chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] = lambda: None) -> Choice:
     unseen = unseen_likelihood(case.problem, case.unseen)
     return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen)
+
+
+def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Case, Choice]:
+    """The case and its selection, with what may be at rest weighed down where that makes dry friction the answer and
+    something unknown less probable."""
+    if not choice.missing or choice.posterior.unknown < DOUBT or (again := at_rest(case, library)) is None:
+        return case, choice
+    other = _chosen(again, library)
+    rubs = other.named and any(term.effect.turns for term in other.after.hypothesis.terms)
+    return (again, other) if rubs and other.posterior.unknown < choice.posterior.unknown else (case, choice)
 
 
 def not_applicable(

@@ -225,13 +225,17 @@ def recoloured(case: Case, law: Fit) -> Case | None:
     return replace(case, problem=again, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=unseen)
 
 
-def at_rest(case: Case, effects: Sequence[Effect]) -> Case:
-    """The case with the rows weighed down in which dry friction that was left out may hold the structure."""
-    found = refit_at_rest(case.problem, [case.refit, *case.minima], effects)
+def at_rest(case: Case, effects: Sequence[Effect]) -> Case | None:
+    """The case with the rows weighed down in which dry friction that was left out may hold the structure; None where
+    there are none."""
+    problem = case.problem.of(case.problem.parts)
+    if case.problem.weighed_by:
+        problem.distrust(*case.problem.weighed_by)
+    found = refit_at_rest(problem, [case.refit, *case.minima], effects)
     if found is None:
-        return case
+        return None
     refitted, minima, nominal = found
-    return replace(case, refit=refitted, minima=minima, nominal_chi2=nominal)
+    return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal)
 
 
 def _no_force(baseline: Baseline, parts: Sequence[Part]) -> str:

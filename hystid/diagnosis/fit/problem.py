@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, Unknown, get, is_mass, is_source, put
-from hystid.diagnosis.fit.velocity_sign import Law, bends, unsure
+from hystid.diagnosis.fit.velocity_sign import Law, bends, turns_at_once, unsure
 from hystid.diagnosis.model.baseline import Baseline, Held
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.memory import Memory
@@ -301,7 +301,7 @@ class Problem:
                 np.maximum.reduce([self.reduce(forces) for forces in one]) for one in zip(*found, strict=True)
             )
             movements, filtered = [*movements, slow], quick
-        if self.baseline.memoryless or any(term.effect.turns for term in hypotheses[0].terms):
+        if self.baseline.memoryless or self._turning_terms(hypotheses[0]):
             sides = self.reduce.spread(unsure(self._turning(hypotheses[0]), self.parts))
         self.reduce.distrust(movements, filtered, sides)
         self._columns.clear()
@@ -313,9 +313,13 @@ class Problem:
         moved = [self._hold(part, part.x, v) for part, v in zip(self.parts, velocities, strict=True)]
         return [R for R, _ in self._follow(moved, values)]
 
+    def _turning_terms(self, hypothesis: Hypothesis) -> list[Term]:
+        turning = (term for term in hypothesis.terms if term.effect.turns)
+        return [t for t in turning if turns_at_once(t.values[t.effect.semantics.transition], self.parts)]
+
     def _turning(self, hypothesis: Hypothesis) -> Law:
         """What of a hypothesis may turn at once with the sign of the velocity, as a function of the velocities."""
-        here, terms = self.signals(hypothesis), [term for term in hypothesis.terms if term.effect.turns]
+        here, terms = self.signals(hypothesis), self._turning_terms(hypothesis)
 
         def law(velocities: Sequence[Array]) -> list[Array]:
             along = self._law_along(hypothesis.values, velocities) if self.baseline.memoryless else []

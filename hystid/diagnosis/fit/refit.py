@@ -82,11 +82,10 @@ def refit_at_rest(
     friction = try_term(problem, before[0], scanned[0].term) if scanned else None
     if friction is None:
         return None
-    by, sure = problem.weighed_by, problem.reduce.sure()
+    sure = problem.reduce.sure()
     nominal = Hypothesis(dict(problem.baseline.nominal), before[0].hypothesis.terms)
     problem.distrust(friction.hypothesis, nominal)
     if not np.any(sure & ~problem.reduce.sure()):
-        problem.distrust(*by)
         return None
     made = [one for fit in before if (one := try_fit(problem, fit.hypothesis, 25)) is not None]
     best, *others = sorted(made or before[:1], key=lambda f: f.chi2)

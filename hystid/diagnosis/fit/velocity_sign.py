@@ -50,6 +50,7 @@ def unsure(law: Law, parts: Sequence[Part]) -> list[Array]:
     holds any force between those of sliding either way. What is linear in the velocity is a damper, and no bend.
     """
     error, fastest = [part.velocity_error() for part in parts], _fastest(parts)
+    hardest = float(max(np.max(np.abs(part.a)) for part in parts))
     points, shares = hermegauss(_NODES)
     turned = [law([p.v + node * e for p, e in zip(parts, error, strict=True)]) for node in points]
     sliding = [_steady(law, parts, side * _TURN * fastest) for side in (-2, -1, 1, 2)]
@@ -61,11 +62,22 @@ def unsure(law: Law, parts: Sequence[Part]) -> list[Array]:
         bent = np.array([forces[i] for forces in turned]) - damper * nodes * e
         variance = np.sum(weights * (bent - np.sum(weights * bent, axis=0)) ** 2, axis=0)
         jump = (forth - back) - (beyond - forth) - (back - further)
-        # probability of standing still, as likely as not before, against any velocity up to the fastest
-        least = np.maximum(e, _TINY)
-        rests = norm.pdf(part.v, scale=least) / (norm.pdf(part.v, scale=least) + 0.5 / fastest)
+        rests = _standing_still(part, e, fastest, hardest)
         found.append(np.sqrt(variance + rests * jump**2 / 4))  # the most that forces between them vary (Popoviciu)
     return found
+
+
+def turns_at_once(transition: float, parts: Sequence[Part]) -> bool:
+    """Whether a law turns over so little speed [m/s] as a contact does: one that takes more says what holds there."""
+    return transition < _TURN * _fastest(parts)
+
+
+def _standing_still(part: Part, error: Array, fastest: float, hardest: float) -> Array:
+    """Probability of standing still, (n,), as likely as not before, against any velocity and acceleration up to the
+    largest: what turns round has no velocity for an instant, but its largest acceleration."""
+    errors = np.maximum(error, _TINY), np.maximum(part.acceleration_error(), _TINY)
+    still = norm.pdf(part.v, scale=errors[0]) * norm.pdf(part.a, scale=errors[1])
+    return np.asarray(still / (still + 0.25 / (fastest * hardest)))
 
 
 def _fastest(parts: Sequence[Part]) -> float:

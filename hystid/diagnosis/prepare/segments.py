@@ -114,7 +114,14 @@ class Part:
     def velocity_error(self) -> Array:
         """Standard error of the velocity [m/s], (n,): rms of its draws over all samples, or over sections where noise
         is louder for a while. A few draws hold too few independent errors to tell more."""
-        squares = np.mean([np.asarray(dv, dtype=float) ** 2 for _, dv, _, _ in self.jitter], axis=0)
+        return self._error(1)
+
+    def acceleration_error(self) -> Array:
+        """Standard error of the acceleration [m/s2], (n,), likewise."""
+        return self._error(2)
+
+    def _error(self, order: int) -> Array:
+        squares = np.mean([np.asarray(draw[order], dtype=float) ** 2 for draw in self.jitter], axis=0)
         if self.louder:
             return np.asarray(np.sqrt(uniform_filter1d(squares, len(self) // SECTIONS)))
         return np.full(len(self), float(np.sqrt(np.mean(squares))))
