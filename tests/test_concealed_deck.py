@@ -43,7 +43,7 @@ def answered(spec: CaseSpec, folder: Path) -> tuple[Grade, dict[str, object]]:
 
 
 def _case(spec: CaseSpec) -> object:
-    """A case; a stiffness that pulsates is called bilinear at 0.54, against its held-out recording (docs/concealed.md)."""
+    """A case; a stiffness that pulsates is called bilinear, against its held-out recording (docs/concealed.md)."""
     known = pytest.mark.xfail(reason="a stiffness that pulsates is called bilinear (0.54)", strict=False)
     name = "-".join((spec.group, *spec.ids, spec.family))
     return pytest.param(spec, id=name, marks=[known] if "parametric_excitation" in spec.ids else [])
