@@ -42,14 +42,7 @@ def answered(spec: CaseSpec, folder: Path) -> tuple[Grade, dict[str, object]]:
     return grade(case.name, truth, answer, out, folder / "sealed"), answer
 
 
-def _case(spec: CaseSpec) -> object:
-    """A case; a stiffness that pulsates is called bilinear, against its held-out recording (docs/concealed.md)."""
-    known = pytest.mark.xfail(reason="a stiffness that pulsates is called bilinear (0.54)", strict=False)
-    name = "-".join((spec.group, *spec.ids, spec.family))
-    return pytest.param(spec, id=name, marks=[known] if "parametric_excitation" in spec.ids else [])
-
-
-@pytest.mark.parametrize("spec", [_case(spec) for spec in DECK])
+@pytest.mark.parametrize("spec", DECK, ids=lambda s: "-".join((s.group, *s.ids, s.family)))
 def test_plain_case_is_answered_right(spec: CaseSpec, tmp_path: Path) -> None:
     graded, answer = answered(spec, tmp_path)
     assert contract_problems(answer) == []

@@ -103,9 +103,8 @@ def _decided(search: Search, found: Sequence[Hypothesis], unseen: Unseen) -> Cho
     near = _near(weighed(found))
     zeros = {id(h): _with_zero(search.problem, h) for h in near}
     found, near = [zeros.get(id(h), h) for h in found], list(zeros.values())
-    heard = [
-        replace(h, unseen=unseen(before, h.fit)) if any(h is one for one in near) else h for h in found
-    ]  # held-out recordings cost a run each: those without a chance are not asked
+    asked = {frozenset(h.names) for h in near}  # held-out recordings cost a run each: what has no chance is not asked
+    heard = [replace(h, unseen=unseen(before, h.fit)) if frozenset(h.names) in asked else h for h in found]
     posterior = weighed(heard)
     untestable = _untestable(search.candidates)
     chosen = _told(criterion, posterior)
