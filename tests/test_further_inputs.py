@@ -220,6 +220,21 @@ def test_three_levels_say_how_the_force_goes_on_between_them():
     assert with_curves(made[::2], [FurtherInput("T", "N", "T")])[0].curve is None  # two levels: a straight line
 
 
+def test_a_stiffness_that_grows_with_the_level_is_no_common_spring():
+    """Of a spring of 2 kN/m and a joint of 100 / m times the level, the centre has the spring alone.
+
+    Scaled, the joint is then the same at 20 and 60 N. Friction goes with the velocity, which is not quite
+    uncorrelated with x in 3 s: a tenth of the joint's stiffness.
+    """
+    made = [friction(n, k, f"{n} N") for k, n in enumerate((20, 60))]
+    x, v = (np.concatenate([getattr(r, name) for r in made]) for name in "xv")
+    n = np.repeat([20.0, 60.0], 3000)
+    level = Level.of(x, n[None], 2e3 * x + n * (np.tanh(v / 0.02) + 100 * x))
+    assert level.slopes[0] == pytest.approx(2e3, abs=400)
+    plain = Level.of(x, n[None], 2e3 * x + n * np.tanh(v / 0.02))
+    assert plain.slopes[0] == pytest.approx(2e3, abs=400)
+
+
 def test_levels_are_told_from_a_continuous_input():
     rng = np.random.default_rng(0)
     found = levels_of(np.repeat([1.0, 5.0, 7.0], 50) + rng.normal(0, 0.01, 150))

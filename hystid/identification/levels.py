@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hystid.identification.data import beginning
 from hystid.identification.prediction import respond
 from hystid.networks import Curve, FurtherInput, TwoNetworkModel
+from hystid.networks.level import Level
 from hystid.recording import Array, Recording
 
 _GAP = 0.05  # of the range of an input without a value in it: the two sides are different levels
@@ -75,7 +76,7 @@ def _moved(recording: Recording, column: str, value: float) -> Recording:
 def _curve(which: int, table: Sequence[Array], x: Array, R: Array) -> Curve | None:
     """The curve of one input: centre or width of the force at its levels, whichever changes more.
 
-    Both are least squares over the levels, x and the other inputs; the width is the distance from the centre.
+    Both are those of ``Level``, with each level of the input for itself.
     """
     found = levels_of(table[which])
     if found is None or len(found[0]) < 3:
@@ -83,8 +84,8 @@ def _curve(which: int, table: Sequence[Array], x: Array, R: Array) -> Curve | No
     at, number = found
     hats = np.eye(len(at))[number]
     others = [column for k, column in enumerate(table) if k != which and np.ptp(column)]
-    centre, left = _levels(hats, [x, *others], R)
-    width, _ = _levels(hats, others, np.abs(left))
+    level = Level.of(x, np.stack([*hats.T, *others]), R)
+    centre, width = (np.array(values[: len(at)]) for values in (level.slopes[1:], level.growth))
     to = centre if np.ptp(centre) > np.ptp(width) else width
     to = to if to[-1] > to[0] else -to
     if to[-1] == to[0]:
@@ -97,11 +98,3 @@ def _curve(which: int, table: Sequence[Array], x: Array, R: Array) -> Curve | No
         (ends[0], *(float(value) for value in at[1:-1]), ends[1]),
         (ends[0], *(float(value) for value in to[1:-1]), ends[1]),
     )
-
-
-def _levels(hats: Array, others: Sequence[Array], target: Array) -> tuple[Array, Array]:
-    """Least squares of the target on the levels (n, levels) and other columns: value per level, and what is left."""
-    columns = [(column - column.mean()) / (np.std(column) or 1.0) for column in others]
-    rows = np.concatenate([hats, *(column[:, None] for column in columns)], axis=1)
-    solution = np.linalg.lstsq(rows, target, rcond=None)[0]
-    return solution[: hats.shape[1]], target - rows @ solution

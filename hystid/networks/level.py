@@ -13,6 +13,8 @@ import numpy as np
 
 from hystid.recording import Array
 
+_TURNS = 3  # of centre and spread: each is fitted with the other as it was before
+_EVEN = 0.05  # deviation of the spread, relative: less does not tell a common stiffness from one that grows with it
 _LEAST = 0.05  # of the mean spread: so low an extrapolated level may get, and no lower
 
 
@@ -34,11 +36,20 @@ class Level:
     def of(x: Array, further: Array, R: Array) -> Level:
         """Fit to samples, shape (n,); further: shape (inputs + lags, n).
 
-        The centre is the least-squares plane of R, the spread that of the distance from it.
+        The centre is the least-squares plane of R, the spread that of the distance from it. A stiffness that grows with
+        the spread, as that of a slip joint or a yielding fluid does, is the networks'; the centre has what is common to
+        all spreads, 0 or more.
         """
-        plane = _plane(np.stack([x, *further]), R)
-        distance = np.abs(R - plane[0] - np.stack([x, *further]).T @ plane[1:])
-        growth = _plane(further, distance)
+        rows = np.stack([x, *further])
+        plane = _plane(rows, R)
+        for turn in range(_TURNS):
+            distance = np.abs(R - plane[0] - plane[1:] @ rows)
+            growth = _plane(further, distance)
+            scaled = (growth[0] + growth[1:] @ further) / np.mean(distance)
+            if turn == _TURNS - 1 or np.std(scaled) < _EVEN:
+                break
+            common = max(0.0, _plane(np.stack([*rows, scaled * (x - np.mean(x))]), R)[1])
+            plane = np.insert(_plane(further, R - common * x), 1, common)
         return Level(
             float(plane[0]),
             tuple(float(value) for value in plane[1:]),
