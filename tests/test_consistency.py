@@ -87,6 +87,21 @@ def test_exchanged_columns_are_named() -> None:
         admit([replace(plain, x=plain.a, a=plain.x)])
 
 
+def test_exchanged_columns_are_named_where_noise_hides_the_motion_of_one() -> None:
+    """A slow test: the second derivative of the column called x is the noise of an accelerometer of 25 dB."""
+    t = np.arange(6000) / 100
+    lines = np.random.default_rng(4).uniform(0, 2 * np.pi, 40)
+    w = 2 * np.pi * np.linspace(0.05, 0.6, 40)
+    x, v = (0.01 * np.sum(w**k * np.cos(np.outer(t, w) + lines + k * np.pi / 2), axis=1) for k in (0, 1))
+    a = -0.01 * np.sum(w**2 * np.cos(np.outer(t, w) + lines), axis=1)
+    noise = np.random.default_rng(5).standard_normal((3, len(t)))
+    x, a = x + 1e-3 * np.std(x) * noise[0], a + 10 ** (-25 / 20) * np.std(a) * noise[1]
+    F = 20 * np.tanh(v / 1e-3) + 100 * x + 0.1 * noise[2]
+    assert examine([Recording("slow", t, F, x=x, a=a)], mass=4.0).findings == []
+    (finding,) = examine([Recording("slow", t, F, x=a, a=x)], mass=4.0).findings
+    assert (finding.slip, finding.channel) == ("swapped_channels", "x and a")
+
+
 def test_a_mass_in_grams_is_named() -> None:
     with pytest.raises(RecordingError, match=r"says a mass of 2\.5"):
         admit([rig()], mass=1e3 * MASS)
@@ -186,8 +201,10 @@ def test_slow_wandering_of_a_velocity_is_drift() -> None:
     plain = rig()
     assert plain.v is not None
     wave = 0.3 * np.std(plain.v) * np.sin(2 * np.pi * 0.4 * plain.t)
-    (finding,) = examine([replace(plain, v=plain.v + wave)]).findings
-    assert (finding.slip, finding.channel) == ("drift", "v")
+    for channels in ({}, {"x": None}):  # an acceleration alone shows as well that the structure does not move so
+        (finding,) = examine([replace(plain, v=plain.v + wave, **channels)]).findings
+        assert (finding.slip, finding.channel) == ("drift", "v")
+    assert examine([replace(plain, x=None)]).findings == []
 
 
 def _sensed(force: np.ndarray, motion: dict[str, np.ndarray], rate: float, noise_db: float, seed: int) -> Recording:

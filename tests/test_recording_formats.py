@@ -81,6 +81,13 @@ def test_broken_matlab_files(tmp_path: Path, content: bytes, says: str) -> None:
         read(tmp_path / "broken.mat")
 
 
+def test_matlab_matrices_are_no_channels(tmp_path: Path) -> None:
+    for values, says in ((np.c_[F, F], "F holds 500 by 2 numbers"), (F + 1j * X, "F holds complex numbers")):
+        savemat(tmp_path / "test.mat", {**TEST, "F": values, "units": UNITS})
+        with pytest.raises(RecordingError, match=f"{says}; save the measured values as one vector for each channel"):
+            read(tmp_path / "test.mat")
+
+
 def test_matlab_without_channels_lists_what_is_there(tmp_path: Path) -> None:
     from scipy.io import savemat
 
@@ -186,6 +193,15 @@ def test_tdms(tmp_path: Path) -> None:
     assert_same(read(tmp_path / "test.tdms"))
 
 
+def test_time_stamps_of_tdms(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    stamps = np.datetime64("2024-03-05T23:59:59.800000") + np.rint(T * 1e6).astype("timedelta64[us]")
+    columns = {"Time": stamps, "Force [N]": F, "x [mm]": 1e3 * X}
+    with nptdms.TdmsWriter(tmp_path / "test.tdms") as writer:
+        writer.write_segment([nptdms.ChannelObject("run", name, values) for name, values in columns.items()])
+    assert_same(read(tmp_path / "test.tdms"))
+
+
 def test_broken_tdms(tmp_path: Path) -> None:
     pytest.importorskip("nptdms")
     (tmp_path / "broken.tdms").write_bytes(b"TDSx" + b"\0" * 50)
@@ -239,8 +255,11 @@ def test_parquet(tmp_path: Path) -> None:
         ("Temps (s);Force (N);Déplacement (mm)\n", "cp1252"),
         ("Tiempo [s];Fuerza [N];Desplazamiento [mm]\n", "utf-8"),
         ("時間 [s];荷重 [N];変位 [mm]\n", "utf-8"),
+        ("時間（ｓ）;荷重（Ｎ）;変位（ｍｍ）\n", "utf-8"),
+        ("CH=3\tLL=100\n\nZeit  1 - Standardmessrate;Kraft;Weg\ns;N;mm\n", "cp1252"),
+        ("Time(S);Force(n);Disp(MM)\n", "utf-8"),
     ],
-    ids=["preamble", "second row of units", "sensors", "French", "Spanish", "Japanese"],
+    ids=["preamble", "second row of units", "sensors", "French", "Spanish", "Japanese", "wide", "catman", "capitals"],
 )
 def test_text_of_loggers(tmp_path: Path, head: str, encoding: str) -> None:
     """Nine digits, decimal commas, a preamble, and the words of four languages."""
@@ -281,8 +300,11 @@ _DATES = [str(stamp) for stamp in _MIDNIGHT + np.rint(T * 1e6).astype("timedelta
         [f"5.3.2024 {stamp[11:].replace('.', ',')}" for stamp in _DATES],
         [f"3/5/2024 {'12' if s[11:13] == '00' else '11'}{s[13:]} {'AM' if s[11:13] == '00' else 'PM'}" for s in _DATES],
         [stamp[14:] for stamp in _DATES],
+        [stamp.replace("-", "").replace(":", "") + "+0100" for stamp in _DATES],
+        [f"0{stamp[9]}-Mar-2024 {stamp[11:]} UTC" for stamp in _DATES],
+        [stamp[11:19] + f":{stamp[20:23]}" for stamp in _DATES],
     ],
-    ids=["ISO", "UTC", "time of day", "German", "American", "minutes"],
+    ids=["ISO", "UTC", "time of day", "German", "American", "minutes", "basic ISO", "month", "milliseconds"],
 )
 def test_times_of_day_are_seconds(tmp_path: Path, stamps: list[str]) -> None:
     """Through midnight, with and without a date: microseconds at least, 1e-6 of a step below."""
@@ -337,6 +359,24 @@ def test_labview_measurement_files(tmp_path: Path) -> None:
         read(_written(tmp_path / "parts.lvm", units + names, parts, "\t"))
 
 
+@pytest.mark.parametrize("marker", ["9.9E+37", "-9999", "9999999", "3.40282e38"])
+def test_markers_of_loggers_are_no_measurements(tmp_path: Path, marker: str) -> None:
+    """What stands where nothing was measured counts as a lost row; an extreme of all nines stays."""
+    rows = _digits(T, F, 1e3 * X)
+    rows[200][2] = rows[201][2] = marker
+    found = read(_written(tmp_path / "marked.csv", "t [s],F [N],x [mm]", rows, ","))
+    assert any("2 of 500 samples hold" in text for text in found.warnings)
+    assert np.max(np.abs(found.channel("x") - X)) < (2 * np.pi * 9 * 1.5 * DT) ** 2 / 2 * 1e-3  # a chord of three steps
+    size = 999 / np.max(np.abs(X))
+    full = read(_written(tmp_path / "full.csv", "t [s],F [N],x [mm]", _digits(T, F, size * X), ","))
+    np.testing.assert_allclose(full.channel("x"), size * X / 1e3, rtol=1e-6, atol=1e-9)
+
+
+def test_a_minus_of_a_word_processor(tmp_path: Path) -> None:
+    rows = [[cell.replace("-", "\N{MINUS SIGN}") for cell in row] for row in _digits(T, F, 1e3 * X)]
+    assert_same(read(_written(tmp_path / "minus.csv", "t [s];F [N];x [mm]", rows, ";")))
+
+
 def test_units_below_the_samples(tmp_path: Path) -> None:
     rows = [*_digits(T, F / 1e3, 1e3 * X), ["s", "kN", "mm"]]
     assert_same(read(_written(tmp_path / "below.csv", "t;F;x", rows, ";")))
@@ -386,7 +426,7 @@ def test_code_pages_of_asia(tmp_path: Path, word: str, encoding: str) -> None:
     [
         ("t [s];F [N];x [m]\nscale;0.01;1e-7", _digits(T, F * 100, X * 1e7), "line 2: 'scale 0.01 1e-7' scales the"),
         ("Zeit;F [N];x [m]", [[f"{45356.5 + t / 86400:.12f}", f"{f}", f"{x}"] for t, f, x in zip(T, F, X, strict=True)],
-         "as the days of a spreadsheet do; give --unit t=d"),
+         "as a count of days in a spreadsheet does; give --unit t=d"),
         ("t [s];F [N];x [m]", [[f"{t:.2f}", f"{f}", f"{x}"] for t, f, x in zip(T, F, X, strict=True)],
          "written with too few digits"),
         ("t [s];F [mN];x [m]", [[f"{t}", f"{1e4 * f:,.3f}", f"{x}"] for t, f, x in zip(T, F, X, strict=True)],
@@ -399,9 +439,13 @@ def test_code_pages_of_asia(tmp_path: Path, word: str, encoding: str) -> None:
         ("t [s];F [LSB];x [m]", _digits(T, F, X), "unit 'LSB' is not known"),
         ("t;F;x\nunit;LSB;m", _digits(T, F, X), "unit 'LSB' is not known"),
         ("F [N];x [m]", _digits(F, X), "or write 'sample rate: ... Hz' above the header"),
+        ("t;F [N];x [m]", [[f"{1.79e12 + 1e3 * t:.3f}", f"{f}", f"{x}"] for t, f, x in zip(T, F, X, strict=True)],
+         "a count of ms since 1970 does; give --unit t=ms"),
+        ("t;F;x", [[f"{t} s", f"{f} N", f"{x} m"] for t, f, x in zip(T, F, X, strict=True)],
+         r"line 501: '0\.499 s' holds more than a number; write units into the header"),
     ],
     ids=["scale", "days", "digits", "thousands", "points", "namesakes",
-         "second table", "counts", "row of counts", "clock"],
+         "second table", "counts", "row of counts", "clock", "ticks", "units in cells"],
 )  # fmt: skip
 def test_tables_that_would_be_misread_are_refused(tmp_path: Path, head: str, cells: list[list[str]], says: str) -> None:
     path = _written(tmp_path / "bad.csv", head, cells, ";")

@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,16 @@ from hystid.consistency.cut_off import kept_size, with_full_sizes
 from hystid.consistency.filters import Form, filtered
 from hystid.consistency.force import EXPLAINED, FOURFOLD, Force, examine_force
 from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, computed, formula, motion, pairs, spectrum
-from hystid.consistency.slips import PRIOR_SLIP, SURE, Explanation, Situation, doubtful_units, explain, with_alike
+from hystid.consistency.slips import (
+    PRIOR_SLIP,
+    SURE,
+    Explanation,
+    Situation,
+    Slip,
+    doubtful_units,
+    explain,
+    with_alike,
+)  # fmt: skip
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
 from hystid.errors import UsageError
 from hystid.recording import Array, Recording, Sources, loaded, own_mass
@@ -169,7 +179,7 @@ def _best(
     plain = _situation(recording, compared, force, mass)
     best = _explanation(plain)
     if best.sound:
-        return plain, best
+        return plain, _exchanged(recording, compared) or best
     known = _formulas(recording, compared)
     responses = {pair: response for pair in known if (response := known[pair] or forms.get(pair)) is not None}
     if not responses:
@@ -185,6 +195,24 @@ def _best(
     channels = {form.channel for pair, form in forms.items() if known[pair] is None}  # a formula is a fact
     score = filtered_best.score + PRIOR_SLIP * len(channels)
     return (other, filtered_best) if score > best.score + SURE else (plain, best)
+
+
+def _exchanged(recording: Recording, compared: Sequence[Pair]) -> Explanation | None:
+    """Columns of the motion that show one motion only after an exchange: noise hides one of slow channels where it is
+    differentiated, and with it the response by which an exchange is seen otherwise."""
+    names = motion(recording)
+    if all(p.is_one_motion for p in compared):
+        return None
+    for order in permutations(names):
+        moves = {held: name for held, name in zip(names, order, strict=True) if held != name}
+        moved = replace(recording, **{name: names[held] for held, name in moves.items()})  # type: ignore[arg-type]
+        again = pairs(moved) if moves else []
+        if moves and all(p.is_one_motion and p.coherence > _CERTAIN for p in again):
+            other = _explanation(_situation(moved, again, None, None))
+            if other.sound:
+                slip = Slip("exchanged", tuple(f"{held}={name}" for held, name in moves.items()), PRIOR_SLIP)
+                return replace(other, slips=(slip,))
+    return None
 
 
 def _formulas(recording: Recording, compared: Sequence[Pair]) -> dict[tuple[str, str], Formula | None]:
@@ -437,7 +465,7 @@ def _filters(
 def _drift(p: Pair, recording: Recording) -> tuple[str, float] | None:
     """A channel with slow power of its own: up to the main motion, above its noise, and not in the other one."""
     if p.high == "a":
-        return None
+        return _drift_below(p, recording) if len(motion(recording)) == 2 else None
     main = int(np.argmax(p.bands.high * p.bands.seen))
     held = spectrum(motion(recording)[p.high], recording.dt)
     rising = np.interp(p.bands.omega, held.omega, held.density) > 100 * held.level
@@ -447,6 +475,19 @@ def _drift(p: Pair, recording: Recording) -> tuple[str, float] | None:
     share = float(np.sum(own[: main + 1])) / float(np.sum(p.bands.high))
     more = p.bands.high[at] > p.bands.low[at] * p.gain**2  # else the other channel has it
     return (p.high, share) if share > _DRIFT and slow and more else None
+
+
+def _drift_below(p: Pair, recording: Recording) -> tuple[str, float] | None:
+    """As ``_drift``, where an acceleration is the only other channel: slow power of x or v, of which it shows less than
+    a quarter, noise included."""
+    size = np.maximum(p.bands.omega, 1e-300) ** (-2.0 * p.order)
+    low = p.bands.low * size
+    main = int(np.argmax(low * p.bands.seen))
+    held = spectrum(motion(recording)[p.low], recording.dt)
+    rising = np.interp(p.bands.omega, held.omega, held.density) > 100 * held.level
+    own = (1.0 - p.bands.coherence) * low * rising * (p.bands.low * p.gain**2 > 4.0 * p.bands.high)
+    share = float(np.sum(own[: main + 1])) / float(np.sum(low))
+    return (p.low, share) if share > _DRIFT and share * float(np.sum(low)) > 0.5 * float(np.sum(own)) else None
 
 
 def _strangers(recording: Recording, compared: Sequence[Pair], best: Explanation) -> list[Finding]:

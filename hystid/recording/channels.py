@@ -5,11 +5,12 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hystid.errors import UsageError
+from hystid.recording.checks import without_markers
 from hystid.recording.names import known_name, numbered, turns, unit_symbol
 from hystid.recording.problems import Problem, Severity
 from hystid.recording.table import Column, Table
@@ -18,6 +19,7 @@ from hystid.units import parse, si_name, to_si
 
 SI = {"t": "s", **CHANNELS}
 
+_CAPITALS = {unit.casefold(): unit for unit in ("s", "N", "kN", "m", "mm", "cm", "m/s", "mm/s", "m/s2", "mm/s2", "g")}
 _NOT_STATED = ("as_stored", "as stored", "unit_not_stated")  # what data sets write where nobody knows the unit
 _NUMBER = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)$")
 
@@ -160,9 +162,15 @@ class _Reading:
         return None if channel in self.wanted.values() else channel
 
     def _channel(self, channel: str, column: Column) -> None:
-        values = self._si(channel, column)
-        if values is None:
+        values, marker, count = without_markers(column.values)
+        if count:
+            found = f"{count} of {values.size} samples hold {marker:g}, as loggers write where nothing was measured"
+            self._problem("gap", found, "they count as missing", channel, severity="warning")
+            column = replace(column, values=values)
+        known = self._si(channel, column)
+        if known is None:
             return
+        values = known
         if channel in self.wishes.reverse:
             values = -values
             self.notes.append(f"sign of {channel} reversed as asked")
@@ -175,9 +183,10 @@ class _Reading:
 
     def _si(self, channel: str, column: Column) -> Array | None:
         unit, si = self._unit(channel, column), self.si[channel]
-        if not unit and channel == "t" and _are_days(column.values):
-            text = f"{column.name} starts at {column.values[0]:.9g} in tiny steps, as the days of a spreadsheet do"
-            self._problem("columns", text, f"give --unit t=d, or name the column '{column.name} [s]'", channel)
+        if not unit and channel == "t" and (clock := _clock(column.values)):
+            text = f"{column.name} starts at {column.values[0]:.9g}, as {clock[1]} does"
+            action = f"give --unit t={clock[0]}, or name the column '{column.name} [{clock[0]}]' or '{column.name} [s]'"
+            self._problem("columns", text, action, channel)
             return None
         lvm = self.table.file.lower().endswith(".lvm")
         if not unit and channel == "t" and lvm:
@@ -196,6 +205,7 @@ class _Reading:
             text = f"column {column.name} has no unit and is taken as {si}"
             self._problem("columns", text, f"write '{column.name} [{si}]'", channel, severity="warning")
             return column.values
+        unit = _in_case(unit, si)
         try:
             if _is_voltage(unit) and channel != "t":
                 return self._from_voltage(channel, column, unit)
@@ -234,9 +244,24 @@ class _Reading:
         self.problems.append(Problem(self.table.file, rule, found, action, channel, severity=severity))
 
 
-def _are_days(t: Array) -> bool:
-    """Whether a time without unit counts days since 1900: a date of this century, and more than 50 kHz in seconds."""
-    return t.size > 1 and bool(np.all((t > 36526) & (t < 73050))) and float(np.median(np.diff(t))) < 2e-5
+def _in_case(unit: str, si: str) -> str:
+    """A unit that was written in capitals or in small letters, as KN or MM, in its own; others as they are."""
+    try:
+        to_si(unit, si)
+    except UsageError:
+        return _CAPITALS.get(unit.casefold(), unit)
+    return unit
+
+
+def _clock(t: Array) -> tuple[str, str] | None:
+    """Unit of a time without unit, and in words, where it shows a date of this century that seconds do not show: days
+    since 1900, at more than 50 kHz if they were seconds, or fractions of a second since 1970."""
+    if t.size > 1 and bool(np.all((t > 36526) & (t < 73050))) and float(np.median(np.diff(t))) < 2e-5:
+        return "d", "a count of days in a spreadsheet"
+    for unit, size in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        if t.size and bool(np.all((t * size > 946_684_800) & (t * size < 4_102_444_800))):
+            return unit, f"a count of {unit} since 1970"
+    return None
 
 
 def _is_voltage(unit: str) -> bool:

@@ -12,6 +12,8 @@ from hystid.recording.problems import Problem, Severity
 from hystid.recording.table import Table
 from hystid.recording.types import Array
 
+_NO_SIZE = 1e30  # in any unit: overflow is 9.9E37 in instruments, and 3.4e38 in single precision
+
 
 def channel_problems(table: Table, channels: Mapping[str, Array]) -> list[Problem]:
     """Problems of single channels: wrong length, NaN, constant, clipped."""
@@ -26,6 +28,23 @@ def channel_problems(table: Table, channels: Mapping[str, Array]) -> list[Proble
             continue
         problems += _not_finite(table, name, values) or _constant(table, name, values) or _clipped(table, name, values)
     return problems
+
+
+def without_markers(values: Array) -> tuple[Array, float, int]:
+    """Values with NaN for what a logger writes where nothing was measured; the marker, and how many samples hold it.
+
+    Markers are 1e30 and more, which nothing measures, and nothing but nines, as -9999, of at least three digits and
+    twice as large as all that was measured.
+    """
+    with np.errstate(invalid="ignore"):
+        size = np.abs(values)
+        top = float(np.max(size, where=np.isfinite(size), initial=0.0))
+        digits = np.round(np.log10(top + 1.0)) if top < _NO_SIZE else 0.0
+        far = np.isfinite(size) & ((size >= _NO_SIZE) | ((size == 10.0**digits - 1.0) & (digits >= 3)))
+        rest = float(np.max(size, where=np.isfinite(size) & ~far, initial=0.0))
+    if not np.any(far) or np.all(far) or 2.0 * rest > float(np.min(size[far])):
+        return values, 0.0, 0
+    return np.where(far, np.nan, values), float(values[far][0]), int(np.count_nonzero(far))
 
 
 def _not_finite(table: Table, name: str, values: Array) -> list[Problem]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.exceptions import ComplexWarning
 
 from hystid.errors import RecordingError
 from hystid.recording.hdf5 import hdf5_tree, is_hdf5
@@ -33,7 +35,11 @@ def _version_5(path: Path) -> dict[str, Any]:
     from scipy.io.matlab import MatlabOpaque
 
     try:
-        variables = loadmat(path, simplify_cells=True, mat_dtype=True)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always", ComplexWarning)
+            variables = loadmat(path, simplify_cells=True, mat_dtype=True)
+        if told:  # types as MATLAB had them lose the imaginary part; as they are stored, they keep it
+            variables = loadmat(path, simplify_cells=True)
     except Exception as error:  # scipy raises ValueError, TypeError, IndexError, struct.error ... on broken files
         raise RecordingError(f"{path.name}: this is not a readable MATLAB file ({error}); {_HINT}") from None
     opaque = [name for name, item in variables.items() if isinstance(item, MatlabOpaque)]

@@ -18,6 +18,8 @@ _LONGEST = 300  # characters of a header: time that its expressions take grows w
 _BRACKETS = re.compile(r"^(?P<name>.*?)(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|\{(?P<curly>[^}]*)\})?$")
 _PARTED = re.compile(r"\s+(?:in|en|im)\s+|\s*/\s*|\s*,\s*|\s*:\s*|_")  # name from unit: "Kraft in N", "F / kN"
 
+_WIDE = {wide: wide - 0xFEE0 for wide in range(0xFF01, 0xFF5F)}  # Japanese keyboards: "変位（ｍｍ）"
+
 _NUMBERED = re.compile(r"^(.*[^\W\d_].*?)[\s_.\-#]*\d{1,3}$")
 
 
@@ -73,7 +75,7 @@ def numbered(names: Sequence[str]) -> dict[str, str]:
 
 def unit_symbol(text: str) -> str:
     """The symbol of a unit that may be written in words: "Sekunden" -> "s", "Grad" -> "deg"; others as they are."""
-    text = unicodedata.normalize("NFC", text.strip().strip("[](){}"))
+    text = unicodedata.normalize("NFC", text.translate(_WIDE).strip().strip("[](){}"))
     for symbol, listed in _words()["units"].items():
         if text.casefold().rstrip(".") in {word.casefold() for word in listed} and text != "nm":
             return str(symbol)
@@ -98,7 +100,7 @@ def is_unit(text: str) -> bool:
 
 def split_header(text: str) -> tuple[str, str | None]:
     """``"x [mm]"``, ``"Weg (mm)"``, ``"Kraft in N"`` or ``"F / kN"`` -> (name, unit); ``"x"`` -> ("x", None)."""
-    stripped = text.strip().strip('"').strip("'").strip()
+    stripped = text.translate(_WIDE).strip().strip('"').strip("'").strip()
     if len(stripped) > _LONGEST:
         return stripped, None
     if match := _BRACKETS.match(stripped):

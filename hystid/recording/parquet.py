@@ -8,7 +8,7 @@ import numpy as np
 
 from hystid.errors import RecordingError
 from hystid.recording.names import split_header
-from hystid.recording.table import Column, Table
+from hystid.recording.table import Column, Table, clock_seconds
 
 
 def read_parquet(path: Path) -> list[Table]:
@@ -29,10 +29,8 @@ def read_parquet(path: Path) -> list[Table]:
         name, unit = split_header(field.name)
         stated = (field.metadata or {}).get(b"unit", b"").decode() or unit
         array = values.to_numpy()
-        if array.dtype.kind == "M":  # time stamps: seconds from the first one
-            array = array - array[0]
-        if array.dtype.kind == "m":  # durations
-            array, stated = array / np.timedelta64(1, "s"), "s"
+        if (stamps := clock_seconds(array)) is not None:
+            array, stated = stamps, "s"
         if array.dtype.kind in "fiub":
             columns.append(Column(name, stated, np.ascontiguousarray(array, dtype=np.float64)))
     return [Table(path.name, tuple(columns), path.stem)]

@@ -21,7 +21,7 @@ from hystid.recording.timing import SHORTEST, order_problems, uniform
 from hystid.recording.types import PSEUDO_TIME, Array, Recording
 
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
-
+_SHEETS = (".xlsx", ".xlsm", ".xls", ".ods")
 
 _STEPS = (1e-12, 1e12)  # s between samples
 _LEAST = 1e-100  # SI units: squares of the values and of their derivatives are then above 1e-300
@@ -121,7 +121,8 @@ def tables(path: Path) -> list[Table]:
     suffix = path.suffix.lower()
     if suffix not in (*_TEXT, *BINARY):
         known = " ".join((*_TEXT, *BINARY))
-        raise RecordingError(f"{path.name}: recordings are read from {known}, not from '{path.suffix}'")
+        way = "save the sheet as CSV" if suffix in _SHEETS else "export it as one of these"
+        raise RecordingError(f"{path.name}: recordings are read from {known}, not from '{path.suffix}'; {way}")
     try:
         found = read_text(path) if suffix in _TEXT else read_apart(path)
     except PermissionError:

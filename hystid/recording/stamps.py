@@ -12,16 +12,20 @@ from hystid.recording.types import Array
 
 _DAY = 86400.0  # s
 _CLOCK = re.compile(
-    r"""^(?:(?P<iso>\d{4}-\d\d-\d\d)[T\s]+|\d{1,4}[./-]\d{1,2}[./-]\d{2,4},?\s+)?  # a date
-    (?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,]\d+)?)\s*(?P<half>[AaPp][Mm])?
-    (?:Z|[+-]\d\d:?\d\d)?$""",  # a time zone, which differences do not depend on
+    r"""^(?:(?P<iso>\d{4}-\d\d-\d\d)[T\s]+
+    |\d{1,4}[./-]\d{1,2}[./-]\d{2,4},?\s+|\d{1,2}[-\s]?[^\W\d_]{3,4}\.?[-\s]?\d{2,4}[:,]?\s+)?  # another date
+    (?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,]\d+|:\d{3})?)\s*(?P<half>[AaPp][Mm])?
+    \s*(?:Z|UTC|GMT|[+-]\d\d:?\d\d)?$""",  # a time zone, which differences do not depend on
     re.VERBOSE,
 )
+_COMPACT = re.compile(r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:[.,]\d+)?)(Z|[+-]\d\d:?\d\d)?$")  # ISO 8601, basic
 _MINUTES = re.compile(r"^(?P<minutes>\d{1,2}):(?P<seconds>\d\d[.,]\d+)$")  # as spreadsheets show fractions of seconds
 
 
 def is_stamp(cell: str) -> bool:
-    """Whether a cell is a time of day, as "13:59:59.8", "2024-03-05T13:59:59.8" or "59:59.8"."""
+    """Whether a cell is a time of day, as "13:59:59.8", "2024-03-05T13:59:59.8", "13:59:59:800" or "59:59.8"."""
+    if "T" in cell and _COMPACT.match(cell):
+        return True
     return ":" in cell and (_CLOCK.match(cell) is not None or _MINUTES.match(cell) is not None)
 
 
@@ -35,6 +39,7 @@ def seconds(cells: Sequence[str]) -> Array:
     first: int | None = None
     period, dated = _DAY, False
     for k, cell in enumerate(cells):
+        cell = _COMPACT.sub(r"\1-\2-\3T\4:\5:\6\7", cell)
         if match := _CLOCK.match(cell):
             found[k] = 3600 * _hours(match) + 60 * int(match["minutes"]) + _number(match["seconds"])
             if match["iso"] and (day := _day(match["iso"])) is not None:
@@ -62,7 +67,7 @@ def _hours(match: re.Match[str]) -> int:
 
 
 def _number(text: str) -> float:
-    return float(text.replace(",", "."))
+    return float(text.replace(",", ".").replace(":", "."))
 
 
 def _day(text: str) -> int | None:

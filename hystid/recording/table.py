@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -47,3 +48,10 @@ def column(header: str, values: object) -> Column:
     """A column from its header text and anything that converts to a vector of numbers."""
     name, unit = split_header(header)
     return Column(name, unit, np.ascontiguousarray(np.asarray(values, dtype=np.float64).ravel()))
+
+
+def clock_seconds(values: np.ndarray[Any, Any]) -> Array | None:
+    """Time stamps as seconds from the first one, durations as seconds, shape (n,); None where values are neither."""
+    if values.dtype.kind == "M" and values.size:
+        values = values - values[0]
+    return np.asarray(values / np.timedelta64(1, "s")) if values.dtype.kind == "m" else None

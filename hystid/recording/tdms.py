@@ -9,7 +9,7 @@ import numpy as np
 
 from hystid.errors import RecordingError
 from hystid.recording.names import known_name, split_header
-from hystid.recording.table import Column, Table
+from hystid.recording.table import Column, Table, clock_seconds
 from hystid.recording.tree import refuse_scale
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")  # of LabVIEW, of its DAQ, of DIAdem
@@ -49,9 +49,11 @@ def read_tdms(path: Path) -> list[Table]:
 
 def _column(channel: Any, path: Path) -> Column | None:
     values = np.asarray(channel[:])
+    name, unit = split_header(channel.name)
+    if (stamps := clock_seconds(values)) is not None:
+        return Column(name, "s", stamps)
     if values.dtype.kind not in "fiu":
         return None
-    name, unit = split_header(channel.name)
     stated = next((channel.properties[key] for key in _UNITS if channel.properties.get(key)), unit)
     for key, value in channel.properties.items():
         refuse_scale(path.name, name, key, value)

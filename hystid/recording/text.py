@@ -37,6 +37,9 @@ _ONE_MARK = "write numbers with one decimal mark and no marks between thousands"
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # 1.5D-03
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([,.'\s])\d{3})(?:\1\d{3})*(?:[.,]\d+)?")
 
+_MINUS = "\N{MINUS SIGN}"  # what word processors make of a hyphen
+_WITH_UNIT = re.compile(r"[+-]?\d+(?:[.,]\d+)?\s*[^\W\d]\S*$")
+
 _LONGEST_LINE = 1_000_000  # characters: some 50,000 columns
 _LONGEST_NOTE, _MOST_NOTES = 1_000, 2_000  # characters and lines above the table that are read for a sample rate
 
@@ -54,7 +57,7 @@ def read_text(path: Path) -> list[Table]:
     headers = _headers(path, lines[:first], comments, lines[first:], separator)
     body = _body(lines[first:], len(headers), separator)
     if not body:
-        raise _refused(path, "too_short", "there is a header but no sample", "record at least 16 samples")
+        raise _without_samples(path, lines[-1], separator)
     _refuse_scales(path, lines[:first], separator)
     headers = _with_unit_row(headers, lines[:first], separator)
     headers = _with_units_below(headers, lines[first + len(body) :], separator)
@@ -68,11 +71,19 @@ def read_text(path: Path) -> list[Table]:
     return [Table(path.name, columns, path.stem, _line_numbers(body), rates[-1] if rates else None)]
 
 
+def _without_samples(path: Path, last: Line, separator: str | None) -> RecordingError:
+    cells = [cell for cell in _cells(last[1], separator) if _WITH_UNIT.match(cell)]
+    if cells:
+        found = f"'{cells[0][:40]}' holds more than a number"
+        return _refused(path, "cell", found, "write units into the header, and numbers alone below it", line=last[0])
+    return _refused(path, "too_short", "there is a header but no sample", "record at least 16 samples")
+
+
 def _content(path: Path) -> tuple[list[Line], list[Line]]:
     """(line number, text) of every line that is not blank: those of the table, and comments."""
     lines: list[Line] = []
     comments: list[Line] = []
-    for number, line in enumerate(_decode(path).splitlines(), start=1):
+    for number, line in enumerate(_decode(path).replace(_MINUS, "-").splitlines(), start=1):
         if line.strip():
             is_comment = line.lstrip().startswith(("#", "%"))
             if len(line) > _LONGEST_LINE and not is_comment:
@@ -398,7 +409,7 @@ def _row_by_row(path: Path, headers: Sequence[Header], body: Sequence[Line], sep
             except ValueError:
                 found = f"'{cell[:40]}' is not a number"
                 action = "write a number, or cut the line"
-                action = _ONE_MARK if _THOUSANDS.fullmatch(cell) else action
+                action = _ONE_MARK if _THOUSANDS.fullmatch(cell) else _COMMAS[1] if _is_number(cell) else action
                 if not any(map(_is_number, cells)) or line.startswith("Channels\t"):  # as in LabVIEW's segments
                     found = f"a second table begins with '{line.strip()[:40]}'"
                     action = "put one test in each file, or cut the line"

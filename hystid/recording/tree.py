@@ -8,7 +8,7 @@ order: an attribute of the vector itself, ``units.<name>``, ``<name>_unit``, and
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,6 +70,7 @@ def _table(tree: Mapping[str, Any], file: str, name: str) -> Table | None:
     if len(known) < 2 and not (known and rate):
         return None
     _refuse_scales(tree, file)
+    _refuse_tables(tree, vectors, {known_name(column.name) for column in known}, file)
     longest = max(column.values.size for column in known)
     kept = tuple(column for column in columns if column in known or column.values.size == longest)
     return Table(file, kept, name, sample_rate=rate)
@@ -120,6 +121,17 @@ def _refuse_scales(tree: Mapping[str, Any], file: str) -> None:
         head, _, tail = key.partition("_")  # F_scale
         if head in tree:
             refuse_scale(file, head, tail, item)
+
+
+def _refuse_tables(tree: Mapping[str, Any], vectors: Collection[str], found: Collection[str | None], file: str) -> None:
+    """Channels that no vector holds, and that a table or complex numbers are called by."""
+    for key, item in tree.items():
+        name = split_header(key)[0]
+        if key in vectors or not isinstance(item, np.ndarray) or item.size < 2 or known_name(name) in (None, *found):
+            continue
+        what = "complex numbers" if item.dtype.kind == "c" else f"{' by '.join(map(str, item.shape))} numbers"
+        action = "save the measured values as one vector for each channel"
+        raise RecordingError(str(Problem(file, "columns", f"{key} holds {what}", action, known_name(name) or "")))
 
 
 def _is_unit(text: str) -> bool:
