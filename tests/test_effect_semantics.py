@@ -199,7 +199,7 @@ def test_the_annotation_is_a_vendor_annotation_of_every_law() -> None:
 
 def shaken(x: np.ndarray, force: np.ndarray, *, timed: bool = True) -> SimpleNamespace:
     """What the advice looks at of a problem."""
-    return SimpleNamespace(parts=[SimpleNamespace(x=x, F=force, timed=timed)])
+    return SimpleNamespace(parts=[SimpleNamespace(x=x, F=force, timed=timed, lowest=0.0)])
 
 
 def motions() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -246,6 +246,10 @@ def test_the_next_experiment_can_be_done_and_tells_something(catalogue: Catalogu
     assert next_experiment(answered(catalogue, sweep, "missing_physics", ("pinching",), holdout=held)) == ""
     hidden = answered(catalogue, sweep, "missing_physics", ("pinching",), untestable=("stribeck_friction",))
     assert "friction" not in next_experiment(hidden)  # what could not show is no matter of what was named
+    unknown = answered(catalogue, sweep, "unknown_physics")
+    assert unknown.problem is not None
+    unknown.problem.parts[0].lowest = 6.0  # x from v: the place is not known
+    assert "Record the displacement" in next_experiment(unknown)
 
 
 def test_a_class_is_one_candidate_with_one_name(catalogue: Catalogue) -> None:

@@ -245,6 +245,11 @@ def _undecided(recording: Recording, situation: Situation, force: Force | None) 
             reason = why.get(name, f"no other channel of the motion is there, and {rest}")
             called = "the mass" if name == "m" else name
             found[name] = f"whether {called} is in {', '.join(doubtful)} does not show: {reason}"
+    if recording.x is None and not recording.quasi_static and motion(recording):
+        place = (
+            "where the structure stands does not show, nor slow motion: gaps and stops may be misread; record x as well"
+        )
+        found["x"] = place
     hidden = 0.0 if force is None or recording.quasi_static else force.hidden_lag
     if hidden > 1.5 * recording.dt and (_main(recording) * hidden) ** 2 > _MATTERS:
         late = f"a lag of F below {words.milliseconds(hidden)} does not show: hysteresis explains F as well"
@@ -465,7 +470,7 @@ def _filters(
 def _drift(p: Pair, recording: Recording) -> tuple[str, float] | None:
     """A channel with slow power of its own: up to the main motion, above its noise, and not in the other one."""
     if p.high == "a":
-        return _drift_below(p, recording) if len(motion(recording)) == 2 else None
+        return _drift_below(p, recording) if recording.x is None else None
     main = int(np.argmax(p.bands.high * p.bands.seen))
     held = spectrum(motion(recording)[p.high], recording.dt)
     rising = np.interp(p.bands.omega, held.omega, held.density) > 100 * held.level
@@ -478,10 +483,8 @@ def _drift(p: Pair, recording: Recording) -> tuple[str, float] | None:
 
 
 def _drift_below(p: Pair, recording: Recording) -> tuple[str, float] | None:
-    """As ``_drift``, where an acceleration is the only other channel: slow power of x or v, of which it shows less than
-    a quarter, noise included."""
-    size = np.maximum(p.bands.omega, 1e-300) ** (-2.0 * p.order)
-    low = p.bands.low * size
+    """As ``_drift``, for v beside a alone: slow power of v of which a shows less than a quarter, noise included."""
+    low = p.bands.low / np.maximum(p.bands.omega, 1e-300) ** 2
     main = int(np.argmax(low * p.bands.seen))
     held = spectrum(motion(recording)[p.low], recording.dt)
     rising = np.interp(p.bands.omega, held.omega, held.density) > 100 * held.level

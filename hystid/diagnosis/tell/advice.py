@@ -16,6 +16,8 @@ def next_experiment(diagnosis: Diagnosis) -> str:
     if pair := next(_pairs(diagnosis, steered), None):
         return pair
     if diagnosis.verdict == "unknown_physics":
+        if diagnosis.problem is not None and any(part.lowest for part in diagnosis.problem.parts):
+            return "Record the displacement as well: laws of the place, as gaps and stops, do not show without it."
         how = (
             "Record slow cycles, and harmonic tests at three amplitudes and three frequencies, so that the amplitude "
             "and rate laws"

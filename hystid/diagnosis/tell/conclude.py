@@ -47,8 +47,9 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     depends = tuple(dependences(case.problem, choice.after.hypothesis, choice.before.hypothesis))
     remains = _rest(choice)
     masses = several_masses(resonances(case.problem.parts)) if remains or choice.unknown else []
+    masses += _place(case) if remains or choice.unknown else []
     masses += zeros_instead(case.problem, choice.after.hypothesis)
-    notes = (*case.notes, *runs.notes, *told, *remains, *masses, *(one.sentence() for one in depends))
+    said = (*case.notes, *runs.notes, *told, *remains, *masses, *(one.sentence() for one in depends))
     unknown = None
     if verdict == "unknown_physics":
         residual = case.problem.balance_shown(choice.after.hypothesis)
@@ -59,7 +60,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     diagnosis = Diagnosis(
         verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
         listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
-        notes,
+        tuple(dict.fromkeys(said)),
         {"lags": case.consistency, "delay": last.delay, "mass_error": last.mass_error},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
         dependence=depends, catalogue=case.catalogue, values=refit_values(answer, choice.after),
@@ -106,6 +107,16 @@ def _rest(choice: Choice) -> list[str]:
     if not choice.named or left < _REST:
         return []
     return [f"what is named leaves {left:.2g} times the noise: something smaller has no name yet"]
+
+
+def _place(case: Case) -> list[str]:
+    """What recordings without a displacement do not say, where something is left that may depend on it."""
+    from_rates = [part for part in case.problem.parts if part.lowest]
+    if not from_rates:
+        return []
+    slow = f"motion slower than {max(part.first_Hz for part in from_rates):.2g} Hz"
+    law = "a law of the place, as a gap or a stop, may be misread or missed"
+    return [f"x was not measured: where the structure stands, and {slow}, is not known; {law}"]
 
 
 def _runs(case: Case, choice: Choice) -> Runs:

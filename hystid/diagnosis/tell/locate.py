@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 _ACTIVE = 0.3  # share of the 99 % quantile of the force above which an effect counts as acting
 _BINS = 24
 _NOTHING = 0.08  # share of the largest force that counts as none
+_ALWAYS = 0.9  # share of the samples: the rest is where a force changes its sign
 _TAKEN = 0.9  # share of the hysteretic force that slack takes away
 
 
@@ -123,7 +124,8 @@ def _place(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> s
     if gap is None:
         slack = _slack(forces, signals) if term.effect.uses_h else 0.0
         free = f", {1e3 * slack:.2g} mm of next to no force at each reversal" if slack else ""
-        return f"acts in {100 * share:.0f} % of the samples{free}"
+        when = "all the time" if share > _ALWAYS else f"in {100 * share:.0f} % of the samples"
+        return f"acts {when}{free}"
     side = term.values.get(said.switch, 0.0)
     place = "|x| > " if side == 0 else "x > " if side > 0 else "x < -"
     reached = float(np.mean((np.abs(x) if side == 0 else side * x) > gap))
