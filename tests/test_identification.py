@@ -1,6 +1,7 @@
 """Identification end to end: a stick-slip oscillator of known law, simulated apart from the library."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from hystid.identification.data import linear_model
 from hystid.identification.dissipation import cycles, feeding
 from hystid.identification.offsets import constant_and_even
 from hystid.identification.result import LinearFit
-from hystid.networks import ensemble
+from hystid.networks import FurtherInput, ensemble
 from hystid.recording import Recording, read
 
 EMPS = Path(__file__).parents[1].parent / "shared" / "data" / "emps"
@@ -168,13 +169,24 @@ def test_constant_and_even_forces_are_told():
 
     assert notes(plain) == ()
     (offset,) = notes(plain + 3.0)
-    assert "constant force of 2.99 N" in offset and "6.99 N forward" in offset  # standard error 0.03 N
+    told = [float(number) for number in re.findall(r"(-?[0-9.]+) N[ ,]", offset)]
+    assert told == pytest.approx([3.0, 7.0, 1.0], abs=0.1)  # offset, forward, backward; standard error 0.03 N
     assert notes(-20.0 + 4 * np.sign(v) + noise, x=x + 9)[0].startswith("the model holds a constant force of -20 N")
     (even,) = notes(plain + 1.5 * x**2)
     assert "even in the displacement" in even
     (contact,) = notes(plain + 40 * np.maximum(x - 0.3, 0))  # its mean of 10 N is no constant force
     assert "even in the displacement" in contact
     assert any("AC-coupled" in note for note in notes(plain - np.mean(plain), x=x + 0.5))
+
+    def pressed(offset):
+        """A piston at four pressures: 50 N per unit of p, and friction that grows with it."""
+        p = np.repeat([1.0, 3.0, 5.0, 7.0], 1000)
+        R = plain + 50 * p + 0.5 * p * np.sign(v) + offset
+        rig = Recording("r", t, F=R, x=x, v=v, R=R, extra={"p": p}, units={"p": "Pa"})
+        return constant_and_even([rig], [FurtherInput("p", "Pa", "p")])
+
+    assert pressed(0.0) == ()  # what the pressure makes is no constant force
+    assert re.search(r"constant force of (5\.9|6\.0)\d* N at p of 0", pressed(6.0)[0])
 
 
 def test_bad_arguments_get_a_sentence(recordings, harmonic):

@@ -149,7 +149,7 @@ def identify(
         *trained.notes,
         *late,
         *feeding(networks, used),
-        *constant_and_even(used),
+        *constant_and_even(used, ports),
         *unused_columns(*_residual_of(comparisons), ports),
     )
     hybrid = combine(law, replace(plan, inputs=plain_ports), comparisons, networks.training_range) if law else None

@@ -6,39 +6,47 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hystid.networks import FurtherInput
 from hystid.recording import Array, Recording
 
 _BLOCKS = 10  # left out in turn: how far the answers move then is their standard error (jackknife)
 _SURE = 3.0  # standard errors
 _WORTH = 0.01  # of the force's standard deviation: less does not show in an NRMSE of a few percent
-_KNOTS = 16  # of a curve over x; twice as many say how much the answer hangs on them
+_KNOTS = (4, 8, 16, 32)  # of a curve over x; twice as many say how much the answer hangs on them
 _EDGE = 0.01  # of the samples, at either end of x, between which 0 must lie
 _NOTHING = 1e-3  # of the standard deviation: a mean below it has been taken out, not measured
 
 
-def constant_and_even(recordings: Sequence[Recording]) -> tuple[str, ...]:
+def constant_and_even(recordings: Sequence[Recording], inputs: Sequence[FurtherInput] = ()) -> tuple[str, ...]:
     """Sentences on a constant force, on one that is even in x, and on channels without a mean.
 
     The constant force is that of a curve over x at x = 0, beside v and sign(v): a mean alone is no constant force, for
     a contact on one side has one. A constant force and friction levels that differ with the direction are the same
-    columns, so that the sentence names both.
+    columns, so that the sentence names both. A force that a further input sets, as a pressure does, is none of these:
+    ``inputs`` stand beside the curve with their level and with what they add to friction and damping, and the constant
+    force is the one without them.
     """
     x, v, R = (np.concatenate([r.channel(name) for r in recordings]) for name in ("x", "v", "R"))
     size, span = float(np.std(R)), float(np.std(x))
     square = ((x - np.mean(x)) / span) ** 2
     sides = np.stack([v / np.std(v), np.sign(v)], axis=1)
+    for port in inputs:
+        level = np.concatenate([r.channel(port.column) for r in recordings])
+        level = level / np.abs(level).max()
+        sides = np.column_stack([level, level[:, None] * sides[:, -2:], sides])
+    without = f" at {' and '.join(port.column for port in inputs)} of 0" if inputs else ""
     notes = []
     offset, error, friction = _at_zero(x, sides, R)
     if abs(offset) > max(_SURE * error, _WORTH * size):
         notes.append(
-            f"the model holds a constant force of {offset:.3g} N (standard error {error:.2g} N), which is the same "
-            f"as friction levels of {friction + offset:.3g} N forward and {friction - offset:.3g} N backward; check "
-            "the zeros of force and displacement"
+            f"the model holds a constant force of {offset:.3g} N{without} (standard error {error:.2g} N), which is the "
+            f"same as friction levels of {friction + offset:.3g} N forward and {friction - offset:.3g} N backward; "
+            "check the zeros of force and displacement"
         )
         notes += _coupled(recordings)
-    found, errors = _jackknife(np.column_stack([x / span, sides, square - square.mean(), np.ones_like(x)]), R)
-    even = float(found[3])
-    if abs(even) * float(np.std(square)) > max(_SURE * errors[3] * float(np.std(square)), _WORTH * size):
+    found, errors, _ = _jackknife(np.column_stack([x / span, sides, np.ones_like(x), square - square.mean()]), R)
+    even = float(found[-1])
+    if abs(even) * float(np.std(square)) > max(_SURE * errors[-1] * float(np.std(square)), _WORTH * size):
         notes.append(
             f"the force has a part that is even in the displacement, {even:.3g} N at one standard deviation of x: the "
             "two directions differ, as with a contact, a preload or a sensor that saturates"
@@ -53,21 +61,22 @@ def _at_zero(x: Array, sides: Array, R: Array) -> tuple[float, float, float]:
     """
     low, middle, high = np.quantile(x, (_EDGE, 0.5, 1.0 - _EDGE))
     inside = bool(low < 0.0 < high)
-    rough, *_ = _curve(x if inside else x - middle, sides, R, _KNOTS)
-    offset, error, friction, range_ = _curve(x if inside else x - middle, sides, R, 2 * _KNOTS)
-    return offset, float(np.hypot(error, offset - rough if inside else range_)), friction
+    fine = [_curve(x if inside else x - middle, sides, R, count) for count in (*_KNOTS, 2 * _KNOTS[-1])]
+    best = int(np.argmin([left for *_, left in fine[:-1]]))
+    offset, error, friction, range_, _ = fine[best]
+    return offset, float(np.hypot(error, offset - fine[best + 1][0] if inside else range_)), friction
 
 
-def _curve(x: Array, sides: Array, R: Array, count: int) -> tuple[float, float, float, float]:
-    """Value at x = 0 of broken lines over x with a number of knots, its error by chance, the friction beside them, and
-    the range of the lines."""
+def _curve(x: Array, sides: Array, R: Array, count: int) -> tuple[float, float, float, float, float]:
+    """Value at x = 0 of broken lines over x with a number of knots, its error by chance, the friction beside them, the
+    range of the lines, and what they leave on the blocks that are left out."""
     knots = np.quantile(x, np.linspace(0.0, 1.0, count))
     apart = np.abs(knots) > 0.25 * float(np.std(x)) / count
     knots = np.unique(np.append(knots[apart], 0.0))
     hats = np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=1)
-    found, error = _jackknife(np.column_stack([hats, sides]), R)
+    found, error, left = _jackknife(np.column_stack([hats, sides]), R)
     at = int(np.flatnonzero(knots == 0.0)[0])
-    return float(found[at]), float(error[at]), float(found[-1]), float(np.ptp(found[: len(knots)]))
+    return float(found[at]), float(error[at]), float(found[-1]), float(np.ptp(found[: len(knots)])), left
 
 
 def _coupled(recordings: Sequence[Recording]) -> list[str]:
@@ -86,10 +95,11 @@ def _coupled(recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def _jackknife(table: Array, target: Array) -> tuple[Array, Array]:
-    """Least squares and standard errors, from fits without each of the blocks."""
+def _jackknife(table: Array, target: Array) -> tuple[Array, Array, float]:
+    """Least squares, standard errors from fits without each of the blocks, and the squares that those leave there."""
     whole = np.linalg.lstsq(table, target, rcond=None)[0]
     block = np.arange(len(target)) * _BLOCKS // len(target)
-    parts = [np.linalg.lstsq(table[block != k], target[block != k], rcond=None)[0] for k in range(_BLOCKS)]
-    error = np.sqrt((_BLOCKS - 1) * np.mean((np.array(parts) - np.mean(parts, axis=0)) ** 2, axis=0))
-    return np.asarray(whole, np.float64), np.asarray(error, np.float64)
+    parts = np.array([np.linalg.lstsq(table[block != k], target[block != k], rcond=None)[0] for k in range(_BLOCKS)])
+    error = np.sqrt((_BLOCKS - 1) * np.mean((parts - np.mean(parts, axis=0)) ** 2, axis=0))
+    left = float(np.sum((target - np.sum(table * parts[block], axis=1)) ** 2))
+    return np.asarray(whole, np.float64), np.asarray(error, np.float64), left
