@@ -29,6 +29,7 @@ from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, p
 from hystid.report.plots import Axis, Bars, Line, Plot, Points, Role
 from hystid.report.terminal import columns
 
+_CLEARLY = 0.8  # error over error, from which a model is worth asking for (a stated cost)
 _GOOD, _FAIR = 0.05, 0.15  # force NRMSE: a few percent is what the published method reaches on measured data
 _OVERVIEWS = 5
 _SHOWN = 2  # recordings with figures of their own: more make the page long without saying more
@@ -80,6 +81,8 @@ def verdict(result: Identification) -> Verdict:
     tone: Tone = "good" if median <= _GOOD else "warn" if median <= _FAIR else "bad"
     detail = f"A linear fit (m, B, Kl) leaves {percent(linear)}. "
     diverged = [comparison.recording.name for comparison in judged if comparison.network.diverged]
+    if told := _published_is_better(judged):
+        tone, detail = "warn" if tone == "good" else tone, detail + told
     if diverged:
         tone, detail = "bad", f"{detail}In closed loop it diverged on {', '.join(diverged)}. "
     if not unseen:
@@ -91,6 +94,19 @@ def verdict(result: Identification) -> Verdict:
     return Verdict(
         tone, f"The surrogate leaves {percent(median)} of the force unexplained{worst_text}, on {where}", detail
     )
+
+
+def _published_is_better(judged: Sequence[Comparison]) -> str:
+    """A sentence where the published method is better both on the measured motion and in free run."""
+    both = [(c.network, c.published) for c in judged if c.published is not None]
+    if not both:
+        return ""
+    mine, other = (float(np.median([pair[k].force_nrmse for pair in both])) for k in (0, 1))
+    runs = [pair for pair in both if pair[0].x_nrmse is not None]
+    worse = any(theirs.diverged or (theirs.x_nrmse or np.inf) > (own.x_nrmse or np.inf) for own, theirs in runs)
+    if other > _CLEARLY * mine or worse:
+        return ""
+    return f"The published method leaves less, {percent(other)}: --method published gives that model. "
 
 
 def _facts(result: Identification) -> list[Fact]:
