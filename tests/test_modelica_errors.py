@@ -381,8 +381,8 @@ def test_front_end_missing_is_told(tmp_path):
 # What no front end finishes: body of a model, the limit that is lowered to keep the test short, words of the message.
 ENDLESS = {
     "a hunger for memory": (
-        "  Real x = " + "+".join(["time"] * 10000) + ";\n",
-        ("_MEMORY", 600 << 20),
+        "  Real x = " + "+".join(["time"] * 20000) + ";\n",
+        ("_MEMORY", 400 << 20),
         "out of memory",
     ),
     "an abort": ("  Real x = " + "(" * 5000 + "1" + ")" * 5000 + ";\n", ("_STACK", 1 << 20), "nested too deeply"),

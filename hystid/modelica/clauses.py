@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 
-from hystid.modelica.reach import Class
+from hystid.modelica.reach import Class, classes
 
 _NAME = r"[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*"
 _CLASS_KIND = r"(?:model|block|class|package|function|connector|record|type)"
@@ -71,18 +71,17 @@ class Clause:
     names: int = 1
 
 
-def clauses(owner: Class, found: Sequence[Class]) -> Iterator[Clause]:
-    """The clauses of one class of a text; found: all classes of that text. Nested classes have clauses of their own."""
+@lru_cache(maxsize=8192)  # a dozen passes ask for those of the same class
+def clauses(owner: Class) -> tuple[Clause, ...]:
+    """The clauses of one class of a text. Nested classes have clauses of their own."""
     plain = owner.source.plain
     if owner.short:
-        yield from _short(owner, plain)
-        return
+        return tuple(_short(owner, plain))
     text = plain[: owner.end]
-    for inner in found:
+    for inner in classes(owner.source) or ():
         if inner.parent is owner:
             text = text[: inner.start] + re.sub(r"[^\n;]", " ", text[inner.start : inner.end]) + text[inner.end :]
-    for start, end in _statements(text, owner.body, owner.end):
-        yield from _statement(owner, text, start, end)
+    return tuple(c for at in _statements(text, owner.body, owner.end) for c in _statement(owner, text, *at))
 
 
 def _short(owner: Class, plain: str) -> Iterator[Clause]:

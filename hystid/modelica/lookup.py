@@ -105,9 +105,14 @@ class Node:
             return [_joined(found.group(1))] if found and found.group(1) != "enumeration" else []
         return [_joined(n) for n in _EXTENDS.findall(self.own)]
 
+    @cached_property
+    def _entries(self) -> frozenset[str]:
+        """Names of the files and folders beside its own."""
+        return frozenset(p.name for p in self.folder.iterdir()) if self.folder else frozenset()
+
     def child(self, name: str) -> Node | None:
         """The class of that name declared in it, in a file of its folder maybe."""
-        if name not in self.inside and self.folder is not None:
+        if name not in self.inside and self.folder is not None and {name, f"{name}.mo"} & self._entries:
             made = _loaded(self.folder, name, self)
             if made is not None:
                 self.inside[name] = made

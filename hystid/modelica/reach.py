@@ -16,9 +16,9 @@ from hystid.modelica.sources import Source
 KEYWORD = r"(?:model|block|class|package|function|connector|record|type|operator)"
 _PREFIX = r"(?:redeclare|replaceable|final|inner|outer|partial|encapsulated|expandable|pure|impure)"
 _STEP = re.compile(
-    r"(?P<open>[(\[{])|(?P<close>[)\]}])|(?<![\w.])end\s+(?P<end>[A-Za-z_]\w*)\s*(?:;|(?=constrainedby\b))"
-    rf"|(?<![\w.])(?P<front>(?:{_PREFIX}\s+)*)(?P<kind>operator\s+(?:record|function)\b|{KEYWORD})\s+"
-    r"(?:extends\s+)?(?P<name>[A-Za-z_]\w*)(?:\s*(?P<short>=))?"
+    r"(?P<open>[(\[{])|(?P<close>[)\]}])|\b(?=[a-z])(?<!\.)(?:end\s+(?P<end>[A-Za-z_]\w*)\s*(?:;|(?=constrainedby\b))"
+    rf"|(?P<front>(?:{_PREFIX}\s+)*)(?P<kind>operator\s+(?:record|function)\b|{KEYWORD})\s+"
+    r"(?:extends\s+)?(?P<name>[A-Za-z_]\w*)(?:\s*(?P<short>=))?)"
 )
 _CONTROL = frozenset(("if", "for", "when", "while"))
 
@@ -63,10 +63,11 @@ class _Open:
     tail: int = 0
 
 
-def classes(source: Source) -> list[Class] | None:
+@lru_cache(maxsize=1024)  # several passes ask for it; a text that none of them changed is the same
+def classes(source: Source) -> Sequence[Class] | None:
     """Every class of a text, outer ones before inner ones; None where their ends do not match."""
     roots = _outline(source.plain)
-    return None if roots is None else [c for root in roots for c in _named(source, root, None)]
+    return None if roots is None else tuple(c for root in roots for c in _named(source, root, None))
 
 
 def _named(source: Source, o: _Open, parent: Class | None) -> Iterator[Class]:
@@ -76,7 +77,6 @@ def _named(source: Source, o: _Open, parent: Class | None) -> Iterator[Class]:
         yield from _named(source, inner, made)
 
 
-@lru_cache(maxsize=1024)  # several passes ask for it; a text that none of them changed is the same
 def _outline(plain: str) -> list[_Open] | None:
     stack = [_Open("", "", 0, 0)]
     depth = 0
@@ -102,7 +102,7 @@ def _outline(plain: str) -> list[_Open] | None:
     return stack[0].inner if len(stack) == 1 and depth == 0 else None
 
 
-def reached(name: str, sources: Sequence[Source]) -> dict[Source, list[Class] | None]:
+def reached(name: str, sources: Sequence[Source]) -> dict[Source, Sequence[Class] | None]:
     """Text -> its classes that class ``name`` may depend on; None for a text that must be taken as a whole."""
     outlines = {source: classes(source) for source in sources}
     by_name: dict[str, list[Class]] = {}

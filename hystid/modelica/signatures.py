@@ -17,15 +17,14 @@ def units_of_functions(functions: Sequence[Function], sources: Sequence[Source])
     """Function -> variable -> unit, for those that state one, by themselves or by their type."""
     if not functions:
         return {}
-    outlines = {source: classes(source) or () for source in sources}
-    types = dict(_types(c for found in outlines.values() for c in found))
+    types = dict(_types(c for source in sources for c in classes(source) or ()))
     found = {}
     for function in functions:
         declared = declaration(function.name, sources)
         if declared is not None:
-            inside = outlines[declared.source]
+            inside = classes(declared.source) or ()
             owner = next((c for c in inside if declared.start <= c.start < declared.end), None)
-            found[function.name] = dict(_units(owner, inside, types)) if owner else {}
+            found[function.name] = dict(_units(owner, types)) if owner else {}
     return found
 
 
@@ -33,14 +32,14 @@ def _types(found: Iterable[Class]) -> Iterator[tuple[str, str]]:
     """Short names of types that state a unit."""
     for c in found:
         if c.kind == "type" and c.short:
-            for clause in clauses(c, ()):
+            for clause in clauses(c):
                 unit = _stated(c.source, clause.mods)
                 if unit:
                     yield c.name, unit
 
 
-def _units(owner: Class, inside: Sequence[Class], types: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    for clause in clauses(owner, inside):
+def _units(owner: Class, types: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    for clause in clauses(owner):
         unit = _stated(owner.source, clause.mods) or types.get(clause.target.rsplit(".", 1)[-1].strip(), "")
         if clause.kind == "component" and unit:
             yield clause.name, unit

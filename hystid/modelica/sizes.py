@@ -23,7 +23,7 @@ MOST = 20_000  # scalars: each becomes lines of C, and passes over them take sec
 def refuse_large_arrays(name: str, sources: Sequence[Source], structure: Mapping[str, float]) -> None:
     """Raise ModelicaError for sizes and loops that make too many elements, as far as the text shows them."""
     found = reached(name, sources)
-    declared = [c for classes in found.values() for owner in classes or () for c in clauses(owner, classes or ())]
+    declared = [c for classes in found.values() for owner in classes or () for c in clauses(owner)]
     for clause in declared:
         number = _number(clause, structure)
         if number > MOST:
@@ -46,7 +46,7 @@ def deciding_words(name: str, sources: Sequence[Source]) -> frozenset[str]:
     for found in reached(name, sources).values():
         for owner in found or ():
             deciding += [part.partition("annotation")[0] for part in _CONDITION.findall(own_text(owner, found or ()))]
-            parts = (c for c in clauses(owner, found or ()) if c.kind == "component" and c.target not in _PREDEFINED)
+            parts = (c for c in clauses(owner) if c.kind == "component" and c.target not in _PREDEFINED)
             deciding += [re.sub(r"\bsize\s*\([^()]*\)", "", size) for c in parts for size in c.sizes]
     return frozenset(words(" ".join(deciding)))
 

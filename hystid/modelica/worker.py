@@ -56,7 +56,7 @@ def _answer(shared: dict[str, Any], wrapper: dict[str, str]) -> str:
         for path, text in shared["files"]:
             _retain(rumoca, session, text, path, wrapper["class"])
         model = session.loads(wrapper["text"], model=wrapper["class"], filename=wrapper["path"])
-        return str(model.to_json("flat")).replace("\n", " ")
+        return str(model.to_json("flat", pretty=False))  # in one line, and in a third of the text
     except rumoca.RumocaError as error:
         texts = [*shared["files"], *shared["library"]]
         said = [[str(d) for d in rumoca.validate_source(text, filename=path)] for path, text in texts]

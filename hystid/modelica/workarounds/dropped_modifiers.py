@@ -29,7 +29,7 @@ def with_acting_modifiers(name: str, sources: Sequence[Source]) -> list[Source]:
     Raises ModelicaError, with file and line, for one that cannot be.
     """
     used = reached(name, sources)
-    declared = [c for found in used.values() for owner in found or () for c in clauses(owner, found or ())]
+    declared = [c for found in used.values() for owner in found or () for c in clauses(owner)]
     _refuse_extending_redeclarations([c for found in used.values() for c in found or ()])
     _refuse(declared, [s.plain for s in sources])
     lost = forgotten(declared)
@@ -56,7 +56,7 @@ def refuse_mixed_functions(name: str, functions: Iterable[str], sources: Sequenc
     """
     names = list(functions)
     for found in reached(name, sources).values():
-        for clause in (c for owner in found or () for c in clauses(owner, found or ())):
+        for clause in (c for owner in found or () for c in clauses(owner)):
             if clause.owner.kind != "package" or "replaceable" not in clause.prefixes:
                 continue
             for function in (n for n in names if clause.name in n.split(".")[:-1]):
@@ -265,7 +265,7 @@ def _rewritten(
             edits
             for owner in found or ()
             if _path(owner) in used or owner.name.startswith("hystid_")
-            for clause in clauses(owner, found or ())
+            for clause in clauses(owner)
             if (edits := _edits(clause, source, number) or _joined(clause, lost.get(key(clause), {}), kinds, number))
         )
         edits = next(changes, [])

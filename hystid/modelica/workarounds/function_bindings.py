@@ -31,11 +31,10 @@ def _is_enumeration(c: Class) -> bool:
 
 
 def _bindings(source: Source, functions: Collection[str], others: Collection[str]) -> Iterator[Edit]:
-    found = classes(source) or ()
-    for owner in found:
+    for owner in classes(source) or ():
         if owner.kind not in ("model", "block", "class"):
             continue
-        for clause in clauses(owner, found):
+        for clause in clauses(owner):
             real = clause.target.rsplit(".", 1)[-1].strip() not in {*others, "Integer", "Boolean", "String"}
             behind = clause.mods.closing + 1 if clause.mods else clause.behind
             value = _VALUE.match(source.plain, behind)

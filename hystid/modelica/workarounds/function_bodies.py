@@ -97,7 +97,7 @@ def with_readable_functions(source: Source) -> Source:
     edits: list[Edit] = []
     for owner in sorted(found, key=lambda c: -c.start):
         if owner.kind == "function" and not owner.short and not any(c.parent is owner for c in found):
-            edits += _rewritten(owner, found, numbers)
+            edits += _rewritten(owner, numbers)
         elif owner.kind in ("model", "block", "class") and not owner.short:
             edits += _without_calls(owner)
     return edited(source, edits)
@@ -126,7 +126,7 @@ def _called(statements: Iterable[_Statement]) -> Iterator[_Statement]:
         yield from (inner for b in s.branches for inner in _called(b.body))
 
 
-def _rewritten(owner: Class, found: Sequence[Class], numbers: Iterator[int]) -> Iterator[Edit]:
+def _rewritten(owner: Class, numbers: Iterator[int]) -> Iterator[Edit]:
     plain = owner.source.plain
     section = re.compile(r"\balgorithm\b").search(plain, owner.body, owner.end)
     if section is None:
@@ -137,13 +137,13 @@ def _rewritten(owner: Class, found: Sequence[Class], numbers: Iterator[int]) -> 
         return
     if not any(s.refused for s in statements):
         return
-    writer = _Writer(owner.source.text, numbers, _real(owner, found))
+    writer = _Writer(owner.source.text, numbers, _real(owner))
     try:
         body = writer.function(statements, section.end(), end)
     except Unreadable:
         return
     names = f"Boolean {', '.join(writer.names)}; " if writer.names else ""
-    start = f"protected {names}{_NOTHING} algorithm {' '.join(_unset(owner, found))}"
+    start = f"protected {names}{_NOTHING} algorithm {' '.join(_unset(owner))}"
     yield section.start(), end, start + body
 
 
@@ -151,16 +151,16 @@ def _rewritten(owner: Class, found: Sequence[Class], numbers: Iterator[int]) -> 
 _NOTHING = f"Real {NOTHING}Real = 0; Integer {NOTHING}Integer = 0; Boolean {NOTHING}Boolean = false; Real {STOP} = 0;"
 
 
-def _real(owner: Class, found: Sequence[Class]) -> str:
+def _real(owner: Class) -> str:
     """A scalar of type Real that the function assigns, an output first; "" without one."""
-    made = [c for c in clauses(owner, found) if c.kind == "component" and c.target == "Real" and not c.sizes]
+    made = [c for c in clauses(owner) if c.kind == "component" and c.target == "Real" and not c.sizes]
     made = [c for c in made if not {"input", "parameter", "constant"} & set(c.prefixes)]
     return next((c.name for c in sorted(made, key=lambda c: "output" not in c.prefixes)), "")
 
 
-def _unset(owner: Class, found: Sequence[Class]) -> Iterator[str]:
+def _unset(owner: Class) -> Iterator[str]:
     plain = owner.source.plain
-    for clause in clauses(owner, found):
+    for clause in clauses(owner):
         behind = clause.mods.closing + 1 if clause.mods else clause.behind
         given = re.compile(r"\s*:?=").match(plain, behind)
         if clause.kind != "component" or given or {"input", "parameter", "constant"} & set(clause.prefixes):

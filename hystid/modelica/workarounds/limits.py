@@ -25,7 +25,7 @@ def with_limits_kept(name: str, sources: Sequence[Source]) -> list[Source]:
     What cannot be told apart by names, or what names variables, is left as it is, to be refused.
     """
     used = reached(name, sources)
-    declared = [c for found in used.values() for owner in found or () for c in clauses(owner, found or ())]
+    declared = [c for found in used.values() for owner in found or () for c in clauses(owner)]
     limited = [c for c in declared if "replaceable" in c.prefixes and c.limit]
     if not limited:
         return list(sources)

@@ -16,7 +16,7 @@ The last line keeps the count of equations; the adapter takes it away and puts t
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import count
 
 from hystid.modelica.clauses import Clause, clauses, closing, next_mark
@@ -38,10 +38,9 @@ def with_carried_algorithms(sources: Sequence[Source]) -> list[Source]:
     """The texts with algorithm sections in this form; lines stay where they are. What is not understood stays."""
     if not any(re.search(r"\balgorithm\b", s.plain) for s in sources):
         return list(sources)
-    outlines = {s: classes(s) or [] for s in sources}
-    types = _Types(outlines)
+    types = _Types([c for s in sources for c in classes(s) or ()])
     numbers = count(1)
-    return [edited(s, _edits(s, outlines[s], types, numbers)) for s in sources]
+    return [edited(s, _edits(s, classes(s) or (), types, numbers)) for s in sources]
 
 
 def _edits(source: Source, found: Sequence[Class], types: _Types, numbers: Iterator[int]) -> Iterator[Edit]:
@@ -71,10 +70,9 @@ def _own(owner: Class, found: Sequence[Class]) -> str:
 class _Types:
     """What a name in a class is declared as, bases included."""
 
-    def __init__(self, outlines: dict[Source, list[Class]]) -> None:
-        self._found = {c: found for found in outlines.values() for c in found}
+    def __init__(self, found: Iterable[Class]) -> None:
         self._by_name: dict[str, list[Class]] = {}
-        for c in self._found:
+        for c in found:
             self._by_name.setdefault(c.name, []).append(c)
 
     def of(self, name: str, owner: Class) -> tuple[str, bool, bool]:
@@ -89,7 +87,7 @@ class _Types:
         return self._built_in(clause.target, clause.owner, 0), bool(clause.sizes), "discrete" in clause.prefixes
 
     def _declared(self, name: str, owner: Class, depth: int) -> Clause | None:
-        made = list(clauses(owner, self._found[owner]))
+        made = clauses(owner)
         for c in made:
             if c.kind == "component" and c.name == name:
                 return c

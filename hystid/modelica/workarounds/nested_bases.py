@@ -30,7 +30,7 @@ def _edits(owner: Class, found: Sequence[Class]) -> Iterator[Edit]:
     inside = [c for c in found if c.parent is owner and c.kind == owner.kind and not c.short]
     if not inside:
         return
-    for clause in clauses(owner, found):
+    for clause in clauses(owner):
         nested = next((c for c in inside if c.name == clause.target.strip()), None)
         if clause.kind != "extends" or clause.mods or nested is None or not _alone(nested, found):
             continue
@@ -45,7 +45,7 @@ def _edits(owner: Class, found: Sequence[Class]) -> Iterator[Edit]:
 
 def _alone(nested: Class, found: Sequence[Class]) -> bool:
     """Whether it extends something, and is named where it is declared and extended alone."""
-    extends = any(c.kind == "extends" for c in clauses(nested, found))
+    extends = any(c.kind == "extends" for c in clauses(nested))
     words = re.findall(rf"(?<!\w){nested.name}(?!\w)", nested.source.plain)
     return extends and len(words) == 3 and not any(c.parent is nested for c in found)
 

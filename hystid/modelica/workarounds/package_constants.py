@@ -24,12 +24,11 @@ def with_separate_packages(name: str, sources: Sequence[Source]) -> list[Source]
     Raises ModelicaError, with file and line, where that cannot be done.
     """
     used = [c for found in reached(name, sources).values() for c in found or ()]
-    inside = {s: [c for c in used if c.source is s] for s in sources}
     extending = [
         clause
         for owner in used
         if owner.kind == "package"
-        for clause in clauses(owner, inside[owner.source])
+        for clause in clauses(owner)
         if clause.kind in ("extends", "short")
         and any(not m.kind for m in (clause.mods.elements if clause.mods else ()))
     ]
@@ -40,9 +39,9 @@ def with_separate_packages(name: str, sources: Sequence[Source]) -> list[Source]
             continue
         others = [c for c in extending if c.target.rsplit(".", 1)[-1].strip() == base.name]
         names = {m.name for c in others for m in (c.mods.elements if c.mods else ()) if m.value}
-        own = dict(_values(base, inside[base.source]))
+        own = dict(_values(base))
         stated = ", ".join(f"{n} = {value}" for n, value in own.items() if n in names)
-        _refuse_dependents(_with_dependents(names, own) - names, used, inside)
+        _refuse_dependents(_with_dependents(names, own) - names, used, sources)
         new = f"hystid_{base.name}"
         edits.setdefault(clause.owner.source, set()).add((clause.behind - len(base.name), clause.behind, new))
         plain = base.source.plain
@@ -75,10 +74,10 @@ def _base(clause: Clause, used: Sequence[Class], sources: Sequence[Source]) -> C
     return found[0]
 
 
-def _values(base: Class, inside: Sequence[Class]) -> Iterator[tuple[str, str]]:
+def _values(base: Class) -> Iterator[tuple[str, str]]:
     """Constants of a package with the text of their values."""
     plain = base.source.plain
-    for clause in clauses(base, inside):
+    for clause in clauses(base):
         behind = clause.mods.closing + 1 if clause.mods else clause.behind
         sign = re.compile(r"\s*=").match(plain, behind)
         if clause.kind == "component" and sign:
@@ -96,13 +95,13 @@ def _with_dependents(names: Collection[str], values: Mapping[str, str]) -> set[s
     return found
 
 
-def _refuse_dependents(names: Collection[str], used: Sequence[Class], inside: Mapping[Source, Sequence[Class]]) -> None:
+def _refuse_dependents(names: Collection[str], used: Sequence[Class], sources: Sequence[Source]) -> None:
     """Of a replaceable package, constants made from modified ones are those of another package."""
-    declared = (c for owner in used if owner.kind == "package" for c in clauses(owner, inside[owner.source]))
+    declared = (c for owner in used if owner.kind == "package" for c in clauses(owner))
     packages = {c.name for c in declared if c.kind == "short" and "replaceable" in c.prefixes}
     for package in packages:
         for name in names:
-            for source in inside:
+            for source in sources:
                 found = re.search(rf"(?<![\w.]){package}\s*\.\s*{name}\b", source.plain)
                 if found:
                     line = source.plain.count("\n", 0, found.start()) + 1

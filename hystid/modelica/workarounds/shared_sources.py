@@ -24,16 +24,15 @@ _INPUT = re.compile(r"\s*input\s+(\w+)")
 
 def with_separate_elements(sources: Sequence[Source]) -> list[Source]:
     """The texts with such connections as equations; lines stay where they are."""
-    outlines = {source: classes(source) or () for source in sources}
-    everything = [c for found in outlines.values() for c in found]
+    everything = [c for source in sources for c in classes(source) or ()]
     signals = {c.name: m.group(1) for c in everything if c.short and (m := _INPUT.match(c.source.plain, c.body))}
     kinds: dict[str, set[str]] = defaultdict(set)
     for owner in (c for c in everything if c.kind != "function"):
-        for clause in (k for k in clauses(owner, outlines[owner.source]) if k.sizes and k.kind == "component"):
+        for clause in (k for k in clauses(owner) if k.sizes and k.kind == "component"):
             type_name = clause.target.rsplit(".", 1)[-1].strip()
             kinds[clause.name].add(type_name if "input" in clause.prefixes else signals.get(type_name, ""))
     inputs = {name for name, found in kinds.items() if "" not in found and found & {"Integer", "Boolean"}}
-    return [edited(s, (e for c in outlines[s] if not c.short for e in _equations(c, inputs))) for s in sources]
+    return [edited(s, (e for c in classes(s) or () if not c.short for e in _equations(c, inputs))) for s in sources]
 
 
 def _equations(owner: Class, inputs: Collection[str]) -> Iterator[Edit]:
