@@ -26,6 +26,12 @@ HELPERS = {
     "hy_rem": "static double hy_rem(double x, double y) { return x - trunc(x / y) * y; }",
     "hy_square": "static double hy_square(double x) { return x * x; }",
     "hy_cube": "static double hy_cube(double x) { return x * x * x; }",
+    "hy_limited": "/* exp, with straight lines beyond a limit that is not 0 */\n"
+    "static double hy_limited(double x, double limit)\n{\n"
+    "    const double near = limit != 0 ? fmin(fmax(x, -4), limit) : x;\n"
+    "    return exp(near) * (1 + (x - near));\n}",
+    "hy_slope": "static double hy_slope(double x, double limit)\n{\n"
+    "    return exp(limit != 0 ? fmin(fmax(x, -4), limit) : x);\n}",
     "hy_power_x": "/* x^(n-1); 0 where that is infinite, so that derivatives stay finite */\n"
     "static double hy_power_x(double x, double n) { return x == 0 && n < 1 ? 0.0 : pow(x, n - 1); }",
     "hy_power_n": "/* d(x^n)/dn; its limit 0 at x = 0 */\n"

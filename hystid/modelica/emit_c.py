@@ -8,13 +8,13 @@ from hystid.modelica.blocks import Assign, Solve, Step, components, sources, tar
 from hystid.modelica.c_expr import HELPERS, Printer, comment, number, quoted
 from hystid.modelica.delays import TEXTS, DelayPrinter
 from hystid.modelica.events import HOMOTOPY, INITIAL, Relation, pre
-from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text, op, refs
+from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text, op, rebuild, refs
 from hystid.modelica.flat import Assertion
 from hystid.modelica.hybrid import HybridModel
-from hystid.modelica.layout import MANY, Layout, tick, warned
+from hystid.modelica.layout import LIMIT, MANY, Layout, tick, warned
 from hystid.modelica.scalar import ScalarEquation
 from hystid.modelica.shown import Shown
-from hystid.modelica.solvers import HOMOTOPY_WAY, NEAREST, NEWTON, SEARCH, SILENT, SOLVERS, TURNS
+from hystid.modelica.solvers import HOMOTOPY_WAY, NEAREST, NEWTON, OPERATING_POINT, SEARCH, SILENT, SOLVERS, TURNS
 
 # Arguments of show, and how its text reads them.
 _ROWS = {"v": "v[", "in": " in[", "out": " out["}
@@ -112,6 +112,11 @@ class Emitter:
             f"        failed = {call};",
             "    }",
             f"    for (int i = 0; failed && i < {n}; i++) v[slots[i]] = start[i];",
+            f"    if (failed && {self.slot(INITIAL)} != 0) {{",
+            f"        double work[{n * (n + 5)}];",
+            f"        failed = hy_operating_point(v, {n}, slots, nominal, hy_residual{k}, hy_jacobian{k}, work, "
+            f"&{self.slot(LIMIT)});",
+            "    }",
             f"    if (failed) return hy_not_converged(m, {quoted(self._what(step))});",
             "}",
         ]
@@ -129,8 +134,8 @@ class Emitter:
         if step not in self._blocks:
             k = self._blocks[step] = len(self._blocks) + 1
             entries = [e for row in step.jacobian for e in row]
-            for name, values in (("residual", step.residuals), ("jacobian", entries)):
-                declarations, texts = self.printer.lines(list(values))
+            for name, values, exp in (("residual", step.residuals, "hy_limited"), ("jacobian", entries, "hy_slope")):
+                declarations, texts = self.printer.lines([_with_exp(value, exp) for value in values])
                 body = [*declarations, *(f"out[{i}] = {t};" for i, t in enumerate(texts))]
                 head = f"static void hy_{name}{k}(const double *v, double *out)"
                 unused = [] if any("v[" in line for line in body) else ["(void)v;"]
@@ -451,11 +456,12 @@ class Emitter:
         if self.needs_nearest:
             lines.append(NEAREST)
         if self.needs_newton:
-            lines += [NEWTON, *self._outcome("hy_not_converged", "HY_RETRY", "no convergence", "HY_WARNING")]
+            lines += [NEWTON, OPERATING_POINT]
+            lines += self._outcome("hy_not_converged", "HY_RETRY", "no convergence", "HY_WARNING")
         return [*lines, *self._block_text]
 
     def _outcome(self, name: str, outcome: str, word: str, level: str) -> list[str]:
-        if not any(s.linear != (name == "hy_not_converged") for s in self._all_solves()):
+        if not any(s.linear != (name == "hy_not_converged") for s in self.model.loops):
             return []
         return [
             f"static int {name}(hy_data *m, const char *what)",
@@ -468,10 +474,16 @@ class Emitter:
             "",
         ]
 
-    def _all_solves(self) -> Iterator[Solve]:
-        m = self.model
-        groups = (m.dependent, m.derivatives, m.event, m.initialisation)
-        return (s for group in groups for s in group if isinstance(s, Solve))
+
+def _with_exp(expr: Expr, name: str) -> Expr:
+    """Exponentials by a function that knows the limit of the loop."""
+
+    def change(node: Expr) -> Expr | None:
+        if isinstance(node, Op) and node.name == "exp":
+            return Op(name, (_with_exp(node.args[0], name), Ref(LIMIT)))
+        return None
+
+    return rebuild(expr, change)
 
 
 def indented(lines: Iterable[str]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hystid.modelica.blocks import Assign, Step
+from hystid.modelica.blocks import Assign, Solve, Step
 from hystid.modelica.events import Delay, Reinit, Relation, Sampler
 from hystid.modelica.expr import Expr
 from hystid.modelica.flat import Assertion, FlatModel
@@ -51,6 +51,12 @@ class HybridModel:
     checks: tuple[tuple[Expr, Assertion], ...]
     homotopy: bool = False
     delays: Mapping[Delay, int] = field(default_factory=dict)
+
+    @property
+    def loops(self) -> list[Solve]:
+        """Simultaneous equations, wherever they are solved."""
+        steps = (*self.dependent, *self.derivatives, *self.event, *self.initialisation)
+        return [s for s in steps if isinstance(s, Solve)]
 
 
 def is_output(name: str, v: ScalarVariable) -> bool:

@@ -6,20 +6,20 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-from hystid.modelica.blocks import Solve
 from hystid.modelica.delays import slots
 from hystid.modelica.events import HOMOTOPY, INITIAL, der, pre
 from hystid.modelica.hybrid import HybridModel
 
 MANY = "$many"  # 1 once it was told that a loop has many solutions
+LIMIT = "$limit"  # argument beyond which exponentials in loops are straight lines; 0 for none
 
 
 @dataclass(frozen=True)
 class Layout:
     """Slots of a model.
 
-    w: the flag of initialisation, how far homotopy has come, whether many solutions were told, the next tick of each
-    sampler, which warnings were given, what delays keep.
+    w: the flag of initialisation, how far homotopy has come, whether many solutions were told, a limit of exponentials,
+    the next tick of each sampler, which warnings were given, what delays keep.
     """
 
     model: HybridModel
@@ -47,7 +47,8 @@ class Layout:
             "w": [
                 INITIAL,
                 *([HOMOTOPY] if m.homotopy else []),
-                *([MANY] if any(isinstance(s, Solve) and s.linear for s in (*m.event, *m.initialisation)) else []),
+                *([MANY] if any(s.linear for s in m.loops) else []),
+                *([LIMIT] if any(not s.linear for s in m.loops) else []),
                 *(tick(s.flag) for s in m.samplers),
                 *(warned(k) for k in range(len(m.assertions))),
                 *(name for delay, points in m.delays.items() for name in slots(delay, points)),

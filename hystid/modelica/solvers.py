@@ -162,6 +162,34 @@ static int hy_newton(double *v, int n, const int *slots, const double *nominal, 
 }
 """
 
+OPERATING_POINT = """\
+/* The start where Newton's method finds no answer, as for transistors between two supplies: start values mean an absurd
+   current of a junction, beside which nothing else is to be seen. So exponentials grow along straight lines beyond a
+   limit, where the equations are nearly linear, and the limit moves away, in steps that are halved where there is no
+   answer. work: n * (n + 5) numbers. 1 where it cannot be moved away. */
+static int hy_operating_point(double *v, int n, const int *slots, const double *nominal, hy_function *residual,
+                              hy_function *jacobian, double *work, double *limit)
+{
+    double *const A = work, *const x0 = A + n * n, *const r = x0 + 3 * n, *const last = r + n;
+    double step = 4, reached = 0;
+    int failed = 0;
+    while (!failed && reached < 60) {
+        for (int i = 0; i < n; i++) last[i] = v[slots[i]];
+        *limit = reached + step;
+        if (!hy_newton(v, n, slots, nominal, residual, jacobian, r, A, x0, 0)) {
+            reached = *limit;
+            step *= 2;
+            continue;
+        }
+        for (int i = 0; i < n; i++) v[slots[i]] = last[i];
+        step *= 0.5;
+        failed = step < 1e-3;
+    }
+    *limit = 0;
+    return failed || hy_newton(v, n, slots, nominal, residual, jacobian, r, A, x0, 0);
+}
+"""
+
 SILENT = """\
 static void hy_silent(void *owner, int level, const char *text)
 {
