@@ -91,8 +91,8 @@ def diagnose(
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:
         return not_applicable(str(refusal), str(model), given.values, out)
-    answer = replace(answer, misread=taken.misread, doubts=taken.doubts, as_given=as_given)
-    return written(turned(answer) if taken.tests[0].rotational else answer, extended, out)
+    answer = replace(answer, misread=taken.misread, doubts=taken.doubts, as_given=as_given, extended=extended)
+    return written(turned(answer) if taken.tests[0].rotational else answer, out)
 
 
 def _chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] = lambda: None) -> Choice:
@@ -116,7 +116,7 @@ def not_applicable(
     """The answer for a structure or recordings that cannot be diagnosed; written where a folder is given."""
     advice = f"Record F and at least one of x, v and a in one file, with at least {SHORTEST} samples, better thousands."
     found = Diagnosis("not_applicable", why, model, dict(values or {}), {}, next_experiment=advice)
-    return written(found, None, out)
+    return written(found, out)
 
 
 def _with_errors(problem: Problem, choice: Choice, library: Sequence[Effect]) -> Choice:

@@ -131,7 +131,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     found. rotational: whether the rig turns, x in rad, forces in N.m and the mass in kg.m2.
     misread: labels of the recordings that cannot be right, and how they were read instead. doubts: filters,
     drift and clocks of channels, which may look like physics.
-    as_given: errors of an FMU before anything is fitted, those of ``validate``.
+    as_given: errors of an FMU before anything is fitted, those of ``validate``. extended: text of the extended model.
     """
 
     verdict: Verdict
@@ -162,6 +162,12 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     misread: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     as_given: tuple[Unchanged, ...] = ()
+    extended: str | None = field(default=None, repr=False)
+
+    def _write(self, folder: Path) -> None:
+        from hystid.diagnosis.tell.written import written
+
+        written(self, folder)
 
     def sentence(self) -> str:
         """The verdict and what stands behind it, in one line."""

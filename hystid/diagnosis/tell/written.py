@@ -16,8 +16,8 @@ from hystid.files import inside, safe_name, write_json, write_text
 from hystid.rotation import turned_code
 
 
-def written(answer: Diagnosis, extended: str | None, out: str | Path | None) -> Diagnosis:
-    """A diagnosis, written to a folder where one is given. extended: text of the extended model."""
+def written(answer: Diagnosis, out: str | Path | None) -> Diagnosis:
+    """A diagnosis, written to a folder where one is given."""
     if out is None:
         return answer
     folder = Path(out)
@@ -26,7 +26,7 @@ def written(answer: Diagnosis, extended: str | None, out: str | Path | None) -> 
         write_text(
             inside(folder, f"mismatch_{safe_name(trace.name)}.csv"), _table(trace, "N.m" if answer.rotational else "N")
         )
-    if extended is not None:
+    if (extended := answer.extended) is not None:
         from hystid.fmu import build
 
         write_text(folder / "extended.mo", turned_model(extended) if answer.rotational else extended)
