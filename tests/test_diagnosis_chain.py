@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
-from scipy.signal import butter, lfilter, sosfiltfilt
+from scipy.signal import butter, cont2discrete, lfilter, sosfiltfilt
 
 from hystid.diagnosis.prepare.bandwidth import where_white
 from hystid.diagnosis.prepare.chain import DEAD, DELAY, GAIN, SATURATION, ZERO, examined, stopped
+from hystid.diagnosis.prepare.differences import advanced
 from hystid.diagnosis.prepare.independence import measured_alike
 from hystid.diagnosis.prepare.pairs import agreed, pairs
 from hystid.recording import Recording
@@ -44,6 +45,34 @@ def test_a_late_channel_is_found_whatever_its_lag(late: float, channel: str) -> 
     sound, moved = motion(1), found.tests[0]
     inner = slice(500, -500)  # what a shift leaves at the ends is not known
     assert np.std((getattr(moved, channel) - getattr(sound, channel))[inner]) < 0.03 * np.std(getattr(sound, channel))
+
+
+def under_a_held_force() -> Recording:
+    """A linear oscillator whose force is constant over each sample: exact, with the force in the same row."""
+    rows, dynamics = np.empty((N, 2)), (np.array([[0.0, 1.0], [-1e4, -7.5]]), np.array([[0.0], [0.5]]))
+    step, push, *_ = cont2discrete((*dynamics, np.eye(2), np.zeros((2, 1))), DT)
+    rng = np.random.default_rng(6)
+    force = sosfiltfilt(butter(4, [2, 60], "band", fs=1 / DT, output="sos"), rng.standard_normal(N))
+    state = np.zeros(2)
+    for k in range(N):
+        rows[k] = state
+        state = step @ state + push[:, 0] * force[k]
+    x, v = rows.T
+    found = {"F": force, "x": x, "v": v, "a": 0.5 * force - 1e4 * x - 7.5 * v}
+    noisy = {name: u + 1e-3 * np.std(u) * rng.standard_normal(N) for name, u in found.items()}
+    return Recording("held", DT * np.arange(N), **noisy)
+
+
+def test_an_acceleration_that_jumps_with_a_held_force_is_on_no_other_clock() -> None:
+    """It leads the motion by up to half a sample, and balances the force as it is; an early clock does not."""
+    record = under_a_held_force()
+    found = examined([record], [])
+    assert DELAY not in {fault.id for fault in found.repaired} and any("held" in note for note in found.notes)
+    smooth = examined([replace(record, a=advanced(np.asarray(record.a), -0.355))], [])  # no jump at F's own instants
+    assert not any("held" in note for note in smooth.notes)
+    motions = motion(1, late=-0.0004, channel="a")
+    balanced = replace(motions, F=2 * motion(1).channel("a") + 9e3 * motion(1).channel("x"))
+    assert [fault.id for fault in examined([balanced], []).repaired] == [DELAY]
 
 
 def test_of_two_channels_the_later_one_is_at_fault() -> None:

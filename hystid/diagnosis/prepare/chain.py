@@ -35,6 +35,8 @@ NO_CLOCK = (
 )
 _NOISE = 0.5  # share of the power of a channel from which it is noise: a worse channel adds nothing to the others
 _SURELY = float(norm.isf(CHANCE))  # standard errors by which a lag is more than that
+_HALF = 0.55  # samples: by how much a held force is early against the motion that it makes, and a tenth for noise
+_HELD = "a follows jumps of F, as where F is held between samples: neither was moved"
 _SHIFTED = 1.0  # samples: channels of a multiplexed converter are so far apart; less is taken out without a finding
 
 
@@ -138,6 +140,9 @@ def examined(tests: Sequence[Recording], unseen: Sequence[Recording], clipped: S
     tests, unseen, zeros = _without_zeros(tests, unseen)
     found = pairs(tests)
     late = _late_channel(_sound(found, faults))
+    held = late is not None and _jumps_with_force(tests, late)
+    if held:
+        late = None
     if late is not None:
         tests, unseen = ([_shifted(test, late) for test in group] for group in (tests, unseen))
     scaled = _scaled_channel(_sound(found, faults))
@@ -147,8 +152,24 @@ def examined(tests: Sequence[Recording], unseen: Sequence[Recording], clipped: S
         faults += [f for f in (saturated_motion(tests),) if f is not None]
     repaired = [fault for fault in (*dead, *zeros, late, scaled) if fault is not None]
     named = [fault for fault in repaired if fault.id == DELAY and _is_named(fault)]
-    notes = tuple(fault.sentence() for fault in repaired)
+    notes = (*(fault.sentence() for fault in repaired), *([_HELD] if held else []))
     return Chain(list(tests), list(unseen), (*faults, *named), tuple(repaired), notes, consistency(found))
+
+
+def _jumps_with_force(tests: Sequence[Recording], late: Fault) -> bool:
+    """Whether an acceleration that is early by half a sample at most follows jumps of the force, as where a controller
+    or a simulation holds it over each step: moved back, it no longer balances the force."""
+    if late.channel != "a" or not -_HALF <= late.size < 0:
+        return False
+    left = [0.0, 0.0]
+    for test in tests:
+        for k, moved in enumerate((test, _shifted(test, late))):
+            motion = measured_motion(moved)
+            if test.F is None or "a" not in motion:
+                return False
+            table = np.column_stack([*motion.values(), np.ones(len(test))])
+            left[k] += float(np.sum((test.F - table @ np.linalg.lstsq(table, test.F, rcond=None)[0]) ** 2))
+    return left[0] < left[1]
 
 
 def _sound(found: Sequence[Pair], faults: Sequence[Fault]) -> list[Pair]:
