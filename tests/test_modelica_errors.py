@@ -50,6 +50,13 @@ REFUSED = {
     ),
     "sizes": (model("  Real x[2];\nequation\n  x = {1, 2, 3};\n"), 4, "[2]"),
     "type": (model("  Real x = true;\n"), 2, "Boolean"),
+    "a parameter that follows an input": (
+        model("  input Real u;\n  parameter Real k = 2*u;\n  Real x = k;\n"), 3, "'k' cannot depend on 'u', which",
+    ),
+    "a modifier that changes": (
+        model("  Real u;\n  C c(k = u);\nequation\n  u = 1;\n", "model C\n  parameter Real k;\nend C;\n"), 2,
+        r"'c\.k' cannot depend on 'u', which changes",
+    ),
     "partial": ("partial " + model("  Real x;\nequation\n  x = 1;\n"), 1, "partial"),
     "algorithm": (
         model("  Real x;\nalgorithm\n  for i in 1:2 loop\n    x := i;\n    break;\n  end for;\n"), 3, "algorithm",

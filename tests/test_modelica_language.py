@@ -494,3 +494,28 @@ def test_value_and_attributes_together_act_in_every_place():
         for variable, (value, low) in wanted.items():
             close(got[variable][-1], value, SMOOTH)
             assert code(f"Redeclared.{name}").variable(variable).min == low
+
+
+def test_values_of_a_function_s_variables_with_either_sign(tmp_path: Path) -> None:
+    file = tmp_path / "A.mo"
+    file.write_text("""
+model A
+  function root "Of x^3 = a, by halves"
+    input Real a;
+    output Real x := 1;
+  protected
+    Real low := 0, high = max(1, a);
+  algorithm
+    for k in 1:50 loop
+      x := (low + high)/2;
+      if x^3 > a then
+        high := x;
+      else
+        low := x;
+      end if;
+    end for;
+  end root;
+  Real y = root(8 + time);
+end A;""")
+    got = CompiledModel(compile_model(f"{file}:A")).simulate({}, 0.5, rows=3, outputs=["y"])
+    close(got["y"], np.cbrt(8 + np.array([0, 0.5, 1])), 1e-13)  # 9 divided by 2^50

@@ -293,6 +293,20 @@ equation
 end A;""",
         "twice.y", 4.0, "discrete coordinate exactly once",
     ),
+    "values_of_elements": (
+        """
+model Spring
+  parameter Real k;
+  Real f = k*time;
+end Spring;
+model A
+  parameter Real v[3] = {1, 2, 4};
+  Spring s[3](k = 2*v), t[3](k = linspace(
+    1, 2, 3));
+  Real y = s[3].f + 10*t[2].f;
+end A;""",
+        "y", 23.0, "expression shape mismatch",
+    ),
 }  # fmt: skip
 
 

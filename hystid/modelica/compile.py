@@ -46,6 +46,7 @@ from hystid.modelica.workarounds.package_constants import with_separate_packages
 from hystid.modelica.workarounds.random_functions import with_known_starts
 from hystid.modelica.workarounds.sample_conditions import with_plain_samples
 from hystid.modelica.workarounds.shared_sources import with_separate_elements
+from hystid.modelica.workarounds.values_of_elements import with_named_values
 
 _log = logging.getLogger("hystid")
 
@@ -128,7 +129,7 @@ def flat_from_text(
     refuse_large_arrays(name, everything, numbers)
     acting = with_acting_modifiers(name, with_limits_kept(name, with_separate_packages(name, everything)))
     acting = with_carried_algorithms([with_calls_in_algorithms(source) for source in acting])
-    acting = with_separate_elements(with_functions_apart(acting))
+    acting = with_named_values(with_separate_elements(with_functions_apart(acting)))
     texts = with_counted_bindings(with_plain_samples([_in_words_that_it_takes(source) for source in acting]))
     places = [file for _, file in placed]
     flat = flatten(name, texts[: len(files)], list(zip(texts[len(files) :], places, strict=True)), structure or {})

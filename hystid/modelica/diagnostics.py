@@ -151,7 +151,10 @@ _ADVICE = (
     (r"previous|[Cc]lock", "; clocks are not supported: use sample(start, interval) and pre()"),
     (r"expected Real, found Integer", "; write whole numbers with a decimal point here (1.0)"),
     (r"duplicate discrete", "; a variable is assigned in two when-clauses: join them by elsewhen"),
-    (r"expression shape mismatch", "; an Integer or Boolean is given a value of another type or size"),
+    (
+        r"expression shape mismatch",
+        "; a value has another type or size than what it is given to: name an array first, parameter Real v[n] = ...",
+    ),
     (r"not a discrete coordinate", "; assign the whole array, u = {...}, or name its elements as scalars"),
     (r"dependency cycle", "; break the loop with pre()"),
 )

@@ -104,6 +104,7 @@ def _scalarise(flat: FlatModel) -> ScalarModel:
     open_parameters = frozenset(v.name for v in flat.variables if v.variability == "parameter" and not v.structural)
     expander = Expander(dims, constants, {f.name: f for f in flat.functions}, open_parameters)
     variables = {s.name: s for v in flat.variables for s in _scalars(v, expander, constants, flat)}
+    _refuse_moving(variables)
     bound = [e for v in flat.variables for e in _binding_equations(v, expander)]
     initial = [
         *(s for e in flat.initial for s in _equations(e, expander)),
@@ -222,6 +223,17 @@ def _scalars(
         if kind == "parameter":
             scalar = _settled(scalar, flat)
         yield scalar
+
+
+def _refuse_moving(variables: Mapping[str, ScalarVariable]) -> None:
+    """Raise ModelicaError for a parameter that follows a variable: the front end misses inputs and modifiers."""
+    for v in (v for v in variables.values() if v.kind == "dependent" and v.binding is not None):
+        for name in sorted(refs(v.binding)):
+            if name == "time" or variables[name].kind in ("unknown", "input"):
+                raise ModelicaError(
+                    f"{v.place}: parameter '{v.name}' cannot depend on '{name}', which changes during the simulation: "
+                    "give it a value of parameters, or declare it without 'parameter'"
+                )
 
 
 def _settled(s: ScalarVariable, flat: FlatModel) -> ScalarVariable:

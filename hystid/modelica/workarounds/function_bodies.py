@@ -98,9 +98,19 @@ def with_readable_functions(source: Source) -> Source:
     for owner in sorted(found, key=lambda c: -c.start):
         if owner.kind == "function" and not owner.short and not any(c.parent is owner for c in found):
             edits += _rewritten(owner, numbers)
+            edits += _with_plain_values(owner)
         elif owner.kind in ("model", "block", "class") and not owner.short:
             edits += _without_calls(owner)
     return edited(source, edits)
+
+
+def _with_plain_values(owner: Class) -> Iterator[Edit]:
+    """``Real x := 0;`` as a declaration, which the front end takes for a syntax error, with an equals sign."""
+    for clause in clauses(owner):
+        behind = clause.mods.closing + 1 if clause.mods else clause.behind
+        sign = re.compile(r"\s*:(?==)").match(owner.source.plain, behind)
+        if sign and clause.kind == "component":
+            yield sign.end() - 1, sign.end(), " "
 
 
 def _without_calls(owner: Class) -> Iterator[Edit]:

@@ -38,12 +38,12 @@ def with_carried_algorithms(sources: Sequence[Source]) -> list[Source]:
     """The texts with algorithm sections in this form; lines stay where they are. What is not understood stays."""
     if not any(re.search(r"\balgorithm\b", s.plain) for s in sources):
         return list(sources)
-    types = _Types([c for s in sources for c in classes(s) or ()])
+    types = Types([c for s in sources for c in classes(s) or ()])
     numbers = count(1)
     return [edited(s, _edits(s, classes(s) or (), types, numbers)) for s in sources]
 
 
-def _edits(source: Source, found: Sequence[Class], types: _Types, numbers: Iterator[int]) -> Iterator[Edit]:
+def _edits(source: Source, found: Sequence[Class], types: Types, numbers: Iterator[int]) -> Iterator[Edit]:
     for owner in found:
         if owner.kind not in _OUTER or owner.short:
             continue
@@ -67,7 +67,7 @@ def _own(owner: Class, found: Sequence[Class]) -> str:
     return plain
 
 
-class _Types:
+class Types:
     """What a name in a class is declared as, bases included."""
 
     def __init__(self, found: Iterable[Class]) -> None:
@@ -78,22 +78,28 @@ class _Types:
     def of(self, name: str, owner: Class) -> tuple[str, bool, bool]:
         """Predefined type, whether it is an array, whether it is declared discrete; Real where that is not found."""
         first, *rest = re.sub(r"\s", "", name).split(".")
-        clause = self._declared(first, owner, 0)
+        clause = self.declared(first, owner)
         if clause is None:
             return "Real", False, False
         if rest:
             inner = self._class(clause.target, clause.owner)
             return self.of(".".join(rest), inner) if inner is not None else ("Real", False, False)
-        return self._built_in(clause.target, clause.owner, 0), bool(clause.sizes), "discrete" in clause.prefixes
+        return self.built_in(clause), bool(clause.sizes), "discrete" in clause.prefixes
 
-    def _declared(self, name: str, owner: Class, depth: int) -> Clause | None:
+    def member(self, name: str, clause: Clause) -> Clause | None:
+        """The declaration of a name in the type of a component."""
+        inner = self._class(clause.target, clause.owner)
+        return None if inner is None else self.declared(name, inner)
+
+    def declared(self, name: str, owner: Class, depth: int = 0) -> Clause | None:
+        """The declaration of a simple name in a class or its bases."""
         made = clauses(owner)
         for c in made:
             if c.kind == "component" and c.name == name:
                 return c
         for c in made:
             base = self._class(c.target, owner) if c.kind in ("extends", "short") and depth < 20 else None
-            if base is not None and (inherited := self._declared(name, base, depth + 1)) is not None:
+            if base is not None and (inherited := self.declared(name, base, depth + 1)) is not None:
                 return inherited
         return None
 
@@ -109,7 +115,11 @@ class _Types:
         named = [c for c in self._by_name.get(parts[-1], ()) if c is not scope]
         return max(named, key=fits, default=None)
 
-    def _built_in(self, name: str, scope: Class, depth: int) -> str:
+    def built_in(self, clause: Clause) -> str:
+        """The predefined type of a component."""
+        return self._built_in(clause.target, clause.owner)
+
+    def _built_in(self, name: str, scope: Class, depth: int = 0) -> str:
         if name in _BUILT_IN:
             return name
         made = self._class(name, scope) if depth < 20 else None
@@ -125,7 +135,7 @@ class _Types:
 class _Writer:
     """One section."""
 
-    def __init__(self, text: str, plain: str, owner: Class, types: _Types, number: int) -> None:
+    def __init__(self, text: str, plain: str, owner: Class, types: Types, number: int) -> None:
         self.text, self.plain = text, plain
         self.owner, self.types, self.number = owner, types, number
         self.whens = 0
