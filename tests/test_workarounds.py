@@ -302,10 +302,10 @@ end Spring;
 model A
   parameter Real v[3] = {1, 2, 4};
   Spring s[3](k = 2*v), t[3](k = linspace(
-    1, 2, 3));
-  Real y = s[3].f + 10*t[2].f;
+    1, 2, 3)), u[3](k = fill(v[1], 3));
+  Real y = s[3].f + 10*t[2].f + 100*u[3].f;
 end A;""",
-        "y", 23.0, "expression shape mismatch",
+        "y", 123.0, "expression shape mismatch",
     ),
 }  # fmt: skip
 

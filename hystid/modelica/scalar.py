@@ -227,8 +227,8 @@ def _scalars(
 
 def _refuse_moving(variables: Mapping[str, ScalarVariable]) -> None:
     """Raise ModelicaError for a parameter that follows a variable: the front end misses inputs and modifiers."""
-    for v in (v for v in variables.values() if v.kind == "dependent" and v.binding is not None):
-        for name in sorted(refs(v.binding)):
+    for v in variables.values():
+        for name in sorted(refs(v.binding)) if v.kind == "dependent" and v.binding is not None else ():
             if name == "time" or variables[name].kind in ("unknown", "input"):
                 raise ModelicaError(
                     f"{v.place}: parameter '{v.name}' cannot depend on '{name}', which changes during the simulation: "

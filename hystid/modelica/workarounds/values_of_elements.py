@@ -10,13 +10,13 @@ import re
 from collections.abc import Iterator, Sequence
 from itertools import count
 
-from hystid.modelica.clauses import Clause, clauses
+from hystid.modelica.clauses import Clause, clauses, closing
 from hystid.modelica.reach import classes
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
 from hystid.modelica.workarounds.model_algorithms import Types
 
-_TAKEN = re.compile(r"\{.*\}|[A-Za-z_][\w.]*(?:\s*\[[^\]]*\])?", re.DOTALL)  # as they are
+_SPREAD = re.compile(r"[A-Za-z_][\w.]*\s*(?=\[|\Z)|fill\s*(?=\()|(?=\{)")
 _MAKES_ARRAYS = re.compile(r"[{:]|(?<![\w.])(?:linspace|ones|zeros|fill|cat)\s*\(")
 _NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?!\s*(?:[\w\[(]|\.\s*\w))")
 
@@ -40,7 +40,7 @@ def _edits(clause: Clause, types: Types, numbers: Iterator[int]) -> Iterator[Edi
             continue
         start, end = element.value
         value, declared = plain[start:end].strip(), types.member(element.name, clause)
-        if declared is None or declared.sizes or "each" in element.prefixes or _TAKEN.fullmatch(value):
+        if declared is None or declared.sizes or "each" in element.prefixes or _is_spread(value):
             continue
         named = (types.declared(name, clause.owner) for name in _NAME.findall(value))
         if not _MAKES_ARRAYS.search(value) and not any(k is not None and k.sizes for k in named):
@@ -51,3 +51,9 @@ def _edits(clause: Clause, types: Types, numbers: Iterator[int]) -> Iterator[Edi
         flat = " ".join(text.split())
         yield clause.start, clause.start, f"{kind}{types.built_in(declared)} {new}[{clause.sizes[0]}] = {flat}; "
         yield *element.value, f" {new}" + "\n" * text.count("\n")
+
+
+def _is_spread(value: str) -> bool:
+    """Whether the front end gives each component its element: of a name, a list of elements, or fill(), alone."""
+    front = _SPREAD.match(value)
+    return front is not None and closing(value, front.end()) >= len(value) - 1
