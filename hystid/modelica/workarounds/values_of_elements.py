@@ -16,7 +16,7 @@ from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
 from hystid.modelica.workarounds.model_algorithms import Types
 
-_SPREAD = re.compile(r"[A-Za-z_][\w.]*\s*(?=\[|\Z)|fill\s*(?=\()|(?=\{)")
+_SPREAD = re.compile(r"[A-Za-z_][\w.]*\s*(?=\[|\Z)|fill\s*(?=\([^\[]*\Z)|(?=\{)")
 _MAKES_ARRAYS = re.compile(r"[{:]|(?<![\w.])(?:linspace|ones|zeros|fill|cat)\s*\(")
 _NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?!\s*(?:[\w\[(]|\.\s*\w))")
 
