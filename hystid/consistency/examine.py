@@ -15,7 +15,7 @@ from hystid.consistency import words
 from hystid.consistency.cut_off import kept_size, with_full_sizes
 from hystid.consistency.filters import Form, filtered
 from hystid.consistency.force import EXPLAINED, FOURFOLD, Force, examine_force
-from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, computed, formula, motion, pairs, spectrum
+from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, formula, motion, pairs, spectrum
 from hystid.consistency.slips import (
     PRIOR_SLIP,
     SURE,
@@ -400,7 +400,7 @@ def _inertia(recording: Recording, force: Force | None, mass: float | None) -> f
 
 def _form(recording: Recording, p: Pair, inertia: float) -> Form | None:
     """The filter between two channels that both are measured."""
-    if not p.is_one_motion or computed(recording, motion(recording), p.low, p.high) is not None:
+    if not p.is_one_motion or p.computed is not None:
         return None
     return filtered(recording, p, inertia)
 
@@ -425,8 +425,9 @@ def _lags(
 def _pair_is_late(p: Pair, recording: Recording) -> bool:
     if not p.is_one_motion or not math.isfinite(p.lag_error):
         return False
-    made = computed(recording, motion(recording), p.low, p.high)
-    least = 0.75 * recording.dt if made is None else 1.5 * recording.dt  # differences are half a sample off per order
+    least = (
+        0.75 * recording.dt if p.computed is None else 1.5 * recording.dt
+    )  # differences are half a sample off per order
     return abs(p.lag) > least and abs(p.lag) > _SIGMAS * max(p.lag_error, 0.02 * recording.dt)
 
 
@@ -449,7 +450,7 @@ def _filters(
                 limit = form.corner / (2 * math.pi)
                 found[form.channel, form.side] = words.filtered(recording.name, form.channel, form.side, limit, p)
             continue
-        if not p.is_one_motion or computed(recording, motion(recording), p.low, p.high) is not None:
+        if not p.is_one_motion or p.computed is not None:
             continue
         sure = p.bands.seen & (p.bands.coherence > _CERTAIN)
         size = np.abs(p.bands.response) / p.gain
@@ -514,7 +515,7 @@ def _channels(recording: Recording, compared: Sequence[Pair]) -> dict[str, Chann
     names = motion(recording)
     made: dict[str, str] = {}
     for p in compared:
-        name = computed(recording, names, p.low, p.high)
+        name = p.computed
         if name is not None and name not in made:
             made[name] = p.high if name == p.low else p.low
     held: dict[str, Array] = dict(names)

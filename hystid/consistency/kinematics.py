@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -36,6 +36,7 @@ class Pair:
     slope, slope_error: exponent of the response over frequency (0 for a sound pair).
     band: [rad/s] in which the response stays within 2 dB of the gain; coherence: mean over these bands, by power.
     correlation: of the two after the lag was taken out. bands: the spectra themselves, after the lag.
+    computed: which of the two was computed from the other one, None where both were measured.
     """
 
     low: str
@@ -51,6 +52,7 @@ class Pair:
     coherence: float
     correlation: float
     bands: Bands
+    computed: str | None = None
 
     @property
     def order(self) -> int:
@@ -70,7 +72,10 @@ class Pair:
 def pairs(recording: Recording) -> list[Pair]:
     """All pairs of motion channels that are there."""
     channels = motion(recording)
-    return [pair(channels, low, high, recording.dt) for low, high in combinations(channels, 2)]
+    return [
+        replace(pair(channels, low, high, recording.dt), computed=_computed(recording, channels, low, high))
+        for low, high in combinations(channels, 2)
+    ]
 
 
 def motion(recording: Recording) -> dict[str, Array]:
@@ -268,7 +273,7 @@ def spectrum(values: Array, dt: float) -> Spectrum:
     return Spectrum(found.omega, density, abs(exponent) < _FLAT, exponent, float(np.median(density[high])))
 
 
-def computed(recording: Recording, names: Mapping[str, Array], low: str, high: str) -> str | None:
+def _computed(recording: Recording, names: Mapping[str, Array], low: str, high: str) -> str | None:
     """Which of two channels was computed from the other one, None where both were measured.
 
     A measured channel has errors of its own. So where one channel shows nothing but its noise, another measured one is

@@ -10,6 +10,7 @@ import codecs
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,7 @@ _COMMAS = (
     "commas separate both columns and decimals", "separate the columns with semicolons, or write decimal points"
 )  # fmt: skip
 _ONE_MARK = "write numbers with one decimal mark and no marks between thousands"
+_PLAIN = r" *[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)? *"  # a number as nearly all are written
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # 1.5D-03
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([,.'\s])\d{3})(?:\1\d{3})*(?:[.,]\d+)?")
 
@@ -151,12 +153,20 @@ def _cells(line: str, separator: str | None) -> list[str]:
 
 def _is_row(line: str, separator: str | None) -> int:
     """Number of cells where all of them are numbers or missing and at least one is a number, else 0."""
+    if separator is not None and _plain_row(separator).fullmatch(line):
+        return line.count(separator) + 1
     cells = _cells(line, separator)
     while len(cells) > 1 and cells[-1] == "":
         cells.pop()
     numbers = [_is_number(cell) for cell in cells]
     allowed = all(number or cell.lower() in _MISSING for number, cell in zip(numbers, cells, strict=True))
     return len(cells) if allowed and any(numbers) else 0
+
+
+@cache
+def _plain_row(separator: str) -> re.Pattern[str]:
+    """Rows that are nothing but plain numbers."""
+    return re.compile(f"{_PLAIN}(?:{re.escape(separator)}{_PLAIN})*")
 
 
 def _is_number(cell: str) -> bool:
