@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +73,13 @@ class _Seen:
     table: Array
     variance: Array
     louder: Array | None = None
+
+    @cached_property
+    def sizes(self) -> tuple[Array, Array]:
+        """First value, and variance over time, of each channel that is there, (3,); 0 and NaN elsewhere."""
+        known = np.isfinite(self.variance)
+        spread = [np.nanvar(row) if here else np.nan for row, here in zip(self.table, known, strict=True)]
+        return np.where(known, np.nan_to_num(self.table[:, 0]), 0.0), np.array(spread)
 
     def within(self, part: slice) -> _Seen:
         """The same over a stretch of samples."""
@@ -247,7 +254,7 @@ def _in_blocks(seen: _Seen, roughness: Roughness) -> tuple[Array, Array]:
 
 def _run(seen: _Seen, roughness: Roughness, *, keep: bool) -> tuple[float, Array]:
     n, order = seen.table.shape[1], roughness.order
-    start = _start(seen.table, seen.variance, order)
+    start = _start(seen, order)
     beliefs = np.empty((n if keep else 0, order + order * order))
     ahead = np.empty_like(beliefs)
     pointer = ctypes.POINTER(ctypes.c_double)
@@ -264,13 +271,11 @@ def _run(seen: _Seen, roughness: Roughness, *, keep: bool) -> tuple[float, Array
     return float(value), beliefs
 
 
-def _start(table: Array, variance: Array, order: int) -> Array:
+def _start(seen: _Seen, order: int) -> Array:
     """Belief before the first sample: measured states near their first value, the others wide but finite."""
     mean, spread = np.zeros(order), np.full(order, np.nan)
-    for row in range(3):
-        if np.isfinite(variance[row]):
-            mean[row] = np.nan_to_num(table[row, 0])
-            spread[row] = 100.0 * (float(np.nanvar(table[row])) + variance[row])
+    first, over_time = seen.sizes
+    mean[:3], spread[:3] = first, 100.0 * (over_time + seen.variance)
     spread = np.where(np.isfinite(spread), spread, np.nanmax(spread))
     return np.concatenate([mean, np.diag(spread).ravel()])
 

@@ -87,15 +87,21 @@ def _restored(kept: Mapping[str, Any]) -> Effect:
 
 
 def _digest(name: str) -> str:
-    """Hash of the block, the interfaces, and the code that compiles and classifies."""
+    """Hash of the block, and of what all blocks share."""
+    file, _, _ = name.rpartition(":")
+    block = Path(file) if file else library_folder() / "HystId" / "Effects" / f"{name.rpartition('.')[2]}.mo"
+    return hashlib.sha256(name.encode() + _shared() + block.read_bytes()).hexdigest()[:32]
+
+
+@cache
+def _shared() -> bytes:
+    """Hash of the interfaces, and of the code that compiles and classifies."""
     here = Path(__file__).parent
     package = here.parents[1]
     files = [here / "effects.py", here / "library.py", package / "modelcode.py"]
     files += sorted((package / "modelica").glob("*.py"))
     files += sorted((library_folder() / "HystId" / "Interfaces").glob("*.mo"))
-    file, _, _ = name.rpartition(":")
-    files.append(Path(file) if file else library_folder() / "HystId" / "Effects" / f"{name.rpartition('.')[2]}.mo")
-    digest = hashlib.sha256(name.encode())
+    digest = hashlib.sha256()
     for path in files:
         digest.update(path.read_bytes())
-    return digest.hexdigest()[:32]
+    return digest.digest()

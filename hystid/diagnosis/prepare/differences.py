@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.signal import detrend
 from scipy.special import factorial
 
 Array = NDArray[np.float64]
+Trend = Literal["constant", "linear"]
 _TERMS, _LONG = 16, 50_000  # of the series for delays, and samples beyond which there is none
 _SIZES, _SMALL = np.pi ** np.arange(_TERMS) / factorial(np.arange(_TERMS)), 1e-10  # terms of it at most, and of no use
 _KEPT = 3  # whole numbers of samples whose series are kept: fits try one, and what lies to its sides
@@ -21,6 +26,23 @@ def stencil(values: Array, weights: Array) -> Array:
     return np.pad(inner, len(weights) // 2, mode="edge")
 
 
+def spectra(
+    one: Array, other: Array, window: Array, trend: Trend
+) -> tuple[Array, Array, Array, NDArray[np.complex128]]:
+    """Angular frequency [rad per sample], densities of two series (n,) and their cross density, (lines,) each: means
+    over half overlapping segments (Welch 1967), each transformed once. trend: what is taken out of a segment,
+    "constant" or "linear"."""
+    length = len(window)
+    parts = (sliding_window_view(u, length)[:: length - length // 2] for u in (one, other))
+    first, second = (np.fft.rfft(detrend(part, axis=-1, type=trend) * window) for part in parts)
+    sides = np.full(first.shape[-1], 2.0)
+    sides[[0] if length % 2 else [0, -1]] = 1.0
+    density = sides / (2 * np.pi * float(window @ window))
+    pairs = ((first, first), (second, second), (first, second))
+    a, b, both = (density * np.mean(np.conj(u) * v, axis=0) for u, v in pairs)
+    return np.arange(len(sides)) * 2 * np.pi / length, a.real, b.real, both
+
+
 class Advanced:
     """``advanced`` for many numbers of samples, one after another.
 
@@ -30,27 +52,36 @@ class Advanced:
 
     def __init__(self, values: Array) -> None:
         self._values = values
-        self._series: dict[int, Array] = {}
+        self._series: dict[int, _Series] = {}
 
     def __call__(self, samples: float) -> Array:
         """The signal, moved; its edges are kept."""
         whole = round(samples)
         if len(self._values) > _LONG:
             return advanced(self._values, samples)
-        series = self._series.pop(whole) if whole in self._series else self._about(whole)
+        series = self._series.pop(whole) if whole in self._series else _Series(self._values, whole)
         self._series = {whole: series, **dict(list(self._series.items())[: _KEPT - 1])}
         powers = (samples - whole) ** np.arange(_TERMS)
         told = int(np.count_nonzero(np.abs(powers) * _SIZES > _SMALL))
-        return _with_edges(powers[:told] @ series[:told], self._values, samples)
+        return _with_edges(powers[:told] @ series.first(told), self._values, samples)
 
-    def _about(self, whole: int) -> Array:
-        """Coefficients of the powers of what is left beside a whole number of samples, shape (_TERMS, n)."""
-        spectrum, turn = _mirrored(self._values)
-        spectrum, rows = spectrum * np.exp(turn * whole), []
-        for power in range(1, _TERMS + 1):
-            rows.append(_unmirrored(spectrum, self._values))
-            spectrum = spectrum * (turn / power)
-        return np.stack(rows)
+
+class _Series:
+    """Coefficients of the powers of what is left beside a whole number of samples, as many as were asked for."""
+
+    def __init__(self, values: Array, whole: int) -> None:
+        self._values = values
+        spectrum, self._turn = _mirrored(values)
+        self._next = spectrum * np.exp(self._turn * whole)
+        self._rows, self._known = np.empty((_TERMS, len(values))), 0
+
+    def first(self, count: int) -> Array:
+        """The first ones, (count, n)."""
+        for power in range(self._known + 1, count + 1):
+            self._rows[power - 1] = _unmirrored(self._next, self._values)
+            self._next = self._next * (self._turn / power)
+        self._known = max(self._known, count)
+        return self._rows[:count]
 
 
 def advanced(values: Array, samples: float) -> Array:

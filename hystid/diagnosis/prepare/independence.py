@@ -17,14 +17,13 @@ import itertools
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import csd, get_window, welch
+from scipy.signal import get_window
 
 from hystid.consistency.kinematics import formula
-from hystid.diagnosis.prepare.differences import FIRST, stencil
+from hystid.diagnosis.prepare.differences import FIRST, spectra, stencil
 from hystid.recording import Recording
 from hystid.smoothing.noise import is_noise_free
 
@@ -115,10 +114,8 @@ def _related(low: Array, high: Array, orders: tuple[int, int], dt: float) -> str
     other_steep = high[order:]
     length = int(2 ** np.floor(np.log2(2 * len(steep) / (_SEGMENTS + 1))))
     window = get_window("blackmanharris", length)
-    options: dict[str, Any] = {"nperseg": length, "noverlap": length // 2, "window": window, "detrend": "linear"}
-    omega, one = welch(steep, fs=2 * np.pi, **options)
-    other = welch(other_steep, fs=2 * np.pi, **options)[1]
-    cross = np.abs(csd(steep, other_steep, fs=2 * np.pi, **options)[1]) ** 2
+    omega, one, other, both = spectra(steep, other_steep, window, "linear")
+    cross = np.abs(both) ** 2
     first = _end_of_motion(omega, np.minimum(one, other * np.max(one) / np.max(other)))
     seen = _above_floor(one, float(np.std(low))) & _above_floor(other, float(np.std(high)))
     own = one[1:] / (2 * np.sin(omega[1:] / 2)) ** (2 * order)  # spectrum of the lower channel itself

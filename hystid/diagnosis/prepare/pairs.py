@@ -14,10 +14,10 @@ from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import csd, welch
+from scipy.signal import get_window
 from scipy.stats import t as student
 
-from hystid.diagnosis.prepare.differences import FIRST, stencil
+from hystid.diagnosis.prepare.differences import FIRST, spectra, stencil
 from hystid.diagnosis.prepare.segments import measured_motion
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
@@ -209,8 +209,7 @@ def _spectra(derived: Array, measured: Array) -> list[tuple[int, float, float, f
     counts. The variance of a lag falls with the square of the frequency, that of a gain with the power of the line:
     the halves are those of what counts."""
     n = max(16, min(1024, len(derived) // 4))
-    omega, cross = csd(derived, measured, fs=2 * np.pi, nperseg=n)
-    one, other = (welch(u, fs=2 * np.pi, nperseg=n)[1] for u in (derived, measured))
+    omega, one, other, cross = spectra(derived, measured, get_window("hann", n), "constant")
     coherence = np.abs(cross) ** 2 / np.maximum(one * other, 1e-300)
     blocks = max(1.0, 1.8 * len(derived) / n)
     good = (omega > 0) & (omega < _HIGHEST) & (coherence > max(_COHERENT, 4 / blocks))
