@@ -101,10 +101,10 @@ def test_columns_of_a_second_scan_are_those_of_the_first(
     """Where the law has moved, what reads h is new and what does not is the same; both as computed anew."""
     problem, effect = problem_of(parts, baseline), effects[name]
     shapes = {shape.name: 2e-4 if shape.unit == "m" else 0.05 for shape in effect.shapes}
-    first = problem.columns(effect, shapes, problem.signals(Hypothesis(VALUES)))
+    first = problem.columns(effect, [shapes], problem.signals(Hypothesis(VALUES)))
     there = Hypothesis({**VALUES, "alpha": 2.5e4})
-    second, anew = (p.columns(effect, shapes, p.signals(there)) for p in (problem, problem_of(parts, baseline)))
-    assert first is not None and second is not None and anew is not None
+    second, anew = (p.columns(effect, [shapes], p.signals(there)) for p in (problem, problem_of(parts, baseline)))
+    assert len(first.places) == len(second.places) == 1
     np.testing.assert_array_equal(second.scaled, anew.scaled)
     assert np.array_equal(first.scaled, second.scaled) == (name != "Pinching")
 
@@ -114,13 +114,12 @@ def test_rows_that_are_weighed_down_are_not_remembered_as_they_were(
 ) -> None:
     problem, effect = problem_of(parts, baseline), effects["ViscoelasticRelaxation"]
     signals = problem.signals(Hypothesis(VALUES))
-    before = problem.columns(effect, {"tau": 0.05}, signals)
+    before = problem.columns(effect, [{"tau": 0.05}], signals)
     jump = Term(effects["CoulombFriction"], {"Fc": 500.0, "v_s": 1e-6})  # noise of v decides its sign at each reversal
     assert problem.distrust(Hypothesis(VALUES, (jump,)))
-    after = problem.columns(effect, {"tau": 0.05}, signals)
-    assert before is not None and after is not None
+    after = problem.columns(effect, [{"tau": 0.05}], signals)
     rows = problem.reduce(effect.forces(signals, effect.units_at({"tau": 0.05})[0]))
-    again = after.scaled[:, 0] * after.lengths[0]
+    again = after.scaled[0, 0] * after.lengths[0, 0]
     np.testing.assert_allclose(again, rows, rtol=1e-14)  # scaled and back: two roundings
     assert not np.array_equal(before.scaled, after.scaled)
 

@@ -7,6 +7,7 @@ incumbent is given up.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -92,7 +93,8 @@ class _View:
         return self.problem.rows(here)[self.kept]
 
     def normal(self, here: Hypothesis, rows: Array) -> _Normal:
-        return _Normal(self.problem.jacobian(here, self.unknowns)[self.kept], rows)
+        jacobian = self.problem.jacobian(here, self.unknowns)
+        return _Normal(jacobian if isinstance(self.kept, slice) else jacobian[self.kept], rows)
 
     def rows_or_none(self, here: Hypothesis) -> Array | None:
         try:
@@ -156,10 +158,10 @@ class _Normal:
     """Normal equations of one Jacobian, in columns of unit length: many steps are tried from one point."""
 
     def __init__(self, jacobian: Array, rows: Array) -> None:
-        self.scale = np.linalg.norm(jacobian, axis=0)
+        products = jacobian.T @ jacobian
+        self.scale = np.sqrt(np.diag(products))
         self.scale[self.scale == 0] = 1.0
-        scaled = jacobian / self.scale
-        self.matrix, self.right = scaled.T @ scaled, scaled.T @ rows
+        self.matrix, self.right = products / np.outer(self.scale, self.scale), jacobian.T @ rows / self.scale
 
     def steps(
         self, here: Hypothesis, unknowns: Sequence[Unknown], first: float, held: frozenset[int] = frozenset()
@@ -182,7 +184,7 @@ class _Normal:
     @staticmethod
     def _there(here: Hypothesis, unknowns: Sequence[Unknown], moves: Array) -> Hypothesis:
         targets = {u.key: _moved(here, u, move) for u, move in zip(unknowns, moves, strict=True)}
-        return put(here, {u.key: float(np.clip(targets[u.key], u.low, u.high)) for u in unknowns})
+        return put(here, {u.key: u.within(targets[u.key]) for u in unknowns})
 
     def _moves(
         self, here: Hypothesis, unknowns: Sequence[Unknown], damping: float, held: frozenset[int] = frozenset()
@@ -197,7 +199,7 @@ class _Normal:
             over = []
             for i in free:
                 target = _moved(here, unknowns[i], moves[i])
-                bounded = float(np.clip(target, unknowns[i].low, unknowns[i].high))
+                bounded = unknowns[i].within(target)
                 if bounded != target:
                     moves[i] = _move(here, unknowns[i], bounded)
                     over.append(i)
@@ -209,8 +211,8 @@ class _Normal:
         return moves
 
     def _solved(self, free: list[int], right: Array, damping: float) -> Array:
-        damped = self.matrix[np.ix_(free, free)]
-        damped[np.diag_indices_from(damped)] += damping + 1e-12
+        damped = self.matrix[np.ix_(free, free)] if len(free) < len(self.matrix) else self.matrix.copy()
+        damped.flat[:: len(free) + 1] += damping + 1e-12
         return np.asarray(np.linalg.solve(damped, right[free]) / self.scale[free])
 
     def covariance(self) -> Array:
@@ -220,7 +222,7 @@ class _Normal:
 
 def _moved(here: Hypothesis, unknown: Unknown, move: float) -> float:
     value = get(here, unknown.key)
-    return float(value * np.exp(np.clip(move, -1.2, 1.2))) if unknown.log else value + move
+    return value * math.exp(min(max(move, -1.2), 1.2)) if unknown.log else value + float(move)
 
 
 def _move(here: Hypothesis, unknown: Unknown, target: float) -> float:
@@ -230,4 +232,4 @@ def _move(here: Hypothesis, unknown: Unknown, target: float) -> float:
 
 
 def _clip(hypothesis: Hypothesis, unknowns: Sequence[Unknown]) -> Hypothesis:
-    return put(hypothesis, {u.key: float(np.clip(get(hypothesis, u.key), u.low, u.high)) for u in unknowns})
+    return put(hypothesis, {u.key: u.within(get(hypothesis, u.key)) for u in unknowns})

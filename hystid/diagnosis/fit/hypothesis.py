@@ -26,6 +26,11 @@ class Term:
         """The same law, acting all the time."""
         return Term(self.effect.law, self.effect.law_values(self.values))
 
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What its force depends on beside the motion."""
+        return self.effect.class_name, self.effect.id, self.effect.form, tuple(self.values.items())
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -58,6 +63,10 @@ class Unknown:
     low: float = -np.inf
     high: float = np.inf
     linear: bool = False
+
+    def within(self, value: float) -> float:
+        """The value, or the bound that it is beyond."""
+        return self.low if value < self.low else self.high if value > self.high else value
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, Unknown, get, is_mass, is_source, put
+from hystid.diagnosis.fit.scanned import Columns, Scanned
 from hystid.diagnosis.fit.velocity_sign import Law, bends, turns_at_once, unsure
 from hystid.diagnosis.model.baseline import Baseline, Held
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
@@ -31,25 +32,8 @@ MASS_TOLERANCE = 0.035  # share of the mass: weighing and sensitivity errors; mo
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
 _SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
-# Bytes that are remembered: laws, forces of effects, and of scans columns, and forces per unit of h.
-_KEPT = (40_000_000, 24_000_000, 120_000_000, 40_000_000)
+_KEPT = (40_000_000, 24_000_000, 16_000_000)  # bytes that are remembered: laws, forces of effects, rows per unit
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Rows (rows, k) of an effect per unit of each of its k amplitudes, scaled to unit length; their lengths (k,), 0
-    where a column vanishes, and their products with each other (k, k)."""
-
-    scaled: Array = field(repr=False)
-    lengths: Array
-    products: Array
-
-
-def _scaled(rows: Array) -> tuple[Array, ...]:
-    lengths = np.linalg.norm(rows, axis=0)
-    scaled = rows / np.where(lengths > 0, lengths, 1.0)
-    return scaled, lengths, scaled.T @ scaled
 
 
 class Problem:
@@ -64,7 +48,7 @@ class Problem:
         self._shifted: dict[tuple[int, float], Array] = {}
         self._movable: dict[int, Advanced] = {}
         self._held = [self._hold(p, p.x, p.v) for p in self.parts]
-        self._laws, self._forces, self._columns, self._grids = (Memory(most) for most in _KEPT)
+        self._laws, self._forces, self._per_unit = (Memory(most) for most in _KEPT)
         self._last: tuple[Hypothesis, list[Array]] | None = None
         self.weighed_by: tuple[Hypothesis, ...] = ()  # fits by which rows were weighed down
         self._slopes: list[tuple[tuple[float, ...], dict[str, _Slope]]] = []
@@ -87,6 +71,8 @@ class Problem:
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
         self._acceleration = self.reduce([part.a for part in self.parts])
         self._slopes = []
+        self._per_unit.clear()
+        self.forget_columns()
 
     def _hold(self, part: Part, x: Array, v: Array) -> Held:
         """A motion of a part made ready for the law, with its past."""
@@ -94,8 +80,14 @@ class Problem:
 
     def _follow(self, held: Sequence[Held], values: Mapping[str, float]) -> list[tuple[Array, Array]]:
         """R and h of the baseline along motions of the parts, without their past."""
-        pairs = zip(self.parts, self.baseline.forces(held, values), strict=True)
-        return [(R[part.past :], h[part.past :]) for part, (R, h) in pairs]
+        return self._follow_at(held, [values])[0]
+
+    def _follow_at(self, held: Sequence[Held], each: Sequence[Mapping[str, float]]) -> list[list[tuple[Array, Array]]]:
+        """The same at each of several values, in one run."""
+        return [
+            [(R[part.past :], h[part.past :]) for part, (R, h) in zip(self.parts, found, strict=True)]
+            for found in self.baseline.forces_at(held, each)
+        ]
 
     def law(self, values: Mapping[str, float]) -> list[tuple[Array, Array]]:
         """R and h of the baseline per part. Linear parameters cost nothing; the last shapes are remembered."""
@@ -143,11 +135,11 @@ class Problem:
             return term.effect.switched(self._law_force(law, signals), signals, term.values)
         if "h" in law.effect.reads:
             shapes = tuple(hypothesis.values[name] for name in self.baseline.shapes)
-            seen = (shapes, *(_key(source) for source in self._sources(hypothesis.terms)))
-        forces = self._forces.get((*_key(law), seen), lambda: tuple(law.effect.forces(signals, law.values)))
+            seen = (shapes, *(source.key for source in self._sources(hypothesis.terms)))
+        forces = self._forces.get((*law.key, seen), lambda: tuple(law.effect.forces(signals, law.values)))
         return term.effect.switched(forces, signals, term.values)
 
-    def _law_force(self, law: Term, signals: Sequence[Signals], memory: Memory | None = None) -> Sequence[Array]:
+    def _law_force(self, law: Term, signals: Sequence[Signals]) -> Sequence[Array]:
         """Force of an effect that acts all the time; where it is proportional to h, that per unit of h is remembered.
 
         signals: motion of the parts, whatever h is.
@@ -158,7 +150,7 @@ class Problem:
 
         if not law.effect.per_h:
             return law.effect.forces(signals, law.values)
-        units = (memory or self._forces).get((*_key(law), "per unit of h"), per_unit)
+        units = self._forces.get((*law.key, "per unit of h"), per_unit)
         return [s.h * unit for s, unit in zip(signals, units, strict=True)]
 
     def _unit(self, hypothesis: Hypothesis, term: Term, name: str, signals: Sequence[Signals]) -> list[Array]:
@@ -169,35 +161,13 @@ class Problem:
         only = {**term.values, **dict.fromkeys(term.effect.amplitudes, 0.0), name: 1.0}
         return list(self._force(hypothesis, Term(term.effect, only), signals))
 
-    def columns(self, effect: Effect, shapes: Mapping[str, float], signals: Sequence[Signals]) -> Columns | None:
-        """What an effect adds to the rows; None where it never acts, or is not finite.
-
-        What depends on the motion alone is the same in every scan, and remembered.
-        """
-        if effect.law is not effect and self.reduce.is_local:
-            always = self.columns(effect.law, effect.law_values(shapes), signals)
-            ones = [np.ones_like(part.x) for part in self.parts]
-            gates = np.concatenate(
-                [self.reduce.plain(i, g) for i, g in enumerate(effect.switched(ones, signals, shapes))]
-            )
-            return Columns(*_scaled(always.scaled * always.lengths * gates[:, None])) if always else None
-
-        def made() -> tuple[Array, ...]:
-            try:
-                raw = [self._law_force(Term(effect, at), signals, self._grids) for at in effect.units_at(shapes)]
-            except NumericalError:
-                return ()
-            acts = any(np.any(f) for column in raw for f in column)
-            finite = all(np.max(np.abs(f)) < 1e100 for column in raw for f in column)
-            return _scaled(np.stack([self.reduce(column) for column in raw], axis=1)) if acts and finite else ()
-
-        found = self._columns.get(_key(Term(effect, shapes)), made) if effect.lasts else made()
-        return Columns(*found) if found else None
+    def columns(self, effect: Effect, grid: Sequence[Mapping[str, float]], signals: Sequence[Signals]) -> Columns:
+        """What an effect adds to the rows at points of its shapes; that of the last scans is remembered."""
+        return self._scanned.columns(effect, grid, signals)
 
     def forget_columns(self) -> None:
         """Free what is remembered of scans."""
-        self._columns.clear()
-        self._grids.clear()
+        self._scanned = Scanned(self.parts, self.reduce)
 
     def predicted(self, hypothesis: Hypothesis) -> list[Array]:
         """R and the effects, without inertia, per part [N]. That of the last hypothesis is remembered."""
@@ -304,7 +274,6 @@ class Problem:
         if self.baseline.memoryless or self._turning_terms(hypotheses[0]):
             sides = self.reduce.spread(unsure(self._turning(hypotheses[0]), self.parts))
         self.reduce.distrust(movements, filtered, sides)
-        self._columns.clear()
         self._reduce_anew()
         return self.reduce.weighs
 
@@ -397,29 +366,56 @@ class Problem:
         unknowns)."""
         here = self.predicted(hypothesis)
         signals = self.signals(hypothesis)
-        return np.array([self._column(hypothesis, u, here, signals) for u in unknowns]).T
+        listed, rows, columns = list(unknowns), dict[int, Array](), dict[int, list[Array]]()
+        slopes = self._law_slopes(hypothesis.values) if self._moves_law(listed) else {}
+        for i, unknown in enumerate(listed):
+            known = self._known_rows(hypothesis, unknown, signals, slopes)
+            if known is None:
+                columns[i] = self._column(hypothesis, unknown, here, signals)
+            else:
+                rows[i] = known
+        rows.update(zip(columns, self.reduce.several(list(columns.values())), strict=True))
+        made = np.empty((len(listed), len(self._acceleration)))
+        for i, unknown in enumerate(listed):
+            np.multiply(rows[i], get(hypothesis, unknown.key) if unknown.log else 1.0, out=made[i])
+        return made.T
 
-    def _column(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array], signals: list[Signals]) -> Array:
+    def _moves_law(self, unknowns: Sequence[Unknown]) -> bool:
+        return any(kind == "base" and name in self.baseline.shapes for kind, name in (u.key for u in unknowns))
+
+    def _known_rows(
+        self, hypothesis: Hypothesis, unknown: Unknown, signals: list[Signals], slopes: Mapping[str, _Slope]
+    ) -> Array | None:
+        """Rows of a column that are known without its samples; None where they are not."""
         kind, name = unknown.key
-        factor = get(hypothesis, unknown.key) if unknown.log else 1.0
         if unknown.key == ("base", "m"):
             return self._acceleration * (1 + hypothesis.mass_error)
         if unknown.key == ("chain", "mass_error"):
             return self._acceleration * hypothesis.values["m"]
-        if kind == "base" and name in self.baseline.linear:
-            return self._unit_rows[name]
         if kind == "base":
-            return self._law_rows(hypothesis, name, signals) * factor
+            linear = name in self.baseline.linear
+            return self._unit_rows[name] if linear else self._law_rows(hypothesis, name, signals, slopes[name])
+        if unknown.linear and kind != "chain" and not self._is_read(hypothesis, int(kind)):
+            term = hypothesis.terms[int(kind)]
+            if term.effect.law.lasts:
+                shapes = {n: value for n, value in term.values.items() if n not in term.effect.amplitudes}
+                key = (*Term(term.effect, shapes).key, name)
+                made = lambda: (self.reduce(self._unit(hypothesis, term, name, signals)),)  # noqa: E731
+                return self._per_unit.get(key, made)[0]
+        return None
+
+    def _column(
+        self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array], signals: list[Signals]
+    ) -> list[Array]:
+        kind, name = unknown.key
         if unknown.key == ("chain", "delay"):
             mass = hypothesis.mass()
-            columns = [-p.pace * np.gradient(mass * p.a + f) for p, f in zip(self.parts, here, strict=True)]
-        elif self._is_read(hypothesis, int(kind)):
-            columns = self._source_column(hypothesis, unknown, here)
-        elif unknown.linear:
-            columns = self._unit(hypothesis, hypothesis.terms[int(kind)], name, signals)
-        else:
-            columns = self._shape_column(hypothesis, unknown, signals)
-        return self.reduce(columns) * factor
+            return [-p.pace * np.gradient(mass * p.a + f) for p, f in zip(self.parts, here, strict=True)]
+        if self._is_read(hypothesis, int(kind)):
+            return self._source_column(hypothesis, unknown, here)
+        if unknown.linear:
+            return self._unit(hypothesis, hypothesis.terms[int(kind)], name, signals)
+        return self._shape_column(hypothesis, unknown, signals)
 
     def _is_read(self, hypothesis: Hypothesis, index: int) -> bool:
         """Whether other effects read the force of this one."""
@@ -441,9 +437,8 @@ class Problem:
         there = self._force(hypothesis, replace(term, values={**term.values, unknown.key[1]: value + step}), signals)
         return [(g - f) / step for f, g in zip(self._force(hypothesis, term, signals), there, strict=True)]
 
-    def _law_rows(self, hypothesis: Hypothesis, name: str, signals: list[Signals]) -> Array:
+    def _law_rows(self, hypothesis: Hypothesis, name: str, signals: list[Signals], slope: _Slope) -> Array:
         """Rows of the derivative by a parameter of the law: directly, and through the effects that read its force."""
-        slope = self._law_slopes(hypothesis.values)[name]
         rows, step = slope.rows, _STEP * (abs(hypothesis.values[name]) or 1.0)
         for term in hypothesis.terms:
             if term.effect.uses_h:
@@ -461,12 +456,15 @@ class Problem:
             if _are_near(known, shapes):
                 return slopes
         here = self._law_at(values)
-        made = {}
-        for name in self.baseline.shapes:
-            step = _STEP * (abs(values[name]) or 1.0)
-            pairs = list(zip(here, self._law_at({**values, name: values[name] + step}), strict=True))
-            rows = self.reduce([(R1 - R0) / step for (R0, _), (R1, _) in pairs])
-            made[name] = _Slope(rows, [(h1 - h0) / step for (_, h0), (_, h1) in pairs])
+        at = {**self.baseline.nominal, **dict(zip(self.baseline.shapes, shapes, strict=True))}
+        steps = {name: _STEP * (abs(values[name]) or 1.0) for name in self.baseline.shapes}
+        there = self._follow_at(self._held, [{**at, name: at[name] + step} for name, step in steps.items()])
+        moved = [
+            [((R1 - R0) / step, (h1 - h0) / step) for (R0, h0), (R1, h1) in zip(here, pairs, strict=True)]
+            for step, pairs in zip(steps.values(), there, strict=True)
+        ]
+        rows = self.reduce.several([[R for R, _ in parts] for parts in moved])
+        made = {n: _Slope(r, [h for _, h in parts]) for n, r, parts in zip(steps, rows, moved, strict=True)}
         size = sum(slope.nbytes for slope in made.values())
         most = max(_FEWEST, _SLOPES // max(size, 1))  # many fits begin at the same point
         self._slopes = [(shapes, made), *self._slopes[: most - 1]]
@@ -519,10 +517,6 @@ class _Slope:
 def _are_near(known: Sequence[float], shapes: Sequence[float]) -> bool:
     """Whether derivatives of the law at a known point serve at another one."""
     return all(abs(there - here) <= _REUSE * abs(here) for there, here in zip(known, shapes, strict=True))
-
-
-def _key(term: Term) -> tuple[object, ...]:
-    return term.effect.class_name, term.effect.id, term.effect.form, tuple(term.values.items())
 
 
 def standing(problem: Problem, hypothesis: Hypothesis) -> Fit:

@@ -13,7 +13,8 @@ from scipy.stats import qmc
 
 from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Key, Term, Unknown, get, is_allowed, put
-from hystid.diagnosis.fit.problem import Columns, Problem, standing
+from hystid.diagnosis.fit.problem import Problem, standing
+from hystid.diagnosis.fit.scanned import Columns
 from hystid.diagnosis.model.effects import Effect, Signals
 from hystid.diagnosis.prepare.segments import Flags
 from hystid.errors import NumericalError
@@ -24,6 +25,7 @@ _POINTS, _KEPT = 16, 2  # new starts that are tried, and that are kept
 _SIMPLEX = 0.35  # size of a first simplex (logarithmic)
 _EACH, _EVALUATIONS = 25, 80  # evaluations of a simplex per shape, and in all
 _NEAR, _FLAT = 3e-3, 1e-3  # size of a simplex, and relative differences of the cost in it, that end the search
+_OTHERS = 3  # next best grid points of a form that are kept
 ABSORBED = 0.99  # share of a column that the refit takes over, above which the recordings cannot test the effect
 
 
@@ -83,10 +85,8 @@ def scan(
     for effect in effects:
         if effect.needs_clock and not problem.timed:
             continue
-        points = _points(problem, effect, beside, signals, near)
-        if points:
-            best = points[0]
-            found.append(replace(best, others=tuple(point.term for point in points[1:4])))
+        best = _best(problem, effect, beside, signals, near)
+        found += [best] if best is not None else []
         progress()
     return sorted(found, key=lambda c: -c.gain)
 
@@ -98,50 +98,52 @@ class _Beside:
         self._rows = np.ascontiguousarray(np.vstack([basis.T, residual]))
 
     def __call__(self, columns: Columns) -> tuple[Array, Array]:
-        """Products (k, k) of what the basis cannot give of the columns, and (k,) of these with the residual."""
-        shares = self._rows @ columns.scaled
-        return columns.products - shares[:-1].T @ shares[:-1], shares[-1]
+        """Products (points, k, k) of what the basis cannot give of the columns, and (points, k) of these with the
+        residual."""
+        points, size, rows = columns.scaled.shape
+        shares = self._rows @ columns.scaled.reshape(points * size, rows).T
+        shares = shares.reshape(len(self._rows), points, size)
+        basis = np.moveaxis(shares[:-1], 0, -1)
+        return columns.products - basis @ np.swapaxes(basis, -1, -2), shares[-1]
 
 
-def _points(
+def _best(
     problem: Problem, effect: Effect, beside: _Beside, signals: Sequence[Signals], near: Mapping[str, float]
-) -> list[Candidate]:
-    """Grid points of one form, the largest gain first."""
-    points = []
-    grid = effect.grid(problem.scales)
-    beyond = [{**shapes, **{name: near[name] for name in shapes if name in near}} for shapes in grid] if near else []
-    for shapes in (*grid, *(there for i, there in enumerate(beyond) if there not in (*grid, *beyond[:i]))):
-        columns = problem.columns(effect, shapes, signals)
-        if columns is None:
-            continue
-        allowed = np.array([effect.lowest.get(name, -np.inf) for name in effect.amplitudes])
-        made = _score(columns, beside, allowed)
-        if made is not None:
-            found = zip(effect.amplitudes, map(float, made[2]), strict=True)
-            values = {**shapes, **dict(found)}
-            points.append(Candidate(Term(effect, values), made[0], made[1]))
-    return sorted(points, key=lambda point: -point.gain)
+) -> Candidate | None:
+    """The grid point of one form with the largest gain; None where there is none."""
+    grids = [effect.grid(problem.scales)]
+    if near:
+        beyond = [{**shapes, **{name: near[name] for name in shapes if name in near}} for shapes in grids[0]]
+        grids.append([there for i, there in enumerate(beyond) if there not in (*grids[0], *beyond[:i])])
+    lowest, found = np.array([effect.lowest.get(name, -np.inf) for name in effect.amplitudes]), []
+    for grid in filter(None, grids):
+        columns = problem.columns(effect, grid, signals)
+        gains, absorbed, amplitudes = _scores(columns, beside, lowest)
+        shapes = [grid[place] for place in columns.places]
+        found += [*zip(gains, absorbed, amplitudes, shapes, strict=True)]
+    found = sorted((point for point in found if point[0] > -np.inf), key=lambda point: -point[0])[: 1 + _OTHERS]
+    terms = [Term(effect, {**at, **dict(zip(effect.amplitudes, map(float, u), strict=True))}) for _, _, u, at in found]
+    return Candidate(terms[0], float(found[0][0]), float(found[0][1]), tuple(terms[1:])) if found else None
 
 
-def _score(columns: Columns, beside: _Beside, lowest: Array) -> tuple[float, float, Array] | None:
-    """Gain, absorbed share and amplitudes of a group of columns; None for columns that vanish or are not finite."""
+def _scores(columns: Columns, beside: _Beside, lowest: Array) -> tuple[Array, Array, Array]:
+    """Gain and absorbed share (points,), and amplitudes (points, k), of groups of columns; the gain is -inf where all
+    of them vanish, or the block does not allow their amplitudes."""
     norms = columns.lengths
-    if not np.any(norms > 0):
-        return None
     normal, right = beside(columns)
-    left = np.maximum(np.diag(normal), 0.0)
-    normal[np.diag_indices_from(normal)] += 1e-9
-    amplitude = np.linalg.solve(normal, right)
-    refused = amplitude < np.where(norms > 0, lowest, -np.inf)
-    if np.all(refused):
-        return None
-    if np.any(refused):  # what the block does not allow stays at zero, the others are solved anew
-        kept = np.flatnonzero(~refused)
-        amplitude = np.zeros_like(amplitude)
-        amplitude[kept] = np.linalg.solve(normal[np.ix_(kept, kept)], right[kept])
-        if np.any(amplitude < lowest):
-            return None
-    return float(right @ amplitude), float(1.0 - np.max(left)), amplitude / np.where(norms > 0, norms, np.inf)
+    left = np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 0.0)
+    normal = normal + 1e-9 * np.eye(len(lowest))
+    alone = len(lowest) == 1
+    amplitudes = right / normal[..., 0] if alone else np.linalg.solve(normal, right[..., None])[..., 0]
+    allowed = np.any(norms > 0, axis=-1)
+    refused = amplitudes < np.where(norms > 0, lowest, -np.inf)
+    for i in np.flatnonzero(np.any(refused, axis=-1)):  # these stay at zero, the others are solved anew
+        kept = np.flatnonzero(~refused[i])
+        amplitudes[i] = 0.0
+        amplitudes[i, kept] = np.linalg.solve(normal[i][np.ix_(kept, kept)], right[i, kept])
+        allowed[i] &= len(kept) > 0 and not np.any(amplitudes[i] < lowest)
+    gains = np.where(allowed, np.sum(right * amplitudes, axis=-1), -np.inf)
+    return gains, 1.0 - np.max(left, axis=-1, initial=0.0), amplitudes / np.where(norms > 0, norms, np.inf)
 
 
 def try_term(problem: Problem, fitted: Fit, term: Term, incumbent: float = 0.0) -> Fit | None:
@@ -189,7 +191,7 @@ def scattered(problem: Problem, fitted: Fit) -> list[Hypothesis]:
     found = []
     for draw in (2 * draws - 1) * spread:
         moved = {
-            u.key: float(np.clip(get(fitted.hypothesis, u.key) * np.exp(step), u.low, u.high))
+            u.key: u.within(float(get(fitted.hypothesis, u.key) * np.exp(step)))
             for u, step in zip(shapes, draw, strict=True)
         }
         made = _solved(problem, put(fitted.hypothesis, moved), linear)
@@ -213,9 +215,7 @@ def downhill(problem: Problem, fitted: Fit) -> list[Hypothesis]:
 
     def there(steps: Array) -> Hypothesis:
         values = [get(fitted.hypothesis, u.key) * np.exp(step) for u, step in zip(shapes, steps, strict=True)]
-        return put(
-            fitted.hypothesis, {u.key: float(np.clip(at, u.low, u.high)) for u, at in zip(shapes, values, strict=True)}
-        )
+        return put(fitted.hypothesis, {u.key: u.within(float(at)) for u, at in zip(shapes, values, strict=True)})
 
     def cost(steps: Array) -> float:
         found = _solved(problem, there(steps), linear)
@@ -254,13 +254,13 @@ def _solved(problem: Problem, start: Hypothesis, linear: Sequence[Unknown]) -> t
         return None
     if not (np.all(np.isfinite(rows)) and np.all(np.isfinite(columns))):
         return None
-    scale = np.linalg.norm(columns, axis=0)
+    normal = columns.T @ columns
+    scale = np.sqrt(np.diag(normal))
     scale[scale == 0] = 1.0
-    normal = (columns / scale).T @ (columns / scale)
-    normal[np.diag_indices_from(normal)] += 1e-9
-    steps = np.linalg.solve(normal, (columns / scale).T @ rows) / scale
+    normal = normal / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    steps = np.linalg.solve(normal, columns.T @ rows / scale) / scale
     changes: dict[Key, float] = {
-        u.key: float(np.clip(get(start, u.key) + step, u.low, u.high)) for u, step in zip(linear, steps, strict=True)
+        u.key: u.within(get(start, u.key) + float(step)) for u, step in zip(linear, steps, strict=True)
     }
     taken = np.array([changes[u.key] - get(start, u.key) for u in linear])
     left = rows - columns @ taken

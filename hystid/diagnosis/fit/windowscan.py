@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.hypothesis import Fit, Term
-from hystid.diagnosis.fit.problem import Columns, Problem, standing
+from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import ABSORBED, Candidate, complement, try_fit
 from hystid.diagnosis.fit.windows import LEAST_OUT, Window, Windows, windowed
 from hystid.diagnosis.model.effects import Effect
@@ -46,6 +46,14 @@ def scan_windows(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> li
     seen = _Seen(problem, fitted)
     found = [made for effect in effects if (made := seen.best(effect)) is not None]
     return sorted(found, key=lambda candidate: -candidate.gain)
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Rows (rows, k) of a law at one point of its shapes, scaled to unit length, and their lengths (k,)."""
+
+    scaled: Array = field(repr=False)
+    lengths: Array
 
 
 @dataclass(frozen=True)
@@ -87,12 +95,14 @@ class _Seen:
     def best(self, effect: Effect) -> Candidate | None:
         """The best grid point of a form with its windows."""
         points = []
-        for shapes in effect.grid(self.problem.scales):
-            columns = self.problem.columns(effect, shapes, self.signals)
-            if columns is not None and np.any(columns.lengths > 0):
+        grid = effect.grid(self.problem.scales)
+        made = self.problem.columns(effect, grid, self.signals)
+        for place, scaled, lengths in zip(made.places, made.scaled, made.lengths, strict=True):
+            columns = _Columns(scaled.T, lengths)
+            if np.any(lengths > 0):
                 sums = self._sums(columns.scaled)
                 alone, _ = _gains(sums.known, sums.each, _lowest(effect, columns))
-                points.append((float(np.sum(np.max(alone, axis=1))), shapes, columns, sums))
+                points.append((float(np.sum(np.max(alone, axis=1))), grid[place], columns, sums))
         found: Candidate | None = None
         for _, shapes, columns, sums in sorted(points, key=lambda point: -point[0])[:_POINTS]:
             if not self._commutes(effect, shapes, columns):
@@ -102,7 +112,7 @@ class _Seen:
                 found = self._candidate(effect, shapes, columns, choice)
         return found
 
-    def _candidate(self, effect: Effect, shapes: Mapping[str, float], columns: Columns, choice: _Choice) -> Candidate:
+    def _candidate(self, effect: Effect, shapes: Mapping[str, float], columns: _Columns, choice: _Choice) -> Candidate:
         here = windowed(effect, self._windows(choice))
         amplitudes = choice.amplitudes / np.where(columns.lengths > 0, columns.lengths, np.inf)
         values = dict(zip(effect.amplitudes, map(float, amplitudes), strict=True))
@@ -138,7 +148,7 @@ class _Seen:
         )
         return _Sums(known, each)
 
-    def _commutes(self, effect: Effect, shapes: Mapping[str, float], columns: Columns) -> bool:
+    def _commutes(self, effect: Effect, shapes: Mapping[str, float], columns: _Columns) -> bool:
         """Whether a window of whitened columns is the whitened column of a window. It is not where noise is slow, and
         the force in the window is a constant."""
         if self.problem.reduce.is_local:
@@ -152,7 +162,7 @@ class _Seen:
     def _parts(self) -> list[tuple[Part, float]]:
         return list(zip(self.problem.parts, self.spans, strict=True))
 
-    def _gated(self, effect: Effect, shapes: Mapping[str, float], columns: Columns, gates: Sequence[Array]) -> Array:
+    def _gated(self, effect: Effect, shapes: Mapping[str, float], columns: _Columns, gates: Sequence[Array]) -> Array:
         """Rows (rows, k) of the law in its gates, in the scale of its columns."""
         made = []
         for at, length in zip(effect.units_at(shapes), columns.lengths, strict=True):
@@ -160,7 +170,7 @@ class _Seen:
             made.append(self.problem.reduce([f * on for f, on in zip(forces, gates, strict=True)]) / (length or 1.0))
         return np.stack(made, axis=1)
 
-    def _exact_sums(self, effect: Effect, shapes: Mapping[str, float], columns: Columns) -> _Sums:
+    def _exact_sums(self, effect: Effect, shapes: Mapping[str, float], columns: _Columns) -> _Sums:
         """The same with every block of the force whitened by itself: what blocks leave in each other counts."""
         each = np.stack(
             [
@@ -266,7 +276,7 @@ def _between(products: Array) -> Array:
     return np.asarray(sums[:, _LAST, _LAST] - sums[:, _FIRST, _LAST] - sums[:, _LAST, _FIRST] + sums[:, _FIRST, _FIRST])
 
 
-def _lowest(effect: Effect, columns: Columns) -> Array:
+def _lowest(effect: Effect, columns: _Columns) -> Array:
     """Least amplitudes that the block allows, in the scale of its columns."""
     least = [effect.lowest.get(name, -np.inf) for name in effect.amplitudes]
     pairs = zip(least, columns.lengths, strict=True)

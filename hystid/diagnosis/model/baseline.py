@@ -101,12 +101,20 @@ class Baseline:
 
     def forces(self, motions: Sequence[Held], values: Mapping[str, float]) -> list[tuple[Array, Array]]:
         """``force`` along several motions at once, which costs half where the law has inner states."""
+        return self.forces_at(motions, [values])[0]
+
+    def forces_at(
+        self, motions: Sequence[Held], each: Sequence[Mapping[str, float]]
+    ) -> list[list[tuple[Array, Array]]]:
+        """``forces`` at each of several values of the parameters, in one run."""
         ready = [m.ready for m in motions if m.ready is not None]
         if len(ready) < len(motions) or not isinstance(self.model, CompiledModel):
-            return [self.force(m.x, m.v, m.dt, values) for m in motions]
+            return [[self.force(m.x, m.v, m.dt, values) for m in motions] for values in each]
         names = ("R", "f_h") if self.has_h else ("R",)
-        found = self.model.follow(ready, self.settings(values), names)
-        return [(out["R"], out["f_h"] if self.has_h else np.zeros_like(out["R"])) for out in found]
+        settings = [known for known in map(self.settings, each) for _ in ready]
+        found = self.model.follow(ready * len(each), settings, names)
+        pairs = [(out["R"], out["f_h"] if self.has_h else np.zeros_like(out["R"])) for out in found]
+        return [pairs[i : i + len(ready)] for i in range(0, len(pairs), len(ready))]
 
     def force(self, x: Array, v: Array, dt: float, values: Mapping[str, float]) -> tuple[Array, Array]:
         """Restoring force R and hysteretic force h [N] along a motion, shape (n,) each."""

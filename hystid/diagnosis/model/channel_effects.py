@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -30,6 +31,11 @@ NUISANCES = frozenset({HUM, HISTORY})  # taken out, and no findings
 class ChannelEffect(Effect):
     """A fault of the force channel; no law of the structure, hence no part of a model."""
 
+    @property
+    def reads(self) -> frozenset[str]:
+        """Nothing that a law moves."""
+        return frozenset()
+
 
 class MainsHum(ChannelEffect):
     """A periodic force that nobody measured, of any phase in each recording: the mains on the force channel, a machine
@@ -37,10 +43,17 @@ class MainsHum(ChannelEffect):
 
     def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
         """What the channel shows without any force [N], shape (n,)."""
-        turn = 2 * np.pi * float(self.form) * signals.dt * np.arange(len(signals.x))
         number = signals.index + 1
         sine, cosine = parameters.get(f"sine_{number}", 0.0), parameters.get(f"cosine_{number}", 0.0)
-        return np.asarray(sine * np.sin(turn) + cosine * np.cos(turn))
+        sines, cosines = _waves(float(self.form) * signals.dt, len(signals.x))
+        return np.asarray(sine * sines + cosine * cosines)
+
+
+@lru_cache(maxsize=16)
+def _waves(turns: float, samples: int) -> tuple[Array, Array]:
+    """Sine and cosine of so many turns per sample, (n,) each."""
+    angle = 2 * np.pi * turns * np.arange(samples)
+    return np.sin(angle), np.cos(angle)
 
 
 def mains_hum(recordings: int, frequency: float) -> MainsHum:

@@ -199,6 +199,20 @@ class Effect:
         motions = [self._motion(self.model, s, self._substeps(s, parameters)) for s in signals]
         return [found["f"] for found in self.model.follow(motions, parameters, ("f",))]
 
+    def forces_at(self, signals: Sequence[Signals], each: Sequence[Mapping[str, float]]) -> list[list[Array]]:
+        """``forces`` at each of several values of the parameters, in one run; NaN where they have no finite answer."""
+        if self.model is None:
+            return [self.forces(signals, at) for at in each]
+        motions = [self._motion(self.model, s, self._substeps(s, at)) for at in each for s in signals]
+        try:
+            found = self.model.follow(motions, [at for at in each for _ in signals], ("f",))
+        except NumericalError:
+            if len(each) == 1:
+                return [[np.full_like(s.x, np.nan) for s in signals]]
+            return [forces for at in each for forces in self.forces_at(signals, [at])]
+        flat = [outputs["f"] for outputs in found]
+        return [flat[i : i + len(signals)] for i in range(0, len(flat), len(signals))]
+
     def _motion(self, model: CompiledModel, signals: Signals, substeps: int) -> Motion:
         """What the block reads of one recording."""
         known = signals.ready.get((model, substeps))

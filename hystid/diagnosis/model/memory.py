@@ -15,11 +15,12 @@ _LEAST = 2  # entries that stay whatever their size: what is asked for twice in 
 class Memory:
     """Arrays by key. What was not asked for longest goes first when all exceed a number of bytes.
 
+    cyclic: all is asked for in turn, again and again: then what came last goes first, or nothing would be found again.
     The arrays are shared, not copied, and made read-only.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, most: int, *, cyclic: bool = False) -> None:
+        self._most, self._cyclic = most, cyclic
         self._kept: OrderedDict[Hashable, tuple[Array, ...]] = OrderedDict()
         self._size = 0
 
@@ -33,7 +34,7 @@ class Memory:
             array.flags.writeable = False
         self._size += _bytes(made)
         while self._size > self._most and len(self._kept) > _LEAST:
-            self._size -= _bytes(self._kept.popitem(last=False)[1])
+            self._size -= _bytes(self._kept.popitem(last=self._cyclic)[1])
         return made
 
     def clear(self) -> None:
