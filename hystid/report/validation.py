@@ -61,7 +61,8 @@ def verdict(result: Validation) -> Verdict:
     tone: Tone = "good" if worst <= _GOOD else "warn" if worst <= _FAIR else "bad"
     closed = "There is no mass, so no closed loop. "
     if not np.all(np.isnan(motion)):
-        closed = f"In closed loop the displacement is off by {percent(float(np.nanmedian(motion)))} in the median. "
+        closed = f"In closed loop the displacement is off by {percent(float(np.nanmedian(motion)))}"
+        closed += " in the median. " if len(result.cases) > 1 else ". "
     diverged = [case.name for case in result.cases if case.diverged]
     if diverged:
         tone, closed = "bad", f"In closed loop it diverges in {_count(len(diverged), 'case')}: {', '.join(diverged)}. "
@@ -71,8 +72,8 @@ def verdict(result: Validation) -> Verdict:
     outside = max(case.outside for case in result.cases)
     if outside > 0.01:
         closed += f"Up to {percent(outside)} of a case lies outside the range that it was trained on."
-    at_worst = f", {percent(worst)} at worst" if len(result.cases) > 1 else ""
-    return Verdict(tone, f"The surrogate's force is off by {percent(median)} in the median{at_worst}", closed)
+    spread = f" in the median, {percent(worst)} at worst" if len(result.cases) > 1 else ""
+    return Verdict(tone, f"The surrogate's force is off by {percent(median)}{spread}", closed)
 
 
 def _facts(result: Validation) -> list[Fact]:
