@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -165,9 +166,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     extended: str | None = field(default=None, repr=False)
 
     def _write(self, folder: Path) -> None:
-        from hystid.diagnosis.tell.written import written
-
-        written(self, folder)
+        import_module("hystid.diagnosis.tell.written").written(self, folder)  # which knows this type
 
     def sentence(self) -> str:
         """The verdict and what stands behind it, in one line."""
