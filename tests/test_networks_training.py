@@ -270,6 +270,19 @@ def test_picked_samples_keep_the_memory_of_all(sequences, pair):
     assert sum(halves) == pytest.approx(joint.JointNormal(pair, sequences).squares(w), rel=1e-12)
 
 
+def test_fewer_branches_are_runs_of_all_that_begin_as_measured(sequences, pair):
+    count = len(sequences.x0) // 2
+    fewer, kept = sequences.thinned(count)
+    assert 16 <= len(fewer.x0) <= count and np.array_equal(fewer.x, sequences.x[kept])
+    assert np.array_equal(fewer.x0[fewer.segment], sequences.x0[sequences.segment[kept]])  # each sample on its branch
+    begins = np.flatnonzero(kept & ~np.concatenate([[False], kept[:-1]]))[1:]  # of runs, but that of the recording
+    at = fewer.segment[np.searchsorted(np.flatnonzero(kept), begins)]
+    assert fewer.fresh[at].all() and np.array_equal(fewer.start[at], sequences.R[begins - 1])
+    assert np.isfinite(joint.JointNormal(pair, fewer).build(joint.parameters_of(pair)))
+    whole, rows = sequences.thinned(len(sequences.x0))
+    assert whole is sequences and rows.all()
+
+
 def test_weights_multiply_errors_and_their_derivatives(sequences, pair):
     """Weights 2 and 3 on two recordings: J'e and e'e are those of either recording, times 4 and 9."""
     w, weight = joint.parameters_of(pair), np.repeat([2.0, 3.0], 600)

@@ -9,10 +9,12 @@ import numpy as np
 
 from hystid.errors import RecordingError, UsageError
 from hystid.networks import FurtherInput, Lag
+from hystid.networks.training import draw
 from hystid.recording import CHANNELS, Array, Recording
 
 _TAKEN = {"t", "time", *CHANNELS, "m", "state", "state_next", "R_spread", "x_start", "v_start", "R_start"}
 _BLOCKS = 10  # of each recording, left out in turn
+_SAMPLES = 50_000  # of all recordings: thousands for each coefficient
 _WORTH = 0.1  # of the residual's power: an input that explains less lowers the NRMSE by less than a twentieth of itself
 _SAME = 1e-3  # of the force's power: what is left when force is a linear function of motion and column
 
@@ -140,11 +142,13 @@ def _is_force(recordings: Sequence[Recording], values: Array) -> bool:
 
 def _explained(recordings: Sequence[Recording], forces: Sequence[Array], columns: Sequence[Array]) -> float:
     """Share of the residual's power that the column explains on blocks that were left out."""
-    residual = np.concatenate([r.channel("R") - force for r, force in zip(recordings, forces, strict=True)])
-    v, force, u = (
-        np.concatenate(parts) for parts in ([r.channel("v") for r in recordings], list(forces), list(columns))
+    some = draw(sum(len(recording) for recording in recordings), _SAMPLES, 0)
+    left_over = [r.channel("R") - force for r, force in zip(recordings, forces, strict=True)]
+    blocks = [np.arange(len(r)) * _BLOCKS // len(r) for r in recordings]
+    speeds = [r.channel("v") for r in recordings]
+    residual, v, force, u, block = (
+        np.concatenate(parts)[some] for parts in (left_over, speeds, list(forces), list(columns), blocks)
     )
-    block = np.concatenate([np.arange(len(r)) * _BLOCKS // len(r) for r in recordings])
     centred = (u - u.mean()) / np.ptp(u)
     plain = np.stack([np.ones_like(u), v / np.std(v), np.sign(v), force / (np.std(force) or 1.0)])
     table = np.concatenate([plain, centred * plain, centred**2 * plain])

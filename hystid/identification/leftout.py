@@ -1,7 +1,8 @@
 """What one quick network leaves of the force on samples that it has not seen: the judge of lags and of spreads.
 
 The network sees (x, v, x0, R0, further inputs, lags), with the measured force R0 at the turning points: no simulation,
-a fraction of a second, and close enough to the two-network model to compare one choice with another.
+a fraction of a second, and close enough to the two-network model to compare one choice with another. Where whole
+recordings are left out, its forces are scaled by their level: else those at another value of an input are a guess.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from hystid.identification import data
 from hystid.networks import FurtherInput, Lag
+from hystid.networks.level import Level
 from hystid.networks.training import RULES, Data, Scaling, initial_weights, train
 from hystid.recording import Array, Recording
 from hystid.turning_points import TurningPoints
@@ -49,21 +51,35 @@ class LeftOut:
             self._columns[lag] = np.concatenate(follow)
         return self._columns[lag]
 
-    def power(self, lags: Sequence[Lag], out: NDArray[np.bool_], judged: NDArray[np.bool_] | None = None) -> float:
-        """Mean square error [N2] on the samples ``judged`` (``out`` where not given) without those of ``out``."""
+    def power(
+        self,
+        lags: Sequence[Lag],
+        out: NDArray[np.bool_],
+        judged: NDArray[np.bool_] | None = None,
+        by_level: bool = False,
+    ) -> float:
+        """Mean square error [N2] on the samples ``judged`` (``out`` where not given) without those of ``out``.
+
+        by_level: forces scaled by their level at the samples seen (``Level``).
+        """
         rng = np.random.default_rng(self.seed)
-        rows = np.stack([*self._table, *(self.column(lag) for lag in lags)])
-        scaling, goal = Scaling.of(rows), Scaling.of(self.R[None])
-        inputs, target = scaling.apply(rows), goal.apply(self.R[None])[0]
         known = rng.permutation(np.flatnonzero(~out))[:_SAMPLES]
         test = rng.permutation(np.flatnonzero(out if judged is None else judged))[:_SAMPLES]
+        rows, R, spread = np.stack([*self._table, *(self.column(lag) for lag in lags)]), self.R, 1.0
+        if by_level and self.inputs:
+            x, R0, further = rows[0], rows[3], rows[4:]
+            level = Level.of(x[known], further[:, known], R[known])
+            R, rows[3] = ((force - level.centre(x, further)) / level.spread(further) for force in (R, R0))
+            spread = float(np.sqrt(np.mean(level.spread(further[:, test]) ** 2)))
+        scaling, goal = Scaling.of(rows), Scaling.of(R[None])
+        inputs, target = scaling.apply(rows), goal.apply(R[None])[0]
         cut = len(known) * 17 // 20
         parts = {"train": known[:cut], "validation": known[cut:], "test": test}
         split = Data({name: (inputs[:, at], target[at]) for name, at in parts.items()}, scaling, goal)
         sizes = (len(rows), *_HIDDEN, 1)
         starts = [initial_weights(sizes, np.random.default_rng([self.seed, k])) for k in range(_STARTS)]
         errors = [train(split, _HIDDEN, w, rule=RULES["fast"]).test for w in starts]
-        return float(min(errors) / goal.gain[0] ** 2)
+        return float(min(errors) * (spread / goal.gain[0]) ** 2)
 
     def inflation(self, lags: Sequence[Lag]) -> float:
         """How much greater the error is on a recording of its own than on scattered parts of known ones, at least 1.
@@ -79,7 +95,7 @@ class LeftOut:
             low, high = (bound(self._seen[:, ~out], axis=1)[:, None] for bound in (np.min, np.max))
             judged = out & ((self._seen >= low) & (self._seen <= high)).all(axis=0)
             if judged.sum() >= len(self.recordings[0]) // _BLOCKS:
-                powers.append(self.power(lags, out, judged))
+                powers.append(self.power(lags, out, judged, whole))
         if not powers:
             return 1.0
-        return float(max(1.0, np.sqrt(np.median(powers) / self.power(lags, self.scattered))))
+        return float(max(1.0, np.sqrt(np.median(powers) / self.power(lags, self.scattered, None, whole))))

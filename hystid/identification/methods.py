@@ -18,7 +18,7 @@ from hystid.identification.prediction import drift, predict
 from hystid.leastsquares import Rule
 from hystid.networks import FurtherInput, Lag, Member, TwoNetworkModel
 from hystid.networks.ensemble import Samples, Start, best, refine_ensemble, side_by_side, train_ensemble, train_on
-from hystid.networks.joint import Motion, Sequences, unseen_samples
+from hystid.networks.joint import Motion, Sequences
 from hystid.networks.level import Level
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import draw
@@ -32,6 +32,7 @@ _HEAT = 60  # iterations in simulation of every start, on a share of the samples
 _HEAT_SHARE = 0.2
 _LAST_ITERATIONS = 600  # in simulation, of the best sixth: the best still gain after 400
 _RUN = 200_000  # samples of all recordings that each start is run on: bounds what a million of them cost
+_BRANCH = 8  # samples that are fitted in the time that the memory needs for one branch
 _FEEDING = 40  # in simulation, of those that are averaged, on cycles that feed energy in: they are near what is wanted
 _PATIENCE = 25  # iterations without a lower validation error in simulation: left-out branches make that error uneven
 _PROGRESS = 5e-4  # of the training error in 20 iterations in simulation: trainings that gain less are at their end
@@ -132,7 +133,9 @@ class Plan:
         starts = self._starts(drawn, first)
         motions = data.motions(recordings, self.inputs, self.lags, self.level)
         sequences = Sequences.of(motions, memory, self._weights(recordings, motions), len(self.inputs))
-        branches, of_sample = len(sequences.x0), sequences.segment
+        sequences, kept = sequences.thinned(self.samples // _BRANCH)
+        unseen, left_out = ~kept, sequences.unseen(self.seed)
+        unseen[kept] = False if left_out is None else left_out
         sequences = sequences.pick(draw(len(sequences.x), self.samples, self.seed))
         patient = replace(self.rule, max_fails=max(_PATIENCE, self.rule.max_fails), progress=_PROGRESS)
         finished: Sequence[Start] = starts
@@ -148,8 +151,8 @@ class Plan:
         chosen = self._steadiest(list(simulated.values()), recordings, len(sequences.x0))
         if not self.mass:  # with a mass, drift in closed loop has chosen; what still feeds energy in is told
             chosen = self._dissipating(chosen, sequences, recordings, replace(patient, max_iterations=_FEEDING))
-        unseen = unseen_samples(branches, of_sample, self.seed)
-        return Trained(everything, chosen, drawn, self._shortfall(starts), {"method": "refined"}, unseen)
+        shortfall = self._shortfall(starts)
+        return Trained(everything, chosen, drawn, shortfall, {"method": "refined"}, unseen if unseen.any() else None)
 
     def _dissipating(
         self, chosen: Sequence[Start], sequences: Sequences, recordings: Sequence[Recording], rule: Rule

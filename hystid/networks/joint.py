@@ -33,6 +33,7 @@ from hystid.turning_points import TurningPoints
 
 _LENGTH = 256  # samples per chunk
 _BEGINNINGS, _FEWEST_BEGINNINGS = 0.03, 300  # of the samples
+_RUNS = 16  # of segments: few enough to be long, many enough to be everywhere
 _FEWEST_BRANCHES = 20  # fewer cannot be divided into three parts that resemble each other
 
 
@@ -51,8 +52,8 @@ class Sequences:
     """Recordings cut into segments between turning points, and the samples that are fitted.
 
     Segments, shape (s,): x0 displacement at its turning point [m], before: displacement one sample earlier [m] and,
-    after it, the further inputs there, shape (s, 1 + inputs), fresh: where a recording begins, start: force [N] that
-    the memory begins with there.
+    after it, the further inputs there, shape (s, 1 + inputs), fresh: where the memory begins anew, start: force [N] as
+    measured one sample earlier, with which it begins there.
     Samples, shape (n,), sorted by segment: x, v, R; further, shape (inputs, n); segment, the number of each one's
     segment; weight of its error.
     """
@@ -85,7 +86,7 @@ class Sequences:
             at = np.flatnonzero(turn)
             fresh, last = at == 0, np.maximum(at - 1, 0)
             before = np.column_stack([motion.x[last], motion.further[:, last].T])
-            parts.append((motion.x[at], before, fresh, np.where(fresh, motion.R[0], 0.0)))
+            parts.append((motion.x[at], before, fresh, motion.R[last]))
             numbers.append(count + np.cumsum(turn) - 1)
             count += len(at)
         x0, before, fresh, start = (np.concatenate(columns) for columns in zip(*parts, strict=True))
@@ -101,6 +102,25 @@ class Sequences:
         motion = (self.x[rows], self.v[rows], self.R[rows], self.further[:, rows])
         memory = (self.x0, self.before, self.fresh, self.start)
         return Sequences(*memory, *motion, self.segment[rows], self.weight[rows], self.inputs)
+
+    def thinned(self, count: int) -> tuple[Sequences, NDArray[np.bool_]]:
+        """At most so many of the segments, in runs spread evenly over all, and which samples are in them.
+
+        The memory passes through every segment, however few of the samples are fitted: that is what many cost.
+        """
+        length, runs = count // _RUNS, np.arange(_RUNS)
+        if len(self.x0) <= count or not length:
+            return self, np.ones(len(self.x), bool)
+        begin = (runs * (len(self.x0) - length)) // (_RUNS - 1)
+        kept = (begin[:, None] + np.arange(length)).ravel()
+        number = np.full(len(self.x0), -1, np.int32)
+        number[kept] = np.arange(len(kept))
+        rows = number[self.segment] >= 0
+        fresh = self.fresh.copy()
+        fresh[begin] = True
+        memory = (self.x0[kept], self.before[kept], fresh[kept], self.start[kept])
+        motion = (self.x[rows], self.v[rows], self.R[rows], self.further[:, rows])
+        return Sequences(*memory, *motion, number[self.segment[rows]], self.weight[rows], self.inputs), rows
 
     def joined(self, other: Sequences) -> Sequences:
         """These segments and samples and, after them, those of other recordings."""
@@ -126,6 +146,12 @@ class Sequences:
         """The same with all weights times a factor."""
         return replace(self, weight=factor * self.weight)
 
+    def unseen(self, seed: int) -> NDArray[np.bool_] | None:
+        """Which samples ``split`` gives to no training; None where single samples, not branches, are left out."""
+        if len(self.x0) < _FEWEST_BRANCHES:
+            return None
+        return np.asarray(~np.isin(self.segment, split_indices(len(self.x0), seed)["train"]))
+
     def split(self, seed: int) -> dict[str, NDArray[np.intp]]:
         """Sample numbers of the parts "train", "validation", "test": 70, 15, 15 % of the branches, drawn at random.
 
@@ -137,13 +163,6 @@ class Sequences:
             return split_indices(len(self.x), seed)
         parts = split_indices(branches, seed)
         return {name: np.flatnonzero(np.isin(self.segment, chosen)) for name, chosen in parts.items()}
-
-
-def unseen_samples(branches: int, segment: NDArray[np.int32], seed: int) -> NDArray[np.bool_] | None:
-    """Which samples ``Sequences.split`` gives to no training; None where single samples, not branches, are left out."""
-    if branches < _FEWEST_BRANCHES:
-        return None
-    return np.asarray(~np.isin(segment, split_indices(branches, seed)["train"]))
 
 
 def _scaled(network: Network, column: int, values: Array) -> Array:
