@@ -174,12 +174,13 @@ class Criterion:
         return stands - self.states * noise if stands > most else -math.inf
 
     def floor_of(self, fit: Fit) -> float:
-        """Mean square that noise alone leaves of a fit; that of the baseline where draws of the noise do not agree that
-        it differs (Student's t)."""
+        """Mean square that noise alone leaves of a fit: as much more than of the baseline as draws of the noise agree on
+        (Student's t, shrunk by the garrote of Breiman 1995), so that no two fits of one law stand on two sides of a limit.
+        """
         more = self.problem.noise_added(fit.hypothesis) - self._added
-        error = float(np.std(more, ddof=1)) / np.sqrt(len(more))
-        sure = abs(float(np.mean(more))) > student.ppf(1 - 0.5 * _BY_CHANCE, len(more) - 1) * error
-        return self.floor + float(np.mean(more)) if sure else self.floor
+        mean, error = float(np.mean(more)), float(np.std(more, ddof=1)) / np.sqrt(len(more))
+        by_chance = float(student.ppf(1 - 0.5 * _BY_CHANCE, len(more) - 1)) * error
+        return self.floor + mean * max(1.0 - (by_chance / mean) ** 2, 0.0) if mean else self.floor
 
     def variance(self, misfit: float) -> float:
         """Variance of one of the averages."""

@@ -8,9 +8,9 @@ from dataclasses import replace
 from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.decide.trials import are_reached, fitted_on
 from hystid.diagnosis.fit.hypothesis import Fit
-from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import Candidate, scan, try_fit
-from hystid.diagnosis.fit.windows import has_edges, is_off_outside, settled, shared
+from hystid.diagnosis.fit.windows import has_edges, in_window_of, is_off_outside, settled, shared
 from hystid.diagnosis.fit.windowscan import outside, scan_windows
 from hystid.diagnosis.model.effects import Effect
 
@@ -37,10 +37,19 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
             if _is_reached(criterion, ended):
                 return
     switched = [effect for effect in effects if not effect.is_over_time]
-    for begun in _leading(problem, criterion, (start, before), switched):
-        one = shared(problem, begun.hypothesis)
+    found = list(_switched(problem, criterion, before, _leading(problem, criterion, (start, before), switched)))
+    if found:
+        found += _switched(problem, criterion, before, _exchanged(problem, criterion, _ranked(criterion, found)[0], switched))
+    yield from found
+
+
+def _switched(problem: Problem, criterion: Criterion, before: Fit, begun: Iterable[Fit]) -> Iterator[Fit]:
+    """Fits of laws in windows, continued, each once with windows of its own and with one for all where they agree,
+    without those that are not switched on and off."""
+    for own in begun:
+        one = shared(problem, own.hypothesis)
         made = try_fit(problem, one) if one is not None else None
-        for fit in (begun, *([made] if made is not None else [])):
+        for fit in (own, *([made] if made is not None else [])):
             ended = _to_the_end(problem, criterion, before, fit)
             term = ended.hypothesis.terms[-1]
             if (
@@ -49,6 +58,25 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
                 and is_off_outside(term, problem.signals(ended.hypothesis))
             ):
                 yield settled(problem, ended)
+
+
+def _exchanged(problem: Problem, criterion: Criterion, best: Fit, effects: Sequence[Effect]) -> Iterator[Fit]:
+    """Other laws in the windows of the best: a law that was fitted in windows of its own may stand beside them, and
+    would lose for that and not for its law."""
+    here = best.hypothesis
+    bare, term = replace(here, terms=here.terms[:-1]), here.terms[-1]
+    others = [in_window_of(effect, term) for effect in effects if effect.id != term.effect.id]
+    start = standing(problem, bare)
+
+    def cost(candidate: Candidate) -> float:
+        left = _left(criterion, start) - candidate.gain / criterion.rows
+        return criterion.penalty(candidate.effect.size, 1, left) - criterion.likelihood(left)
+
+    scanned = sorted(scan(problem, start, others, near=term.law.values), key=cost)
+    for candidate in list({c.effect.id: c for c in reversed(scanned)}.values())[-_LAWS:]:
+        made = try_fit(problem, replace(bare, terms=(*bare.terms, candidate.term)), incumbent=best.chi2)
+        if made is not None:
+            yield made
 
 
 def _leading(problem: Problem, criterion: Criterion, fits: tuple[Fit, Fit], effects: Sequence[Effect]) -> list[Fit]:
