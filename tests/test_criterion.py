@@ -10,8 +10,18 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
-from hystid.diagnosis.decide.criterion import ACCURACY, ZERO, Criterion, Hypothesis, effective_states, zero_probability
+from hystid.diagnosis.decide.criterion import (
+    ACCURACY,
+    ZERO,
+    Candidate,
+    Criterion,
+    Hypothesis,
+    Posterior,
+    effective_states,
+    zero_probability,
+)
 from hystid.diagnosis.decide.hypotheses import Search
+from hystid.diagnosis.decide.selection import _class
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_allowed
 from hystid.diagnosis.fit.independence import _cells, _independent
@@ -110,6 +120,23 @@ def test_noise_that_a_law_is_said_to_add_explains_nothing(stiffening: Diagnosis)
     assert criterion.misfit(before, before.chi2) > 10 * criterion.slack
 
 
+def test_what_noise_adds_grows_without_a_jump(stiffening: Diagnosis) -> None:
+    """Two fits of one law differ in the last digits: neither is believed to be much louder than the other."""
+    criterion, hypothesis = fits(stiffening, 0.0)
+    drawn = criterion.problem.noise_added(hypothesis.fit.hypothesis)
+    spread = np.array([-1.0, 0.0, 1.0])
+
+    def added(mean: float) -> float:
+        criterion._added = drawn - (mean + spread)
+        return criterion.floor_of(hypothesis.fit) - criterion.floor
+
+    # Student's t of three draws: means of 4.30 standard errors (1 / sqrt(3) each) agree by chance once in twenty
+    limit = 4.30 / np.sqrt(3)
+    assert added(0.9 * limit) == added(-0.9 * limit) == 0.0
+    assert 0.0 < added(1.01 * limit) < 0.05 * limit
+    assert added(100 * limit) == pytest.approx(100 * limit, rel=1e-3)
+
+
 def test_a_law_pays_for_dragging_the_baseline_along(stiffening: Diagnosis) -> None:
     criterion, hypothesis = fits(stiffening, 0.0)
     here = hypothesis.fit.hypothesis
@@ -144,6 +171,27 @@ def test_a_law_is_the_more_probable_the_less_it_leaves_down_to_nothing(stiffenin
         ]
         assert forms == sorted(forms, reverse=True)
         assert forms[0] > 5.0 and forms[-1] < 0.0
+
+
+def test_each_further_law_may_draw_a_part_of_an_unknown_one(stiffening: Diagnosis) -> None:
+    assert stiffening.choice is not None
+    whole = stiffening.choice.before.chi2 - stiffening.choice.floor_before
+    criterion, _ = fits(stiffening, 0.0)
+    for share in (0.0, 0.01, 0.1):
+        one, two, three = (criterion.form(share * whole, whole, laws=laws) for laws in (1, 2, 3))
+        assert one > two > three
+
+
+def test_laws_that_are_about_as_probable_are_one_answer(stiffening: Diagnosis) -> None:
+    assert stiffening.choice is not None
+    whole = stiffening.choice.before.chi2 - stiffening.choice.floor_before
+    criterion, leading = fits(stiffening, 0.0)
+    _, rival = fits(stiffening, 0.5 * whole)  # predicts something else
+    for odds, together in ((2.0, ("cubic_stiffness", "backlash")), (5.0, ("cubic_stiffness",))):
+        first = Candidate(("cubic_stiffness",), 0.4, 0.9, leading)
+        second = Candidate(("backlash",), 0.4 / odds, 0.9, replace(rival, names=("backlash",)))
+        found = Posterior(0.0, 0.6 - 0.4 / odds, (first, second))
+        assert _class(criterion, found, first, "cubic_stiffness") == (together, 0.4 * (1 + (len(together) - 1) / odds))
 
 
 def test_where_the_noise_is_louder_what_a_law_leaves_counts_for_less(stiffening: Diagnosis) -> None:

@@ -10,10 +10,13 @@ import pytest
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import diagnose
+from hystid.diagnosis.decide.criterion import Criterion
+from hystid.diagnosis.decide.part_time import _exchanged
 from hystid.diagnosis.decide.possible import possible
 from hystid.diagnosis.fit.case import Case, pose
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.fit.windows import Window, Windowed, shared, windowed
 from hystid.diagnosis.fit.windowscan import scan_windows
 from hystid.diagnosis.model.effects import Effect
@@ -121,6 +124,27 @@ def test_windows_that_agree_are_one() -> None:
     cut = joined(case.problem.of(short), {0: Window(2.0, 4.2), 1: Window(2.0, 3.0)})
     assert cut is not None  # a recording of 3 s ends while the law acts: when it ceases, only the longer one says
     assert cut.terms[-1].values["t_off"] == pytest.approx(4.2)
+
+
+def test_other_laws_are_tried_in_the_windows_of_the_best() -> None:
+    """Two stops of which only one is reached are a contact on one side: in windows of their own both may end beside
+    each other, and the one in the better window would have the name."""
+
+    def force(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return 2e4 * np.maximum(x - 4e-4, 0.0) * ((t > 1.5) & (t < 4.0))
+
+    case, library = posed([recorded(seed, level, force) for seed, level in ((5, 40.0), (6, 50.0))])
+    problem, before = case.problem, case.refit
+    stops = windowed(next(e for e in library if e.class_name.endswith("TwoSidedStop__Offcentre")), Window(1.5, 4.0))
+    term = Term(stops, {"gap": 8e-4, "lean": -0.5, "k": 2e4, **stops.near})
+    best = try_fit(problem, replace(before.hypothesis, terms=(*before.hypothesis.terms, term)))
+    assert best is not None
+    criterion = Criterion(problem, before, len({e.id for e in library}))
+    others = {fit.hypothesis.terms[-1].effect.id: fit for fit in _exchanged(problem, criterion, best, library)}
+    contact = others["contact_loss"]
+    # the law of the rig: it leaves no more than the other name, and unit noise, of which the estimate is known to 5 %
+    assert contact.chi2 < min(best.chi2, 1.05)
+    assert contact.hypothesis.terms[-1].values["gap"] == pytest.approx(4e-4, rel=0.05)
 
 
 def test_louder_noise_for_a_while_is_no_law() -> None:

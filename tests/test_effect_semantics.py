@@ -163,7 +163,7 @@ def test_one_display_name_for_a_class(catalogue: Catalogue) -> None:
     assert catalogue.class_title(["two_sided_stop", "backlash"]) == "play between two stops"
     assert catalogue.class_title(["contact_loss"]) == "one-sided contact beyond a gap"
     assert catalogue.class_title(["coulomb_friction", "stribeck_friction"]) == "dry friction"
-    assert catalogue.class_title(["impact", "preload"]) == "impact"
+    assert catalogue.class_title(["impact", "preload"]) == "impact, or constant force"
     assert catalogue.title("own_law") == "own law"
 
 

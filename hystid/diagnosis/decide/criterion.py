@@ -13,8 +13,7 @@ ratio, where the model error rules it is the ratio of the misfits to the power M
 A name is earned by form: a right law leaves what textbook laws leave on structures, a share of the misfit with a
 half-Cauchy distribution (``FORM``; Gelman 2006): it may leave nothing at all, and now and then much. So a law is the
 more probable the less it leaves, down to nothing. Of a law that is in no catalogue the best of the effects imitates any
-share, small or large; where several are curves of one and the same signal, each imitates any share of what the others
-left.
+share, small or large; and each further effect of a set any share of what the others left.
 docs/decisions.md lists the constants.
 """
 
@@ -63,8 +62,8 @@ NAME = 0.5  # probability from which a name is told: a wrong name costs as much 
 class Hypothesis:
     """A set of effects as fitted. names: ids, strongest first, none for the baseline alone. size: parameters.
 
-    windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel. curves: most of its
-    effects that are curves of one and the same signal.
+    windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel. laws: those of its effects
+    that have a form.
     floor: mean square that noise alone leaves; NaN where it is not known yet. constant: the name that is a constant
     force, "" for none; zero: probability that it is the zero of a sensor and no force.
     """
@@ -78,7 +77,7 @@ class Hypothesis:
     unseen: float = 0.0
     constant: str = ""
     zero: float = 0.0
-    curves: int = 1
+    laws: int = 1
 
 
 @dataclass(frozen=True)
@@ -235,9 +234,9 @@ class Criterion:
         """Mean square that a wrong noise level feigns."""
         return NOISE_ERROR * (self.floor + max(self.level, 0.0))
 
-    def form(self, misfit: float, whole: float, *, exact: bool = False, curves: int = 1) -> float:
-        """Logarithm of the density of what right laws leave, as a share of the misfit, over that of what curves of one
-        signal leave of an unknown law: each of them any share of what the others left.
+    def form(self, misfit: float, whole: float, *, exact: bool = False, laws: int = 1) -> float:
+        """Logarithm of the density of what right laws leave, as a share of the misfit, over that of what so many laws
+        leave of an unknown one: each of them any share of what the others left.
 
         What the noise level leaves open counts as left: a small misfit says little about forms.
         """
@@ -247,7 +246,7 @@ class Criterion:
         most = min(max(left + open_ / (max(whole, 0.0) + open_), least + _THIN), 1.0)
         scale = EXACT if exact else FORM
         right = (math.atan(math.sqrt(most) / scale) - math.atan(math.sqrt(least) / scale)) / math.atan(1 / scale)
-        by_chance = max(_product(most, curves) - _product(least, curves), most - least)
+        by_chance = max(_product(most, laws) - _product(least, laws), most - least)
         return math.log(right / by_chance)
 
     @property
@@ -285,7 +284,7 @@ class Criterion:
         ]
         far, moved = self.departure(self.baseline), [self.departure(h.fit) for h in found]
         scores = [
-            p + self.form(m, whole, exact=h.exact, curves=h.curves) + self.prior(len(h.names), windowed=h.windowed) - d
+            p + self.form(m, whole, exact=h.exact, laws=h.laws) + self.prior(len(h.names), windowed=h.windowed) - d
             for h, p, m, d in zip(found, plain, misfits, moved, strict=True)
         ]
         error = 0.0 if is_noise else max(whole, 0.0) / self.force

@@ -6,7 +6,6 @@ together, only where the best single leaves what a further effect could still ea
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -200,9 +199,8 @@ class Search:
         near = fit.chi2 - self.floor < 2 * self.criterion.slack + 0.1 * self.excess
         floor = self.criterion.floor_of(fit) if near else self.floor
         terms = {term.effect.id: term.effect for term in fit.hypothesis.terms}
-        exact = all(name not in terms or _is_exact(terms[name]) for name in names)
-        curves = Counter(effect.curve_of for effect in terms.values() if effect.curve_of)
-        return Hypothesis(names, size, fit, windowed, exact, floor, curves=max(curves.values(), default=1))
+        laws = sum(name in terms and not _is_exact(terms[name]) for name in names)
+        return Hypothesis(names, size, fit, windowed, laws == 0, floor, laws=max(laws, 1))
 
     def _in_windows(self) -> Iterator[Hypothesis]:
         """Effects that act for a part of the time, or of the levels. What these cost is not taken from the sets."""

@@ -23,6 +23,7 @@ from hystid.diagnosis.model.effects import Effect
 _ROUNDS = 3  # of looking for a better local minimum of what leads
 _CHANCE = 1e-3  # probability below which a hypothesis is not looked at more closely
 _ALIKE = 0.05  # of the probability of what leads: less is told apart, unless it fits better with more parameters
+_MENTION = 1 / 10**0.5  # odds against a rival that are not worth more than a bare mention (Jeffreys 1961)
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,8 @@ def _told(criterion: Criterion, posterior: Posterior) -> tuple[Candidate, tuple[
 
 
 def _class(criterion: Criterion, posterior: Posterior, leader: Candidate, name: str) -> tuple[tuple[str, ...], float]:
-    """Ids that predict the same as one name of the leading set, and the probability that one of them is missing."""
+    """Ids that predict the same as one name of the leading set, or are about as probable, and the probability that one
+    of them is missing."""
     alike = [name]
     rest = {n for n in leader.names if n != name}
     for other in posterior.candidates:
@@ -189,7 +191,8 @@ def _class(criterion: Criterion, posterior: Posterior, leader: Candidate, name: 
             (instead,) = swapped
             gain = criterion.gain(other.hypothesis, leader.hypothesis)
             near = other.probability > _ALIKE * leader.probability or gain > 1.0
-            if near and instead not in alike and not criterion.predicts_else(other.hypothesis, leader.hypothesis):
+            same = near and not criterion.predicts_else(other.hypothesis, leader.hypothesis)
+            if instead not in alike and (same or other.probability > _MENTION * leader.probability):
                 alike.append(instead)
     return tuple(alike), min(1.0, posterior.of(alike))
 

@@ -25,7 +25,7 @@ class Catalogue:
 
     def class_title(self, idents: Sequence[str]) -> str:
         """The one display name of laws that cannot be told from each other, the leading one first: that which two
-        equal laws declare, else the family that all share, else the title of the leading one."""
+        equal laws declare, else the family that all share, else the titles of two, or that of the leading one."""
         members = list(dict.fromkeys(idents))
         if len(members) == 2:
             told = [one.title for one in self.alike(members[0]) if one.law == members[1] and one.title]
@@ -34,7 +34,7 @@ class Catalogue:
         families = {self.laws[one].family if one in self.laws else "" for one in members}
         if len(members) > 1 and len(families) == 1 and "" not in families:
             return families.pop()
-        return self.title(members[0])
+        return ", or ".join(map(self.title, members)) if len(members) == 2 else self.title(members[0])
 
     def alike(self, ident: str) -> list[Alike]:
         """Laws that are declared to be equal to one, by itself or by the other one."""

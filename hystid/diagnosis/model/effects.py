@@ -119,11 +119,6 @@ class Effect:
         return _INPUTS & found
 
     @property
-    def curve_of(self) -> str:
-        """The signal that the force is a curve of; "" where there are several, or a memory, or time itself."""
-        return "" if self.remembers or self.is_over_time or len(self.reads) != 1 else next(iter(self.reads))
-
-    @property
     def turns(self) -> bool:
         """Whether the force turns at once with the sign of the velocity, over a transition that the block declares."""
         return bool(self.semantics.transition) and not self.remembers and not self.uses_h
