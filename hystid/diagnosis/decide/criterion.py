@@ -62,8 +62,8 @@ NAME = 0.5  # probability from which a name is told: a wrong name costs as much 
 class Hypothesis:
     """A set of effects as fitted. names: ids, strongest first, none for the baseline alone. size: parameters.
 
-    windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel. laws: those of its effects
-    that have a form.
+    windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel. laws: members that have
+    a form.
     floor: mean square that noise alone leaves; NaN where it is not known yet. constant: the name that is a constant
     force, "" for none; zero: probability that it is the zero of a sensor and no force.
     """
@@ -173,8 +173,8 @@ class Criterion:
         return stands - self.states * noise if stands > most else -math.inf
 
     def floor_of(self, fit: Fit) -> float:
-        """Mean square that noise alone leaves of a fit: as much more than of the baseline as draws of the noise agree on
-        (Student's t, shrunk by the garrote of Breiman 1995), so that no two fits of one law stand on two sides of a limit.
+        """Mean square that noise alone leaves of a fit: as much more than of the baseline as draws of the noise agree
+        on (Student's t, shrunk by the garrote of Breiman 1995), so that no limit parts two fits of one law.
         """
         more = self.problem.noise_added(fit.hypothesis) - self._added
         mean, error = float(np.mean(more)), float(np.std(more, ddof=1)) / np.sqrt(len(more))

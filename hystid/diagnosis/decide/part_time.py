@@ -39,7 +39,9 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
     switched = [effect for effect in effects if not effect.is_over_time]
     found = list(_switched(problem, criterion, before, _leading(problem, criterion, (start, before), switched)))
     if found:
-        found += _switched(problem, criterion, before, _exchanged(problem, criterion, _ranked(criterion, found)[0], switched))
+        found += _switched(
+            problem, criterion, before, _exchanged(problem, criterion, _ranked(criterion, found)[0], switched)
+        )
     yield from found
 
 
