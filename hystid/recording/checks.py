@@ -13,6 +13,7 @@ from hystid.recording.table import Table
 from hystid.recording.types import Array
 
 _NO_SIZE = 1e30  # in any unit: overflow is 9.9E37 in instruments, and 3.4e38 in single precision
+_NO_SQUARE = 1e150  # beyond it no square is finite: a damaged value, and no marker of a logger
 
 
 def channel_problems(table: Table, channels: Mapping[str, Array]) -> list[Problem]:
@@ -33,7 +34,7 @@ def channel_problems(table: Table, channels: Mapping[str, Array]) -> list[Proble
 def without_markers(values: Array) -> tuple[Array, float, int]:
     """Values with NaN for what a logger writes where nothing was measured; the marker, and how many samples hold it.
 
-    Markers are 1e30 and more, which nothing measures, and nothing but nines, as -9999, of at least three digits and
+    Markers are 1e30 to 1e150, which nothing measures, and nothing but nines, as -9999, of at least three digits and
     twice as large as all that was measured.
     """
     with np.errstate(invalid="ignore"):
@@ -41,6 +42,7 @@ def without_markers(values: Array) -> tuple[Array, float, int]:
         top = float(np.max(size, where=np.isfinite(size), initial=0.0))
         digits = np.round(np.log10(top + 1.0)) if top < _NO_SIZE else 0.0
         far = np.isfinite(size) & ((size >= _NO_SIZE) | ((size == 10.0**digits - 1.0) & (digits >= 3)))
+        far &= size < _NO_SQUARE
         rest = float(np.max(size, where=np.isfinite(size) & ~far, initial=0.0))
     if not np.any(far) or np.all(far) or 2.0 * rest > float(np.min(size[far])):
         return values, 0.0, 0

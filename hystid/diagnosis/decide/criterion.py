@@ -63,7 +63,7 @@ class Hypothesis:
     """A set of effects as fitted. names: ids, strongest first, none for the baseline alone. size: parameters.
 
     windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel. laws: members that have
-    a form.
+    a form and are forces of their own: what weakens or pinches the hysteresis is none.
     floor: mean square that noise alone leaves; NaN where it is not known yet. constant: the name that is a constant
     force, "" for none; zero: probability that it is the zero of a sensor and no force.
     """

@@ -199,8 +199,9 @@ class Search:
         near = fit.chi2 - self.floor < 2 * self.criterion.slack + 0.1 * self.excess
         floor = self.criterion.floor_of(fit) if near else self.floor
         terms = {term.effect.id: term.effect for term in fit.hypothesis.terms}
-        laws = sum(name in terms and not _is_exact(terms[name]) for name in names)
-        return Hypothesis(names, size, fit, windowed, laws == 0, floor, laws=max(laws, 1))
+        formed = [terms[name] for name in names if name in terms and not _is_exact(terms[name])]
+        laws = sum(not law.uses_h for law in formed)  # what weakens or pinches the hysteresis is no force of its own
+        return Hypothesis(names, size, fit, windowed, not formed, floor, laws=max(laws, 1))
 
     def _in_windows(self) -> Iterator[Hypothesis]:
         """Effects that act for a part of the time, or of the levels. What these cost is not taken from the sets."""

@@ -78,6 +78,11 @@ class Windowed(Effect):
         """Force f [N] over several recordings."""
         return self.switched(self.inner.forces(signals, self.law_values(parameters)), signals, parameters)
 
+    def forces_at(self, signals: Sequence[Signals], each: Sequence[Mapping[str, float]]) -> list[list[Array]]:
+        """``forces`` at each of several values of the parameters."""
+        plain = self.inner.forces_at(signals, [self.law_values(at) for at in each])
+        return [self.switched(forces, signals, at) for forces, at in zip(plain, each, strict=True)]
+
     def times(self, parameters: Mapping[str, float], index: int) -> tuple[float, ...]:
         """Beginning, end and ramp [s] in a recording; a window that never opens where it has none."""
         names = self.names(index)
