@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.errors import NumericalError
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _VERSION, _HOLD, _LINEAR, _HERMITE = 1, 0, 1, 2  # as in hy_table.h
 _OUTCOMES = {1: "found no answer", 2: "failed"}
 _log = logging.getLogger("hystid")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hystid.errors import NumericalError, UsageError
-from hystid.recording.types import Array
+from hystid.numeric import Array
 
 
 def nrmse(values: Array, reference: Array) -> float:

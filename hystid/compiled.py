@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from hystid.batch import Column, Columns, Run, Settings, TableRunner
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
+from hystid.numeric import Array
 from hystid.toolchain import object_files, shared_library
 
-Array = NDArray[np.float64]
 Interpolation = Literal["hold", "linear", "cubic"]
 
 SHELL = Path(__file__).parent / "fmu" / "shell"

@@ -20,7 +20,7 @@ import numpy as np
 
 from hystid.errors import UsageError
 from hystid.limits import FORCE_SAMPLES, check_whole
-from hystid.recording.types import Array
+from hystid.numeric import Array
 from hystid.units import to_si
 
 Kind = Literal["chirp", "harmonic", "multisine", "multisine-odd"]

@@ -17,7 +17,8 @@ import numpy as np
 
 from hystid.errors import RecordingError, UsageError
 from hystid.limits import check_whole
-from hystid.recording.types import CHANNELS, Array, Recording
+from hystid.numeric import Array
+from hystid.recording.types import CHANNELS, Recording
 
 Band = tuple[float | None, float | None]
 Kind = Literal["bandpass", "lowpass", "highpass"]

@@ -14,7 +14,7 @@ PACKAGE = ROOT / "hystid"
 
 # Lower may not import higher. A name is a module or a package directly below hystid, or a module within a package.
 LAYERS = [
-    {"errors"},
+    {"errors", "numeric"},
     {"files", "leastsquares", "limits", "progress", "units", "modelcode"},
     {"cache", "child", "outputs", "rotation"},
     {"batch", "toolchain"},

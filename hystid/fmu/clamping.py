@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.child import beat
 from hystid.compiled import check_finite, slopes_of
@@ -17,8 +16,7 @@ from hystid.errors import FmuError
 from hystid.fmu.continuous import Continuous, Interpolated, runge_kutta
 from hystid.fmu.door import OpenedFmu
 from hystid.fmu.native import Access, Instance
-
-Array = NDArray[np.float64]
+from hystid.numeric import Array
 
 
 @dataclass(frozen=True)

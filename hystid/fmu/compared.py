@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from hystid.comparison import Tube, tube
 from hystid.errors import printable
 from hystid.fmu.signals import Signal
-
-Array = NDArray[np.float64]
+from hystid.numeric import Array
 
 _DIGITS = 5e-7  # a reference is written with seven digits: half a unit of the last, relative to the value
 

@@ -10,12 +10,10 @@ from collections.abc import Callable
 from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_void_p
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.fmu.door import OpenedFmu
 from hystid.fmu.native import Instance
-
-Array = NDArray[np.float64]
+from hystid.numeric import Array
 
 
 class Interpolated:

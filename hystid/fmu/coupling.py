@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.child import beat
 from hystid.compiled import check_finite, slopes_of
@@ -19,8 +18,7 @@ from hystid.fmu.continuous import Continuous, Interpolated, runge_kutta
 from hystid.fmu.door import OpenedFmu
 from hystid.fmu.foreign import Foreign, runs_here
 from hystid.fmu.native import Access, Instance
-
-Array = NDArray[np.float64]
+from hystid.numeric import Array
 
 
 class _Side(Continuous):

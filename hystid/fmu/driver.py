@@ -22,8 +22,7 @@ from hystid.fmu.native import Instance, Stepper, load
 from hystid.fmu.rows import Rows
 from hystid.fmu.signals import Signal
 from hystid.modelcode import Variable
-
-Array = NDArray[np.float64]
+from hystid.numeric import Array
 
 
 class Driver:

@@ -8,7 +8,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hystid.numeric import Array
 
 SIZE = 200  # pixels, as the standard proposes at least 100
 _FINER = 2  # pixels of the drawing per pixel of the picture: edges without steps

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.errors import FmuError
 from hystid.fmu.door import Kind, OpenedFmu
@@ -20,7 +19,6 @@ from hystid.fmu.signals import Signal
 from hystid.limits import FMU_UNPACKED
 from hystid.modelcode import Variable
 
-Array = NDArray[np.float64]
 KindName = Literal["CoSimulation", "ModelExchange"]
 
 _LOG2 = ctypes.CFUNCTYPE(None, c_void_p, c_char_p, c_int, c_char_p, c_char_p)

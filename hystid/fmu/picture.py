@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.fmu.compared import SignalResult
-
-Array = NDArray[np.float64]
+from hystid.numeric import Array
 
 _WIDTH, _HEIGHT, _STRIP, _LEFT, _TOP, _GAP = 720, 150, 44, 130, 104, 84
 _MOST_PANELS = 6

@@ -16,7 +16,6 @@ from dataclasses import asdict, dataclass
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.batch import TableRunner
 from hystid.compiled import CompiledModel
@@ -24,8 +23,7 @@ from hystid.errors import NumericalError
 from hystid.fmu.interface import Interface, interface
 from hystid.fmu.model_description.common import start_text, text_of
 from hystid.modelcode import ModelCode, Variable
-
-Array = NDArray[np.float64]
+from hystid.numeric import Array
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"

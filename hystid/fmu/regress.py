@@ -18,9 +18,8 @@ from hystid.fmu.kept import Kept
 from hystid.fmu.picture import difference_picture
 from hystid.fmu.reference import cells_text, read_cells
 from hystid.fmu.signals import Signal
+from hystid.numeric import Array
 from hystid.results import Result
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.errors import NumericalError
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 Reason = Literal["validation", "iterations", "damping", "gradient", "stalled", "interrupted"]
 
 REASONS: dict[Reason, str] = {

@@ -1,10 +1,11 @@
 """Recordings: the type, readers (CSV, MAT, HDF5, UFF, TDMS), the writer, and the checks at the door."""
 
+from hystid.numeric import Array
 from hystid.recording.columns import mass_texts, own_mass, with_column, with_columns, with_masses
 from hystid.recording.loading import Source, Sources, loaded
 from hystid.recording.problems import Problem, report
 from hystid.recording.reading import read, read_all
-from hystid.recording.types import CHANNELS, Array, Recording, write_csv
+from hystid.recording.types import CHANNELS, Recording, write_csv
 
 __all__ = [
     "CHANNELS", "Array", "Problem", "Recording", "Source", "Sources", "loaded", "mass_texts", "own_mass", "read",

@@ -10,11 +10,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hystid.errors import UsageError
+from hystid.numeric import Array
 from hystid.recording.checks import without_markers
 from hystid.recording.names import known_name, numbered, turns, unit_symbol
 from hystid.recording.problems import Problem, Severity
 from hystid.recording.table import Column, Table
-from hystid.recording.types import CHANNELS, PSEUDO_TIME, ROTATIONAL, Array
+from hystid.recording.types import CHANNELS, PSEUDO_TIME, ROTATIONAL
 from hystid.units import parse, si_name, to_si
 
 SI = {"t": "s", **CHANNELS}

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from hystid.numeric import Array
 from hystid.recording.problems import Problem, Severity
 from hystid.recording.table import Table
-from hystid.recording.types import Array
 
 _NO_SIZE = 1e30  # in any unit: overflow is 9.9E37 in instruments, and 3.4e38 in single precision
 _NO_SQUARE = 1e150  # beyond it no square is finite: a damaged value, and no marker of a logger

@@ -11,6 +11,7 @@ import numpy as np
 
 from hystid.errors import RecordingError, UsageError
 from hystid.files import check_regular
+from hystid.numeric import Array
 from hystid.recording.apart import BINARY, read_apart
 from hystid.recording.channels import Channels, Wishes, interpret
 from hystid.recording.checks import channel_problems
@@ -18,7 +19,7 @@ from hystid.recording.problems import RULES, Problem, report
 from hystid.recording.table import Table
 from hystid.recording.text import read_text
 from hystid.recording.timing import SHORTEST, order_problems, uniform
-from hystid.recording.types import PSEUDO_TIME, Array, Recording
+from hystid.recording.types import PSEUDO_TIME, Recording
 
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
 _SHEETS = (".xlsx", ".xlsm", ".xls", ".ods")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hystid.recording.types import Array
+from hystid.numeric import Array
 
 _DAY = 86400.0  # s
 _CLOCK = re.compile(

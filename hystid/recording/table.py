@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from hystid.numeric import Array
 from hystid.recording.names import split_header
-from hystid.recording.types import Array
 
 
 @dataclass(frozen=True)

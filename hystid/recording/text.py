@@ -17,11 +17,11 @@ import numpy as np
 
 from hystid.errors import RecordingError
 from hystid.files import content_of
+from hystid.numeric import Array
 from hystid.recording.names import announced, is_unit, known_name, labels_units, scales, split_header
 from hystid.recording.problems import Problem
 from hystid.recording.stamps import is_stamp, seconds
 from hystid.recording.table import Column, Table
-from hystid.recording.types import Array
 
 _EXAMPLE = "name the columns like 't [s],F [N],x [m]'"
 _MISSING = frozenset(

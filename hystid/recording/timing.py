@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.numeric import Array
 from hystid.recording.problems import Problem, Severity
 from hystid.recording.table import Table
-from hystid.recording.types import Array
 
 SHORTEST = 16  # samples: below, no filter, no derivative and no fit means anything
 _ROUNDING = 0.02  # of a step: time stamps this close to a uniform grid were rounded when written

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from hystid.errors import RecordingError, UsageError
+from hystid.numeric import Array
 from hystid.recording.names import known_name, scales, split_header
 from hystid.recording.problems import Problem
 from hystid.recording.table import Column, Table
-from hystid.recording.types import Array
 from hystid.units import parse
 
 _RATES = ("fs", "sample_rate", "samplerate", "samplingrate", "sampling_rate", "samplefrequency")

@@ -10,13 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.errors import RecordingError, printable
 from hystid.files import atomic
+from hystid.numeric import Array
 from hystid.results import Result
-
-Array = NDArray[np.float64]
 
 PSEUDO_TIME = "sample numbers, not a measured time"
 

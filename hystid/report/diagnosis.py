@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.diagnosis import Diagnosis, Finding, Traces
+from hystid.numeric import Array
 from hystid.report import evidence
 from hystid.report.curves import FORCE, T_AXIS, V_AXIS, X_AXIS
 from hystid.report.linked import Linked, Signal, views_of, windows
@@ -16,7 +16,6 @@ from hystid.report.page import Fact, Page, Table, Tone, Verdict, number, percent
 from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
 from hystid.report.terminal import columns
 
-Array = NDArray[np.float64]
 _TONES: dict[str, Tone] = {
     "consistent": "good",
     "recalibrated": "good",

@@ -12,12 +12,12 @@ from scipy.signal import welch
 from hystid.diagnosis import Diagnosis, Finding, Traces
 from hystid.diagnosis.decide.trials import Trial
 from hystid.diagnosis.prepare.chain import turns
+from hystid.numeric import Array
 from hystid.report.curves import FORCE, V_AXIS, X_AXIS, response
 from hystid.report.page import Cell, Table, number, percent
 from hystid.report.plots import Axis, Bars, Line, Mark, Plot, Points, Role, Series
 from hystid.rotation import turned_unit
 
-Array = NDArray[np.float64]
 _BINS = 30
 _LEAST, _FEW = 8, 3  # samples in a bin below which it is left out, in long and in short recordings
 _CLOSED = 0.2  # gap of a loop over its range beyond which it has no energy of its own

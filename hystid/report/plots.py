@@ -15,7 +15,7 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from hystid.errors import UsageError
-from hystid.recording.types import Array
+from hystid.numeric import Array
 from hystid.rotation import turned_text, turned_unit
 
 COLOURS = {

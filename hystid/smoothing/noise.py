@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import binom
 
-Array = NDArray[np.float64]
+from hystid.numeric import Array
+
 _DIFFERENCES = 6
 _SECTION, SECTIONS = 128, 24  # samples of a section at least, and sections at most, in which noise may be louder
 _LOUD = 2.0  # over the median section: 4.5 standard errors of the level of a section of 128 samples

@@ -14,15 +14,14 @@ from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.optimize import minimize_scalar
 from scipy.signal import coherence, welch
 
 from hystid.errors import UsageError
+from hystid.numeric import Array
 from hystid.toolchain import shared_library
 
-Array = NDArray[np.float64]
 CHANNELS = ("x", "v", "a")
 ORDERS = (3, 4, 5)
 _LIKELIHOOD_SAMPLES = 4000  # enough to choose one number; keeps a record of a million samples cheap

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hystid.compiled import Interpolation
 from hystid.errors import UsageError
@@ -19,9 +19,9 @@ from hystid.fmu.coupling import simulate_with_effects
 from hystid.fmu.door import open_fmu
 from hystid.fmu.driver import Driver
 from hystid.modelcode import ModelCode, Variable
+from hystid.numeric import Array
 from hystid.simulation import SUBSTEPS, driven
 
-Array = NDArray[np.float64]
 _LONG = 30_000  # samples from which a foreign FMU takes one step per sample: each costs a tenth of a millisecond
 _MASSES = ("m", "mass", "M")
 

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.model.adapters import Model, Reading, own_mass, reading_of
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _MASS = "m"
 
 

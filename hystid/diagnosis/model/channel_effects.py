@@ -8,10 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from hystid.diagnosis.model.effects import Array, Effect, Scales, Signals
+from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.faults import SATURATION
 from hystid.diagnosis.prepare.segments import Part
+from hystid.numeric import Array
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
 _STEADY = 0.05  # rms of the ramps over that of the offsets below which a force channel does not drift

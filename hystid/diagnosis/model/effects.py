@@ -14,14 +14,13 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _INPUTS = frozenset("xvah")
 _SUBSTEPS = 24  # most steps per sample: a memory shorter than a 24th of the path per sample is friction without memory
 _SHORT = (0.003, 0.012)  # shares of the stroke over which friction may build up, below those of its distribution

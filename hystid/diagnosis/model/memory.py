@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 
-import numpy as np
-from numpy.typing import NDArray
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _LEAST = 2  # entries that stay whatever their size: what is asked for twice in a row
 
 

@@ -10,13 +10,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _STEP = 1e-3  # relative step of difference quotients
 _NONE = 1e-2  # relative singular value below which a relation is suspected: what differences of that step leave
 _NOTHING = 0.02  # share of the largest exponent below which a parameter has no part in a relation

@@ -10,13 +10,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from hystid.diagnosis.prepare.segments import Part
 from hystid.modelcode import Variable
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _ROWS = 20_000  # rows for a coarse fit
 _LIGHT = 0.02  # share of the force below which inertia is not seen
 _ONE_TONE = 0.99  # correlation of x and -a beyond which inertia cannot be told from stiffness

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.prepare.recordings import SHORTEST
 from hystid.diagnosis.prepare.segments import Part
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _FIRST = 8  # samples whose mean shows whether a recording begins at rest
 _SURE, _STILL = 4.0, 0.05  # standard errors of that mean, and share of the spread of a channel, that are still rest
 _VISIBLE = 0.5  # noise units: force of another past that is seen

@@ -12,13 +12,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import get_window, welch
 
+from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import is_noise_free
 
-Array = NDArray[np.float64]
 _BANDS, _FEWEST = 48, 24  # bands of the spectrum, each told by its median: lines do not count
 _SHELF = 3  # bands that a shelf of noise takes at least
 _FLAT = 3.0  # factor within which the power of a shelf lies

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from hystid.diagnosis.prepare.clipping import saturated_motion, stopped
@@ -20,10 +19,10 @@ from hystid.diagnosis.prepare.differences import advanced
 from hystid.diagnosis.prepare.faults import CALIBRATION, DEAD, DELAY, GAIN, SATURATION, ZERO, Fault
 from hystid.diagnosis.prepare.pairs import CHANCE, ORDER, Estimate, Pair, agreed, consistency, pairs, sections
 from hystid.diagnosis.prepare.segments import measured_motion
+from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 
-Array = NDArray[np.float64]
 _TOUCH = 0.01  # share of the largest force (or stroke) that counts as nothing
 _RISE = 0.3  # share of the largest force over which the first rise is taken as a line
 _STEP, _SEAT = 0.002, 0.2  # shares of the stroke between which an approach lies

@@ -10,19 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import binom
 
 from hystid.consistency import cut_off
 from hystid.diagnosis.prepare.faults import CALIBRATION, SATURATION, Fault
 from hystid.diagnosis.prepare.pairs import CHANCE, agreed
 from hystid.diagnosis.prepare.segments import measured_motion
+from hystid.numeric import Array, Flags
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 from hystid.smoothing.smoother import smooth
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 _FEWEST = 10  # samples beyond a level from which it is one
 _BELOW = 8.0  # standard deviations of the noise below the largest value, within which a level may lie: noise stands
 # three to four of them above it, and as many below

@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from hystid.diagnosis.prepare.refused import NotDiagnosable
+from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import is_noise_free, noise_level
 
-Array = NDArray[np.float64]
 PER_MASS = (
     "free decay: the force is known to be zero, and the mass is taken as 1 as nobody gave it: all forces and "
     "parameters are per unit of mass (N/kg; a stiffness in 1/s2, a damping in 1/s)"

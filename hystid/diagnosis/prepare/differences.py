@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.signal import detrend
 from scipy.special import factorial
 
-Array = NDArray[np.float64]
+from hystid.numeric import Array
+
 Trend = Literal["constant", "linear"]
 _TERMS, _LONG = 16, 50_000  # of the series for delays, and samples beyond which there is none
 _SIZES, _SMALL = np.pi ** np.arange(_TERMS) / factorial(np.arange(_TERMS)), 1e-10  # terms of it at most, and of no use

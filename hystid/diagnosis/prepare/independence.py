@@ -24,10 +24,10 @@ from scipy.signal import get_window
 
 from hystid.consistency.kinematics import formula
 from hystid.diagnosis.prepare.differences import FIRST, spectra, stencil
+from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import is_noise_free
 
-Array = NDArray[np.float64]
 _ORDER = {"x": 0, "v": 1, "a": 2}
 _BANDS = 16  # bands of the spectrum in which noise is looked for
 _SEGMENTS = 24  # averaged spectra: independent noise then has a coherence of 1/24 in the mean

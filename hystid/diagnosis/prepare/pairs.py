@@ -13,16 +13,15 @@ from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import get_window
 from scipy.stats import t as student
 
 from hystid.diagnosis.prepare.differences import FIRST, spectra, stencil
 from hystid.diagnosis.prepare.segments import measured_motion
+from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 
-Array = NDArray[np.float64]
 ORDER = {"x": 0, "v": 1, "a": 2}
 _SECTIONS, _SHORTEST = 6, 256  # sections per recording, and samples of one at least
 CHANCE = 1e-3  # probability by chance of a lag that is believed: one false alarm in 1000 healthy recordings

@@ -16,10 +16,9 @@ from scipy.ndimage import maximum_filter1d
 
 from hystid.diagnosis.prepare.differences import FIRST, SECOND
 from hystid.diagnosis.prepare.segments import Part, band
+from hystid.numeric import Array, Flags
 from hystid.smoothing.smoother import BELOW
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 ROWS = 16_000  # of the least squares problems; more are averaged in blocks
 _SLOW, _LEAST = 8, 2  # blocks per period of the quickest motion, and samples that are averaged all the same
 _MOST, _STRETCHES = 40_000, 24  # rows beyond which stretches of each recording are taken, and how many

@@ -10,12 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import csd, find_peaks, peak_prominences, welch
 
 from hystid.diagnosis.prepare.segments import Part
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _SEGMENTS = 12  # averaged spectra at least: with fewer the coherence of noise alone is high
 _LINES = 4096  # samples of a segment at most
 _COHERENT = 0.8  # coherence at a peak: four fifths of the motion there follow the force, whatever the law

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from hystid.diagnosis.prepare.segments import Array, Flags, Part, band
+from hystid.diagnosis.prepare.segments import Part, band
+from hystid.numeric import Array, Flags
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 

@@ -16,12 +16,12 @@ from scipy.ndimage import uniform_filter1d
 from hystid.diagnosis.prepare.decay import MODEL_ERROR
 from hystid.diagnosis.prepare.differences import FIRST, SECOND, advanced, stencil
 from hystid.diagnosis.prepare.refused import NotDiagnosable
+from hystid.numeric import Array
+from hystid.numeric import Flags as Flags
 from hystid.recording import Recording
 from hystid.smoothing.noise import SECTIONS, louder_for_a_while, noise_level, steps
 from hystid.smoothing.smoother import Smoothed, smooth
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Single = NDArray[np.float32]
 _SLOWEST, _QUICKEST = 0.01, 0.99  # shares of the power of the velocity below the slowest and the quickest motion
 DRAWS = 3

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.numeric import Array
 from hystid.recording import Recording
 
-Array = NDArray[np.float64]
 _FEW = (10, 1e-3)  # samples, or share of them: more are no accidents
 _OUTSIDE = 0.5  # of the range of all other samples, by which a bad one lies beyond it
 _ALONE = 0.9  # of its height that its neighbours do not share: a pulse of three samples shares two thirds

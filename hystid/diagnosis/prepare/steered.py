@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import hilbert
 
 from hystid.diagnosis.prepare.segments import Part
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _SPREAD = 0.5 * np.sqrt(4 / np.pi - 1)  # half of that of noise: as far from a steady envelope as from noise
 _ENDS = 0.05  # share of a recording at either end, where the envelope is not known
 _MOST = 100_000  # samples that are looked at: the transform costs as many logarithms more

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.model.adapters import Model
 from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
-
-Array = NDArray[np.float64]
-
+from hystid.numeric import Array
 
 SUBSTEPS = 4  # Runge-Kutta steps per sample: with a cubic force 6e-4 of the displacement at five samples per period
 _WRAP = 3.0  # steps of a channel, from its last sample to its first, within which a recording closes on itself

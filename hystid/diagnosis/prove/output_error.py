@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Unknown, get, put
@@ -28,8 +27,8 @@ from hystid.diagnosis.prove.freerun import (
     runs_from,
     start_of,
 )
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 Settings = Callable[[Hypothesis], Mapping[str, float]]
 WORK = 1_500_000  # samples that may be simulated: two seconds, counted so that the result is the same on any machine
 _FITTED = 0.75  # share of each recording that is fitted; the last part decides

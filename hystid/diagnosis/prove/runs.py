@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.decide.answer import Answer, refit_values
@@ -25,8 +24,8 @@ from hystid.fmu.door import OpenedFmu, open_fmu
 from hystid.fmu.ssp import Connection, write_ssp
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _LONGEST = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
 _BALANCE = 1.3  # rise of the balance's mean square beyond which an output-error fit contradicts the measured forces
 Run = list[tuple[Array | None, float | None]]

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from hystid.diagnosis.fit.hypothesis import Hypothesis
 from hystid.diagnosis.fit.problem import Problem, standing
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 CHANCE = 0.01  # probability of a dependence by chance, over all columns, below which it is told: one report in 100
 WORTH = 0.05  # share of the misfit below which a dependence is not told: leaving it out changes no other figure
 _KNOTS = 4  # values of a column between which coefficients are interpolated; more knots find no simpler law

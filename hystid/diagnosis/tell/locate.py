@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.hypothesis import Term
 from hystid.diagnosis.fit.problem import Problem
@@ -18,8 +17,8 @@ from hystid.diagnosis.fit.windows import window_text
 from hystid.diagnosis.model.effects import Signals
 from hystid.diagnosis.prepare.chain import turns
 from hystid.diagnosis.tell.result import Where
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _ACTIVE = 0.3  # share of the 99 % quantile of the force above which an effect counts as acting
 _BINS = 24
 _NOTHING = 0.08  # share of the largest force that counts as none

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.diagnosis.decide.answer import Verdict
 from hystid.diagnosis.decide.criterion import Posterior
@@ -20,10 +19,10 @@ from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.prove.unchanged import Unchanged
 from hystid.diagnosis.tell.dependence import Dependence
+from hystid.numeric import Array
 from hystid.results import Result
 from hystid.rotation import turned_text
 
-Array = NDArray[np.float64]
 _LISTED = 8  # candidates
 
 
