@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.lm.numpy_networks import NumpyNormal
 from hystid.errors import NumericalError, UsageError
 from hystid.leastsquares import REASONS
 from hystid.networks import ensemble, joint, training
-from hystid.networks.normal_equations import CompiledNormal, NumpyNormal, parameter_count, unflatten
+from hystid.networks.normal_equations import CompiledNormal, parameter_count, unflatten
 from hystid.turning_points import TurningPoints
 
 BENCH = Path(__file__).parents[1].parent / "shared" / "bench" / "lm"

@@ -21,10 +21,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import oracle
+from numpy_networks import NumpyNormal
 
 from hystid.identification.data import samples
 from hystid.networks import batched, training
-from hystid.networks.normal_equations import CompiledNormal, NormalEquations, NumpyNormal, parameter_count
+from hystid.networks.normal_equations import CompiledNormal, KernelSums, parameter_count
 from hystid.processing import with_restoring_force
 from hystid.turning_points import TurningPoints
 
@@ -58,7 +59,7 @@ def floor(sizes: Sequence[int], gemm: float, tanh: float) -> float:
     return N * ((jacobian + 2 * forward) / gemm + 3 * hidden * tanh)
 
 
-def iteration(normal: NormalEquations, w: np.ndarray) -> Callable[[], None]:
+def iteration(normal: KernelSums | NumpyNormal, w: np.ndarray) -> Callable[[], None]:
     """One Jacobian pass, one solution and two trial passes."""
 
     def run() -> None:

@@ -15,7 +15,7 @@ from common import main
 
 from hystid.leastsquares import minimise
 from hystid.networks import training
-from hystid.networks.normal_equations import One, normal_equations
+from hystid.networks.normal_equations import CompiledNormal, One
 
 options = [argument for argument in sys.argv[1:] if not argument[0].isdigit()]
 sys.argv[1:] = [argument for argument in sys.argv[1:] if argument[0].isdigit()]
@@ -39,7 +39,7 @@ class Watcher:
 
 def run(task, w0, iters, tmax, rec):
     """Train on the task, one recorded iterate per iteration."""
-    fit = One(normal_equations((3, 5, 5, 1), task["xtr"].T, task["ytr"], PRECISION))
+    fit = One(CompiledNormal((3, 5, 5, 1), task["xtr"].T, task["ytr"], PRECISION))
     fit.build(w0[None])
     rec.start()
     rule = replace(training.RULES[MODE], max_iterations=iters, progress=0.0)

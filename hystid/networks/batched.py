@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt for many networks of one structure at a time, in torch: on a GPU, or where there is no compiler.
+"""Levenberg-Marquardt for many networks of one structure at a time, in torch, for a GPU.
 
 The loop is that of ``leastsquares``; the sums lie on the device. On a processor the compiled kernel is several times
 faster; here the batch fills a GPU instead.

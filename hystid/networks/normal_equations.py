@@ -1,4 +1,4 @@
-"""Normal equations of one network on one data set: compiled C where there is a compiler, NumPy otherwise.
+"""Normal equations of one network on one data set: by a compiled kernel.
 
 Parameters w are flat, [W1 row by row, b1, W2, b2, ...]; inputs and target are scaled to [-1, 1].
 """
@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-from hystid import toolchain
-from hystid.errors import ToolchainError
 from hystid.recording import Array
+from hystid.toolchain import shared_library
 
 Precision = Literal["float64", "float32"]
 
@@ -42,67 +40,6 @@ def unflatten(w: Array, sizes: Sequence[int]) -> list[tuple[Array, Array]]:
     return layers
 
 
-class NormalEquations(Protocol):
-    """Least squares of one network structure on one data set of ``samples`` samples."""
-
-    samples: int
-
-    def squares(self, w: Array) -> float:
-        """Sum of squared residuals e = output - target."""
-
-    def build(self, w: Array) -> float:
-        """As ``squares``; keeps J'J and J'e for ``diagonal``, ``gradient`` and ``solve``."""
-
-    def diagonal(self) -> Array:
-        """Diagonal of J'J, shape (P,)."""
-
-    def gradient(self) -> Array:
-        """J'e, shape (P,)."""
-
-    def solve(self, damping: Array) -> Array | None:
-        """Solution d of (J'J + diag(damping)) d = J'e; None where the matrix is not positive definite."""
-
-
-class One:
-    """One problem as a batch of one (``hystid.leastsquares.Problem``)."""
-
-    def __init__(self, normal: NormalEquations) -> None:
-        self.normal, self.samples = normal, normal.samples
-
-    def squares(self, w: Array) -> Array:
-        return np.array([self.normal.squares(w[0])])
-
-    def build(self, w: Array) -> Array:
-        return np.array([self.normal.build(w[0])])
-
-    def diagonal(self) -> Array:
-        return self.normal.diagonal()[None]
-
-    def gradient(self) -> Array:
-        return self.normal.gradient()[None]
-
-    def solve(self, damping: Array) -> tuple[Array, NDArray[np.bool_]]:
-        step = self.normal.solve(damping[0])
-        return (np.zeros_like(damping) if step is None else step[None]), np.array([step is not None])
-
-
-def normal_equations(
-    sizes: Sequence[int],
-    inputs: Array,
-    target: Array,
-    precision: Precision = "float64",
-    prior: Array | None = None,
-) -> NormalEquations:
-    """The fastest implementation on this machine. inputs: shape (features, samples); target: shape (samples,).
-
-    prior: factor of each parameter's square that is added to the sum of squares, shape (P,).
-    """
-    try:
-        return CompiledNormal(sizes, inputs, target, precision, prior)
-    except ToolchainError:
-        return NumpyNormal(sizes, inputs, target, precision, prior)
-
-
 @cache
 def library_of(precision: Precision) -> ctypes.CDLL:
     """Compiled kernel; raises ToolchainError where there is no compiler."""
@@ -111,7 +48,7 @@ def library_of(precision: Precision) -> ctypes.CDLL:
     main = ("normal.c",) if precision == "float32" else ("normal.c", "joint.c")
     sources = {name: (folder / name).read_text() for name in (*headers, *main)}
     flags = (*_FLAGS, "-DSINGLE") if precision == "float32" else _FLAGS
-    library = ctypes.CDLL(str(toolchain.shared_library(sources, main=main, flags=flags)))
+    library = ctypes.CDLL(str(shared_library(sources, main=main, flags=flags)))
     library.hystid_normal.restype = ctypes.c_double
     if precision == "float64":
         library.hystid_joint.restype = ctypes.c_double
@@ -132,10 +69,13 @@ def pointer(values: np.ndarray[Any, Any]) -> ctypes.c_void_p:
 
 
 class KernelSums(ABC):
-    """J'J and J'e of ``count`` parameters as the C kernel leaves them, and the solution of its normal equations.
+    """Least squares of one structure of ``count`` parameters on ``samples`` samples: J'J and J'e as the C kernel leaves
+    them, and the solution of its normal equations.
 
     prior: factor of each parameter's square in the sum of squares (ridge), shape (P,); None for none.
     """
+
+    samples: int
 
     def __init__(self, count: int, precision: Precision, prior: Array | None = None) -> None:
         self.library = library_of(precision)
@@ -150,9 +90,11 @@ class KernelSums(ABC):
         """Sum of squares at w; J'J and J'e into ``sums`` where that is given."""
 
     def squares(self, w: Array) -> float:
+        """Sum of squared residuals e = output - target."""
         return self._run(np.ascontiguousarray(w, dtype=np.float64), None) + self.held(w)
 
     def build(self, w: Array) -> float:
+        """As ``squares``; keeps J'J and J'e for ``diagonal``, ``gradient`` and ``solve``."""
         found = self._run(np.ascontiguousarray(w, dtype=np.float64), pointer(self.sums))
         if self.prior is not None:
             self.sums[np.arange(self.count), np.arange(self.count)] += self.prior
@@ -164,17 +106,43 @@ class KernelSums(ABC):
         return float(self.prior @ (w * w)) if self.prior is not None else 0.0
 
     def diagonal(self) -> Array:
+        """Diagonal of J'J, shape (P,)."""
         return np.array(np.diagonal(self.sums)[: self.count])
 
     def gradient(self) -> Array:
+        """J'e, shape (P,)."""
         return np.array(self.sums[self.count, : self.count])
 
     def solve(self, damping: Array) -> Array | None:
+        """Solution d of (J'J + diag(damping)) d = J'e; None where the matrix is not positive definite."""
         damping, step = np.ascontiguousarray(damping, dtype=np.float64), np.empty(self.count)
         arrays = (pointer(damping), pointer(self._factor), pointer(step))
         size = ctypes.c_long(self.count)
         found = self.library.hystid_solve(size, pointer(self.sums), ctypes.c_long(self.stride), *arrays)
         return step if found else None
+
+
+class One:
+    """One problem as a batch of one (``hystid.leastsquares.Problem``)."""
+
+    def __init__(self, normal: KernelSums) -> None:
+        self.normal, self.samples = normal, normal.samples
+
+    def squares(self, w: Array) -> Array:
+        return np.array([self.normal.squares(w[0])])
+
+    def build(self, w: Array) -> Array:
+        return np.array([self.normal.build(w[0])])
+
+    def diagonal(self) -> Array:
+        return self.normal.diagonal()[None]
+
+    def gradient(self) -> Array:
+        return self.normal.gradient()[None]
+
+    def solve(self, damping: Array) -> tuple[Array, NDArray[np.bool_]]:
+        step = self.normal.solve(damping[0])
+        return (np.zeros_like(damping) if step is None else step[None]), np.array([step is not None])
 
 
 def chunked(rows: Array, length: int, precision: Precision) -> np.ndarray[Any, Any]:
@@ -211,71 +179,3 @@ class CompiledNormal(KernelSums):
         network = (len(self._sizes) - 1, pointer(self._sizes), pointer(w))
         data = (ctypes.c_long(self.samples), self._length, pointer(self._data))
         return float(self.library.hystid_normal(*network, *data, sums, ctypes.c_long(self.stride), pointer(self._work)))
-
-
-class NumpyNormal:
-    """NumPy with BLAS, chunk by chunk: the fallback without a compiler, and an independent check of the kernel."""
-
-    def __init__(
-        self,
-        sizes: Sequence[int],
-        inputs: Array,
-        target: Array,
-        precision: Precision = "float64",
-        prior: Array | None = None,
-    ) -> None:
-        self._prior = np.zeros(parameter_count(sizes)) if prior is None else prior
-        self.samples, self._sizes, self._kind = len(target), tuple(sizes), np.dtype(precision)
-        self._inputs, self._target = inputs.astype(self._kind), target.astype(self._kind)
-        self._length = 1024
-        self._sums = np.zeros((0, 0))
-
-    def _parts(self) -> list[slice]:
-        return [slice(k, k + self._length) for k in range(0, self.samples, self._length)]
-
-    def _forward(self, w: Array, part: slice) -> tuple[list[Array], Array]:
-        layers = unflatten(w.astype(self._kind), self._sizes)
-        acts = [self._inputs[:, part]]
-        for weights, bias in layers[:-1]:
-            acts.append(np.tanh(weights @ acts[-1] + bias[:, None]))
-        weights, bias = layers[-1]
-        return acts, (weights @ acts[-1] + bias[:, None])[0] - self._target[part]
-
-    def squares(self, w: Array) -> float:
-        errors = (self._forward(w, part)[1] for part in self._parts())
-        return sum(float(np.sum(np.square(error), dtype=np.float64)) for error in errors) + float(self._prior @ (w * w))
-
-    def build(self, w: Array) -> float:
-        count = parameter_count(self._sizes)
-        self._sums = np.zeros((count + 1, count + 1))
-        for part in self._parts():
-            rows = self._rows(w, part)
-            self._sums += rows @ rows.T
-        self._sums[:-1, :-1] += np.diag(self._prior)
-        self._sums[-1, :-1] += self._prior * w
-        return float(self._sums[-1, -1] + self._prior @ (w * w))
-
-    def _rows(self, w: Array, part: slice) -> Array:
-        """Rows d y/d w and, last, the residual, for one chunk."""
-        layers = unflatten(w.astype(self._kind), self._sizes)
-        acts, residual = self._forward(w, part)
-        delta = np.ones((1, len(residual)), self._kind)
-        rows = [residual[None]]
-        for (weights, _), below in zip(reversed(layers), reversed(acts), strict=True):
-            products = (delta[:, None] * below[None]).reshape(-1, len(residual))
-            rows[:0] = [products, delta]
-            delta = (weights.T @ delta) * (1 - below * below)
-        return np.concatenate(rows)
-
-    def diagonal(self) -> Array:
-        return np.diagonal(self._sums)[:-1].copy()
-
-    def gradient(self) -> Array:
-        return self._sums[-1, :-1].copy()
-
-    def solve(self, damping: Array) -> Array | None:
-        matrix = self._sums[:-1, :-1] + np.diag(damping)
-        try:
-            return np.asarray(scipy.linalg.solve(matrix, self._sums[-1, :-1], assume_a="pos", check_finite=False))
-        except (np.linalg.LinAlgError, scipy.linalg.LinAlgWarning):
-            return None

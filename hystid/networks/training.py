@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from hystid.errors import UsageError
 from hystid.leastsquares import Descent, Reason, Rule, minimise
 from hystid.networks.normal_equations import (
-    NormalEquations,
+    CompiledNormal,
+    KernelSums,
     One,
     Precision,
-    normal_equations,
     parameter_count,
     unflatten,
 )
@@ -160,7 +160,7 @@ _SIMPLE = 1e-4  # of the scaled target's power: what a weight of 1 on a further 
 
 
 def simplicity(sizes: Sequence[int], further: slice, samples: int) -> Array | None:
-    """Prior on the weights of further inputs in the first layer, for ``normal_equations``; None where there are none.
+    """Prior on the weights of further inputs in the first layer, for ``CompiledNormal``; None where there are none.
 
     An input of a few levels only, as a tension set per test, can be met by any curve through them. Of all that fit, the
     prior prefers the least effect. It weighs little beside data: a weight of 1 costs as much as an error of 1 %.
@@ -188,7 +188,7 @@ def train(
     """
     sizes = (len(data.inputs.gain), *hidden, 1)
     parts = {
-        name: normal_equations(sizes, *part, precision, simplicity(sizes, further, len(part[1])))
+        name: CompiledNormal(sizes, *part, precision, simplicity(sizes, further, len(part[1])))
         for name, part in data.parts.items()
         if len(part[1])
     }
@@ -198,7 +198,7 @@ def train(
         fit = (
             parts["train"]
             if count == len(data.parts["train"][1])
-            else normal_equations(sizes, inputs, target, precision, simplicity(sizes, further, count))
+            else CompiledNormal(sizes, inputs, target, precision, simplicity(sizes, further, count))
         )
         stage = descend(fit, parts["validation"], result.w if result else w, limited, stop)
         result = stage.after(result) if result else stage
@@ -217,9 +217,7 @@ def stages(samples: int, weights: int, rule: Rule) -> list[tuple[int, Rule]]:
     return [(count, first), (samples, replace(rule, max_iterations=last))]
 
 
-def descend(
-    fit: NormalEquations, check: NormalEquations, w: Array, rule: Rule, stop: threading.Event | None = None
-) -> Training:
+def descend(fit: KernelSums, check: KernelSums, w: Array, rule: Rule, stop: threading.Event | None = None) -> Training:
     """Lower the error of ``fit`` from w; the answer is the iterate with the least error of ``check``."""
     (found,) = minimise(One(fit), One(check), w[None], rule, stop.is_set if stop else lambda: False)
     return Training.of(found)
