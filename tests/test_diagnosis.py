@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis import TOLERATED, Diagnosis, diagnose
 from hystid.diagnosis.model.effects import Scales
 from hystid.diagnosis.model.library import load_effects
+from hystid.diagnosis.model.transients import beginning
 from hystid.errors import UsageError
 from hystid.modelica import compile_model
 from hystid.recording import Recording, read_all
@@ -225,23 +227,44 @@ def test_a_motion_that_stays_on_one_side_may_begin_in_mid_motion() -> None:
     assert found.findings == ()
 
 
-def test_what_is_remembered_for_most_of_a_recording_is_no_mismatch() -> None:
+def growing(until: float, m: float = 0.0) -> Recording:
     """Sliders that a stronger motion has left on one side come back one by one, as the recorded motion grows: the last
-    of them after three quarters of the recording. Noise of 60 dB shows the force of each."""
+    of them at a time [s]. Noise of 60 dB shows the force of each. m: mass [kg] that moves with them."""
     dt, rng = 1e-3, np.random.default_rng(8)
     t = dt * np.arange(-1000, 6000)
-    grown = np.interp(t, [-1.0, 0.0, 4.5, 6.0], [1.5, 0.1, 1.0, 1.0])
+    grown = np.interp(t, [-1.0, 0.0, until, 7.0], [1.5, 0.1, 1.0, 1.0])
     x = 1e-3 * grown * (np.sin(60 * t) + 0.3 * np.sin(97 * t + 1.0))
-    v, given = np.gradient(x, dt), {"m": 0, "Ks": 2e4, "fc": 12.0, "Kl": 1e4}
     rig = CompiledModel(compile_model("HystId.Oscillators.Iwan"))
-    R = rig.clamp({"x": x, "v": v}, {}, dt, parameters=given, outputs=("R",))["R"]
-    seen = t > -dt / 2
-    F, x = (u[seen] + 0.001 * np.std(u) * rng.standard_normal(np.count_nonzero(seen)) for u in (R, x))
-    found = diagnose([Recording("grows", t[seen], F=F, x=x)], model="HystId.Oscillators.Iwan", parameters=given)
+    R = rig.clamp({"x": x, "v": np.gradient(x, dt)}, {}, dt, parameters=SLIDERS, outputs=("R",))["R"]
+    seen, F = t > -dt / 2, R + m * np.gradient(np.gradient(x, dt), dt)
+    F, x = (u[seen] + 0.001 * np.std(u) * rng.standard_normal(np.count_nonzero(seen)) for u in (F, x))
+    return Recording("grows", t[seen], F=F, x=x)
+
+
+SLIDERS = {"m": 0, "Ks": 2e4, "fc": 12.0, "Kl": 1e4}
+
+
+def test_what_is_remembered_for_most_of_a_recording_is_no_mismatch() -> None:
+    found = diagnose([growing(4.5)], model="HystId.Oscillators.Iwan", parameters=SLIDERS)
     assert found.findings == ()
     assert found.verdict in ("consistent", "recalibrated")
     left_out = next(note for note in found.notes if "begins in mid-motion" in note)
     assert float(left_out.split("its first ")[1].split(" s")[0]) > 3.2  # more than half
+
+
+def test_what_is_remembered_to_the_end_leaves_rows() -> None:
+    """The last slider comes back when the recording is over, and no noise hides it. An acceleration that has to be
+    derived costs rows at the end as well: what is left out ends before them."""
+    whole = growing(6.0, m=1.0)
+    short = Recording("short", whole.t[:4000], F=whole.F[:4000], x=whole.x[:4000])
+    given = SLIDERS | {"m": {"value": 1.0, "fixed": True}}
+    found = diagnose([short], model="HystId.Oscillators.Iwan", parameters=given)
+    assert found.problem is not None and found.choice is not None
+    quiet = [replace(part, noise=dict.fromkeys(part.noise, 1e-12)) for part in found.problem.parts]
+    (begun,), _, (note,) = beginning(quiet, found.problem.baseline, found.choice.before.hypothesis.values)
+    assert begun.valid is not None and np.count_nonzero(begun.valid) < 0.2 * len(begun)
+    assert found.problem.of([begun]).reduce.count > 0
+    assert "begins in mid-motion" in note
 
 
 def test_a_contact_that_slips_late_was_at_rest_where_the_recording_says_so() -> None:

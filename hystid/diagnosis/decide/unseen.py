@@ -22,7 +22,7 @@ ANOTHER_STATE = 0.1  # probability that a held-out recording is of another state
 def unseen_likelihood(problem: Problem, unseen: Sequence[Part]) -> Callable[[Fit, Fit], float]:
     """A function of the baseline and of a fit: logarithm of the likelihood that unseen recordings add to a fit, over
     what they add to the baseline. A recording alone can make a fit ten times less probable, never impossible."""
-    alone = [problem.of([part]) for part in unseen]
+    alone = [one for part in unseen if (one := problem.of([part])).reduce.count]  # none where no sample is valid
     for one in alone:
         if problem.weighed_by:  # where a law jumps, nobody knows there either on which side it stands
             one.distrust(*map(_without_channel, problem.weighed_by))

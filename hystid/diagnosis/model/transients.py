@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.prepare.recordings import SHORTEST
+from hystid.diagnosis.prepare.reduction import longest_trim
 from hystid.diagnosis.prepare.segments import Part
 from hystid.numeric import Array
 
@@ -41,7 +42,8 @@ def beginning(
         past = _past(part)
         lasting, keeps = _remembered(replace(part, past=past), baseline, values)
         valid = np.ones(len(part), dtype=bool) if part.valid is None else part.valid.copy()
-        left_out = max(min(lasting, max(len(part) - SHORTEST, 0)), int(np.argmax(valid)) if part.past else 0)
+        most = max(len(part) - longest_trim(len(part)) - SHORTEST, 0)  # rows have to be left
+        left_out = max(min(lasting, most), int(np.argmax(valid)) if part.past else 0)
         valid[:left_out] = False
         found[number] = replace(part, valid=valid, past=past)
         kept += [number] if keeps else []

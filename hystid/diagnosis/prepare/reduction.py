@@ -340,9 +340,14 @@ def colouring(samples: int, colour: tuple[float, float]) -> Array:
     return np.asarray(1 / np.sqrt(1 + colour[0] / cycles + colour[1] / cycles**2))
 
 
+def longest_trim(samples: int) -> int:
+    """Samples of which no rows are made at either end of a recording, at most."""
+    return samples // 8
+
+
 def _trim(samples: int, response: Array | None, first: float) -> int:
     """Samples at either end that derivation and whitening disturb: what happens at an end decays with the corners."""
-    least, most = max(5, samples // 200), samples // 8
+    least, most = max(5, samples // 200), longest_trim(samples)
     if response is None:
         return least
     high = np.flatnonzero(response > 0.7 * np.max(response))[-1] * np.pi / (len(response) - 1)
