@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
@@ -18,7 +18,7 @@ import numpy as np
 from hystid.errors import RecordingError, UsageError
 from hystid.limits import check_whole
 from hystid.numeric import Array
-from hystid.recording.types import CHANNELS, Recording
+from hystid.recording.types import Recording
 
 Band = tuple[float | None, float | None]
 Kind = Literal["bandpass", "lowpass", "highpass"]
@@ -72,7 +72,7 @@ def prepare(recording: Recording, *, band: Band | None = None, decimate: int = 1
     if low and any(how.startswith("integral") for how in derived.origin.values()):
         ends = _memory(low, "highpass", derived)
         note = f"{ends} samples cut at each end, where integration had to settle"
-        derived = _sliced(derived, slice(ends, -ends), note)
+        derived = derived.part(slice(ends, -ends), note)
     filtered = band_pass(derived, (low, high)) if band else derived
     return with_restoring_force(_reduced(filtered, int(decimate), high), mass)
 
@@ -147,13 +147,8 @@ def _with_integral(recording: Recording, name: str, source: str, low: float | No
 
 
 def _with_channel(recording: Recording, name: str, values: Array, how: str) -> Recording:
-    note = f"{name} derived: {how}"
-    origin = {**recording.origin, name: how}
-    return _with_channels(replace(recording, origin=origin, notes=(*recording.notes, note)), {name: values})
-
-
-def _with_channels(recording: Recording, channels: Mapping[str, Array]) -> Recording:
-    return replace(recording, **channels)  # type: ignore[arg-type]  # names of channels are checked by their origin
+    derived = replace(recording, origin={**recording.origin, name: how})
+    return derived.with_channels({name: values}, f"{name} derived: {how}")
 
 
 def differentiate(values: Array, dt: float) -> Array:
@@ -222,24 +217,17 @@ def _reduced(recording: Recording, factor: int, high: float | None) -> Recording
         text = f"zero-phase low-pass at {limit:.4g} Hz against aliasing; {samples} samples cut at each end"
         rate = recording.sample_rate
         recording = _mapped(recording, lambda y: _filtered(y, limit, "lowpass", rate), samples, text)
-    return _sliced(recording, slice(None, None, factor), note)
+    return recording.part(slice(None, None, factor), note)
 
 
 def _mapped(recording: Recording, function: Callable[[Array], Array], ends: int, note: str) -> Recording:
-    channels = {name: function(getattr(recording, name)) for name in CHANNELS if getattr(recording, name) is not None}
-    return _sliced(_with_channels(recording, channels), slice(ends, len(recording) - ends), note)
-
-
-def _sliced(recording: Recording, part: slice, note: str) -> Recording:
-    channels = {name: getattr(recording, name)[part] for name in CHANNELS if getattr(recording, name) is not None}
-    extra = {name: values[part] for name, values in recording.extra.items()}
-    notes = (*recording.notes, note)
-    return _with_channels(replace(recording, t=recording.t[part], extra=extra, notes=notes), channels)
+    channels = {name: function(values) for name, values in recording.channels().items()}
+    return recording.with_channels(channels).part(slice(ends, len(recording) - ends), note)
 
 
 def cut(recording: Recording, start: int, stop: int) -> Recording:
     """Samples start to stop - 1 of a recording, noted."""
-    return _sliced(recording, slice(start, stop), f"samples {start} to {stop - 1} used")
+    return recording.part(slice(start, stop), f"samples {start} to {stop - 1} used")
 
 
 def add_noise(recording: Recording, snr_db: float, seed: int) -> Recording:
@@ -252,14 +240,12 @@ def add_noise(recording: Recording, snr_db: float, seed: int) -> Recording:
         raise UsageError(f"--noise-snr {snr_db:g}: a ratio in dB is needed, as 34")
     check_whole("--seed", seed, 0)
     noisy = {}
-    for name in ("F", *_MOTION):
-        values = getattr(recording, name)
-        if values is not None:
-            rms = float(np.sqrt(np.mean((values - values.mean()) ** 2)))
-            stream = np.random.default_rng([seed, zlib.crc32(name.encode())])
-            noisy[name] = values + stream.normal(0.0, rms / 10 ** (snr_db / 20), values.size)
-    notes = (*recording.notes, f"white noise added at {snr_db:g} dB (seed {seed})")
-    return _with_channels(replace(recording, R=None, notes=notes), noisy)
+    for name, values in recording.channels(("F", *_MOTION)).items():
+        rms = float(np.sqrt(np.mean((values - values.mean()) ** 2)))
+        stream = np.random.default_rng([seed, zlib.crc32(name.encode())])
+        noisy[name] = values + stream.normal(0.0, rms / 10 ** (snr_db / 20), values.size)
+    note = f"white noise added at {snr_db:g} dB (seed {seed})"
+    return replace(recording, R=None).with_channels(noisy, note)
 
 
 def _below_nyquist(high: float | None, recording: Recording) -> float | None:

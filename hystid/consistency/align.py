@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -58,11 +57,6 @@ def _moved(recording: Recording, channel: str, lag: float) -> Recording:
     inside = (t + lag >= t[0]) & (t + lag <= t[-1])
     kept = slice(int(np.argmax(inside)), len(t) - int(np.argmax(inside[::-1])))
     moved = CubicSpline(t, recording.channel(channel))(t[kept] + lag)
-    held = {name: getattr(recording, name) for name in ("F", "x", "v", "a", "R")}
-    cut = {name: values[kept] for name, values in held.items() if values is not None}
-    extra = {name: values[kept] for name, values in recording.extra.items()}
     lost = len(t) - len(moved)
     note = f"{channel} moved by {-1e3 * lag:.4g} ms as asked, which fits the other channels; {lost} samples cut"
-    cut[channel] = moved
-    notes = (*recording.notes, note)
-    return replace(recording, t=t[kept], extra=extra, notes=notes, **cut)
+    return recording.part(kept, note).with_channels({channel: moved})

@@ -205,7 +205,7 @@ def _exchanged(recording: Recording, compared: Sequence[Pair]) -> Explanation | 
         return None
     for order in permutations(names):
         moves = {held: name for held, name in zip(names, order, strict=True) if held != name}
-        moved = replace(recording, **{name: names[held] for held, name in moves.items()})  # type: ignore[arg-type]
+        moved = recording.with_channels({name: names[held] for held, name in moves.items()})
         again = pairs(moved) if moves else []
         if moves and all(p.is_one_motion and p.coherence > _CERTAIN for p in again):
             other = _explanation(_situation(moved, again, None, None))
@@ -268,7 +268,7 @@ def _force_for_motion(recording: Recording, compared: Sequence[Pair], best: Expl
         return None
     found = []
     for name in names:
-        moved = replace(recording, **{name: recording.F, "F": names[name]})  # type: ignore[arg-type]  # a channel
+        moved = recording.with_channels({name: recording.F, "F": names[name]})
         again = pairs(moved)
         if not all(p.is_one_motion for p in again):
             continue
@@ -302,10 +302,7 @@ def _force_for_x(recording: Recording) -> Finding | None:
 def _mended(recording: Recording, best: Explanation) -> Recording:
     """The recording as it would be without the slips."""
     changed: dict[str, Array] = {}
-    held = {name: values for name, values in motion(recording).items()}
-    if recording.F is not None:
-        held["F"] = recording.F
-    t = recording.t
+    held, t = recording.channels("xvaF"), recording.t
     for slip in best.slips:
         if slip.kind in ("unit", "gain") and slip.channels[0] in held:
             name = slip.channels[0]
@@ -315,7 +312,7 @@ def _mended(recording: Recording, best: Explanation) -> Recording:
             changed[name] = -changed.get(name, held[name])
         elif slip.kind == "time" and math.isfinite(slip.factor):
             t = t / slip.factor
-    return replace(recording, t=t, **changed)  # type: ignore[arg-type]  # the keys are channels
+    return replace(recording, t=t).with_channels(changed)
 
 
 def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
@@ -512,17 +509,13 @@ def _ought_to_agree(recording: Recording, p: Pair) -> bool:
 
 
 def _channels(recording: Recording, compared: Sequence[Pair]) -> dict[str, Channel]:
-    names = motion(recording)
     made: dict[str, str] = {}
     for p in compared:
         name = p.computed
         if name is not None and name not in made:
             made[name] = p.high if name == p.low else p.low
-    held: dict[str, Array] = dict(names)
-    if recording.F is not None:
-        held = {"F": recording.F, **held}
     found = {}
-    for name, values in held.items():
+    for name, values in recording.channels("Fxva").items():
         how = spectrum(values, recording.dt)
         band = _counts(name, how, compared, recording)
         told = recording.origin.get(name, "measured")

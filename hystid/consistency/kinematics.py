@@ -80,8 +80,7 @@ def pairs(recording: Recording) -> list[Pair]:
 
 def motion(recording: Recording) -> dict[str, Array]:
     """The channels of the motion that the recording holds, in the order x, v, a."""
-    held = {name: getattr(recording, name) for name in ORDER}
-    return {name: np.asarray(values) for name, values in held.items() if values is not None}
+    return recording.channels(ORDER)
 
 
 def pair(channels: Mapping[str, Array], low: str, high: str, dt: float) -> Pair:

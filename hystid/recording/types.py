@@ -5,8 +5,8 @@ Measured and simulated data are the same type. m a + R = F; a = dv/dt; R opposes
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +93,21 @@ class Recording(Result, report="recording"):
             raise RecordingError(f"{self.name}: channel {name} is needed here but neither recorded nor derived")
         return np.asarray(values)
 
+    def channels(self, names: Iterable[str] = CHANNELS) -> dict[str, Array]:
+        """Those of the named channels that are there, shape (n,) each."""
+        held = {name: getattr(self, name) for name in names}
+        return {name: np.asarray(values, np.float64) for name, values in held.items() if values is not None}
+
+    def with_channels(self, channels: Mapping[str, Array | None], *notes: str) -> Recording:
+        """The same with other values of some channels (None: without it), and further notes."""
+        return replace(self, notes=(*self.notes, *notes), **channels)  # type: ignore[arg-type]  # names of channels
+
+    def part(self, kept: slice, *notes: str) -> Recording:
+        """The samples of a slice, in all channels and further columns, with further notes."""
+        extra = {name: values[kept] for name, values in self.extra.items()}
+        cut = {name: values[kept] for name, values in self.channels().items()}
+        return replace(self, t=self.t[kept], extra=extra).with_channels(cut, *notes)
+
 
 def write_csv(recording: Recording, path: str | Path, *, comments: tuple[str, ...] = ()) -> None:
     """Write ``t`` and every channel that is there, then the extra columns, atomically.
@@ -100,7 +115,7 @@ def write_csv(recording: Recording, path: str | Path, *, comments: tuple[str, ..
     Numbers are written with 17 significant digits, so that reading gives the same float64 values back for every
     channel. comments, the recording's notes and the origin of derived channels stand in lines that start with "#".
     """
-    present = {name: getattr(recording, name) for name in CHANNELS if getattr(recording, name) is not None}
+    present = recording.channels()
     time = "t_pseudo" if recording.quasi_static else "t"
     headers = [f"{time} [s]", *(f"{name} [{recording.unit(name)}]" for name in present), *_extra_headers(recording)]
     columns = [recording.t, *present.values(), *recording.extra.values()]

@@ -168,15 +168,15 @@ def _balance(item: Examined) -> list[tuple[str, str]]:
 
 
 def _pictures(recording: Recording) -> list[Plot]:
-    held = {name: getattr(recording, name) for name in ("F", "x", "v", "a")}
+    held = recording.channels("Fxva")
     found = [
         Plot(name, T_AXIS, Axis(name, recording.unit(name)), [Line(recording.t, values, "", "measured", width=1.0)],
              height=180)
-        for name, values in held.items() if values is not None
+        for name, values in held.items()
     ]  # fmt: skip
     if recording.quasi_static:
         return found
-    lines = [_spectrum(name, values, recording.dt) for name, values in held.items() if values is not None]
+    lines = [_spectrum(name, values, recording.dt) for name, values in held.items()]
     caption = "Each channel over its own largest density. A flat end is noise; the motion stands above it."
     axis = Axis("Power density", "1", log=True)
     return [*found, Plot("Spectra", Axis("Frequency", "Hz", log=True), axis, lines, caption)]

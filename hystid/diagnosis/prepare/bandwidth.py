@@ -7,7 +7,6 @@ channel would be free of noise. At a lower sample rate, whose Nyquist frequency 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -104,8 +103,5 @@ def _thinned(test: Recording, lowest: float) -> Recording:
     every = int(np.ceil(0.5 / (test.dt * lowest))) if np.isfinite(lowest) else 1
     if every < 2 or len(test) // every < _SHORTEST:
         return test
-    kept = slice(None, None, every)
-    channels = {name: values[kept] for name in ("F", "x", "v", "a", "R") if (values := getattr(test, name)) is not None}
-    extra = {name: values[kept] for name, values in test.extra.items()}
     told = f"a channel was low-passed at {lowest:.3g} Hz; one sample in {every} is used: there its noise is white"
-    return replace(test, t=test.t[kept], extra=extra, notes=(*test.notes, f"{test.name}: {told}"), **channels)
+    return test.part(slice(None, None, every), f"{test.name}: {told}")

@@ -7,7 +7,7 @@ gain. They are looked for before any physics is, and taken out where they can be
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -79,13 +79,8 @@ def seated(recording: Recording) -> Recording:
     gap = _contact(side * x[first:last], np.abs(force[first:last]), load)
     if not _STEP * top < gap < _SEAT * top or first < 2 or not np.all(loaded[first:last]):
         return recording
-    kept = slice(first, last)
-    cut = {name: getattr(recording, name)[kept] for name in "Fxva" if getattr(recording, name) is not None}
-    cut["x"] = cut["x"] - side * gap
     note = f"{recording.name}: no force over the first {1e3 * gap:.3g} mm, left out as approach; x counts from contact"
-    extra = {name: values[kept] for name, values in recording.extra.items()}
-    R = None if recording.R is None else recording.R[kept]
-    return replace(recording, t=recording.t[kept], R=R, extra=extra, notes=(*recording.notes, note), **cut)
+    return recording.part(slice(first, last), note).with_channels({"x": x[first:last] - side * gap})
 
 
 def _contact(x: Array, force: Array, load: float) -> float:
@@ -196,7 +191,7 @@ def _without_dead(
         return tests, unseen, []
     (name,) = strange
     best = max(pair.correlation for pair in found if name in (pair.low, pair.high))
-    bare = [[replace(test, **{name: None}) for test in group] for group in (tests, unseen)]  # type: ignore[arg-type]
+    bare = [[test.with_channels({name: None}) for test in group] for group in (tests, unseen)]
     return bare[0], bare[1], [Fault(DEAD, name, best, 0.0)]
 
 
@@ -230,7 +225,7 @@ def _without_zeros(
                 if found is None:
                     continue
                 moved = {name: np.asarray(getattr(test, name)) - found.value}
-                group[i] = replace(test, **moved)  # type: ignore[arg-type]  # the keys are channels
+                group[i] = test.with_channels(moved)
                 share = abs(found.value) / (float(np.std(moved[name])) or 1.0)
                 if worst is None or share > worst.share:
                     worst = Fault(ZERO, name, found.value, found.stderr, share)
@@ -308,13 +303,11 @@ def _odd_one(found: Sequence[tuple[str, str, Estimate]]) -> tuple[str, Estimate]
 
 
 def _rescaled(recording: Recording, fault: Fault) -> Recording:
-    values = getattr(recording, fault.channel)
-    moved = {fault.channel: np.asarray(values) / fault.size} if values is not None else {}
-    return replace(recording, **moved)  # type: ignore[arg-type]  # the keys are channels
+    held = recording.channels((fault.channel,))
+    return recording.with_channels({name: values / fault.size for name, values in held.items()})
 
 
 def _shifted(recording: Recording, late: Fault) -> Recording:
     """Copy with one channel moved earlier by a time (band-limited interpolation, mirrored ends)."""
-    values = getattr(recording, late.channel)
-    moved = {late.channel: advanced(np.asarray(values), late.seconds / recording.dt)} if values is not None else {}
-    return replace(recording, **moved)  # type: ignore[arg-type]  # the keys are channels
+    held = recording.channels((late.channel,))
+    return recording.with_channels({k: advanced(values, late.seconds / recording.dt) for k, values in held.items()})

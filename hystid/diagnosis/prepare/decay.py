@@ -68,8 +68,7 @@ def _decay(test: Recording, mass: float, seed: int, driven: bool) -> list[Record
 
     Pieces, because the motion is smoothed and weighed by one level of noise against one size of the motion each.
     """
-    name = next(name for name in "xva" if getattr(test, name) is not None)
-    values = np.asarray(getattr(test, name))
+    name, values = next(iter(test.channels("xva").items()))
     power = np.abs(np.fft.rfft((values - np.mean(values)) * np.hanning(len(values)))) ** 2
     power = power * np.arange(len(power)) ** (0 if name == "a" else 2)  # creep to a place of rest is no oscillation
     line = int(np.argmax(power[1:])) + 1
@@ -102,7 +101,7 @@ def _decay(test: Recording, mass: float, seed: int, driven: bool) -> list[Record
     )
     made, quiet = [], is_noise_free(values)
     for number, (begin, stop) in enumerate(pairwise(places)):
-        piece = _cut(test, slice(begin, stop))
+        piece = test.part(slice(begin, stop))
         piece = with_noise(piece, seed + number) if quiet else piece
         level = float(np.hypot((GOOD_RIG if quiet else MODEL_ERROR) * np.std(values[begin:stop]), noise))
         draw = np.random.default_rng((seed, number)).standard_normal(len(piece))
@@ -128,15 +127,7 @@ def _swings(values: Array, noise: float) -> int:
 
 def with_noise(test: Recording, seed: int) -> Recording:
     """A simulated recording gets the noise of a good rig: else errors of integration would be named as physics."""
-    channels = {name: getattr(test, name) for name in "Fxva" if getattr(test, name) is not None}
     rng = np.random.default_rng(seed)
-    noisy = {k: u + GOOD_RIG * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in channels.items()}
+    noisy = {k: u + GOOD_RIG * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in test.channels("Fxva").items()}
     note = f"{test.name} holds no noise: white noise of {100 * GOOD_RIG:g} % of each channel is added"
-    return replace(test, notes=(*test.notes, note), **noisy)
-
-
-def _cut(test: Recording, kept: slice) -> Recording:
-    """A part of a recording."""
-    held = {name: getattr(test, name)[kept] for name in "xvaR" if getattr(test, name) is not None}
-    extra = {name: values[kept] for name, values in test.extra.items()}
-    return replace(test, t=test.t[kept], extra=extra, **held)
+    return test.with_channels(noisy, note)

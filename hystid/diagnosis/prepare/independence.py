@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,20 +58,16 @@ def measurements(recording: Recording, doubtful: Collection[str] = "xva") -> Cha
 
     Two channels that share their noise are one measurement: the source is the one whose own noise is the whiter.
     """
-    found = {name: getattr(recording, name) for name in "xva"}
-    known = {
-        name: np.asarray(values, dtype=np.float64)
-        for name, values in found.items()
-        if values is not None and recording.direct(name)
-    }
-    computed = {name: "computed when it was read" for name in found if found[name] is not None and name not in known}
+    found = recording.channels("xva")
+    known = {name: values for name, values in found.items() if recording.direct(name)}
+    computed = {name: "computed when it was read" for name in found if name not in known}
     for low, high in (("x", "v"), ("v", "a"), ("x", "a")):
         if low in known and high in known:
             told = _related(known[low], known[high], (_ORDER[low], _ORDER[high]), recording.dt)
             source, other = (low, high) if told == "higher" else (high, low)
             if told and other in doubtful and (source not in computed or len(known) - len(computed) > 1):
                 computed.setdefault(other, f"computed from {source}: it repeats the noise of {source}")
-    left = replace(recording, **{name: None for name in computed})  # type: ignore[arg-type]  # names of channels
+    left = recording.with_channels(dict.fromkeys(computed))
     return Channels(left, tuple(name for name in known if name not in computed), computed)
 
 
@@ -80,7 +76,7 @@ def measured_alike(recordings: Sequence[Recording]) -> list[Channels]:
     as a recording may be too short, or too quiet, to show it; in fewer, in none. No recording loses its last
     channel."""
     each = [measurements(recording) for recording in recordings]
-    held = Counter(name for recording in recordings for name in "xva" if getattr(recording, name) is not None)
+    held = Counter(name for recording in recordings for name in recording.channels("xva"))
     votes = Counter(name for channels in each for name in channels.computed)
     why = {name: reason for channels in each for name, reason in channels.computed.items()}
     common = [name for name in votes if 2 * votes[name] >= held[name]]
@@ -91,7 +87,7 @@ def measured_alike(recordings: Sequence[Recording]) -> list[Channels]:
         for name in common:
             if name in channels.measured and len(channels.measured) > 1:
                 left = tuple(one for one in channels.measured if one != name)
-                without = replace(channels.recording, **{name: None})  # type: ignore[arg-type]  # names of channels
+                without = channels.recording.with_channels({name: None})
                 told = {**channels.computed, name: f"{why[name]} in the other recordings"}
                 channels = Channels(without, left, told)
         found.append(channels)

@@ -134,8 +134,7 @@ def _mended(test: Recording, slip: Finding) -> Recording:
     else:
         factor = slip.seen["times too large"]
         told = f"{test.name}: {slip.repair['unit'].replace('=', ' is read in ')}, as {slip.sentence}"
-    values = np.asarray(getattr(test, name)) / factor
-    return replace(test, notes=(*test.notes, told), **{name: values})  # type: ignore[arg-type]  # a channel, or t
+    return test.with_channels({name: np.asarray(getattr(test, name)) / factor}, told)
 
 
 def _late_force(lags: Sequence[tuple[float, float] | None]) -> tuple[float, float] | None:
@@ -155,8 +154,4 @@ def _aligned(test: Recording, seconds: float) -> Recording:
     shift = round(seconds / test.dt)
     n = len(test) - abs(shift)
     motion, force = (slice(0, n), slice(shift, None)) if shift >= 0 else (slice(-shift, None), slice(0, n))
-    if test.F is None:
-        return test
-    held = {name: getattr(test, name)[motion] for name in "xvaR" if getattr(test, name) is not None}
-    extra = {name: values[motion] for name, values in test.extra.items()}
-    return replace(test, t=test.t[motion], F=test.F[force], extra=extra, **held)
+    return test if test.F is None else replace(test.part(motion), F=test.F[force])

@@ -113,10 +113,7 @@ def _measured_only(tests: Sequence[Recording]) -> list[Recording]:
 
 def _with_noise(test: Recording, seed: int) -> Recording:
     """A recording, one without any noise with that of a good rig."""
-    channels = {name: getattr(test, name) for name in "Fxva" if getattr(test, name) is not None}
-    if not all(is_noise_free(values) for values in channels.values()):
-        return test
-    return with_noise(test, seed)
+    return with_noise(test, seed) if all(map(is_noise_free, test.channels("Fxva").values())) else test
 
 
 def _with_decays(

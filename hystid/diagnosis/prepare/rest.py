@@ -35,24 +35,20 @@ def trimmed(test: Recording) -> Recording:
     Before the motion is smoothed: the rest would be taken for how smooth it is. The rest before the motion stays: it
     says where laws with memory began, and windows of time count from there.
     """
-    name = next((name for name in "vxa" if getattr(test, name) is not None), "")
-    if test.quasi_static or not name or len(test) < 4 * _WINDOW:
+    values = next(iter(test.channels("vxa").values()), None)
+    if test.quasi_static or values is None or len(test) < 4 * _WINDOW:
         return test
-    values = np.asarray(getattr(test, name))
     moving = np.flatnonzero(_moving(values, noise_level(values)))
     if len(moving) == 0:
         return test
     last = min(max((int(moving[-1]) + 2) * _WINDOW, _LEAST), len(values))
     if last > (1 - _MOST) * len(values):
         return test
-    kept = slice(0, last)
-    held = {key: getattr(test, key)[kept] for key in "FxvaR" if getattr(test, key) is not None}
-    extra = {key: column[kept] for key, column in test.extra.items()}
-    note = (
+    return test.part(
+        slice(0, last),
         f"{test.name}: at rest from {test.t[last - 1]:.4g} s on; {len(test) - last} of {len(test)} samples say only "
-        "what friction holds, and are left out"
+        "what friction holds, and are left out",
     )
-    return replace(test, t=test.t[kept], extra=extra, notes=(*test.notes, note), **held)
 
 
 def resting(part: Part) -> Flags:

@@ -180,12 +180,7 @@ def _of_motion(louder: Mapping[str, Array]) -> dict[str, Array]:
 
 def measured_motion(recording: Recording) -> dict[str, Array]:
     """The channels of the motion that were measured; see ``independence.measurements`` for those that were computed."""
-    found = {name: getattr(recording, name) for name in "xva"}
-    return {
-        name: np.asarray(values, dtype=float)
-        for name, values in found.items()
-        if values is not None and recording.direct(name)
-    }
+    return {name: values for name, values in recording.channels("xva").items() if recording.direct(name)}
 
 
 def _without_stops(

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,21 +19,16 @@ def without_spikes(test: Recording) -> Recording:
 
     A blow or an impact lasts several samples, or stays within what the channel shows elsewhere.
     """
-    bridged: dict[str, Any] = {}
+    bridged: dict[str, Array] = {}
     notes = []
-    for name in "Fxva":
-        values = getattr(test, name)
-        if values is None or len(values) < 4 * _WIDTH:
-            continue
-        values = np.asarray(values, dtype=np.float64)
-        bad = spikes(values)
-        if len(bad):
+    for name, values in test.channels("Fxva").items():
+        if len(values) >= 4 * _WIDTH and len(bad := spikes(values)):
             bridged[name] = _bridged(values, bad)
             notes.append(
                 f"{test.name}: {len(bad)} samples of channel {name} stand alone far beyond all others (the first at "
                 f"{test.t[bad[0]]:.6g} s): taken for errors of the data link, and bridged"
             )
-    return replace(test, notes=(*test.notes, *notes), **bridged) if bridged else test
+    return test.with_channels(bridged, *notes)
 
 
 def spikes(values: Array) -> NDArray[np.int64]:
