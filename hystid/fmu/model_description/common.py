@@ -58,6 +58,21 @@ def generation_tool() -> str:
     return f"hystid {version('hystid')}"
 
 
+def root_of(model: Interface, version: str, token: str, generated: datetime, **own: str) -> ET.Element:
+    """The root element. token: name of the attribute that holds the model's; own: further attributes."""
+    attributes = {
+        "fmiVersion": version,
+        "modelName": model.code.name,
+        token: model.code.token,
+        "description": one_line(model.code.description),
+        "generationTool": generation_tool(),
+        "generationDateAndTime": timestamp(generated),
+        "variableNamingConvention": "structured",
+        **own,
+    }
+    return ET.Element("fmiModelDescription", {name: value for name, value in attributes.items() if value})
+
+
 def add(parent: ET.Element, tag: str, attributes: dict[str, str | None] | None = None) -> ET.Element:
     """Child element; attributes that are None are left out."""
     given = {name: value for name, value in (attributes or {}).items() if value is not None}
@@ -67,6 +82,35 @@ def add(parent: ET.Element, tag: str, attributes: dict[str, str | None] | None =
 def flag(value: bool) -> str | None:
     """Attribute of a capability: left out unless true, since false is the default of all of them."""
     return "true" if value else None
+
+
+def identity(v: Variable) -> dict[str, str | None]:
+    """Attributes that say which variable it is, and when it changes."""
+    return {
+        "name": v.name,
+        "valueReference": str(v.slot),
+        "description": one_line(v.description) or None,
+        "causality": v.causality,
+        "variability": v.variability,
+        "initial": None if v.causality in ("input", "independent") else v.initial,
+    }
+
+
+def of_its_values(model: Interface, v: Variable, state: str | None, derivative: str | None) -> dict[str, str | None]:
+    """Attributes of type, unit, limits and start. state: that the variable is, derivative: reference to that of which
+    it is the rate; None for none."""
+    real, number_text = v.type == "Real", number if v.type == "Real" else lambda value: str(round(value))
+    limits = {"min": v.min, "max": v.max} if v.type != "Boolean" else {}
+    return {
+        "declaredType": v.enumeration.name if v.enumeration else None,
+        "unit": v.unit or None if real else None,
+        "displayUnit": display_unit(v),
+        **{name: None if x is None else number_text(x) for name, x in limits.items()},
+        "nominal": number(abs(v.nominal)) if real and v.nominal else None,
+        "start": start_text(v) if v.start is not None and v.causality != "independent" else None,
+        "derivative": derivative,
+        "reinit": flag(model.reinitialised(state)) if state is not None else None,
+    }
 
 
 def add_units(root: ET.Element, model: Interface) -> None:

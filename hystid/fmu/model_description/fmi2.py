@@ -14,21 +14,18 @@ from hystid.fmu.model_description.common import (
     add_log_categories,
     add_texts,
     add_units,
-    display_unit,
     flag,
-    generation_tool,
+    identity,
     joined,
-    number,
-    one_line,
-    start_text,
-    timestamp,
+    of_its_values,
+    root_of,
 )
 from hystid.modelcode import Variable
 
 
 def describe(model: Interface, generated: datetime, sources: Sequence[str]) -> ET.Element:
     """The root element."""
-    root = ET.Element("fmiModelDescription", _attributes(model, generated))
+    root = root_of(model, "2.0", "guid", generated, numberOfEventIndicators=str(model.code.n_indicators))
     _add_kinds(root, model, sources)
     add_units(root, model)
     _add_types(root, model)
@@ -40,20 +37,6 @@ def describe(model: Interface, generated: datetime, sources: Sequence[str]) -> E
     add_texts(variables, model, "String")
     _add_structure(root, model)
     return root
-
-
-def _attributes(model: Interface, generated: datetime) -> dict[str, str]:
-    attributes = {
-        "fmiVersion": "2.0",
-        "modelName": model.code.name,
-        "guid": model.code.token,
-        "description": one_line(model.code.description),
-        "generationTool": generation_tool(),
-        "generationDateAndTime": timestamp(generated),
-        "variableNamingConvention": "structured",
-        "numberOfEventIndicators": str(model.code.n_indicators),
-    }
-    return {name: value for name, value in attributes.items() if value}
 
 
 def _add_kinds(root: ET.Element, model: Interface, sources: Sequence[str]) -> None:
@@ -89,37 +72,11 @@ def _index(model: Interface, variable: Variable) -> int:
 
 
 def _add_variable(parent: ET.Element, model: Interface, v: Variable) -> None:
-    inherited = v.causality in ("input", "independent")
-    element = add(
-        parent,
-        "ScalarVariable",
-        {
-            "name": v.name,
-            "valueReference": str(v.slot),
-            "description": one_line(v.description) or None,
-            "causality": v.causality,
-            "variability": v.variability,
-            "initial": None if inherited else v.initial,
-        },
-    )
-    attributes: dict[str, str | None] = {}
-    if v.type != "Boolean":
-        text = number if v.type == "Real" else lambda value: str(round(value))
-        attributes |= {name: text(x) for name, x in (("min", v.min), ("max", v.max)) if x is not None}
-    if v.type == "Real":
-        attributes["unit"] = v.unit or None
-        attributes["displayUnit"] = display_unit(v)
-        attributes["nominal"] = number(abs(v.nominal)) if v.nominal else None
-    if v.start is not None and v.causality != "independent":
-        attributes["start"] = start_text(v)
-    if v.derivative_of is not None and v.type == "Real":
-        attributes["derivative"] = str(_index(model, model.named(v.derivative_of)))
-    if v.name in model.code.states:
-        attributes["reinit"] = flag(model.reinitialised(v.name))
-    if v.enumeration:
-        attributes["declaredType"] = v.enumeration.name
-    order = ("declaredType", "unit", "displayUnit", "min", "max", "nominal", "start", "derivative", "reinit")
-    add(element, "Enumeration" if v.enumeration else v.type, {name: attributes.get(name) for name in order})
+    is_rate = v.derivative_of is not None and v.type == "Real"
+    rate_of = str(_index(model, model.named(v.derivative_of))) if is_rate and v.derivative_of else None
+    state = v.name if v.name in model.code.states else None
+    kind = "Enumeration" if v.enumeration else v.type
+    add(add(parent, "ScalarVariable", identity(v)), kind, of_its_values(model, v, state, rate_of))
 
 
 def _add_structure(root: ET.Element, model: Interface) -> None:

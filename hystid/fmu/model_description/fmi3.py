@@ -17,14 +17,13 @@ from hystid.fmu.model_description.common import (
     add_log_categories,
     add_texts,
     add_units,
-    display_unit,
     flag,
-    generation_tool,
+    identity,
     joined,
-    number,
+    of_its_values,
     one_line,
+    root_of,
     start_text,
-    timestamp,
 )
 from hystid.modelcode import Variable
 
@@ -34,7 +33,7 @@ _TAG = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 
 def describe(model: Interface, generated: datetime) -> ET.Element:
     """The root element."""
-    root = ET.Element("fmiModelDescription", _attributes(model, generated))
+    root = root_of(model, "3.0", "instantiationToken", generated)
     _add_kinds(root, model)
     add_units(root, model)
     _add_types(root, model)
@@ -52,19 +51,6 @@ def describe(model: Interface, generated: datetime) -> ET.Element:
     add_texts(variables, model, "Start")
     _add_structure(root, model)
     return root
-
-
-def _attributes(model: Interface, generated: datetime) -> dict[str, str]:
-    attributes = {
-        "fmiVersion": "3.0",
-        "modelName": model.code.name,
-        "instantiationToken": model.code.token,
-        "description": one_line(model.code.description),
-        "generationTool": generation_tool(),
-        "generationDateAndTime": timestamp(generated),
-        "variableNamingConvention": "structured",
-    }
-    return {name: value for name, value in attributes.items() if value}
 
 
 def _add_kinds(root: ET.Element, model: Interface) -> None:
@@ -106,32 +92,11 @@ def _add_array(parent: ET.Element, model: Interface, array: ArrayOf) -> None:
 
 def _add_variable(parent: ET.Element, model: Interface, group: tuple[Variable, ...]) -> ET.Element:
     v = group[0]
-    attributes: dict[str, str | None] = {
-        "name": v.name,
-        "valueReference": str(v.slot),
-        "description": one_line(v.description) or None,
-        "causality": v.causality,
-        "variability": v.variability,
-        "initial": None if v.causality in ("input", "independent") else v.initial,
-        "intermediateUpdate": flag(v.variability == "continuous" and v.causality != "independent"),
-    }
-    if v.type == "Real":
-        attributes["unit"] = v.unit or None
-        attributes["displayUnit"] = display_unit(v)
-        attributes["nominal"] = number(abs(v.nominal)) if v.nominal else None
-    if v.type != "Boolean":
-        text = number if v.type == "Real" else lambda value: str(round(value))
-        attributes |= {name: text(x) for name, x in (("min", v.min), ("max", v.max)) if x is not None}
     state = next((name for name, s in zip(model.code.states, model.state_slots, strict=True) if s == v.slot), None)
     derived = next((a.derivative_of for a in group if a.derivative_of is not None), None)
-    if derived is not None:
-        attributes["derivative"] = str(model.named(derived).slot)
-    if state is not None:
-        attributes["reinit"] = flag(model.reinitialised(state))
-    if v.start is not None and v.causality != "independent":
-        attributes["start"] = start_text(v)
-    if v.enumeration:
-        attributes["declaredType"] = v.enumeration.name
+    rate_of = None if derived is None else str(model.named(derived).slot)
+    updates = flag(v.variability == "continuous" and v.causality != "independent")
+    attributes = {**identity(v), "intermediateUpdate": updates, **of_its_values(model, v, state, rate_of)}
     element = add(parent, "Enumeration" if v.enumeration else _TAG[v.type], attributes)
     for alias in _listed_aliases(group):
         add(element, "Alias", {"name": alias.name, "description": one_line(alias.description) or None})

@@ -158,52 +158,22 @@ fmi2Status fmi2DoStep(fmi2Component instance, fmi2Real t, fmi2Real h, fmi2Boolea
     return status(hy_do_step(c, t, h, 0, NULL, &reached, &event));
 }
 
-fmi2Status fmi2CancelStep(fmi2Component instance)
-{
-    CHECK(CANCEL_STEP); /* steps are never asynchronous */
-    return fmi2Error;
-}
+FUNCTION(fmi2CancelStep, CANCEL_STEP, (void *instance), FMI_ERROR) /* never legal: steps are not asynchronous */
 
-fmi2Status fmi2GetStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Status *value)
-{
-    CHECK(GET_STATUS);
-    NEED(GET_STATUS, value);
-    if (kind != fmi2DoStepStatus) return fmi2Discard;
-    *value = c->engine.status->mode == STEP_DISCARDED ? fmi2Discard : fmi2OK;
-    return fmi2OK;
-}
-
-fmi2Status fmi2GetRealStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Real *value)
-{
-    CHECK(GET_REAL_STATUS);
-    NEED(GET_REAL_STATUS, value);
-    if (kind != fmi2LastSuccessfulTime) return fmi2Discard;
-    *value = c->engine.status->last_time;
-    return fmi2OK;
-}
-
-fmi2Status fmi2GetIntegerStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Integer *value)
-{
-    CHECK(GET_INTEGER_STATUS);
-    (void)kind;
-    (void)value;
-    return fmi2Discard; /* the standard defines no integer status */
-}
-
-fmi2Status fmi2GetBooleanStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2Boolean *value)
-{
-    CHECK(GET_BOOLEAN_STATUS);
-    NEED(GET_BOOLEAN_STATUS, value);
-    if (kind != fmi2Terminated) return fmi2Discard;
-    *value = fmi2False;
-    return fmi2OK;
-}
-
-fmi2Status fmi2GetStringStatus(fmi2Component instance, const fmi2StatusKind kind, fmi2String *value)
-{
-    CHECK(GET_STRING_STATUS);
-    NEED(GET_STRING_STATUS, value);
-    if (kind != fmi2PendingStatus) return fmi2Discard;
-    *value = "";
-    return fmi2OK;
-}
+/* What is known after a step. asked: the only kind of question that has an answer. */
+#define STATUS_FUNCTION(Name, which, Type, asked, answer) \
+    fmi2Status fmi2Get##Name##Status(fmi2Component instance, const fmi2StatusKind kind, Type *value) \
+    { \
+        CHECK(which); \
+        NEED(which, value); \
+        if (kind != asked) return fmi2Discard; \
+        *value = answer; \
+        return fmi2OK; \
+    }
+STATUS_FUNCTION(, GET_STATUS, fmi2Status, fmi2DoStepStatus,
+                c->engine.status->mode == STEP_DISCARDED ? fmi2Discard : fmi2OK)
+STATUS_FUNCTION(Real, GET_REAL_STATUS, fmi2Real, fmi2LastSuccessfulTime, c->engine.status->last_time)
+STATUS_FUNCTION(Boolean, GET_BOOLEAN_STATUS, fmi2Boolean, fmi2Terminated, fmi2False)
+STATUS_FUNCTION(String, GET_STRING_STATUS, fmi2String, fmi2PendingStatus, "")
+FUNCTION(fmi2GetIntegerStatus, GET_INTEGER_STATUS, (void *instance, const fmi2StatusKind kind, fmi2Integer *value),
+         ((void)kind, (void)value, FMI_DISCARD)) /* the standard defines no integer status */

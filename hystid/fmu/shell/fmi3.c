@@ -175,15 +175,18 @@ WHOLE_TYPE(Int64, ENUMERATION)
 WHOLE_TYPE(Boolean, BOOLEAN)
 
 /* Types that no variable of ours has: legal to call for no variables at all. */
-#define NO_TYPE(Name, which, const_, Type) \
-    fmi3Status fmi3##Name(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const_ Type values[], size_t n_values) \
+#define NO_TYPE(Name, which, sizes, unused, const_, Type) \
+    fmi3Status fmi3##Name(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, sizes const_ Type values[], \
+                          size_t n_values) \
     { \
         CHECK(which); \
-        (void)vr, (void)values; \
+        (void)vr, (void)values, unused; \
         if (n || n_values) REFUSE("fmi3" #Name ": the model has no variables of this type"); \
         return fmi3OK; \
     }
-#define NO_TYPES(Type) NO_TYPE(Get##Type, GET_VALUE, , fmi3##Type) NO_TYPE(Set##Type, SET_VALUE, const, fmi3##Type)
+#define SIZED(sizes) sizes,
+#define NO_TYPES(Type) \
+    NO_TYPE(Get##Type, GET_VALUE, , (void)0, , fmi3##Type) NO_TYPE(Set##Type, SET_VALUE, , (void)0, const, fmi3##Type)
 NO_TYPES(Float32)
 NO_TYPES(Int8)
 NO_TYPES(UInt8)
@@ -191,24 +194,8 @@ NO_TYPES(Int16)
 NO_TYPES(UInt16)
 NO_TYPES(UInt32)
 NO_TYPES(UInt64)
-
-fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, size_t sizes[], fmi3Binary values[],
-                         size_t n_values)
-{
-    CHECK(GET_VALUE);
-    (void)vr, (void)sizes, (void)values;
-    if (n || n_values) REFUSE("fmi3GetBinary: the model has no variables of this type");
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const size_t sizes[],
-                         const fmi3Binary values[], size_t n_values)
-{
-    CHECK(SET_VALUE);
-    (void)vr, (void)sizes, (void)values;
-    if (n || n_values) REFUSE("fmi3SetBinary: the model has no variables of this type");
-    return fmi3OK;
-}
+NO_TYPE(GetBinary, GET_VALUE, SIZED(size_t sizes[]), (void)sizes, , fmi3Binary)
+NO_TYPE(SetBinary, SET_VALUE, SIZED(const size_t sizes[]), (void)sizes, const, fmi3Binary)
 
 fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance instance, fmi3ValueReference vr, size_t *n)
 {
@@ -266,17 +253,8 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
 
 /* ---- structural parameters and clocks: the model has none ---- */
 
-fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance)
-{
-    CHECK(CONFIGURATION);
-    return fmi3Error;
-}
-
-fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance)
-{
-    CHECK(CONFIGURATION);
-    return fmi3Error;
-}
+FUNCTION(fmi3EnterConfigurationMode, CONFIGURATION, (void *instance), FMI_ERROR)
+FUNCTION(fmi3ExitConfigurationMode, CONFIGURATION, (void *instance), FMI_ERROR)
 
 #define CLOCK_FUNCTION(name, parameters, unused) \
     fmi3Status name parameters \
@@ -303,12 +281,8 @@ CLOCK_FUNCTION(fmi3SetShiftDecimal, (CLOCKS, const fmi3Float64 shifts[]), ((void
 CLOCK_FUNCTION(fmi3SetShiftFraction, (CLOCKS, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]),
                ((void)vr, (void)counters, (void)resolutions))
 
-fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clock, fmi3Float64 time)
-{
-    CHECK(PARTITION);
-    (void)clock, (void)time;
-    return fmi3Error;
-}
+FUNCTION(fmi3ActivateModelPartition, PARTITION, (void *instance, fmi3ValueReference clock, fmi3Float64 time),
+         ((void)clock, (void)time, FMI_ERROR))
 
 /* ---- events ---- */
 
@@ -332,21 +306,16 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *needs_up
 
 /* ---- model exchange ---- */
 
-fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *n)
-{
-    CHECK(COUNT);
-    NEED(COUNT, n);
-    *n = (size_t)c->engine.model->n_z;
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *n)
-{
-    CHECK(COUNT);
-    NEED(COUNT, n);
-    *n = (size_t)c->engine.model->n_x;
-    return fmi3OK;
-}
+#define COUNT_FUNCTION(Name, member) \
+    fmi3Status fmi3GetNumberOf##Name(fmi3Instance instance, size_t *n) \
+    { \
+        CHECK(COUNT); \
+        NEED(COUNT, n); \
+        *n = (size_t)c->engine.model->member; \
+        return fmi3OK; \
+    }
+COUNT_FUNCTION(EventIndicators, n_z)
+COUNT_FUNCTION(ContinuousStates, n_x)
 
 /* ---- co-simulation ---- */
 
