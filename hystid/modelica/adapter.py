@@ -116,6 +116,7 @@ class Adapter(DictionaryReader):
             enumeration=enumeration,
             place=place,
             preferred=_tag(v["state_select"]) in ("prefer", "always"),
+            evaluate=bool(v["evaluate"]) and variability == "parameter",
         )
 
     def _enumeration(self, v: Mapping[str, Any], d: Mapping[str, Any]) -> Enumeration | None:

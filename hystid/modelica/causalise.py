@@ -25,14 +25,15 @@ from hystid.modelica.flat import Assertion, FlatModel
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.index import reduce_index
 from hystid.modelica.matching import augment, matching
-from hystid.modelica.scalar import ScalarEquation, ScalarVariable, scalarise
+from hystid.modelica.scalar import ScalarEquation, ScalarVariable
 from hystid.modelica.silence import expressions, silenced
 from hystid.modelica.structure import Incidence, structural_error
+from hystid.modelica.vanishing import scalarise_without_vanished
 
 
 def causalise(flat: FlatModel, parameters: Mapping[str, float]) -> HybridModel:
     """The flat model with ``parameters`` set, sorted for evaluation. Raises ModelicaError."""
-    scalar = scalarise(flat, parameters)  # every variable and equation is scalar
+    scalar = scalarise_without_vanished(flat, parameters)  # every variable and equation is scalar
     corners = corners_in_loops(scalar, lambda events: _derivatives(*_sortable(events)))
     events = name_events(scalar, corners)  # everything that acts at instants has a name
     events, aliases = _sortable(events)

@@ -60,6 +60,7 @@ class FlatVariable:
     enumeration: Enumeration | None = None
     place: Place = Place()
     preferred: bool = False  # as a state, by its author
+    evaluate: bool = False  # its author lets the value be used when equations are sorted
 
 
 @dataclass(frozen=True)
@@ -270,7 +271,7 @@ def _decode(value: Any) -> Any:
 _PLAIN_FIELDS = frozenset(
     {
         "name", "type", "variability", "causality", "fixed", "unit", "description", "final", "protected", "structural",
-        "preferred", "external", "file", "line", "kind", "level", "content",
+        "preferred", "evaluate", "external", "file", "line", "kind", "level", "content",
     }
 )  # fmt: skip
 

@@ -26,6 +26,8 @@ _IMPORT = re.compile(
 _EXTENDS = re.compile(rf"(?<![\w.])extends\s+(\.?{_DOTTED})")
 _SHORT = re.compile(rf"\s*(?:(?:input|output)\s+)*(\.?{_DOTTED})")
 _GIVEN_PACKAGE = re.compile(rf"\bpackage\s+\w+\s*=\s*(\.?{_DOTTED})")
+_EVALUATE = re.compile(r"\bEvaluate\s*=\s*true\b")
+_PARAMETER = re.compile(r"\bparameter\s+(?!(?:Boolean|Integer|String)\b)")
 _ANNOTATION = re.compile(r"(?<![\w.])annotation\s*\(")
 _EXPERIMENT = re.compile(r"\bexperiment\s*\(")
 
@@ -380,7 +382,7 @@ def _needed(node: Node) -> Iterator[Node]:
 
 
 def _unneeded(node: Node, main: bool) -> Iterator[tuple[int, int]]:
-    """Stretches that may go; an experiment is kept for the model itself."""
+    """Stretches that may go; an experiment is kept for the model itself, and that a number may be evaluated."""
     c = node.declared
     yield from ((n.declared.front, n.declared.end) for n in node.nested if not n.need)
     if node.need == Need.PLACE:
@@ -391,8 +393,17 @@ def _unneeded(node: Node, main: bool) -> Iterator[tuple[int, int]]:
         yield at, c.tail
         return
     for start, end in node.annotations:
-        if not (main and _EXPERIMENT.search(node.source.plain, start, end)):
+        if evaluated := _evaluated(node.source.plain, start, end):
+            yield from ((start, evaluated[0]), (evaluated[1], end))
+        elif not (main and _EXPERIMENT.search(node.source.plain, start, end)):
             yield start, end
+
+
+def _evaluated(plain: str, start: int, end: int) -> tuple[int, int] | None:
+    """Where ``Evaluate = true`` stands between two offsets, in the annotation of what may be a Real parameter."""
+    found = _EVALUATE.search(plain, start, end)
+    declared = _PARAMETER.search(plain, max(plain.rfind(";", 0, start), 0), start) if found else None
+    return found.span() if found and declared else None
 
 
 def _blanked(text: str, spans: Iterable[tuple[int, int]]) -> str:

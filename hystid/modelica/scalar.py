@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 
 from hystid.errors import ModelicaError
@@ -76,12 +76,14 @@ class ScalarModel:
     held: tuple[ScalarEquation, ...] = ()  # of variables that algorithm sections assign in when-clauses
 
 
-def scalarise(flat: FlatModel, parameters: Mapping[str, float]) -> ScalarModel:
+def scalarise(flat: FlatModel, parameters: Mapping[str, float], built_in: Set[str] = frozenset()) -> ScalarModel:
     """The scalar model with ``parameters`` in place of the declared values.
 
-    Raises ModelicaError for an unknown, final or constant parameter, or one outside min..max.
+    built_in: parameters that become constants. Raises ModelicaError for an unknown, final or constant parameter, or one
+    outside min..max.
     """
     flat = replace(flat, variables=tuple(_overridden(flat, parameters)))
+    flat = _with_structure(flat, built_in) if built_in else flat
     while True:
         try:
             return _scalarise(flat)
@@ -89,7 +91,7 @@ def scalarise(flat: FlatModel, parameters: Mapping[str, float]) -> ScalarModel:
             flat = _with_structure(flat, needed.names)
 
 
-def _with_structure(flat: FlatModel, names: frozenset[str]) -> FlatModel:
+def _with_structure(flat: FlatModel, names: Set[str]) -> FlatModel:
     """The model in which these parameters are built in."""
     for v in flat.variables:
         if v.name in names and (v.structural or v.binding is None):
