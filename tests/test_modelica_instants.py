@@ -118,3 +118,51 @@ def test_a_mass_between_two_preloaded_contacts_comes_to_rest(tmp_path: Path) -> 
     # contacts damp at 50 N.s/m and more: 0.2 s are five decay times of 1 kg at 2/50 s
     assert got["x"][1999] == pytest.approx(rest, abs=0.02 * rest)
     assert got["x"][-1] == pytest.approx(far, abs=0.02 * far)
+
+
+GUARDED = """
+model A "A mean from the begin on, which is 0/0 there; its guard is written in two ways"
+  parameter Real begin = 0;
+  Real a(start = 0, fixed = true), b = if time <= begin then 1 else a/(time - begin);
+  output Real mean = if time > begin then a/(time - begin) else 1;
+  output Real other = b;
+  discrete output Real told(start = 0, fixed = true);
+equation
+  der(a) = 2;
+  when time > begin then
+    told = pre(told) + 1;
+  end when;
+end A;
+"""
+
+
+@pytest.mark.parametrize("begin", [0.0, -3.0, 12.5, 1e5])
+def test_a_guard_against_the_begin_of_the_run_holds_there(tmp_path: Path, begin: float) -> None:
+    path = tmp_path / "A.mo"
+    path.write_text(GUARDED)
+    model = CompiledModel(compile_model(f"{path}:A"))
+    got = model.simulate(
+        {}, 0.01, rows=5, start_time=begin, outputs=["mean", "other", "told"], parameters={"begin": begin}
+    )
+    # the clock itself is rounded: of 1e5 s it knows 1e-11 s
+    np.testing.assert_allclose(got["mean"], [1, 2, 2, 2, 2], rtol=1e-8)
+    np.testing.assert_allclose(got["other"], [1, 2, 2, 2, 2], rtol=1e-8)
+    np.testing.assert_array_equal(got["told"], [0, 1, 1, 1, 1])
+
+
+@pytest.mark.parametrize("how", ["CoSimulation", "CVode", "Euler"])
+def test_it_holds_in_an_importer(tmp_path: Path, how: str) -> None:
+    path = tmp_path / "A.mo"
+    path.write_text(GUARDED)
+    fmu = build(compile_model(f"{path}:A"), tmp_path / "A.fmu").path
+    kind = "CoSimulation" if how == "CoSimulation" else "ModelExchange"
+    got = fmpy.simulate_fmu(
+        str(fmu), fmi_type=kind, solver="CVode" if kind == "CoSimulation" else how, stop_time=0.05, step_size=0.01,
+        output_interval=0.01, output=["mean", "other", "told"],
+    )  # fmt: skip
+    assert got["mean"][0] == got["other"][0] == 1
+    later = got["time"] > 1e-3
+    np.testing.assert_allclose(got["mean"][later], 2, rtol=1e-6)
+    np.testing.assert_allclose(got["other"][later], 2, rtol=1e-6)
+    assert np.isfinite(got["mean"]).all()
+    assert got["told"][-1] == 1

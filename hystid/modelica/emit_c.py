@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from hystid.modelica.blocks import Assign, Solve, Step, components, sources, targets
 from hystid.modelica.c_expr import HELPERS, Printer, comment, number, quoted
 from hystid.modelica.delays import TEXTS, DelayPrinter
-from hystid.modelica.events import HOMOTOPY, INITIAL, Relation, pre
+from hystid.modelica.events import BEGIN, HOMOTOPY, INITIAL, Relation, pre
 from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text, op, rebuild, refs
 from hystid.modelica.flat import Assertion
 from hystid.modelica.hybrid import HybridModel
@@ -185,6 +185,7 @@ class Emitter:
     def initialise(self) -> list[str]:
         """Solves the initial equations; relations are looked at until they agree with the values."""
         lines = [f"{self.slot(INITIAL)} = 1;", *self.steps(self.model.guesses)]
+        lines += [f"{self.slot(BEGIN)} = {self.slot('time')};"] if BEGIN in self.layout.slots else []
         for s in self.model.samplers:
             lines += [f"{self.slot(s.flag)} = 0;", self._first_tick(s.start, s.interval, s.flag)]
         lines += [f"{self.slot(MANY)} = 0;"] if MANY in self.layout.slots else []

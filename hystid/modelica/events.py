@@ -17,6 +17,7 @@ from hystid.modelica.scalar import ScalarEquation, ScalarModel
 
 _ROUNDING = frozenset({"floor", "ceil", "integer", "div", "mod", "rem"})
 INITIAL = "initial()"
+BEGIN = "$begin"  # the time at which the run begins
 HOMOTOPY = "homotopy()"  # at the start, the share of the actual argument in homotopy(actual, simplified)
 
 
@@ -433,13 +434,20 @@ class _Namer:
     def _timed(self, name: str, node: Op, a: Expr, b: Expr) -> Relation | None:
         """A relation between time and something that holds between events has a known instant."""
         if a == Ref("time") and not self._continuous(b):
-            instant, later = b, node.name in (">", ">=")
+            instant, later, behind = b, node.name in (">", ">="), node.name in (">", "<=")
         elif b == Ref("time") and not self._continuous(a):
-            instant, later = a, node.name in ("<", "<=")
+            instant, later, behind = a, node.name in ("<", "<="), node.name in ("<", ">=")
         else:
             return None
+        instant = self._behind_begin(instant) if behind else instant
         passed = op("hy_passed", Ref("time"), instant)
         return Relation(name, passed if later else op("not", passed), (), instant)
+
+    def _behind_begin(self, instant: Expr) -> Expr:
+        """The instant of ``time > instant``, which does not hold at the begin of a run yet: ``if time > 0 then a/time
+        else b`` is guarded there. So far behind it that the event is one of its own (``hy_is_reached``)."""
+        later = op("+", Num(1e-6 * self.scalar.flat.experiment.step), op("*", Num(1e-13), op("abs", instant)))
+        return op("if", op("==", instant, Ref(BEGIN)), op("+", instant, later), instant)
 
     def _rounding(self, node: Op) -> Expr:
         """floor, ceil, integer, div, mod, rem of continuous values: their whole-number part is frozen."""

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from hystid.modelica.delays import slots
-from hystid.modelica.events import HOMOTOPY, INITIAL, der, pre
+from hystid.modelica.events import BEGIN, HOMOTOPY, INITIAL, der, pre
+from hystid.modelica.expr import refs
 from hystid.modelica.hybrid import HybridModel
 
 MANY = "$many"  # 1 once it was told that a loop has many solutions
@@ -18,8 +19,8 @@ LIMIT = "$limit"  # argument beyond which exponentials in loops are straight lin
 class Layout:
     """Slots of a model.
 
-    w: the flag of initialisation, how far homotopy has come, whether many solutions were told, a limit of exponentials,
-    the next tick of each sampler, which warnings were given, what delays keep.
+    w: the flag of initialisation, when the run began, how far homotopy has come, whether many solutions were told, a
+    limit of exponentials, the next tick of each sampler, which warnings were given, what delays keep.
     """
 
     model: HybridModel
@@ -46,6 +47,7 @@ class Layout:
             "rel": [r.name for r in m.relations],
             "w": [
                 INITIAL,
+                *([BEGIN] if any(BEGIN in refs(r.value) for r in m.relations) else []),
                 *([HOMOTOPY] if m.homotopy else []),
                 *([MANY] if any(s.linear for s in m.loops) else []),
                 *([LIMIT] if any(not s.linear for s in m.loops) else []),

@@ -1,8 +1,8 @@
 """Derivatives that a parameter of 0 takes away: a capacitance of 0 is an open circuit, and its voltage no state.
 
 Modelica lets a tool use the value of a parameter when the equations are sorted where its author says so with
-``annotation(Evaluate = true)`` (specification 3.6, section 18.3), or where nobody may set it (``final``). It is used here
-only where a state goes by it: every other such parameter stays settable.
+``annotation(Evaluate = true)`` (specification 3.6, section 18.3), or where nobody may set it (``final``). It is used
+here only where a state goes by it: every other such parameter stays settable.
 """
 
 from __future__ import annotations
