@@ -13,13 +13,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from hystid.fmu import build_model
-from hystid.identification import identify
-from hystid.report.identification import write_identification
-from hystid.report.terminal import identification_summary, validation_summary
-from hystid.report.validation import write_validation
-from hystid.simulation import force_of, simulate
-from hystid.validation import validate
+import hystid
 
 MODEL = "HystId.Oscillators.BoucWen"
 MASS = 1.0  # kg, the model's own
@@ -29,16 +23,17 @@ UNSEEN = ("harmonic:12Hz@40N,2s", "chirp:5-50Hz@40N,4s")
 
 def main(out: Path) -> None:
     """Run everything and write models and reports below ``out``."""
-    fmu = build_model(MODEL, out / "boucwen.fmu").path
-    recordings = [simulate(fmu, force_of(text, seed=k), noise_snr=40, seed=k) for k, text in enumerate(TRAINING)]
+    out.mkdir(parents=True, exist_ok=True)
+    fmu = hystid.build(MODEL, out / "boucwen.fmu").path
+    recordings = [hystid.simulate(fmu, text, noise_snr=40, seed=k) for k, text in enumerate(TRAINING)]
 
-    model = identify(recordings, mass=MASS, ensemble=10, band=(None, 500.0), decimate=4, out=out / "model")
-    write_identification(model, out / "model" / "report.html", "python examples/first_steps.py")
-    print(identification_summary(model))
+    model = hystid.identify(recordings, mass=MASS, ensemble=10, band=(None, 500.0), decimate=4, out=out / "model")
+    model.report(out / "model" / "report.html", "python examples/first_steps.py")
+    print(model.summary())
 
-    check = validate(out / "model" / "surrogate.fmu", reference=fmu, forces=UNSEEN, out=out / "check")
-    write_validation(check, out / "check" / "report.html", "python examples/first_steps.py")
-    print(validation_summary(check))
+    check = hystid.validate(out / "model" / "surrogate.fmu", reference=fmu, forces=UNSEEN, out=out / "check")
+    check.report(out / "check" / "report.html", "python examples/first_steps.py")
+    print(check.summary())
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from hystid.report.curves import (
     spectra,
     window_of,
 )
-from hystid.report.linked import Linked, Signal, views_of, windows
+from hystid.report.linked import Linked, Signal, windows
 from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent, with_error
 from hystid.report.plots import (
     Axis,
@@ -59,8 +59,7 @@ def views(name: str, n: int = 5000) -> Linked:
     t = np.arange(n) * 1e-3
     x, v = np.sin(2 * np.pi * 5 * t), np.cos(2 * np.pi * 5 * t)
     forces = [Signal("measured", 2 * x + np.sign(v), "measured", dots=True), Signal(name, 2 * x, "before")]
-    parts, first = windows(x)
-    return Linked(t, views_of(t, x, v, forces, [Signal(name, np.sign(v), "before")]), parts, first)
+    return Linked.of((t, x, v), forces, [Signal(name, np.sign(v), "before")])
 
 
 def page() -> Page:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browser import browser, look
 
-from hystid.report.linked import Linked, Signal, views_of, windows
+from hystid.report.linked import Linked, Signal
 from hystid.report.page import Fact, Page, Table, Verdict
 from hystid.report.plots import Axis, Bars, Heat, Line, Mark, Plot
 
@@ -29,13 +29,12 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
         Signal("measured", 1e4 * x + 3 * np.sign(v), "measured", dots=True),
         Signal("baseline", 1e4 * x, "before"),
     ]
-    parts, first = windows(x)
     long = "a_very_long_name_of_a_recording_that_no_line_can_hold_" * 2
     page = Page("Diagnosis", verdict=Verdict("warn", f"Missing: {long}"), facts=[Fact(long, "1.234 mm", long)] * 4)
     page.toggles(("measured", "measured"), ("before", "baseline"))
     page.odds([("something is missing", 0.9, "warn"), ("nothing is missing", 0.1, "good")])
     page.section("One")
-    page.linked(long, Linked(t, views_of(t, x, v, forces, [Signal("baseline", np.sign(v), "before")]), parts, first))
+    page.linked(long, Linked.of((t, x, v), forces, [Signal("baseline", np.sign(v), "before")]))
     heat = Heat(t[:4], t[:3], np.outer(np.arange(3.0), np.arange(4.0)), "force", "N")
     page.plots(
         Plot("Line", Axis("time", "s"), Axis("x", "m"), [Line(t, x, long, "before")], marks=[Mark(2.0, text="gap")]),

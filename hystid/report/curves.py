@@ -39,6 +39,11 @@ class Curve:
         return Line(self.x, self.y, self.name, self.role, "dash" if self.dash else "solid", width=width)
 
 
+def raw(title: str, t: Array, axis: Axis, values: Array, height: int = 200) -> Plot:
+    """One channel over the whole time [s], shape (n,), as a flat figure."""
+    return Plot(title, T_AXIS, axis, [Line(t, values, "", "measured", width=1.0)], height=height)
+
+
 def loops(title: str, curves: Sequence[Curve], caption: str = "") -> Plot:
     """Restoring force over displacement."""
     return Plot(title, X_AXIS, R_AXIS, [curve.line() for curve in curves], caption)

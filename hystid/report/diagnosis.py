@@ -10,11 +10,10 @@ import numpy as np
 from hystid.diagnosis import Diagnosis, Finding, Traces
 from hystid.numeric import Array
 from hystid.report import evidence
-from hystid.report.curves import FORCE, T_AXIS, V_AXIS, X_AXIS
-from hystid.report.linked import Linked, Signal, views_of, windows
-from hystid.report.page import Fact, Page, Table, Tone, Verdict, number, percent, with_error
+from hystid.report.curves import FORCE, T_AXIS, V_AXIS, X_AXIS, raw
+from hystid.report.linked import Linked, Signal, windows
+from hystid.report.page import Fact, Page, Table, Tone, Verdict, columns, number, percent, with_error
 from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
-from hystid.report.terminal import columns
 
 _TONES: dict[str, Tone] = {
     "consistent": "good",
@@ -250,8 +249,7 @@ def _linked(trace: Traces, named: bool) -> Linked:
     if named:
         forces.append(Signal("with findings", trace.R - trace.left, "after"))
         residual.append(Signal("with findings", trace.left, "after"))
-    parts, first = windows(trace.x, trace.residual**2)
-    return Linked(trace.t, views_of(trace.t, trace.x, trace.v, forces, residual), parts, first)
+    return Linked.of((trace.t, trace.x, trace.v), forces, residual, trace.residual**2)
 
 
 def _map(d: Diagnosis, which: str) -> Plot:
@@ -411,20 +409,8 @@ def _went_in(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
         page.bullets(f"{name}: {text}" if isinstance(name, str) else str(text) for name, text in entries)
     for trace in d.traces[:_OVERVIEWS]:
         page.plots(
-            Plot(
-                f"x, {trace.name}",
-                T_AXIS,
-                Axis("x", "m"),
-                [Line(trace.t, trace.x, "", "measured", width=1.0)],
-                height=190,
-            ),
-            Plot(
-                f"R, {trace.name}",
-                T_AXIS,
-                Axis("R", "N"),
-                [Line(trace.t, trace.R, "", "measured", width=1.0)],
-                height=190,
-            ),
+            raw(f"x, {trace.name}", trace.t, Axis("x", "m"), trace.x, 190),
+            raw(f"R, {trace.name}", trace.t, Axis("R", "N"), trace.R, 190),
         )
     if len(d.traces) > _OVERVIEWS:
         page.text(f"The first {_OVERVIEWS} of {len(d.traces)} recordings are shown.")

@@ -9,10 +9,9 @@ import numpy as np
 
 from hystid.consistency import Channel, Examination, Examined
 from hystid.recording import Recording
-from hystid.report.curves import T_AXIS, responses
-from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent, with_error
+from hystid.report.curves import raw, responses
+from hystid.report.page import Cell, Fact, Page, Table, Verdict, columns, number, percent, with_error
 from hystid.report.plots import Axis, Line, Plot
-from hystid.report.terminal import columns
 from hystid.rotation import turned_text
 
 _SHOWN = 6  # recordings with pictures
@@ -169,11 +168,7 @@ def _balance(item: Examined) -> list[tuple[str, str]]:
 
 def _pictures(recording: Recording) -> list[Plot]:
     held = recording.channels("Fxva")
-    found = [
-        Plot(name, T_AXIS, Axis(name, recording.unit(name)), [Line(recording.t, values, "", "measured", width=1.0)],
-             height=180)
-        for name, values in held.items()
-    ]  # fmt: skip
+    found = [raw(name, recording.t, Axis(name, recording.unit(name)), values, 180) for name, values in held.items()]
     if recording.quasi_static:
         return found
     lines = [_spectrum(name, values, recording.dt) for name, values in held.items()]

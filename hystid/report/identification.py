@@ -19,15 +19,15 @@ from hystid.report.curves import (
     harmonic_bars,
     highest_frequency,
     over_time,
+    raw,
     responses,
     spectra,
     steady,
     window_of,
 )
-from hystid.report.linked import Linked, Signal, views_of, windows
-from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent
+from hystid.report.linked import Linked, Signal
+from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, counted, number, percent, training_range
 from hystid.report.plots import Axis, Bars, Line, Plot, Points, Role
-from hystid.report.terminal import columns
 
 _CLEARLY = 0.8  # error over error, from which a model is worth asking for (a stated cost)
 _GOOD, _FAIR = 0.05, 0.15  # force NRMSE: a few percent is what the published method reaches on measured data
@@ -39,7 +39,7 @@ def page(result: Identification, command: str) -> Page:
     """The report; a pure function of the result. command: what the reader can run to get it again."""
     made = Page(
         "Identification of the restoring force",
-        subtitle=f"{_count(len(result.comparisons), 'recording')}, {_structure(result)}",
+        subtitle=f"{counted(len(result.comparisons), 'recording')}, {_structure(result)}",
         command=command,
         verdict=verdict(result),
         facts=_facts(result),
@@ -245,7 +245,7 @@ def _pair(pair: Pair, run: bool) -> list[str | Cell]:
 
 def _recording(page: Page, comparison: Comparison) -> None:
     record, network = comparison.recording, comparison.network
-    t, x, R = record.t, record.channel("x"), record.channel("R")
+    R = record.channel("R")
     page.section(f"{record.name} ({'held out' if comparison.role == 'holdout' else 'training'})")
     forces = [
         Signal("measured", R, "measured", dots=True),
@@ -253,9 +253,8 @@ def _recording(page: Page, comparison: Comparison) -> None:
         Signal("linear fit", comparison.linear.R, "muted"),
     ]
     difference = [Signal("surrogate less measured", network.R - R, "bad")]
-    parts, first = windows(x)
     error = f"On the measured motion; the force is off by {percent(network.force_nrmse)}"
-    page.linked(error, Linked(t, views_of(t, x, record.channel("v"), forces, difference), parts, first))
+    page.linked(error, Linked.of((record.t, record.channel("x"), record.channel("v")), forces, difference))
     page.plots(*_closed_loop(record, network), _content(record, R, network))
 
 
@@ -290,7 +289,7 @@ def _content(record: Recording, measured: Array, network: Prediction) -> Plot:
 def _training(page: Page, result: Identification) -> None:
     page.section(
         "Training",
-        f"{_count(len(result.starts), 'pair')} of networks were trained from random starts; each stops when the error"
+        f"{counted(len(result.starts), 'pair')} of networks were trained from random starts; each stops when the error"
         " on data kept aside (validation) no longer falls. The best are averaged. Errors are in units of the scaled"
         " target.",
     )
@@ -333,26 +332,16 @@ def _data(page: Page, result: Identification) -> None:
         "Data and validity",
         "The surrogate knows what the training data showed it. Outside of these ranges its answers are extrapolation.",
     )
-    units = {"x": "m", "v": "m/s", "R": "N"} | {port.name: port.unit for port in result.model.inputs}
-    rows = [
-        [name, number(low, units.get(name, ""), 4), number(high, units.get(name, ""), 4)]
-        for name, (low, high) in result.model.training_range.items()
-    ]
-    page.table(Table("Training range", ["signal", "lowest", "highest"], rows))
+    page.table(training_range(result.model.training_range, {port.name: port.unit for port in result.model.inputs}))
     records = [comparison.recording for comparison in result.comparisons]
     shown = responses(records)
-    page.plots(*([shown] if shown else []), *(_raw(record) for record in records[:_OVERVIEWS]))
+    forces = [raw(f"Force, {r.name}", r.t, Axis("F", "N"), r.channel("F")) for r in records[:_OVERVIEWS]]
+    page.plots(*([shown] if shown else []), *forces)
     done = dict.fromkeys(note for comparison in result.comparisons for note in comparison.recording.notes)
     if done:
         page.text("What was done to the recordings before:")
         page.bullets(done)
     page.bullets(result.notes)
-
-
-def _raw(record: Recording) -> Plot:
-    """What went in: the force over the whole recording."""
-    line = Line(record.t, record.channel("F"), "", "measured", width=1.0)
-    return Plot(f"Force, {record.name}", Axis("Time t", "s", prefix=False), Axis("F", "N"), [line], height=200)
 
 
 def _judged(result: Identification) -> Sequence[Comparison]:
@@ -369,7 +358,3 @@ def _shown(result: Identification) -> list[Comparison]:
 def _structure(result: Identification) -> str:
     sizes = "-".join(str(n) for n in result.settings.get("layers", ()))
     return f"two networks with {sizes} hidden neurons, {result.model.sample_rate:.6g} Hz"
-
-
-def _count(n: int, what: str) -> str:
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"

@@ -54,6 +54,26 @@ class Linked:
     windows: Sequence[slice]
     first: int = 0
 
+    @staticmethod
+    def of(
+        motion: tuple[Array, Array, Array],
+        forces: Sequence[Signal],
+        residual: Sequence[Signal],
+        weight: Array | None = None,
+    ) -> Linked:
+        """The usual views: loop, phase plane, force over time and, where there is any, its residual over time.
+
+        motion: t [s], x [m] and v [m/s], shape (n,). forces [N]: first the measured one. weight: see ``windows``.
+        """
+        t, x, v = motion
+        made = [
+            View("Loop", X_AXIS, x, R_AXIS, forces),
+            View("Phase plane", X_AXIS, x, V_AXIS, [Signal("measured", v, "measured")]),
+            View("Force over time", T_AXIS, t, R_AXIS, forces),
+        ]
+        made += [View("Residual over time", T_AXIS, t, FORCE, residual)] if residual else []
+        return Linked(t, made, *windows(x, weight))
+
     def turned(self) -> Linked:
         """The views of a rig that turns: of angle and torque."""
         views = [
@@ -134,19 +154,3 @@ def _scale(axis: Axis, values: Sequence[Array], parts: Sequence[slice]) -> tuple
     largest = float(np.max(np.abs(shown[np.isfinite(shown)]), initial=0.0))
     scale, unit = prefix_for(largest, axis.unit) if axis.prefix else (1.0, axis.unit)
     return scale, f"{axis.label} [{unit}]" if unit else axis.label
-
-
-def views_of(t: Array, x: Array, v: Array, forces: Sequence[Signal], residual: Sequence[Signal]) -> list[View]:
-    """The four usual views: loop, phase plane, force over time, and its residual over time.
-
-    t [s], x [m], v [m/s], shape (n,). forces [N]: first the measured one. residual [N]: may be empty.
-    """
-    measured = Signal("measured", v, "measured")
-    made = [
-        View("Loop", X_AXIS, x, R_AXIS, forces),
-        View("Phase plane", X_AXIS, x, V_AXIS, [measured]),
-        View("Force over time", T_AXIS, t, R_AXIS, forces),
-    ]
-    if residual:
-        made.append(View("Residual over time", T_AXIS, t, FORCE, residual))
-    return made

@@ -77,6 +77,28 @@ class Table:
     note: str = ""
 
 
+def columns(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of text in columns: the first to the left, the others to the right."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [cell.ljust(w) if k < 1 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def counted(n: int, what: str) -> str:
+    """A number of things: "1 case", "2 cases"."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
+def training_range(ranges: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> Table:
+    """Least and greatest value of the signals that a model was trained on. units: of those that are not x, v and R."""
+    known = {"x": "m", "v": "m/s", "R": "N", **units}
+    rows = [[name, *(number(end, known.get(name, ""), 4) for end in ends)] for name, ends in ranges.items()]
+    return Table("Training range", ["signal", "lowest", "highest"], rows)
+
+
 def number(value: float | None, unit: str = "", digits: int = 3) -> str:
     """``digits`` significant digits with the unit, in mm or kN where that reads better.
 

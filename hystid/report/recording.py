@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hystid.recording import CHANNELS, Recording
-from hystid.report.curves import T_AXIS, Curve, loops, window_of
-from hystid.report.page import Fact, Page, Table, number
-from hystid.report.plots import Axis, Line, Plot
-from hystid.report.terminal import columns
+from hystid.recording import Recording
+from hystid.report.curves import Curve, loops, raw, window_of
+from hystid.report.page import Fact, Page, Table, columns, number
+from hystid.report.plots import Axis, Plot
 
 NAMES = {"F": "Force F", "x": "Displacement x", "v": "Velocity v", "a": "Acceleration a", "R": "Restoring force R"}
 
@@ -35,11 +34,8 @@ def summary(result: Recording) -> str:
 def overview(result: Recording) -> list[Plot]:
     """Every channel over the whole time, one flat figure each."""
     return [
-        Plot(NAMES[name], T_AXIS, Axis(name, result.unit(name)),
-             [Line(result.t, result.channel(name), "", "measured", width=1.0)], height=200)
-        for name in CHANNELS
-        if getattr(result, name) is not None
-    ]  # fmt: skip
+        raw(NAMES[name], result.t, Axis(name, result.unit(name)), values) for name, values in result.channels().items()
+    ]
 
 
 def _loop(result: Recording) -> Plot:
@@ -62,9 +58,7 @@ def _facts(result: Recording) -> list[Fact]:
 
 def _rows(result: Recording) -> list[tuple[str, ...]]:
     rows = []
-    for name in CHANNELS:
-        values, unit = getattr(result, name), result.unit(name)
-        if values is not None:
-            figures = (np.min(values), np.max(values), np.std(values))
-            rows.append((name, *(number(float(f), unit, 4) for f in figures), result.origin.get(name, "measured")))
+    for name, values in result.channels().items():
+        figures = [number(float(f), result.unit(name), 4) for f in (np.min(values), np.max(values), np.std(values))]
+        rows.append((name, *figures, result.origin.get(name, "measured")))
     return rows

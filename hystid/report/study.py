@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hystid.recording import Array
-from hystid.report.page import Fact, Page, Table, Verdict, percent
+from hystid.report.page import Fact, Page, Table, Verdict, columns, percent
 from hystid.report.plots import Axis, Boxes, Line, Mark, Plot, Points, Series
-from hystid.report.terminal import columns
 from hystid.study import GridResult, MassResult
 from hystid.study.cells import Cell
 

@@ -6,10 +6,9 @@ import numpy as np
 
 from hystid.recording import Array
 from hystid.report.curves import X_AXIS, Curve, highest_frequency, over_time, spectra, window_of
-from hystid.report.linked import Linked, Signal, views_of, windows
-from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, number, percent
+from hystid.report.linked import Linked, Signal
+from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, counted, number, percent, training_range
 from hystid.report.plots import Axis, Bars, Plot
-from hystid.report.terminal import columns
 from hystid.validation import Case, Levels, Stability, Validation
 
 _GOOD, _FAIR = 0.06, 0.15  # force NRMSE at worst: the demo's target, and what is still of use
@@ -19,7 +18,7 @@ _FLOOR_DB = -80.0
 
 def page(result: Validation, command: str) -> Page:
     """The report; a pure function of the result. command: what the reader can run to get it again."""
-    cases = _count(len(result.cases), "case")
+    cases = counted(len(result.cases), "case")
     made = Page(
         f"Validation of {result.surrogate.name}",
         subtitle=f"against {result.against.name if result.against else 'recordings'}, {cases}",
@@ -65,7 +64,7 @@ def verdict(result: Validation) -> Verdict:
         closed += " in the median. " if len(result.cases) > 1 else ". "
     diverged = [case.name for case in result.cases if case.diverged]
     if diverged:
-        tone, closed = "bad", f"In closed loop it diverges in {_count(len(diverged), 'case')}: {', '.join(diverged)}. "
+        tone, closed = "bad", f"In closed loop it diverges in {counted(len(diverged), 'case')}: {', '.join(diverged)}. "
     if result.stability and result.stability.feeding:
         tone = "warn" if tone == "good" else tone
         closed += "Within its training range there are motions into which it feeds energy. "
@@ -147,15 +146,14 @@ def _row(case: Case) -> list[str | Cell]:
 
 def _case(page: Page, case: Case) -> None:
     record = case.reference
-    t, x, R = record.t, record.channel("x"), record.channel("R")
+    x, R = record.channel("x"), record.channel("R")
     near = window_of(record.F if record.F is not None else x, x, record.dt)
     page.section(case.name)
     page.text(" ".join(case.notes))
     forces = [Signal("reference", R, "reference", dots=True), Signal("surrogate", case.force, "model")]
     difference = [Signal("surrogate less reference", case.force - R, "bad")]
-    parts, first = windows(x)
     error = f"On the reference motion; the force is off by {percent(case.force_nrmse)}"
-    page.linked(error, Linked(t, views_of(t, x, record.channel("v"), forces, difference), parts, first))
+    page.linked(error, Linked.of((record.t, x, record.channel("v")), forces, difference))
     page.plots(*_motion(case, near), content(case))
 
 
@@ -226,21 +224,12 @@ def _stability(page: Page, found: Stability) -> None:
 
 
 def _validity(page: Page, result: Validation) -> None:
-    units = {"x": "m", "v": "m/s", "R": "N"} | {port.name: port.unit for port in result.inputs}
-    rows = [
-        [name, number(low, units.get(name, ""), 4), number(high, units.get(name, ""), 4)]
-        for name, (low, high) in result.training_range.items()
-    ]
-    if rows or result.notes:
+    if result.training_range or result.notes:
         page.section("Validity", "Outside of its training range a surrogate extrapolates.")
-        if rows:
-            page.table(Table("Training range", ["signal", "lowest", "highest"], rows))
+        if result.training_range:
+            page.table(training_range(result.training_range, {port.name: port.unit for port in result.inputs}))
         page.bullets(result.notes)
 
 
 def _worst_first(result: Validation) -> list[Case]:
     return sorted(result.cases, key=lambda case: -case.force_nrmse)
-
-
-def _count(n: int, what: str) -> str:
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"

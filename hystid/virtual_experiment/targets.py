@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hystid.report.terminal import columns
+from hystid.report.page import columns
 
 
 @dataclass(frozen=True)
