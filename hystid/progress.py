@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -34,6 +35,18 @@ def track(title: str, total: int) -> Iterator[Step]:
 def tell(text: str) -> None:
     """Say a sentence on standard error now, as after Ctrl-C, when a result is still to come."""
     print(f"hystid: {text}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def quiet_models() -> Iterator[None]:
+    """Keep the warnings of models back: of runs that no user asked for, there may be thousands."""
+    logger = logging.getLogger("hystid")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def _in_notebook() -> bool:

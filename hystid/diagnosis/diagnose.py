@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,7 +30,7 @@ from hystid.diagnosis.tell.result import Diagnosis
 from hystid.diagnosis.tell.turned import turned
 from hystid.diagnosis.tell.written import written
 from hystid.errors import UsageError
-from hystid.progress import track
+from hystid.progress import quiet_models, track
 from hystid.recording import Sources
 
 
@@ -70,7 +68,7 @@ def diagnose(
     given = given_parameters(parameters)
     try:
         # matrices are small here: threads of a BLAS mostly wait for each other, and take three times the time
-        with threadpool_limits(1, "blas"), track("diagnosis", 100) as step, _quiet_models():
+        with threadpool_limits(1, "blas"), track("diagnosis", 100) as step, quiet_models():
             taken = take(recordings, holdout, given)
             as_given = unchanged(Path(model), taken.read, given.values) if is_fmu(model) else ()
             if is_fmu(model) and not (fmu := FmuModel(model)).holds:
@@ -127,18 +125,6 @@ def _with_errors(problem: Problem, choice: Choice, library: Sequence[Effect]) ->
     before = with_robust_errors(problem, choice.before)
     after = with_robust_errors(problem, choice.after) if named else before
     return replace(choice, before=before, after=after, left_open=left_open)
-
-
-@contextmanager
-def _quiet_models() -> Iterator[None]:
-    """A model that is tried at thousands of parameters would warn thousands of times."""
-    logger = logging.getLogger("hystid")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 def _every(step: Callable[..., None], share: int) -> Callable[[], None]:

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
-import logging
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from xml.etree import ElementTree as ET
 
@@ -24,6 +22,7 @@ from hystid.fmu.interface import Interface, interface
 from hystid.fmu.model_description.common import start_text, text_of
 from hystid.modelcode import ModelCode, Variable
 from hystid.numeric import Array
+from hystid.progress import quiet_models
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 NAMESPACE = "http://fmi-standard.org/fmi-ls-manifest"
@@ -48,25 +47,13 @@ def reference_entries(code: ModelCode, runner: TableRunner | None = None) -> dic
     if not names:
         return {}
     try:
-        with _unheard():
+        with quiet_models():
             results = CompiledModel(code, runner).simulate(
                 inputs, _spacing(t), outputs=names, substeps=0, rows=len(t), start_time=float(t[0])
             )
     except NumericalError:
         return {}
     return _entries(model, t, inputs, results)
-
-
-@contextmanager
-def _unheard() -> Iterator[None]:
-    """Keep the model's warnings back: the reference input is ours, and no user asked for this run."""
-    logger = logging.getLogger("hystid")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 def _entries(model: Interface, t: Array, inputs: Mapping[str, Array], results: Mapping[str, Array]) -> dict[str, bytes]:

@@ -9,6 +9,7 @@ import numpy as np
 from hystid.errors import NumericalError, RecordingError, UsageError
 from hystid.identification.inputs import table_of
 from hystid.identification.result import LinearFit
+from hystid.limits import TRAININGS, check_whole
 from hystid.networks import FurtherInput, Lag, Member, Network, TwoNetworkModel
 from hystid.networks.ensemble import Samples
 from hystid.networks.joint import Motion
@@ -87,6 +88,15 @@ def level_of(recordings: Sequence[Recording], inputs: Sequence[FurtherInput], la
     parts = motions(recordings, inputs, lags)
     x, R = (np.concatenate([getattr(part, name) for part in parts]) for name in ("x", "R"))
     return Level.of(x, np.concatenate([part.further for part in parts], axis=1), R)
+
+
+def check_counts(trainings: int, samples: int, seed: int, workers: int | None, name: str) -> None:
+    """Raise UsageError for numbers that are none. name: of the number of trainings, as users know it."""
+    check_whole(name, trainings, 1, TRAININGS)
+    check_whole("samples", samples, 1)
+    check_whole("seed", seed, 0)
+    if workers is not None:
+        check_whole("workers", workers, 1)
 
 
 def beginnings(recordings: Sequence[Recording], samples: int) -> list[Recording]:

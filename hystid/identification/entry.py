@@ -27,7 +27,6 @@ from hystid.identification.methods import Plan, Recipe, Trained
 from hystid.identification.offsets import constant_and_even
 from hystid.identification.prediction import Prediction, Role, drift, predict, respond
 from hystid.identification.result import Comparison, Identification
-from hystid.limits import TRAININGS, check_whole
 from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.ensemble import workers_of
 from hystid.networks.normal_equations import Precision
@@ -96,7 +95,7 @@ def identify(
     ['oscillator.fmu', 'surrogate.fmu']
     """
     _check(mass, layers, method)
-    _check_counts(ensemble, samples, seed, workers)
+    data.check_counts(ensemble, samples, seed, workers, "ensemble")
     law = _law(model, holdout)
     recordings, holdout = (admit(loaded(group), mass) for group in (recordings, holdout))
     ports = resolve([*recordings, *holdout], inputs)
@@ -242,14 +241,6 @@ def _check(mass: float, layers: Sequence[int], method: str) -> None:
         raise UsageError(f"layers must be neurons per hidden layer, each at least 1, as 5,5; found {tuple(layers)}")
     if method not in ("published", "refined"):
         raise UsageError(f"method must be 'published' or 'refined', found {method!r}")
-
-
-def _check_counts(ensemble: int, samples: int, seed: int, workers: int | None) -> None:
-    check_whole("ensemble", ensemble, 1, TRAININGS)
-    check_whole("samples", samples, 1)
-    check_whole("seed", seed, 0)
-    if workers is not None:
-        check_whole("workers", workers, 1)
 
 
 def _test(comparisons: Sequence[Comparison], samples: int, seed: int) -> dict[str, float]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hystid.numeric import Array
+from hystid.numeric import Array, stretches
 from hystid.recording.problems import Problem, Severity
 from hystid.recording.table import Table
 
@@ -93,11 +93,8 @@ def flat_tops(values: Array) -> list[tuple[int, int]]:
     if moving.size < 8:
         return []
     digit = float(moving.min())
-    at_top = np.concatenate([[False], values == values.max(), [False]])
-    starts = np.flatnonzero(at_top[1:-1] & ~at_top[:-2])
-    ends = np.flatnonzero(at_top[1:-1] & ~at_top[2:]) + 1
     tops = []
-    for start, end in zip(starts, ends, strict=True):
+    for start, end in stretches(values == values.max()):
         if end - start < 3 or start < 4:
             continue
         before = steps[start - 4 : start - 1]  # the last step is cut short by the limit itself
@@ -107,7 +104,7 @@ def flat_tops(values: Array) -> list[tuple[int, int]]:
             and before.min() > 0.25 * np.median(moving)
             and _rises_on(before)
         ):
-            tops.append((int(start), int(end - start)))
+            tops.append((start, end - start))
     return tops
 
 

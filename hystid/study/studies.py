@@ -15,9 +15,8 @@ from hystid import processing
 from hystid.consistency import admit
 from hystid.errors import UsageError
 from hystid.files import plain, write_json
-from hystid.identification.data import check
+from hystid.identification.data import check, check_counts
 from hystid.leastsquares import Rule
-from hystid.limits import TRAININGS, check_whole
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, rule_of
 from hystid.recording import CHANNELS, Recording, Sources, loaded
@@ -67,7 +66,7 @@ def grid(
     """
     if not (np.isfinite(mass) and mass >= 0):
         raise UsageError(f"mass must be a number of at least 0 kg, found {mass}")
-    _check_counts(starts, samples, seed, workers)
+    check_counts(starts, samples, seed, workers, "starts")
     layers = [tuple(int(neurons) for neurons in structure) for structure in structures]
     groups = _prepared(recordings, holdout, mass, band, decimate, fixed_force=True)
     payload = Payload(*groups, _rule(mode, iterations), precision, samples, seed)
@@ -117,7 +116,7 @@ def mass(
     """
     if not 0 < mass < np.inf:
         raise UsageError(f"a study of the mass needs a mass above 0 kg, found {mass}")
-    _check_counts(starts, samples, seed, workers)
+    check_counts(starts, samples, seed, workers, "starts")
     groups = _prepared(recordings, holdout, mass, band, decimate, fixed_force=False)
     payload = Payload(*groups, _rule(mode, iterations), precision, samples, seed)
     masses = [float(mass * (1 + offset)) for offset in offsets]
@@ -148,14 +147,6 @@ def _prepared(
     )
     check(*([processing.with_restoring_force(recording, mass) for recording in group] for group in (used, held)))
     return used, held
-
-
-def _check_counts(starts: int, samples: int, seed: int, workers: int | None) -> None:
-    check_whole("starts", starts, 1, TRAININGS)
-    check_whole("samples", samples, 1)
-    check_whole("seed", seed, 0)
-    if workers is not None:
-        check_whole("workers", workers, 1)
 
 
 def _rule(mode: Mode, iterations: int) -> Rule:

@@ -16,7 +16,7 @@ from hystid.consistency import cut_off
 from hystid.diagnosis.prepare.faults import CALIBRATION, SATURATION, Fault
 from hystid.diagnosis.prepare.pairs import CHANCE, agreed
 from hystid.diagnosis.prepare.segments import measured_motion
-from hystid.numeric import Array, Flags
+from hystid.numeric import Array, Flags, stretches
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 from hystid.smoothing.smoother import smooth
@@ -61,7 +61,7 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
     inside = [np.abs(one) > level for one in told]
     lacking, weights = [], []
     for values, one, beyond in zip(seen, told, inside, strict=True):
-        for first, last in _stretches(beyond):
+        for first, last in stretches(beyond):
             lacking.append(float(np.mean(np.sign(one[first]) * (one[first:last] - values[first:last]))))
             weights.append(float(last - first))
     found = agreed(np.array(lacking), np.array(weights))
@@ -80,12 +80,6 @@ def near_top(channels: Sequence[Array], noise: float) -> list[Flags] | None:
     near = [np.abs(values) > top - _BELOW * noise - _DIGITS * top for values in channels]
     is_hidden = _BELOW * noise > (1 - _LOWEST) * top
     return None if is_hidden or sum(map(np.count_nonzero, near)) < _FEWEST else near
-
-
-def _stretches(flags: Flags) -> list[tuple[int, int]]:
-    """First sample of each stretch of flags, and the one after its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:

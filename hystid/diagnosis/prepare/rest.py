@@ -8,15 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import label
 
 from hystid.diagnosis.prepare.segments import Part, band
-from hystid.numeric import Array, Flags
+from hystid.numeric import Array, Flags, stretches
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 
@@ -56,9 +52,8 @@ def resting(part: Part) -> Flags:
     name = next(name for name in "vxa" if name in part.measured)
     moving = _moving(part.measured[name], part.noise[name])
     period = 1 / (part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))
-    runs, count = label(~np.repeat(moving, _WINDOW))
     found = np.zeros(len(part), dtype=bool)
-    for first, last in _edges(runs, count):
+    for first, last in stretches(~np.repeat(moving, _WINDOW)):
         if last - first > max(_PERIODS * period, 4 * _WINDOW):
             edge = max(int(_KEPT * period), _WINDOW)
             found[first + edge : last - edge] = True
@@ -69,11 +64,6 @@ def _moving(values: Array, noise: float) -> Flags:
     """Windows, one after the other, in which a channel does more than its noise."""
     count = len(values) // _WINDOW
     return np.asarray(np.std(values[: count * _WINDOW].reshape(count, _WINDOW), axis=1) > _LOUDER * noise)
-
-
-def _edges(runs: NDArray[Any], count: int) -> list[tuple[int, int]]:
-    changes = np.flatnonzero(np.diff(np.concatenate([[0], runs, [0]])))
-    return [(int(a), int(b)) for a, b in pairwise(changes) if runs[a] > 0][:count]
 
 
 def without_rest(parts: Sequence[Part]) -> tuple[list[Part], list[str]]:

@@ -17,7 +17,7 @@ from hystid.diagnosis.fit.windows import window_text
 from hystid.diagnosis.model.effects import Signals
 from hystid.diagnosis.prepare.chain import turns
 from hystid.diagnosis.tell.result import Where
-from hystid.numeric import Array
+from hystid.numeric import Array, stretches
 
 _ACTIVE = 0.3  # share of the 99 % quantile of the force above which an effect counts as acting
 _BINS = 24
@@ -83,9 +83,8 @@ def _spans(t: Array, force: Array, top: float) -> list[tuple[float, float]]:
     width = max(5, len(t) // 50)
     level = np.sqrt(np.convolve(force**2, np.ones(width) / width, mode="same"))
     high = level > 0.15 * top
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], high.astype(int), [0]])))
     spans: list[tuple[float, float]] = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in stretches(high):
         begin, end = float(t[first]), float(t[last - 1])
         if spans and begin - spans[-1][1] < 0.02 * t[-1]:
             spans[-1] = (spans[-1][0], end)
