@@ -12,7 +12,6 @@ from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.fit.windowscan import in_every_interval
-from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
 
@@ -22,10 +21,7 @@ ANOTHER_STATE = 0.1  # probability that a held-out recording is of another state
 def unseen_likelihood(problem: Problem, unseen: Sequence[Part]) -> Callable[[Fit, Fit], float]:
     """A function of the baseline and of a fit: logarithm of the likelihood that unseen recordings add to a fit, over
     what they add to the baseline. A recording alone can make a fit ten times less probable, never impossible."""
-    alone = [one for part in unseen if (one := problem.of([part])).reduce.count]  # none where no sample is valid
-    for one in alone:
-        if problem.weighed_by:  # where a law jumps, nobody knows there either on which side it stands
-            one.distrust(*map(_without_channel, problem.weighed_by))
+    alone = [one for part in unseen if (one := problem.elsewhere([part])).reduce.count]
     known: dict[int, list[_Judge]] = {}
 
     def told(before: Fit, after: Fit) -> float:
@@ -49,7 +45,7 @@ class _Judge:
     """
 
     def __init__(self, trained: Problem, alone: Problem, before: Fit) -> None:
-        self.alone, self.before = alone, standing(alone, _without_channel(before.hypothesis))
+        self.alone, self.before = alone, standing(alone, before.hypothesis.elsewhere())
         self.seen = Criterion(alone, self.before, 1)
         old, own = visited([trained, alone])
         self.new = float(np.count_nonzero(own & ~old)) / float(np.count_nonzero(own))
@@ -57,7 +53,7 @@ class _Judge:
     def gain(self, fit: Fit) -> float:
         """Logarithm of the likelihood of a fit in this recording, over that of the baseline."""
         try:
-            told = self._told(_without_channel(fit.hypothesis))
+            told = self._told(fit.hypothesis.elsewhere())
         except NumericalError:
             return -np.inf
         gain = _mean(told) - self._likelihood(self.before)
@@ -86,8 +82,3 @@ class _Judge:
 def _mean(logarithms: Sequence[float]) -> float:
     """Logarithm of the mean of what has these logarithms."""
     return float(np.logaddexp.reduce(logarithms) - np.log(len(logarithms)))
-
-
-def _without_channel(hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis without the faults of the force channel, which differ from recording to recording."""
-    return replace(hypothesis, terms=tuple(t for t in hypothesis.terms if not isinstance(t.effect, ChannelEffect)))

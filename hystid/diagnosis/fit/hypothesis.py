@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.diagnosis.model.effects import Effect
 
 Array = NDArray[np.float64]
@@ -52,6 +53,10 @@ class Hypothesis:
     def parameters(self) -> dict[str, float]:
         """Values of the baseline, the mass as the balance has it."""
         return {**self.values, **({"m": self.mass()} if "m" in self.values else {})}
+
+    def elsewhere(self) -> Hypothesis:
+        """The same without the faults of the force channel, which differ from recording to recording."""
+        return replace(self, terms=tuple(term for term in self.terms if not isinstance(term.effect, ChannelEffect)))
 
 
 @dataclass(frozen=True)

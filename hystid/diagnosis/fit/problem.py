@@ -319,6 +319,14 @@ class Problem:
         """The same problem on other recordings."""
         return Problem(parts, self.baseline, self.scales)
 
+    def elsewhere(self, parts: Sequence[Part]) -> Problem:
+        """The same problem on recordings that no fit sees. Where a law jumps, nobody knows there either on which side
+        it stands."""
+        made = self.of(parts)
+        if self.weighed_by and made.reduce.count:
+            made.distrust(*(hypothesis.elsewhere() for hypothesis in self.weighed_by))
+        return made
+
     def with_noise_again(self, draw: int, sign: float) -> Problem:
         """The same problem with the noise of the motion added once more (a draw of it, of either sign)."""
         moved = [

@@ -11,6 +11,7 @@ import numpy as np
 from hystid.diagnosis.decide.answer import Answer, Verdict, refit_values
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.case import Case
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.fit.zeros import zeros_instead
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
@@ -26,6 +27,7 @@ from hystid.diagnosis.tell.advice import next_experiment
 from hystid.diagnosis.tell.dependence import dependences
 from hystid.diagnosis.tell.findings import findings, headline
 from hystid.diagnosis.tell.result import Diagnosis, Errors, Traces
+from hystid.numeric import Flags
 
 _CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
 _REST = 1.3  # residual over the noise beyond which a named answer says that something is left
@@ -149,13 +151,14 @@ def _mean(force: Sequence[tuple[float, float]], which: int) -> float:
 
 
 def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """NRMSE of the force balance before and after, per training and held-out recording. What is left out of a held-out
-    one, as what a contact remembers from before it began, says nothing of the law."""
+    """NRMSE of the force balance before and after, per training and held-out recording, where the law says what the
+    force is: not where a contact remembers what was before, nor where friction may hold any force."""
     problem, found = case.problem, []
-    unseen = for_recording(choice.after.hypothesis)
-    groups = [(problem, choice.after.hypothesis), *([(problem.of(case.unseen), unseen)] if case.unseen else [])]
+    groups = [(problem, choice.after.hypothesis)]
+    if case.unseen:
+        groups.append((problem.elsewhere(case.unseen), for_recording(choice.after.hypothesis)))
     for group, last in groups:
-        seen = [p.valid if group is not problem and p.valid is not None else slice(None) for p in group.parts]
+        seen = [_told(group, number) for number in range(len(group.parts))]
         residuals = [
             [residual[at] for residual, at in zip(group.balance_shown(h), seen, strict=True)]
             for h in (choice.before.hypothesis, last)
@@ -164,6 +167,13 @@ def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]]
         spread = [float(np.std(p.F - mass * p.a)) or 1.0 for p in group.parts]
         found.append([(float(np.std(b)) / s, float(np.std(a)) / s) for b, a, s in zip(*residuals, spread, strict=True)])
     return found[0], found[1] if case.unseen else []
+
+
+def _told(problem: Problem, number: int) -> Flags:
+    """Samples of one recording, (n,), in which the law says what the force is; all of them where none is left."""
+    part, weights = problem.parts[number], problem.reduce.trusted(number)
+    told = ~((weights > 0) & (weights < 1)) & (True if part.valid is None else part.valid)
+    return told if np.any(told) else np.ones(len(part), dtype=bool)
 
 
 def _traces(

@@ -119,9 +119,12 @@ def _told(finding: Finding) -> str:
 def _better(diagnosis: Diagnosis) -> str:
     listed = diagnosis.holdout or diagnosis.errors
     pairs = [e.free_run for e in listed if e.free_run[0] is not None and e.free_run[1] is not None]
+    alone = [e.free_run[1] for e in listed if e.free_run[1] is not None]
     kind = "held-out free-run" if diagnosis.holdout else "free-run"
     if pairs:
         before, after = (float(np.mean([pair[i] for pair in pairs])) for i in (0, 1))
         return f"{kind} error of the displacement {100 * before:.3g} % before, {100 * after:.3g} % after"
+    if alone:
+        return f"{kind} error of the displacement {100 * float(np.mean(alone)):.3g} %, and no finite free run before"
     before, after = diagnosis.force_nrmse
     return f"force error {100 * before:.3g} % before, {100 * after:.3g} % after"
