@@ -29,7 +29,7 @@ from typing import IO, Any
 import numpy as np
 
 from hystid import errors
-from hystid.limits import CHILD_MEMORY, CHILD_RUN_SECONDS, CHILD_SECONDS, FMU_UNPACKED
+from hystid.limits import CHILD_MEMORY, CHILD_RUN_SECONDS, CHILD_SECONDS, FMU_UNPACKED, kill
 
 _log = logging.getLogger("hystid")
 _HEADER = struct.Struct("<QQ")  # bytes of JSON, bytes of arrays
@@ -202,7 +202,7 @@ class _Process:
 
     def end(self) -> None:
         """Kill it, and what it has started."""
-        self._kill()
+        kill(self._process)
         self._reap()
         self._close()
 
@@ -216,13 +216,6 @@ class _Process:
         if not any(thread.is_alive() for thread in self._threads):
             for file in (self._questions, self._answers, self._printed):
                 file.close()
-
-    def _kill(self) -> None:
-        with contextlib.suppress(OSError):
-            if hasattr(os, "killpg"):
-                os.killpg(self._process.pid, signal.SIGKILL)
-            else:
-                self._process.kill()
 
     def _reap(self) -> int:
         """Exit code of the process, which is over or about to be; it keeps how much memory was used."""
@@ -238,13 +231,13 @@ class _Process:
                     self._peak = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
                     break
             if attempt == _ATTEMPTS // 2:
-                self._kill()  # it has closed its pipes and goes on
+                kill(self._process)  # it has closed its pipes and goes on
             time.sleep(0.01)
         return self._process.wait()
 
     def _fate(self) -> str:
         code = self._reap()
-        self._kill()  # what it has started
+        kill(self._process)  # what it has started
         self._close()
         printed = b"".join(self._last_words)[-_KEPT:].decode(errors="replace")
         if self._peak > self._memory / 2 or "bad_alloc" in printed or "MemoryError" in printed:
@@ -268,7 +261,7 @@ class _Process:
                 self._told.put(_receive(self._answers, _JSON, self._memory))
         except (OSError, ValueError, EOFError, KeyError, TypeError, IndexError, MemoryError, RecursionError):
             # where it did not end, it wrote nonsense between the answers; Popen.kill would reap it unseen
-            self._kill()
+            kill(self._process)
             self._told.put(None)
 
     def _drain(self) -> None:

@@ -116,7 +116,7 @@ class _Compilation:
         with self._lock:
             self._is_stopped = True
             for process in self._running:
-                _kill(process)
+                kill(process)
 
     def begin(self, process: subprocess.Popen[Any]) -> None:
         with self._lock:
@@ -266,8 +266,8 @@ def _bound(process: subprocess.Popen[Any], seconds: float) -> None:
             resource.prlimit(process.pid, resource.RLIMIT_CPU, (int(seconds) + 1, int(seconds) + 2))
 
 
-def _kill(process: subprocess.Popen[Any]) -> None:
-    """A process and what it has started."""
+def kill(process: subprocess.Popen[Any]) -> None:
+    """End a process, the first of a session of its own, and what it has started."""
     with suppress(OSError):
         if hasattr(os, "killpg"):
             os.killpg(process.pid, signal.SIGKILL)
@@ -279,7 +279,7 @@ def _reaped(process: subprocess.Popen[Any]) -> float:
     """End a process, set its exit code, and return the seconds that it computed."""
     if process.returncode is not None:
         return 0.0
-    _kill(process)
+    kill(process)
     if not hasattr(os, "wait4"):
         process.wait()
         return 0.0

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hystid.compiled import CompiledModel
+from hystid.compiled import CompiledModel, slopes_of
 from hystid.errors import FmuError, UsageError
 from hystid.excitation import is_specification, parse
 from hystid.fmu import Driver
@@ -100,16 +100,9 @@ def driven(
     from scipy.interpolate import CubicHermiteSpline
 
     fine = t[0] + dt / substeps * np.arange((len(t) - 1) * substeps + 1)
-    finer = {name: CubicHermiteSpline(t, values, _slopes(values, dt))(fine) for name, values in inputs.items()}
+    finer = {name: CubicHermiteSpline(t, values, slopes_of(values, dt))(fine) for name, values in inputs.items()}
     found = block.simulate(fine, finer, parameters=settings, outputs=outputs)
     return {name: values[::substeps] for name, values in found.items()}
-
-
-def _slopes(values: Array, dt: float) -> Array:
-    """Derivative of samples (n,): central differences of order four, of order two near the ends."""
-    slope = np.gradient(values, dt, edge_order=2 if len(values) > 2 else 1)
-    slope[2:-2] = (values[:-4] - 8 * values[1:-3] + 8 * values[3:-1] - values[4:]) / (12 * dt)
-    return np.asarray(slope)
 
 
 def check_parameters(driver: Driver, parameters: Mapping[str, float]) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from hystid.errors import RecordingError
+from hystid.files import plain
 from hystid.recording import Recording
 from hystid.results import Result
 
@@ -166,20 +167,7 @@ class Examination(Result, report="examination", json="check.json"):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON; numbers that do not exist are None."""
-        from dataclasses import asdict
-
         return {
-            "recordings": [_plain(asdict(item)) for item in self.examined],
-            "findings": [_plain(asdict(item)) for item in self.findings],
+            "recordings": [plain(asdict(item)) for item in self.examined],
+            "findings": [plain(asdict(item)) for item in self.findings],
         }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, bool | str) or value is None:
-        return value
-    number = float(value)
-    return number if math.isfinite(number) else None

@@ -36,6 +36,12 @@ class Prediction:
     diverged: str = ""
     spread: Array | None = None
 
+    def with_run(self, recording: Recording, run: Mapping[str, Array]) -> Prediction:
+        """The same with a free run of the recording."""
+        found = run_errors(recording, run)
+        errors = {name: found[name] for name in ("x_nrmse", "R_nrmse", "R_mse")}
+        return replace(self, free_run=run, **errors)  # type: ignore[arg-type]  # of these names
+
     def within(self, R: Array) -> float | None:
         """Share of measured R [N], shape (n,), within the 90 % band of the model; None without a spread."""
         return None if self.spread is None else float(np.mean(np.abs(R - self.R) <= BAND * self.spread))
@@ -75,8 +81,7 @@ def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
         run = model.free_run(recording.channel("F"), recording.dt, float(x[0]), float(v[0]), start, further)
     except NumericalError as error:
         return replace(open_loop, diverged=str(error))
-    found = run_errors(recording, run)
-    return replace(open_loop, free_run=run, x_nrmse=found["x_nrmse"], R_nrmse=found["R_nrmse"], R_mse=found["R_mse"])
+    return open_loop.with_run(recording, run)
 
 
 def drift(prediction: Prediction) -> float:

@@ -13,7 +13,7 @@ from hystid.errors import UsageError
 from hystid.numeric import Array
 from hystid.recording.checks import without_markers
 from hystid.recording.names import known_name, numbered, turns, unit_symbol
-from hystid.recording.problems import Problem, Severity
+from hystid.recording.problems import Problem
 from hystid.recording.table import Column, Table
 from hystid.recording.types import CHANNELS, PSEUDO_TIME, ROTATIONAL
 from hystid.units import parse, si_name, to_si
@@ -141,7 +141,7 @@ class _Reading:
             if other == column.name:
                 found, action = f"two columns are named '{other}'", "rename one of them, or leave it out"
             if found not in {item.found for item in self.problems}:
-                self._problem("columns", found, action, channel or column.name)
+                self.problems.append(self.table.problem("columns", found, action, channel or column.name))
         elif channel is None:
             self.extra[column.name] = self._extra_si(column)
         else:
@@ -166,7 +166,7 @@ class _Reading:
         values, marker, count = without_markers(column.values)
         if count:
             found = f"{count} of {values.size} samples hold {marker:g}, as loggers write where nothing was measured"
-            self._problem("gap", found, "they count as missing", channel, severity="warning")
+            self.problems.append(self.table.problem("gap", found, "they count as missing", channel, severity="warning"))
             column = replace(column, values=values)
         known = self._si(channel, column)
         if known is None:
@@ -187,7 +187,7 @@ class _Reading:
         if not unit and channel == "t" and (clock := _clock(column.values)):
             text = f"{column.name} starts at {column.values[0]:.9g}, as {clock[1]} does"
             action = f"give --unit t={clock[0]}, or name the column '{column.name} [{clock[0]}]' or '{column.name} [s]'"
-            self._problem("columns", text, action, channel)
+            self.problems.append(self.table.problem("columns", text, action, channel))
             return None
         lvm = self.table.file.lower().endswith(".lvm")
         if not unit and channel == "t" and lvm:
@@ -200,11 +200,15 @@ class _Reading:
             if column.counts:
                 why, other = ("holds whole numbers, as a converter counts", "write its values in that unit")
             action = f"give --unit {channel}={si} if it is in {si}, else {other}"
-            self._problem("columns", f"column {column.name} has no unit, and {why}", action, channel)
+            self.problems.append(
+                self.table.problem("columns", f"column {column.name} has no unit, and {why}", action, channel)
+            )
             return None
         if not unit or unit in _NOT_STATED:
             text = f"column {column.name} has no unit and is taken as {si}"
-            self._problem("columns", text, f"write '{column.name} [{si}]'", channel, severity="warning")
+            self.problems.append(
+                self.table.problem("columns", text, f"write '{column.name} [{si}]'", channel, severity="warning")
+            )
             return column.values
         unit = _in_case(unit, si)
         try:
@@ -215,7 +219,7 @@ class _Reading:
             action = f"write the unit of {channel} so that it converts to {si}"
             if self.rotational and not _angular(unit, channel):
                 action += ", as other columns say that the rig turns, or leave the columns of the other motion out"
-            self._problem("columns", str(error), action, channel)
+            self.problems.append(self.table.problem("columns", str(error), action, channel))
             return None
         if factor == 1.0 and offset == 0.0:
             return column.values
@@ -225,7 +229,7 @@ class _Reading:
     def _from_voltage(self, channel: str, column: Column, unit: str) -> Array | None:
         if channel not in self.sensitivity:
             action = f"state the sensor with --sensitivity {channel}=22.4mV/{self.si[channel]}"
-            self._problem("columns", f"{channel} is a voltage ({unit})", action, channel)
+            self.problems.append(self.table.problem("columns", f"{channel} is a voltage ({unit})", action, channel))
             return None
         per_volt = self.sensitivity[channel]
         self.notes.append(f"{channel} converted from {unit} with {per_volt:.10g} {self.si[channel]}/V")
@@ -240,9 +244,6 @@ class _Reading:
             self.notes.append(f"{column.name} [{column.unit}] is kept as stored: its unit is not known")
             return column.values
         return unit.factor * column.values + unit.offset
-
-    def _problem(self, rule: str, found: str, action: str, channel: str, severity: Severity = "error") -> None:
-        self.problems.append(Problem(self.table.file, rule, found, action, channel, severity=severity))
 
 
 def _in_case(unit: str, si: str) -> str:

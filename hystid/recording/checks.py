@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hystid.numeric import Array, stretches
-from hystid.recording.problems import Problem, Severity
+from hystid.recording.problems import Problem
 from hystid.recording.table import Table
 
 _NO_SIZE = 1e30  # in any unit: overflow is 9.9E37 in instruments, and 3.4e38 in single precision
@@ -25,7 +25,7 @@ def channel_problems(table: Table, channels: Mapping[str, Array]) -> list[Proble
             continue
         if n and values.size != n:
             found = f"{values.size} samples where time has {n}"
-            problems.append(_problem(table, "length", found, "write all channels with one length", name))
+            problems.append(table.problem("length", found, "write all channels with one length", name))
             continue
         problems += _not_finite(table, name, values) or _constant(table, name, values) or _clipped(table, name, values)
     return problems
@@ -58,7 +58,7 @@ def _not_finite(table: Table, name: str, values: Array) -> list[Problem]:
     if not bad.size:
         return []
     action = "cut these samples, or fill them knowingly"
-    return [_problem(table, "not_finite", found, action, name, int(bad[0]))]
+    return [table.problem("not_finite", found, action, name, int(bad[0]))]
 
 
 def _constant(table: Table, name: str, values: Array) -> list[Problem]:
@@ -68,7 +68,7 @@ def _constant(table: Table, name: str, values: Array) -> list[Problem]:
     found = f"the channel is constant ({values[0]:.6g})"
     action = "check that the sensor was connected" + (", or remove the column" if name in ("v", "a", "R") else "")
     rule = "missing_force" if name == "F" and not np.any(values) else "constant"
-    return [_problem(table, rule, found, action, name)]
+    return [table.problem(rule, found, action, name)]
 
 
 def _clipped(table: Table, name: str, values: Array) -> list[Problem]:
@@ -78,7 +78,7 @@ def _clipped(table: Table, name: str, values: Array) -> list[Problem]:
             limit = values.max() if side == "top" else values.min()
             found = f"cut off at {limit:.6g}: it arrives there in full motion {len(found_at)} times for {held} samples"
             action = "measure again with a larger range, or use the tests below it"
-            return [_problem(table, "clipped", found, action, name, found_at[0][0])]
+            return [table.problem("clipped", found, action, name, found_at[0][0])]
     return []
 
 
@@ -112,15 +112,3 @@ def _rises_on(before: Array) -> bool:
     """Whether a parabola through the last steps would still go on rising for two samples: a peak would not."""
     slowing = (before[0] - before[-1]) / (before.size - 1)
     return bool(before[-1] - 2.5 * slowing > 0.0)
-
-
-def _problem(
-    table: Table,
-    rule: str,
-    found: str,
-    action: str,
-    channel: str,
-    sample: int | None = None,
-    severity: Severity = "error",
-) -> Problem:
-    return Problem(table.file, rule, found, action, channel, sample, table.line(sample), severity)

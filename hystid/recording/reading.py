@@ -181,12 +181,12 @@ def _refuse_extremes(table: Table, values: Mapping[str, Array], t: Array) -> Non
     dt = float(t[-1] - t[0]) / max(t.size - 1, 1)
     if not _STEPS[0] <= dt <= _STEPS[1]:
         found = f"samples are {dt:g} s apart"
-        report([Problem(table.file, "time_order", found, "check the unit of time; 1e-12 to 1e12 s are taken", "t")])
+        report([table.problem("time_order", found, "check the unit of time; 1e-12 to 1e12 s are taken", "t")])
     for name, u in values.items():
         size = float(np.max(np.abs(u), where=np.isfinite(u), initial=0.0))
         if name != "t" and 0 < size < _LEAST:
             found = f"all samples are within {size:.3g}, where squares of numbers vanish"
-            report([Problem(table.file, "not_finite", found, "check the unit of the channel", name)])
+            report([table.problem("not_finite", found, "check the unit of the channel", name)])
 
 
 def _without_lost_rows(table: Table, channels: Channels) -> tuple[dict[str, Array], dict[str, Array], list[Problem]]:
@@ -203,7 +203,7 @@ def _without_lost_rows(table: Table, channels: Channels) -> tuple[dict[str, Arra
     found = f"{at.size} of {n} rows hold no number in some channel"
     action = "they count as lost and are bridged"
     first = int(at[0])
-    lost = Problem(table.file, "gap", found, action, "", first, table.line(first), "warning")
+    lost = table.problem("gap", found, action, "", first, "warning")
     values, extra = ({name: u[kept] for name, u in group.items()} for group in (values, extra))
     return values, extra, [lost]
 
@@ -225,14 +225,14 @@ def _presence(table: Table, channels: Channels, door: _Door) -> list[Problem]:
             if name == "F" and not near:
                 action += "; a current, a command or a set point is no measured force"
             rule = "missing_force" if name == "F" else "missing_channel"
-            problems.append(Problem(table.file, rule, f"there is no channel {name}; {found}", action, name))
+            problems.append(table.problem(rule, f"there is no channel {name}; {found}", action, name))
     if door.motion and not {"x", "v", "a"} & (set(values) | misread):
         action = "name a column 'x [m]', 'v [m/s]' or 'a [m/s2]', or choose one with --channel x=COLUMN"
-        problems.append(Problem(table.file, "missing_channel", f"there is no motion x, v or a; {found}", action, "x"))
+        problems.append(table.problem("missing_channel", f"there is no motion x, v or a; {found}", action, "x"))
     size = max((array.size for array in values.values()), default=0)
     if size < SHORTEST:
         text = f"{size} samples"
-        problems.append(Problem(table.file, "too_short", text, f"at least {SHORTEST} are needed, better thousands"))
+        problems.append(table.problem("too_short", text, f"at least {SHORTEST} are needed, better thousands"))
     return problems
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from hystid.numeric import Array
 from hystid.recording.names import split_header
+from hystid.recording.problems import Problem, Severity
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,18 @@ class Table:
         if sample is None or self.lines is None:
             return None
         return int(self.lines[sample])
+
+    def problem(
+        self,
+        rule: str,
+        found: str,
+        action: str,
+        channel: str = "",
+        sample: int | None = None,
+        severity: Severity = "error",
+    ) -> Problem:
+        """A problem of this table; see ``Problem``."""
+        return Problem(self.file, rule, found, action, channel, sample, self.line(sample), severity)
 
 
 def column(header: str, values: object) -> Column:

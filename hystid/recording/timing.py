@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.numeric import Array
-from hystid.recording.problems import Problem, Severity
+from hystid.recording.problems import Problem
 from hystid.recording.table import Table
 
 SHORTEST = 16  # samples: below, no filter, no derivative and no fit means anything
@@ -45,11 +45,13 @@ def order_problems(table: Table, t: Array) -> list[Problem]:
     if bad.size:
         sample = int(bad[0])
         found = f"time is not a number at {_count(bad.size, 'sample')}"
-        problems.append(_problem(table, "not_finite", found, "cut or complete these samples", sample))
+        problems.append(table.problem("not_finite", found, "cut or complete these samples", "t", sample))
         return problems
     step = np.diff(t)
     if step.size and np.all(step < 0):
-        return [_problem(table, "time_order", "time runs backwards throughout", "reverse the order of the samples", 1)]
+        return [
+            table.problem("time_order", "time runs backwards throughout", "reverse the order of the samples", "t", 1)
+        ]
     for found, where in (("repeats", step == 0), ("runs backwards", step < 0)):
         at = np.flatnonzero(where) + 1
         if at.size:
@@ -60,7 +62,7 @@ def order_problems(table: Table, t: Array) -> list[Problem]:
             if found == "repeats" and at.size > _FEW_DIGITS * t.size:
                 text = f"time was written with too few digits: {at.size} of {t.size} samples repeat the one before"
                 action = "write more digits, or cut the column of t and write 'sample rate: ... Hz' above the header"
-            problems.append(_problem(table, "time_order", text, action, int(at[0])))
+            problems.append(table.problem("time_order", text, action, "t", int(at[0])))
     return problems
 
 
@@ -93,10 +95,10 @@ def _longest_part(table: Table, t: Array, dt: float, gaps: NDArray[np.intp]) -> 
     )
     if kept < max(t.size // 2, SHORTEST):
         action = "split the file at the gaps, or accept interpolation across them with --resample"
-        problem = _problem(table, "gap", found, action, first)
+        problem = table.problem("gap", found, action, "t", first)
         return Grid(t, slice(0, t.size), None, (), (problem,))
     action = f"the longest part without gap is used: samples {part.start} to {part.stop - 1}, {kept} of {t.size}"
-    problem = _problem(table, "gap", found, action, first, severity="warning")
+    problem = table.problem("gap", found, action, "t", first, "warning")
     rest = _without_gaps(table, t, part)
     return Grid(rest.t, part, rest.stamps, (action, *rest.notes), (problem, *rest.problems))
 
@@ -116,7 +118,7 @@ def _without_gaps(table: Table, t: Array, part: slice) -> Grid:
         sample = part.start + int(np.argmax(np.abs(step - median))) + 1
         found = f"steps between {step.min():.4g} and {step.max():.4g} s (jitter {100 * jitter:.0f} % of the usual step)"
         action = "resample it with the tool that recorded it, or accept linear interpolation with --resample"
-        return Grid(t, slice(0, t.size), None, (), (_problem(table, "unequal_steps", found, action, sample),))
+        return Grid(t, slice(0, t.size), None, (), (table.problem("unequal_steps", found, action, "t", sample),))
     text = f"time stamps jitter by {100 * jitter:.1f} % of a step: interpolated linearly onto a uniform grid"
     grid = _interpolated(t, part, float(np.mean(step[~dropped])), text)
     if not dropped.any():
@@ -124,7 +126,7 @@ def _without_gaps(table: Table, t: Array, part: slice) -> Grid:
     lost = int(np.sum(np.rint(step[dropped] / median) - 1))
     found = f"{_count(lost, 'sample')} missing at {_count(int(dropped.sum()), 'place')}"
     first = part.start + int(np.argmax(dropped)) + 1
-    problem = _problem(table, "gap", found, "they were interpolated linearly", first, severity="warning")
+    problem = table.problem("gap", found, "they were interpolated linearly", "t", first, "warning")
     return replace(grid, problems=(problem,))
 
 
@@ -132,10 +134,6 @@ def _interpolated(t: Array, part: slice, dt: float, note: str) -> Grid:
     stamps = t[part]
     n = max(round((stamps[-1] - stamps[0]) / dt), 1) + 1
     return Grid(np.linspace(stamps[0], stamps[-1], n), part, stamps, (note,))
-
-
-def _problem(table: Table, rule: str, found: str, action: str, sample: int, severity: Severity = "error") -> Problem:
-    return Problem(table.file, rule, found, action, "t", sample, table.line(sample), severity)
 
 
 def _count(n: int, what: str) -> str:

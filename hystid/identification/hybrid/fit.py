@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hystid.comparison import mse, nrmse
+from hystid.comparison import nrmse
 from hystid.compiled import CompiledModel
 from hystid.errors import NumericalError
 from hystid.files import scratch
@@ -191,7 +191,6 @@ def _with_run(
     further: Mapping[str, Array],
 ) -> Prediction:
     """The prediction with the free run under the recording's force, from its first displacement and velocity."""
-    x, R = recording.channel("x"), recording.channel("R")
     names = {v.name for v in model.code.variables}
     start = {
         name: float(recording.channel(channel)[0])
@@ -203,6 +202,4 @@ def _with_run(
         run = model.simulate(inputs, recording.dt, parameters={**values, **start}, outputs=("x", "v", "a", "R"))
     except NumericalError as error:
         return replace(prediction, diverged=str(error))
-    return replace(
-        prediction, free_run=run, x_nrmse=nrmse(run["x"], x), R_nrmse=nrmse(run["R"], R), R_mse=mse(run["R"], R)
-    )
+    return prediction.with_run(recording, run)
