@@ -60,9 +60,12 @@ class Curve:
     def value(self, x: float, order: int = 0, before: float = math.inf) -> float:
         """Value or derivative at x. before: of a time table the next event; what lies behind it is not seen yet."""
         b = self.breaks
-        if x < self.first and not self._is_near(x, self.first, before):
+        if before <= self.first or (x < self.first and not self._is_near(x, self.first, before)):
             return 0.0
-        shift = math.floor((x - b[0]) / self.period) * self.period if self.outside == PERIODIC else 0.0
+        shift = 0.0
+        if self.outside == PERIODIC:
+            before -= _NEAR * self.period  # more than shifts are rounded by
+            shift = self._turns(x, before) * self.period
         k = self._stretch(x - shift, before - shift)
         inside = b[0] <= x - shift <= b[-1]
         s = x - shift - b[k]
@@ -74,6 +77,15 @@ class Curve:
             slope = self._polynomial(k, edge, 1)
             return self._polynomial(k, edge, 0) + slope * (s - edge) if order == 0 else slope if order == 1 else 0.0
         return self._polynomial(k, s, order)
+
+    def _turns(self, x: float, before: float) -> int:
+        """How many periods lie in front of what is seen at x."""
+        b = self.breaks
+        if x >= before:
+            return math.ceil((before - b[0]) / self.period) - 1
+        turns = math.floor((x - b[0]) / self.period)
+        end = b[0] + (turns + 1) * self.period
+        return turns + (end < before < math.inf and end - x <= _NEAR * (b[-1] - b[-2]))
 
     def _is_near(self, x: float, instant: float, before: float) -> bool:
         return instant < before and instant - x <= _NEAR * self.period
@@ -237,11 +249,15 @@ static double hy_curve(const double *data, double x, int order, double before)
     const double first = data[2], *b = data + 4, *c = b + n + (int)data[3], width = b[n - 1] - b[0];
     double edge, s, at;
     int k;
-    if (x < first && !(first < before && first - x <= 1e-9 * width)) return 0;
+    if (before <= first || (x < first && !(first < before && first - x <= 1e-9 * width))) return 0;
     if (outside == 3) {
-        const double shift = floor((x - b[0]) / width) * width;
-        x -= shift;
-        before -= shift;
+        double turns = floor((x - b[0]) / width);
+        const double end = b[0] + (turns + 1) * width;
+        before -= 1e-9 * width; /* more than shifts are rounded by */
+        if (x >= before) turns = ceil((before - b[0]) / width) - 1;
+        else if (end < before && before < INFINITY && end - x <= 1e-9 * (b[n - 1] - b[n - 2])) turns += 1;
+        x -= turns * width;
+        before -= turns * width;
     }
     k = hy_up_to(b, n, x, 1) - 1;
     if (x >= before) k = hy_up_to(b, n, before, 0) - 1;
