@@ -95,7 +95,7 @@ def read(path: Path) -> tuple[ModelProto, StepDescription]:
     given = {entry.key: entry.value for entry in proto.metadata_props}
     further = _further(path, given)
     if "units" in given and not isinstance(_entry(path, given, "units"), dict):
-        raise NetworkError(f"{path}: the metadata entry 'units' must be an object of names and units")
+        raise _wrong(path, "units", "must be an object of names and units")
     ports = _ports(path, proto.graph, [port.name for port in further])
     initial = _numbers(path, given, "initial_state")
     for name, (kind, info) in ports.items():
@@ -103,7 +103,7 @@ def read(path: Path) -> tuple[ModelProto, StepDescription]:
     names = [f"state[{i + 1}]" for i in range(len(initial))]
     layout = _entry(path, given, "state_layout") if "state_layout" in given else names
     if not isinstance(layout, list):
-        raise NetworkError(f"{path}: the metadata entry 'state_layout' must be a list of names")
+        raise _wrong(path, "state_layout", "must be a list of names")
     if len(layout) != len(initial):
         raise NetworkError(f"{path}: state_layout names {len(layout)} elements, initial_state has {len(initial)}")
     description = StepDescription(
@@ -168,10 +168,10 @@ def _further(path: Path, given: Mapping[str, str]) -> tuple[FurtherInput, ...]:
     except (AttributeError, KeyError, TypeError, ValueError):
         whole = False
     if not whole:
-        raise NetworkError(
-            f"{path}: the metadata entry 'inputs' must be a list of objects with name, unit and column, and a curve of "
-            "two ascending rows where there is one"
+        must = (
+            "must be a list of objects with name, unit and column, and a curve of two ascending rows where there is one"
         )
+        raise _wrong(path, "inputs", must)
     return found
 
 
@@ -191,12 +191,10 @@ def _lags(path: Path, given: Mapping[str, str], further: Sequence[FurtherInput],
     try:
         found = tuple(Lag(str(entry["source"]), float(entry["time"])) for entry in entries)
     except (KeyError, TypeError, ValueError):
-        raise NetworkError(
-            f"{path}: the metadata entry 'lags' must be a list of objects with source and time"
-        ) from None
+        raise _wrong(path, "lags", "must be a list of objects with source and time") from None
     known = {"v", *(port.name for port in further)}
     if any(lag.source not in known or not 0 < lag.time < math.inf for lag in found) or len(found) > elements:
-        raise NetworkError(f"{path}: the metadata entry 'lags' must name v or a further input, and times above 0 s")
+        raise _wrong(path, "lags", "must name v or a further input, and times above 0 s")
     return found
 
 
@@ -205,9 +203,7 @@ def _level(path: Path, given: Mapping[str, str], signals: int) -> Level | None:
         return None
     values = list(_numbers(path, given, "level"))
     if len(values) != 4 + 2 * signals:
-        raise NetworkError(
-            f"{path}: the metadata entry 'level' must hold {4 + 2 * signals} numbers, found {len(values)}"
-        )
+        raise _wrong(path, "level", f"must hold {4 + 2 * signals} numbers, found {len(values)}")
     return Level.from_numbers(values)
 
 
@@ -239,21 +235,23 @@ def _check_port(path: Path, kind: str, name: str, info: ValueInfoProto, size: in
         raise NetworkError(f"{path}: {kind} {name} must have {size} element(s) per sample, found shape {sizes}")
 
 
+def _wrong(path: Path, key: str, why: str) -> NetworkError:
+    return NetworkError(f"{path}: the metadata entry '{key}' {why}")
+
+
 def _entry(path: Path, given: Mapping[str, str], key: str) -> Any:
     if key not in given:
-        raise NetworkError(f"{path}: the metadata entry '{key}' is missing; 'hystid identify' writes it")
+        raise _wrong(path, key, "is missing; 'hystid identify' writes it")
     try:
         return json.loads(given[key])
     except (ValueError, RecursionError) as error:
-        raise NetworkError(f"{path}: the metadata entry '{key}' cannot be read: {given[key][:60]!r}") from error
+        raise _wrong(path, key, f"cannot be read: {given[key][:60]!r}") from error
 
 
 def _number(path: Path, given: Mapping[str, str], key: str, least: float) -> float:
     value = _entry(path, given, key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < math.inf:
-        raise NetworkError(
-            f"{path}: the metadata entry '{key}' must be a number of at least {least:g}, found {value!r}"
-        )
+        raise _wrong(path, key, f"must be a number of at least {least:g}, found {value!r}")
     return float(value)
 
 
@@ -262,9 +260,9 @@ def _numbers(path: Path, given: Mapping[str, str], key: str) -> tuple[float, ...
     if not isinstance(values, list) or not all(
         isinstance(value, int | float) and abs(value) < math.inf for value in values
     ):
-        raise NetworkError(f"{path}: the metadata entry '{key}' must be a list of numbers, found {str(values)[:60]}")
+        raise _wrong(path, key, f"must be a list of numbers, found {str(values)[:60]}")
     if not values:
-        raise NetworkError(f"{path}: the metadata entry '{key}' must hold at least one number")
+        raise _wrong(path, key, "must hold at least one number")
     return tuple(float(value) for value in values)
 
 
@@ -273,15 +271,11 @@ def _ranges(path: Path, given: Mapping[str, str]) -> dict[str, tuple[float, floa
     try:
         pairs = {str(name): (float(low), float(high)) for name, (low, high) in ranges.items()}
     except (AttributeError, TypeError, ValueError) as error:
-        raise NetworkError(
-            f"{path}: the metadata entry 'training_range' must hold [least, greatest] per signal"
-        ) from error
+        raise _wrong(path, "training_range", "must hold [least, greatest] per signal") from error
     wrong = [name for name, (low, high) in pairs.items() if not -math.inf < low <= high < math.inf]
     if wrong:
-        raise NetworkError(
-            f"{path}: the metadata entry 'training_range' of {wrong[0]} must be two numbers, least first"
-        )
+        raise _wrong(path, "training_range", f"of {wrong[0]} must be two numbers, least first")
     missing = {"x", "v"} - set(pairs)
     if missing:
-        raise NetworkError(f"{path}: the metadata entry 'training_range' lacks {min(missing)}")
+        raise _wrong(path, "training_range", f"lacks {min(missing)}")
     return pairs

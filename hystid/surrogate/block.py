@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import accumulate
 
 import numpy as np
 
@@ -21,12 +22,15 @@ INCLUDES = """\
 
 #include "hy_model.h"
 """
-FIRST_SLOT = 1  # slot 0 is time
 
 
 @dataclass(frozen=True)
 class Block:
-    """Sizes of the parts of the value block, in the order of ``hy_model.h``; the methods give first slots."""
+    """The value block in the order of ``hy_model.h``: the sizes of its parts and, from them, their first slots.
+
+    p: parameters, u: inputs, x: continuous states, dx: their derivatives, d: memory of the network, y: outputs, pre:
+    pre(d), w: private memory, as that of the latest sample. size: of the whole.
+    """
 
     n_p: int = 0
     n_u: int = 0
@@ -34,54 +38,21 @@ class Block:
     n_d: int = 0
     n_y: int = 0
     n_w: int = 0
+    p: int = field(init=False)
+    u: int = field(init=False)
+    x: int = field(init=False)
+    dx: int = field(init=False)
+    d: int = field(init=False)
+    y: int = field(init=False)
+    pre: int = field(init=False)
+    w: int = field(init=False)
+    size: int = field(init=False)
 
-    def _after(self, *sizes: int) -> int:
-        return FIRST_SLOT + sum(sizes)
-
-    @property
-    def p(self) -> int:
-        """Parameters."""
-        return FIRST_SLOT
-
-    @property
-    def u(self) -> int:
-        """Inputs."""
-        return self._after(self.n_p)
-
-    @property
-    def x(self) -> int:
-        """Continuous states."""
-        return self._after(self.n_p, self.n_u)
-
-    @property
-    def dx(self) -> int:
-        """Derivatives."""
-        return self.x + self.n_x
-
-    @property
-    def d(self) -> int:
-        """Memory of the network."""
-        return self.dx + self.n_x
-
-    @property
-    def y(self) -> int:
-        """Outputs."""
-        return self.d + self.n_d
-
-    @property
-    def pre(self) -> int:
-        """pre(d)."""
-        return self.y + self.n_y
-
-    @property
-    def w(self) -> int:
-        """Private memory: the latest sample."""
-        return self.pre + self.n_d
-
-    @property
-    def size(self) -> int:
-        """Length of the block."""
-        return self.w + self.n_w
+    def __post_init__(self) -> None:
+        sizes = (self.n_p, self.n_u, self.n_x, self.n_x, self.n_d, self.n_y, self.n_d, self.n_w)
+        first = accumulate(sizes, initial=1)  # slot 0 is time
+        for part, slot in zip(("p", "u", "x", "dx", "d", "y", "pre", "w", "size"), first, strict=True):
+            object.__setattr__(self, part, slot)
 
     def defines(self) -> str:
         """The first slots as C constants."""

@@ -19,7 +19,7 @@ from hystid.networks import onnx_reading
 from hystid.surrogate import block, reader
 from hystid.surrogate.emit import Functions, number, value_function
 from hystid.surrogate.identifiers import Names, identifier, readable
-from hystid.surrogate.network import Interface, interface_of
+from hystid.surrogate.network import Interface, Layout, interface_of
 from hystid.surrogate.program import Elementwise, MatMul, Port, Program
 from hystid.surrogate.restoring_force import interface_of_surrogate, is_surrogate
 
@@ -87,11 +87,9 @@ class _Text:
 
     def __init__(self, program: Program, interface: Interface, name: str, real: Real) -> None:
         self.program, self.interface, self.name, self.real = program, interface, name, real
-        by_name = {port.name: port for port in program.outputs}
-        self.inputs = [port for port in program.inputs if port.name not in interface.memory]
-        self.states = [port for port in program.inputs if port.name in interface.memory]
-        self.nexts = [by_name[interface.memory[port.name]] for port in self.states]
-        self.outputs = [port for port in program.outputs if port not in self.nexts]
+        layout = Layout.of(program, interface)
+        self.inputs, self.states = layout.inputs, layout.states
+        self.outputs, self.nexts = layout.outputs, layout.nexts
         self.functions: Functions = value_function(program, "network")
         taken = Names({"outside_training_range", "work", *_KEYWORDS})
         self.fields = {port.name: taken.unique(port.name) for port in (*program.inputs, *program.outputs)}

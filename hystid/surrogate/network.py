@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -82,11 +82,12 @@ def network_code(
 
 def block_code(program: Program, interface: Interface, title: str, description: str = "") -> ModelCode:
     """A compiled network as a ``ModelCode``: inputs -> outputs, with memory where the interface says so."""
-    layout = _Layout.of(program, interface)
+    layout = Layout.of(program, interface)
     text = functions(program, "network")
-    frame = replace_w(layout.block, layout.recorded + text.work)
+    frame = replace(layout.block, n_w=layout.recorded + text.work)
     c_text = _Frame(program, layout, frame, interface).text(block.text_of(text), title)
     known = _variables(layout, interface)
+    inputs = tuple(v.name for v in known if v.causality == "input")
     step = 1.0 / interface.sample_rate if interface.sample_rate else Experiment().step
     return block.signed(
         ModelCode(
@@ -95,7 +96,7 @@ def block_code(program: Program, interface: Interface, title: str, description: 
             variables=tuple(known),
             sources={"model.c": c_text},
             n_values=frame.size,
-            dependencies={v.name: _inputs(known) for v in known if v.causality == "output"},
+            dependencies={v.name: inputs for v in known if v.causality == "output"},
             has_forward=True,
             has_adjoint=True,
             has_memory=bool(layout.states),
@@ -104,15 +105,6 @@ def block_code(program: Program, interface: Interface, title: str, description: 
             experiment=Experiment(step=step, stop=round(1000 * step, 12)),
         )
     )
-
-
-def replace_w(sizes: Block, n_w: int) -> Block:
-    """The same block with another amount of private memory."""
-    return Block(sizes.n_p, sizes.n_u, sizes.n_x, sizes.n_d, sizes.n_y, n_w)
-
-
-def _inputs(variables: Sequence[Variable]) -> tuple[str, ...]:
-    return tuple(v.name for v in variables if v.causality == "input")
 
 
 def interface_of(program: Program, given: Mapping[str, str], memory: Mapping[str, str] | None = None) -> Interface:
@@ -183,7 +175,7 @@ def _check_pairs(program: Program, pairs: Mapping[str, str]) -> None:
 
 
 @dataclass(frozen=True)
-class _Layout:
+class Layout:
     """Ports by their part in the block, and their first slots there."""
 
     inputs: tuple[Port, ...]
@@ -194,7 +186,7 @@ class _Layout:
     outside: bool
 
     @staticmethod
-    def of(program: Program, interface: Interface) -> _Layout:
+    def of(program: Program, interface: Interface) -> Layout:
         """Sort the ports of a program."""
         by_name = {port.name: port for port in program.outputs}
         inputs = tuple(port for port in program.inputs if port.name not in interface.memory)
@@ -205,7 +197,7 @@ class _Layout:
             raise NetworkError("the network has no output besides its memory")
         outside = any(port.name in interface.training_range for port in inputs)
         n_u, n_d, n_y = (sum(port.view.size for port in ports) for ports in (inputs, states, outputs))
-        return _Layout(inputs, states, outputs, nexts, Block(n_u=n_u, n_d=n_d, n_y=n_y + outside), outside)
+        return Layout(inputs, states, outputs, nexts, Block(n_u=n_u, n_d=n_d, n_y=n_y + outside), outside)
 
     @property
     def recorded(self) -> int:
@@ -235,7 +227,7 @@ def element_names(port: Port, names: Names, given: Sequence[str] = ()) -> list[s
     return [f"{base}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
 
 
-def _variables(layout: _Layout, interface: Interface) -> list[Variable]:
+def _variables(layout: Layout, interface: Interface) -> list[Variable]:
     names, b = Names({"time"}), layout.block
     starts = layout.starts(interface)
     found: list[Variable] = []
@@ -303,7 +295,7 @@ class _Frame:
     """C text around a memory network: evaluation with a record of the latest sample, and derivatives."""
 
     program: Program
-    layout: _Layout
+    layout: Layout
     block: Block
     interface: Interface
 
