@@ -7,7 +7,8 @@ here only where a state goes by it: every other such parameter stays settable.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import replace
 
 from hystid.modelica.expr import ZERO, Expr, Op, Ref, nodes, refs, substitute
@@ -23,7 +24,8 @@ def scalarise_without_vanished(flat: FlatModel, parameters: Mapping[str, float])
     scalar = scalarise(flat, parameters)
     if not (moving := _derived(scalar.equations)):
         return scalar
-    zeros = _settled_zeros(scalar.variables)
+    if not (zeros := _settled_zeros(scalar.variables)):
+        return scalar
     still = _without_zeros(scalar, zeros, moving)
     if _derived(still) >= moving:
         return scalar
@@ -55,45 +57,50 @@ def _settled_zeros(variables: Mapping[str, ScalarVariable]) -> set[str]:
         for n, v in variables.items()
         if not v.flat.dims and (v.kind == "dependent" or (v.kind == "parameter" and (v.flat.evaluate or v.flat.final)))
     }
-    zeros: set[str] = set()
-    while more := {n for n, v in open_.items() if n not in zeros and _is_zero(v.binding, zeros)}:
-        zeros |= more
-    return zeros
+    zeros: dict[str, Expr] = {n: ZERO for n, v in open_.items() if v.binding == ZERO}
+    while more := {n for n, v in open_.items() if n not in zeros and v.binding and _at_zero(v.binding, zeros) == ZERO}:
+        zeros |= dict.fromkeys(more, ZERO)
+    return set(zeros)
 
 
-def _is_zero(expr: Expr | None, zeros: set[str]) -> bool:
-    return expr is not None and (expr == ZERO or _at_zero(expr, zeros) == ZERO)
-
-
-def _at_zero(expr: Expr, zeros: set[str]) -> Expr:
-    return substitute(expr, {n: ZERO for n in zeros}) if refs(expr) & zeros else expr
-
-
-def _without_zeros(scalar: ScalarModel, zeros: set[str], moving: set[str]) -> tuple[ScalarEquation, ...]:
+def _without_zeros(scalar: ScalarModel, zeros: Set[str], moving: Set[str]) -> tuple[ScalarEquation, ...]:
     """The equations with 0 for the zeros, and for unknowns that equations then state to be 0, in those of them that
     lead to a derivative; the others as they are, the same objects."""
     equations = list(scalar.equations)
-    waiting = list(range(len(equations)))
-    zeros = set(zeros)
-    found = True
-    while found:
-        found = False
-        for k in waiting:
-            e = equations[k]
-            for name, value in ((e.left, e.right), (e.right, e.left)):
-                if isinstance(name, Ref) and _may_be_zero(name.name, scalar, moving, zeros) and _is_zero(value, zeros):
-                    equations[k] = e if value == ZERO else ScalarEquation(name, ZERO, e.place)
-                    zeros.add(name.name)
-                    found = True
-        waiting = [k for k in waiting if not any(s == ZERO for s in (equations[k].left, equations[k].right))]
-    for k in waiting:
+    reading: dict[str, list[int]] = {}
+    for k, e in enumerate(equations):
+        for name in _read(e):
+            reading.setdefault(name, []).append(k)
+    values: dict[str, Expr] = {n: ZERO for n in zeros}
+    waiting = deque(k for k, e in enumerate(equations) if ZERO in (e.left, e.right))
+    waiting.extend(k for n in zeros for k in reading.get(n, ()))
+    while waiting:
+        k = waiting.popleft()
         e = equations[k]
-        if _read(e) & zeros and any(True for side in (e.left, e.right) for _ in _under_der(side)):
-            equations[k] = ScalarEquation(_at_zero(e.left, zeros), _at_zero(e.right, zeros), e.place)
+        for name, value in ((e.left, e.right), (e.right, e.left)):
+            if not isinstance(name, Ref) or name.name in values or not _may_be_zero(name.name, scalar, moving):
+                continue
+            if _at_zero(value, values) == ZERO:
+                equations[k] = e if value == ZERO else ScalarEquation(name, ZERO, e.place)
+                values[name.name] = ZERO
+                waiting.extend(reading[name.name])
+                break
+    for k in sorted({k for n in moving for k in reading[n]}):
+        e = equations[k]
+        if e is scalar.equations[k] and not values.keys().isdisjoint(_read(e)) and _holds_der(e):
+            equations[k] = ScalarEquation(_at_zero(e.left, values), _at_zero(e.right, values), e.place)
     return tuple(equations)
 
 
-def _may_be_zero(name: str, scalar: ScalarModel, moving: set[str], zeros: set[str]) -> bool:
+def _holds_der(e: ScalarEquation) -> bool:
+    return any(True for side in (e.left, e.right) for _ in _under_der(side))
+
+
+def _at_zero(expr: Expr, values: Mapping[str, Expr]) -> Expr:
+    return expr if values.keys().isdisjoint(refs(expr)) else substitute(expr, values)
+
+
+def _may_be_zero(name: str, scalar: ScalarModel, moving: Set[str]) -> bool:
     v = scalar.variables.get(name)
     return (
         v is not None
@@ -101,5 +108,4 @@ def _may_be_zero(name: str, scalar: ScalarModel, moving: set[str], zeros: set[st
         and v.flat.type == "Real"
         and v.flat.variability != "discrete"
         and name not in moving
-        and name not in zeros
     )
