@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -14,8 +15,9 @@ from onnx import TensorProto, helper
 from surrogate_harness import make_model, motion, random_model
 
 from hystid.errors import NetworkError
-from hystid.networks import TwoNetworkModel, onnx_reading
+from hystid.networks import TwoNetworkModel, onnx_reading, runtime
 from hystid.networks import onnx as exchange
+from hystid.validation.surrogate import open_surrogate
 
 
 def step_through(path: Path, x: np.ndarray, v: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -84,6 +86,39 @@ def test_a_failed_training_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(NetworkError, match="holds NaN"):
         exchange.write(model, tmp_path / "m.onnx")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_computes_something_else_is_neither_written_nor_validated(
+    saved: tuple[TwoNetworkModel, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, path = saved
+
+    def other(content: bytes, *rest: Any) -> str:
+        proto = onnx.load_from_string(content)
+        bias = next(tensor for tensor in proto.graph.initializer if tensor.name.endswith("restoring/bias1"))
+        bias.CopyFrom(onnx.numpy_helper.from_array(onnx.numpy_helper.to_array(bias) + 1e-3, bias.name))
+        return check(proto.SerializeToString(), *rest)
+
+    check = runtime.check
+    assert open_surrogate(path, None).notes == ()
+    monkeypatch.setattr(runtime, "check", other)
+    for act in (lambda: exchange.write(model, tmp_path / "m.onnx"), lambda: open_surrogate(path, None)):
+        with pytest.raises(NetworkError, match=r"\.onnx: ONNX Runtime computes R = .* where this program computes"):
+            act()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_the_runtime_cannot_run_is_told(saved: tuple[TwoNetworkModel, Path], tmp_path: Path) -> None:
+    """As an operator set that the runtime does not know."""
+    proto, path = onnx.load(saved[1]), tmp_path / "m.onnx"
+    for node in proto.graph.node:
+        if node.op_type == "Tanh":
+            node.domain = "elsewhere"
+    proto.opset_import.append(helper.make_opsetid("elsewhere", 1))
+    why = runtime.check(
+        proto.SerializeToString(), path, {}, saved[0].initial_state().tolist(), lambda signals: signals["x"]
+    )
+    assert "elsewhere" in why and "\n" not in why
 
 
 def drop(key: str) -> Callable[[onnx.ModelProto], None]:

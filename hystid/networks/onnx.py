@@ -11,7 +11,7 @@ Metadata are strings; those with structure are JSON. ``metadata_of`` lists them.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,16 @@ import numpy as np
 import onnx
 from onnx import GraphProto, NodeProto, TensorProto, ValueInfoProto, helper, numpy_helper
 
+from hystid.errors import NetworkError
 from hystid.files import atomic
+from hystid.networks import runtime
 from hystid.networks.level import Level
 from hystid.networks.model import TwoNetworkModel
 from hystid.networks.onnx_reading import TURNING_POINTS, check_finite
 from hystid.networks.perceptron import Network
 from hystid.networks.ports import FurtherInput, Lag
 from hystid.networks.trust import Spread
+from hystid.numeric import Array
 from hystid.rotation import turned_unit
 
 OPERATOR_SET = 17
@@ -37,7 +40,8 @@ UNITS = {"x": "m", "v": "m/s", "R": "N", "mass": "kg", "sample_rate": "Hz", "vel
 def write(model: TwoNetworkModel, path: Path) -> None:
     """Write an identified model as one stateful step, float64, with everything that is needed to run it.
 
-    The graph computes exactly the rule stated at ``TwoNetworkModel``. Raises NetworkError when a weight is not finite.
+    The graph computes exactly the rule stated at ``TwoNetworkModel``. Raises NetworkError when a weight is not finite,
+    and where ONNX Runtime computes other forces from the file than the model does.
     """
     proto = helper.make_model(
         _graph(model),
@@ -50,8 +54,19 @@ def write(model: TwoNetworkModel, path: Path) -> None:
     helper.set_model_props(proto, metadata_of(model))
     check_finite(proto, Path(path))
     onnx.checker.check_model(proto, full_check=True)
+    content = proto.SerializeToString()
+    _check_by_runtime(model, content, Path(path))
     with atomic(Path(path)) as beside:
-        beside.write_bytes(proto.SerializeToString())
+        beside.write_bytes(content)
+
+
+def _check_by_runtime(model: TwoNetworkModel, content: bytes, path: Path) -> None:
+    def forces(signals: Mapping[str, Array]) -> Array:
+        return model.response(signals["x"], signals["v"], inputs=signals)[0]
+
+    why = runtime.check(content, path, model.training_range, model.initial_state().tolist(), forces)
+    if why:
+        raise NetworkError(f"{path}: ONNX Runtime cannot run the file: {why}")
 
 
 def metadata_of(model: TwoNetworkModel) -> dict[str, str]:
@@ -286,6 +301,3 @@ def _network(g: _Graph, network: Network, inputs: Sequence[str], label: str) -> 
     gain = g.constant(f"{label}/output_gain", network.output_gain)
     offset = g.constant(f"{label}/output_offset", network.output_offset)
     return g.node("Add", [g.node("Mul", [signal, gain], f"{label}/physical"), offset], f"{label}/output")
-
-
-# reading

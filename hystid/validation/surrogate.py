@@ -14,7 +14,7 @@ from hystid.errors import RecordingError, UsageError
 from hystid.files import scratch
 from hystid.fmu import Driver
 from hystid.fmu.door import read_entry
-from hystid.networks import FurtherInput, onnx_reading
+from hystid.networks import FurtherInput, onnx_reading, runtime
 from hystid.networks.level import Level
 from hystid.recording import Array, Recording
 from hystid.simulation import driven
@@ -143,14 +143,23 @@ def _from_network(path: Path, mass: float | None) -> Surrogate:
     kilograms = about.mass if mass is None else mass
     oscillator = CompiledModel(oscillator_code(path, mass=kilograms)) if kilograms else None
     states = tuple(f"state[{slot + 1}]" for slot in force_slots(about))
+    block, dt = CompiledModel(surrogate_code(path)), 1 / about.sample_rate
+    why = runtime.check(
+        path.read_bytes(),
+        path,
+        about.training_range,
+        about.initial_state,
+        lambda signals: block.simulate(signals, dt, outputs=("R",), substeps=0)["R"],
+    )
     return Surrogate(
         "onnx",
         kilograms,
         about.sample_rate,
         about.training_range,
-        CompiledModel(surrogate_code(path)),
+        block,
         oscillator,
         states,
+        notes=(f"ONNX Runtime cannot run the file, which is checked by our own code alone: {why}",) if why else (),
         inputs=about.inputs,
         late={f"state[{slot + 1}]": source for slot, source in about.late.items()},
         level=about.level,
@@ -165,7 +174,9 @@ def _from_surrogate_fmu(path: Path, driver: Driver, mass: float | None) -> Surro
                 "the closed loop runs the network that the FMU carries, integrated with the mass as oscillator.fmu does"
             )
             inner = _from_network(network, mass)
-            return replace(inner, kind="surrogate", force_block=driver, notes=(note,) if inner.mass else ())
+            return replace(
+                inner, kind="surrogate", force_block=driver, notes=(*inner.notes, *((note,) if inner.mass else ()))
+            )
     note = "no free run: this FMU carries no network of ours; give the oscillator's FMU for one"
     return Surrogate("surrogate", mass or 0.0, None, {}, driver, None, notes=(note,), inputs=_inputs_of(driver))
 
