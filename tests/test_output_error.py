@@ -7,8 +7,8 @@ import pytest
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Unknown
+from hystid.diagnosis.model.freerun import error, free_run
 from hystid.diagnosis.prepare.segments import Part, prepare_part
-from hystid.diagnosis.prove.freerun import error, free_run
 from hystid.diagnosis.prove.output_error import output_error_fit
 from hystid.modelica import compile_model
 from hystid.recording import Recording, read

@@ -333,6 +333,12 @@ def _product(share: float, factors: int) -> float:
     return share * sum((-math.log(share)) ** k / math.factorial(k) for k in range(factors))
 
 
+def leaves_noise(problem: Problem, fit: Fit) -> bool:
+    """Whether noise, and the error of the preparation, are all that a fit of the baseline leaves."""
+    criterion = Criterion(problem, fit, 1)
+    return criterion.is_reached(criterion.misfit(fit, criterion.floor))
+
+
 def zero_probability(share: float) -> float:
     """Probability that a constant force is the zero of a sensor: how far sensors are off (half-normal, ``ZERO``)
     against a preload of any size up to that of the motion.

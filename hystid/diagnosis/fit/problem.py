@@ -198,13 +198,15 @@ class Problem:
     def balance_shown(self, hypothesis: Hypothesis) -> list[Array]:
         """The balance for people [N]: with the smoothed acceleration where it was derived, whose noise hides the rest.
 
-        A fit whitens that noise instead, which no eye does.
+        A fit whitens that noise instead, which no eye does. Slow forces, where no channel shows slow motion, are left
+        out.
         """
         mass = hypothesis.mass()
-        return [
+        shown = [
             self.force_at(i, hypothesis.delay) - mass * part.shown_acceleration - force
             for i, (part, force) in enumerate(zip(self.parts, self.predicted(hypothesis), strict=True))
         ]
+        return [one - part.slow(one) if part.lowest else one for part, one in zip(self.parts, shown, strict=True)]
 
     def force_at(self, index: int, delay: float) -> Array:
         """Measured force, moved earlier by a number of samples of the first recording."""

@@ -161,11 +161,7 @@ class Reduction:
 
     def _seen(self, part: Part) -> float:
         """Share of the band of the rows in which the motion of a part can be seen."""
-        if not part.lowest:
-            return 1.0
-        omega = np.linspace(0.0, np.pi / self.block, 2049)[1:]
-        high = (omega / part.first) ** 8
-        return float(np.mean(high / (1.0 + high)))
+        return float(np.mean(part.seen(np.linspace(0.0, np.pi / self.block, 2049)[1:])))
 
     def used(self, index: int) -> Flags:
         """Samples of one part of which rows are made, (n,), where all of them are taken."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, rfft
 from scipy.ndimage import uniform_filter1d
 
 from hystid.diagnosis.prepare.decay import MODEL_ERROR
@@ -84,6 +85,21 @@ class Part:
     def first(self) -> float:
         """Lowest visible frequency [rad per sample]."""
         return self.lowest * self.dt
+
+    def seen(self, omega: Array) -> Array:
+        """Share of the motion that can be seen at angular frequencies [rad per sample]."""
+        if not self.lowest:
+            return np.ones_like(omega)
+        high = (omega / self.first) ** 8
+        return np.asarray(high / (1.0 + high))
+
+    def slow(self, column: Array, octaves: int = 0) -> Array:
+        """What of a column (n,) lies below the lowest visible frequency, or so many octaves above it. At the ends the
+        column goes on as its mirror image."""
+        n, mirrored = len(column), np.concatenate([column[::-1], column, column[::-1]])
+        omega = 2 * np.pi * np.arange(len(mirrored) // 2 + 1) / len(mirrored)
+        share = 1.0 - self.seen(omega / 2**octaves)
+        return np.asarray(irfft(rfft(mirrored) * share, len(mirrored))[n : 2 * n])
 
     def force_advanced(self, delay: float) -> Array:
         """The force, earlier by a number of samples of the first recording: a clock is late by a time."""

@@ -16,8 +16,7 @@ import numpy as np
 
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Unknown, get, put
-from hystid.diagnosis.prepare.segments import Part
-from hystid.diagnosis.prove.freerun import (
+from hystid.diagnosis.model.freerun import (
     SUBSTEPS,
     diverges,
     driven,
@@ -27,6 +26,7 @@ from hystid.diagnosis.prove.freerun import (
     runs_from,
     start_of,
 )
+from hystid.diagnosis.prepare.segments import Part
 from hystid.numeric import Array
 
 Settings = Callable[[Hypothesis], Mapping[str, float]]

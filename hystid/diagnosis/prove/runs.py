@@ -12,9 +12,9 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis.decide.answer import Answer, refit_values
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.windows import for_recording, has_own_windows
+from hystid.diagnosis.model.freerun import diverges, error, errors
 from hystid.diagnosis.prepare.segments import Part
 from hystid.diagnosis.prove.extended import CLASS, Skeleton, extended_model, settings_of
-from hystid.diagnosis.prove.freerun import diverges, error, errors
 from hystid.diagnosis.prove.output_error import output_error_fit
 from hystid.errors import FmuError, NumericalError
 from hystid.files import scratch

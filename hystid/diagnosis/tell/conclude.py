@@ -16,11 +16,11 @@ from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.fit.zeros import zeros_instead
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
 from hystid.diagnosis.model.baseline import Baseline
+from hystid.diagnosis.model.freerun import errors
 from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.resonances import resonances, several_masses
 from hystid.diagnosis.prepare.segments import prepare_part
 from hystid.diagnosis.prove.extended import Kind, Skeleton
-from hystid.diagnosis.prove.freerun import errors
 from hystid.diagnosis.prove.runs import Run, Runs, free_runs
 from hystid.diagnosis.tell import locate
 from hystid.diagnosis.tell.advice import next_experiment
