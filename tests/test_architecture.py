@@ -25,7 +25,7 @@ LAYERS = [
     {"modelica", "networks", "compiled", "smoothing"},
     {"surrogate"},
     {"fmu"},
-    {"simulation", "building"},
+    {"simulation", "building", "modelica_text"},
     {"validation"},
     {"identification", "diagnosis"},
     {"study"},
@@ -44,6 +44,7 @@ ONLY_IN = {
     "pint": {"units"},
     "plotly": {"report"},
     "onnx": {"networks", "surrogate"},
+    "onnxruntime": {"networks"},
     "distributed": {"study"},
     "typer": {"cli"},
 }

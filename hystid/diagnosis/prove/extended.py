@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -13,6 +12,7 @@ from hystid.diagnosis.fit.hypothesis import Hypothesis, Term, is_source
 from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.fit.windows import WINDOW, window_names
 from hystid.diagnosis.model.channel_effects import ChannelEffect
+from hystid.modelica_text import class_texts, modifiers
 
 CLASS = "Extended"
 _WINDOW = "Window"  # ending of the instance that lets an effect act for a part of the time
@@ -69,8 +69,8 @@ def extended_model(
             f"  {name}.{port} = {hysteresis if port == 'h' and hysteresis else signal};" for port, signal in ports
         ]
     lines += ["equation", *equations] if equations else []
-    blocks = [text.strip() for text in (baseline.text, *(own or {}).values()) if text]
-    return "\n".join([*lines, f"end {CLASS};", *(_WITHIN.sub("", block) for block in blocks)]) + "\n"
+    blocks = [class_texts(text) for text in (baseline.text, *(own or {}).values()) if text]
+    return "\n".join([*lines, f"end {CLASS};", *blocks]) + "\n"
 
 
 def _instance(kind: str, name: str, values: Mapping[str, Value]) -> list[str]:
@@ -106,7 +106,7 @@ def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[l
         told = "  // The FMU is a closed binary that Modelica cannot extend: connect F_rig to its input F."
         return [told, *_SIGNALS], _PORTS, [f"  f = {sums or 0};", "  F_rig = F - f;"]
     named = {baseline.mass if name == "m" else name: value for name, value in refit.items()}
-    changes = _nested({name: _number(value.value) for name, value in named.items() if name})
+    changes = modifiers({name: _number(value.value) for name, value in named.items() if name})
     mass = f"rig.{baseline.mass}" if baseline.mass else _number(baseline.inner_mass)
     head = [*_RIG, f"  {_class(baseline.name)} rig(", *_joined(changes, "    "), "  );"]
     effects = f" - ({sums})" if sums else ""
@@ -114,19 +114,7 @@ def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[l
     return head, (*_PORTS[:3], ("h", "0")), equations
 
 
-def _nested(values: Mapping[str, str]) -> list[str]:
-    """Modifiers; what belongs to a component stands in its parentheses: mass(m = 2, L = 0)."""
-    own = [f"{name} = {value}" for name, value in values.items() if "." not in name]
-    inside: dict[str, dict[str, str]] = {}
-    for name, value in values.items():
-        component, _, rest = name.partition(".")
-        if rest:
-            inside.setdefault(component, {})[rest] = value
-    return own + [f"{component}({', '.join(_nested(rest))})" for component, rest in inside.items()]
-
-
 Ports = tuple[tuple[str, str], ...]
-_WITHIN = re.compile(r"^\s*within\b[^;]*;\s*")
 _SIGNALS = (
     '  input Real F(unit = "N") "Excitation";',
     '  input Real x(unit = "m") "Displacement";',

@@ -22,8 +22,7 @@ from hystid.fmu import build
 from hystid.fmu.coupling import simulate_with_effects
 from hystid.fmu.door import OpenedFmu, open_fmu
 from hystid.fmu.ssp import Connection, write_ssp
-from hystid.modelcode import ModelCode
-from hystid.modelica import compile_model
+from hystid.modelica_text import compile_text
 from hystid.numeric import Array
 
 _LONGEST = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
@@ -60,7 +59,7 @@ def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Run
         last = choice.after.hypothesis
         end = base.settings(last.parameters())
         return Runs(answer, text, before, _beside_fmu(skeleton.name, text, groups, end, last.delay))
-    extended = CompiledModel(compile_text(text))
+    extended = CompiledModel(compile_text(text, CLASS))
     notes: tuple[str, ...] = ()
     if answer.is_model():
         answer, notes = _output_error(answer, skeleton, extended)
@@ -84,7 +83,7 @@ def _beside_fmu(
     if rig.model_exchange is None or samples > _LONGEST:
         return none
     with scratch() as folder:
-        build(compile_text(text), Path(folder, "effects.fmu"))
+        build(compile_text(text, CLASS), Path(folder, "effects.fmu"))
         effects = open_fmu(Path(folder, "effects.fmu"))
         found = []
         for parts in groups:
@@ -140,14 +139,6 @@ def written(answer: Answer, skeleton: Skeleton) -> str:
     """Text of the extended model."""
     refit = refit_values(answer, answer.choice.after)
     return extended_model(skeleton, refit, answer.terms(), answer.remarks(), answer.own_blocks())
-
-
-def compile_text(text: str) -> ModelCode:
-    """ModelCode of the class ``Extended`` in a text."""
-    with scratch() as folder:
-        path = Path(folder, "extended.mo")
-        path.write_text(text, encoding="utf-8")
-        return compile_model(f"{path}:{CLASS}")
 
 
 def write_beside(rig: str, refit: Mapping[str, float], effects: Path, out: Path) -> Path | None:

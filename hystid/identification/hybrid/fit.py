@@ -15,7 +15,6 @@ import numpy as np
 from hystid.comparison import nrmse
 from hystid.compiled import CompiledModel
 from hystid.errors import NumericalError
-from hystid.files import scratch
 from hystid.identification import data
 from hystid.identification.hybrid.law import Law
 from hystid.identification.hybrid.package import OSCILLATOR, package_text
@@ -24,7 +23,7 @@ from hystid.identification.inputs import columns_of
 from hystid.identification.methods import Plan, Trained, weights_of
 from hystid.identification.prediction import Prediction, at_rate, begin
 from hystid.identification.result import Comparison
-from hystid.modelica import compile_model
+from hystid.modelica_text import compile_text
 from hystid.networks import TwoNetworkModel
 from hystid.networks.ensemble import refine_ensemble
 from hystid.networks.joint import Sequences
@@ -64,7 +63,7 @@ def combine(
     work = _Work(law, replace(plan, mass=0.0, level=None), used, limits)
     alone, state = work.run()
     text = package_text(law, state.values, state.model, state.share, plan.mass)
-    both = compiled(text) if plan.mass else None
+    both = CompiledModel(compile_text(text, OSCILLATOR)) if plan.mass else None
     pairs = []
     for item in comparisons:
         record = item.recording
@@ -172,14 +171,6 @@ def residual_force(model: TwoNetworkModel, recording: Recording, physics: Array)
 def _response(model: TwoNetworkModel, recording: Recording) -> Array:
     x, v, further, start = begin(model, recording)
     return at_rate(model, recording).members_response(x, v, start, further)[0]
-
-
-def compiled(text: str) -> CompiledModel:
-    """The oscillator of a package's text, in this process."""
-    with scratch() as folder:
-        file = folder / "hybrid.mo"
-        file.write_text(text, encoding="utf-8")
-        return CompiledModel(compile_model(f"{file}:{OSCILLATOR}"))
 
 
 def _with_run(

@@ -197,8 +197,3 @@ def _is_free(v: Variable) -> bool:
 
 def _number(limit: float | None, without: float) -> float:
     return without if limit is None else float(limit)
-
-
-def class_texts(text: str) -> str:
-    """Classes of a file as they stand inside a package: without a ``within`` clause."""
-    return re.sub(r"^\s*within\b[^;]*;\s*", "", text, flags=re.MULTILINE).strip()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from hystid.identification.hybrid.law import Law, class_texts
+from hystid.identification.hybrid.law import Law
+from hystid.modelica_text import class_texts, modifiers
 from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.perceptron import Network
 from hystid.recording import Array
@@ -124,7 +124,7 @@ def _oscillator(law: Law, values: Mapping[str, float], residual: TwoNetworkModel
         '    output Real R(unit = "N") "Restoring force";',
         '    output Real R_physics(unit = "N") "Share of the law";',
         '    output Real R_network(unit = "N") "Share of the networks";',
-        f"    {law.name} law({_nested(settings)});",
+        f"    {law.name} law({', '.join(modifiers(settings))});",
         "    Network network;",
         "  equation",
         "    law.F = F - R_network;",
@@ -139,25 +139,6 @@ def _oscillator(law: Law, values: Mapping[str, float], residual: TwoNetworkModel
         "    R = R_physics + R_network;",
         "  end Oscillator;",
     ]
-
-
-def _nested(settings: Mapping[str, str]) -> str:
-    """Modifiers by dotted name as Modelica writes them: {"gap.k": "1"} as ``gap(k = 1)``."""
-    tree: dict[str, Any] = {}
-    for name, value in settings.items():
-        *path, last = name.split(".")
-        place = tree
-        for part in path:
-            place = place.setdefault(part, {})
-        place[last] = value
-
-    def written(branch: Mapping[str, Any]) -> str:
-        return ", ".join(
-            f"{name}({written(value)})" if isinstance(value, dict) else f"{name} = {value}"
-            for name, value in branch.items()
-        )
-
-    return written(tree)
 
 
 def _vector(values: Array | Sequence[float]) -> str:
