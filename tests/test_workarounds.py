@@ -307,6 +307,23 @@ model A
 end A;""",
         "y", 123.0, "expression shape mismatch",
     ),
+    "external_functions": (
+        """
+function solve
+  input Real A[:, size(A, 1)];
+  input Real B[size(A, 1), :];
+  output Real X[size(A, 1), size(B, 2)] = B;
+  output Integer info;
+protected
+  Integer n = size(A, 1), nrhs = size(B, 2), pivots[size(A, 1)];
+  Real work[size(A, 1), size(A, 1)] = A;
+external "FORTRAN 77" dgesv(n, nrhs, work, n, pivots, X, n, info);
+end solve;
+model A
+  Real x[2, 1] = solve({{0, 2}, {4, 1}}, {{2}, {5}}), y = x[1, 1] + 10*x[2, 1];
+end A;""",
+        "y", 11.0, "external function",
+    ),
 }  # fmt: skip
 
 

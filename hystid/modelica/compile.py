@@ -33,6 +33,7 @@ from hystid.modelica.workarounds.dropped_modifiers import (
     refuse_undecided,
     with_acting_modifiers,
 )
+from hystid.modelica.workarounds.external_functions import with_plain_externals
 from hystid.modelica.workarounds.function_bindings import with_counted_bindings
 from hystid.modelica.workarounds.function_bodies import with_readable_functions
 from hystid.modelica.workarounds.homotopy_arguments import with_arguments_in_place
@@ -148,7 +149,7 @@ def _unfolded(source: Source) -> Source:
 def _in_words_that_it_takes(source: Source) -> Source:
     """Statements and equations, one after the other: each pass reads what the last one wrote."""
     for reworded in (
-        with_readable_functions, with_elements_of_arrays, with_arguments_in_place,
+        with_plain_externals, with_readable_functions, with_elements_of_arrays, with_arguments_in_place,
         with_derivatives_in_branches, with_known_starts, with_real_delays,
     ):  # fmt: skip
         source = reworded(source)
