@@ -164,7 +164,7 @@ def grid(part: Part) -> None:
     part.picture("", "Held-out errors of 30 starts of each structure (published method)", panels, 1, size=(960, 260))
 
 
-def row(spread: study.Spread) -> str:
+def row(spread: study.Quartiles) -> str:
     levels = (spread.best, spread.lower, spread.median, spread.upper, spread.worst)
     return " / ".join("diverged" if np.isinf(level) else f"{level:.4f}" for level in levels)
 

@@ -51,7 +51,7 @@ class _Table(ctypes.Structure):
 
 
 @dataclass(frozen=True)
-class Column:
+class GivenSignal:
     """One given signal: samples (n,) and how it runs between them; slopes (n,) [unit/s] make it a cubic Hermite."""
 
     slot: int
@@ -71,7 +71,7 @@ class Column:
         return first, first if self.slopes is None else _place(self.slopes)
 
 
-class Columns(tuple[Column, ...]):
+class GivenSignals(tuple[GivenSignal, ...]):
     """Given signals as the C side reads them; many runs share them."""
 
     @cached_property
@@ -108,7 +108,7 @@ class Settings:
 class Run:
     """One table for the runner: a job in value references."""
 
-    columns: Columns
+    columns: GivenSignals
     rows: int
     dt: float
     settings: Settings
@@ -117,7 +117,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Responses:
     """Outputs (n_outputs, rows) and, where seeds were asked for, gradients (n_outputs, n_seeds, rows).
 
     is_finite: whether every number of the call is; it says nothing where false.
@@ -142,7 +142,7 @@ class TableRunner:
         self._library = library
         self._name = name
 
-    def run_all(self, runs: Sequence[Run], outputs: Sequence[int], seeds: Sequence[int] = ()) -> list[Outcome]:
+    def run_all(self, runs: Sequence[Run], outputs: Sequence[int], seeds: Sequence[int] = ()) -> list[Responses]:
         """Run tables, side by side where the model integrates: half the time of one by one, and the same bits.
 
         outputs, seeds: value references. Raises NumericalError with the model's own words where a step fails or an
@@ -169,7 +169,7 @@ class TableRunner:
         return f"{self._name}: the model {_OUTCOMES.get(outcome, 'failed')} at {where}: {reason}"
 
 
-def _mode(column: Column) -> int:
+def _mode(column: GivenSignal) -> int:
     return _HOLD if column.held else _LINEAR if column.slopes is None else _HERMITE
 
 
@@ -188,14 +188,14 @@ class _Wanted:
             first += 8 * self._each * run.rows
         self._rows = np.array(addresses, np.uintp)
 
-    def outcomes(self) -> list[Outcome]:
+    def outcomes(self) -> list[Responses]:
         """What the C side has written."""
         (n, seeds), first, found = self._counts, 0, []
         finite = bool(np.isfinite(np.add.reduce(self._block)))
         for run in self._runs:
             part = self._block[first : first + self._each * run.rows]
             gradients = part[n * run.rows :].reshape(n, seeds, run.rows)
-            found.append(Outcome(part[: n * run.rows].reshape(n, run.rows), gradients, finite))
+            found.append(Responses(part[: n * run.rows].reshape(n, run.rows), gradients, finite))
             first += len(part)
         return found
 

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hystid.batch import Column, Columns, Run, Settings, TableRunner
+from hystid.batch import GivenSignal, GivenSignals, Run, Settings, TableRunner
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
 from hystid.numeric import Array
@@ -35,7 +35,7 @@ _HEADERS = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_strip.h"
 class Job:
     """One run: given signals, sample grid, values set before the start (name -> value), and what is wanted."""
 
-    columns: Columns
+    columns: GivenSignals
     rows: int
     dt: float
     start_time: float
@@ -51,7 +51,7 @@ class Motion:
     dt: sample time [s]. substeps: Runge-Kutta steps per sample.
     """
 
-    columns: Columns = field(repr=False)
+    columns: GivenSignals = field(repr=False)
     rows: int
     dt: float
     substeps: int = 1
@@ -107,7 +107,7 @@ class CompiledModel:
         columns = [self._input(name, values, dt, interpolation) for name, values in inputs.items()]
         settings = {**(parameters or {}), **(start or {})}
         return self._run(
-            Job(Columns(columns), _rows(columns, rows), dt, start_time, settings, tuple(outputs), substeps)
+            Job(GivenSignals(columns), _rows(columns, rows), dt, start_time, settings, tuple(outputs), substeps)
         )
 
     def clamp(
@@ -132,7 +132,7 @@ class CompiledModel:
         """
         columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
         settings = {**(parameters or {}), **(start or {})}
-        job = Job(Columns(columns), _rows(columns, None), dt, start_time, settings, tuple(outputs), substeps)
+        job = Job(GivenSignals(columns), _rows(columns, None), dt, start_time, settings, tuple(outputs), substeps)
         if not sensitivities:
             return self._run(job)
         if self._forward_is_exact(frozenset(states), job, sensitivities):
@@ -152,7 +152,7 @@ class CompiledModel:
         runs."""
         _check_steps(self.code.name, dt, substeps)
         columns = [*self._motion(states, dt), *(self._input(name, u, dt, interpolation) for name, u in inputs.items())]
-        return Motion(Columns(columns), _rows(columns, None), dt, substeps)
+        return Motion(GivenSignals(columns), _rows(columns, None), dt, substeps)
 
     def follow(
         self,
@@ -225,7 +225,7 @@ class CompiledModel:
             return f"set the parameter '{known.name}' instead"
         return "set the parameters that its start or its initial equation takes"
 
-    def _input(self, name: str, values: ArrayLike, dt: float, interpolation: Interpolation) -> Column:
+    def _input(self, name: str, values: ArrayLike, dt: float, interpolation: Interpolation) -> GivenSignal:
         variable = self._find(name)
         if variable.causality != "input":
             raise UsageError(f"{self.code.name}: '{name}' is not an input")
@@ -234,9 +234,9 @@ class CompiledModel:
             raise UsageError(f"interpolation must be hold, linear or cubic, not '{interpolation}'")
         held = interpolation == "hold" or variable.variability == "discrete" or variable.type != "Real"
         slopes = slopes_of(samples, dt) if interpolation == "cubic" and not held else None
-        return Column(variable.slot, samples, held, slopes)
+        return GivenSignal(variable.slot, samples, held, slopes)
 
-    def _motion(self, states: Mapping[str, ArrayLike], dt: float) -> list[Column]:
+    def _motion(self, states: Mapping[str, ArrayLike], dt: float) -> list[GivenSignal]:
         samples = {name: _samples(self.code.name, name, values) for name, values in states.items()}
         for name in samples:
             if name not in self.code.states:
@@ -246,7 +246,9 @@ class CompiledModel:
                 )
         partners = self._derivative_partners(frozenset(samples))
         return [
-            Column(self._find(name).slot, x, slopes=samples[partners[name]] if name in partners else slopes_of(x, dt))
+            GivenSignal(
+                self._find(name).slot, x, slopes=samples[partners[name]] if name in partners else slopes_of(x, dt)
+            )
             for name, x in samples.items()
         ]
 
@@ -257,9 +259,9 @@ class CompiledModel:
             derivatives = {v.derivative_of: v.slot for v in self.code.variables if v.derivative_of in states}
             if len(states) > 1 and derivatives:
                 given = {name: 1e-3 * (1 + 0.37 * i) for i, name in enumerate(sorted(states))}
-                columns = [Column(self._find(name).slot, np.array([value])) for name, value in given.items()]
+                columns = [GivenSignal(self._find(name).slot, np.array([value])) for name, value in given.items()]
                 slots = list(derivatives.values())
-                one = Run(Columns(columns), 1, 1.0, Settings.of({}))
+                one = Run(GivenSignals(columns), 1, 1.0, Settings.of({}))
                 values = self._runner.run_all([one], slots)[0].outputs[:, 0]
                 found = {
                     state: other
@@ -345,7 +347,7 @@ def _samples(model: str, name: str, values: ArrayLike) -> Array:
     return samples
 
 
-def _rows(columns: Sequence[Column], rows: int | None) -> int:
+def _rows(columns: Sequence[GivenSignal], rows: int | None) -> int:
     lengths = {len(column.samples) for column in columns} | ({rows} if rows is not None else set())
     if len(lengths) != 1:
         found = ", ".join(map(str, sorted(lengths))) or "none"

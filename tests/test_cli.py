@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hystid.cli.options import Reading, layer_sizes, numbers, pairs, parameter_file
+from hystid.cli.options import ReadingOptions, layer_sizes, numbers, pairs, parameter_file
 from hystid.cli.run import run, spread
 from hystid.errors import UsageError
 from hystid.recording import Recording, write_csv
@@ -177,5 +177,5 @@ def test_warnings_of_recordings_reach_the_user(tmp_path: Path, capsys: pytest.Ca
     late = t + np.where(np.arange(200) >= 20, 0.3, 0.0)
     x = 1e-3 * np.sin(60 * t)
     write_csv(Recording("gap", late, F=5e4 * x + 2 * np.cos(60 * t), x=x), tmp_path / "gap.csv")
-    Reading().load([tmp_path / "gap.csv"])
+    ReadingOptions().load([tmp_path / "gap.csv"])
     assert "hystid: warning: gap.csv" in capsys.readouterr().err

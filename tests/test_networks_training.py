@@ -184,7 +184,7 @@ def sequences(request):
         level = 1 + 0.5 * np.sin(2 * t)  # of the friction: the first further input; the second has no effect
         further = np.stack([level, np.cos(5 * t)])[: request.param]
         R = 3 * x + 0.1 * v + (level if request.param else 1) * np.tanh(2 * v) + 0.01 * rng.normal(size=len(t))
-        motions.append(joint.Motion(x, v, R, further))
+        motions.append(joint.Trajectory(x, v, R, further))
     return joint.Sequences.of(motions, TurningPoints())
 
 

@@ -26,7 +26,7 @@ from hystid.report.curves import (
     spectra,
     window_of,
 )
-from hystid.report.linked import Linked, Signal, windows
+from hystid.report.linked import Linked, Series, windows
 from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent, with_error
 from hystid.report.plots import (
     Axis,
@@ -58,8 +58,8 @@ def views(name: str, n: int = 5000) -> Linked:
     """Linked views of a sine, long enough for a slider."""
     t = np.arange(n) * 1e-3
     x, v = np.sin(2 * np.pi * 5 * t), np.cos(2 * np.pi * 5 * t)
-    forces = [Signal("measured", 2 * x + np.sign(v), "measured", dots=True), Signal(name, 2 * x, "before")]
-    return Linked.of((t, x, v), forces, [Signal(name, np.sign(v), "before")])
+    forces = [Series("measured", 2 * x + np.sign(v), "measured", dots=True), Series(name, 2 * x, "before")]
+    return Linked.of((t, x, v), forces, [Series(name, np.sign(v), "before")])
 
 
 def page() -> Page:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browser import browser, look
 
-from hystid.report.linked import Linked, Signal
+from hystid.report.linked import Linked, Series
 from hystid.report.page import Fact, Page, Table, Verdict
 from hystid.report.plots import Axis, Bars, Heat, Line, Mark, Plot
 
@@ -26,15 +26,15 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     t = np.arange(6000) * 1e-3
     x, v = 1e-3 * np.sin(2 * np.pi * 4 * t), 8e-3 * np.pi * np.cos(2 * np.pi * 4 * t)
     forces = [
-        Signal("measured", 1e4 * x + 3 * np.sign(v), "measured", dots=True),
-        Signal("baseline", 1e4 * x, "before"),
+        Series("measured", 1e4 * x + 3 * np.sign(v), "measured", dots=True),
+        Series("baseline", 1e4 * x, "before"),
     ]
     long = "a_very_long_name_of_a_recording_that_no_line_can_hold_" * 2
     page = Page("Diagnosis", verdict=Verdict("warn", f"Missing: {long}"), facts=[Fact(long, "1.234 mm", long)] * 4)
     page.toggles(("measured", "measured"), ("before", "baseline"))
     page.odds([("something is missing", 0.9, "warn"), ("nothing is missing", 0.1, "good")])
     page.section("One")
-    page.linked(long, Linked.of((t, x, v), forces, [Signal("baseline", np.sign(v), "before")]))
+    page.linked(long, Linked.of((t, x, v), forces, [Series("baseline", np.sign(v), "before")]))
     heat = Heat(t[:4], t[:3], np.outer(np.arange(3.0), np.arange(4.0)), "force", "N")
     page.plots(
         Plot("Line", Axis("time", "s"), Axis("x", "m"), [Line(t, x, long, "before")], marks=[Mark(2.0, text="gap")]),

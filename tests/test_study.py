@@ -18,7 +18,7 @@ from hystid.errors import UsageError
 from hystid.recording import Recording, write_csv
 from hystid.report.study import page as study_page
 from hystid.study import work
-from hystid.study.cells import Spread
+from hystid.study.cells import Quartiles
 
 DT, MASS = 1e-3, 1.0
 
@@ -69,11 +69,11 @@ def test_grid_gives_figures_for_every_structure(finished):
 @pytest.mark.parametrize(("values", "expected"), [((1, 2, 4, 5), 3), ((1, 2, np.inf, np.inf), np.inf), ((1, 3), 2)])
 def test_the_median_is_that_of_the_box_that_is_drawn(values, expected):
     """Half way between the middle two, and as plotly draws it (Hazen); nothing is half way to a run that diverged."""
-    assert Spread.of(values).median == expected
+    assert Quartiles.of(values).median == expected
 
 
 def test_a_grid_that_is_of_no_use_says_so_everywhere(finished):
-    poor = replace(finished.best, free_run=Spread.of([0.6, 0.8]))
+    poor = replace(finished.best, free_run=Quartiles.of([0.6, 0.8]))
     lost = replace(finished, cells=[poor], chosen=0)
     assert finished.failure == "" and "choose" in finished.summary()
     assert lost.as_dict()["failure"] == "no structure is of use: the free-run displacement is off by 70 % at best"

@@ -180,7 +180,7 @@ def check(
     mass: Annotated[float | None, typer.Option(metavar="KG", help="Moving mass in kg, where it is known.")] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the report.")] = None,
     *,
-    reading: opt.Reading,
+    reading: opt.ReadingOptions,
 ) -> int:
     """Say what is in recordings, and whether their channels fit together: units, signs, clocks, columns, mass.
 
@@ -231,7 +231,7 @@ def identify(
     ] = None,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Trainings at a time; all cores by default.")] = None,
     *,
-    reading: opt.Reading,
+    reading: opt.ReadingOptions,
 ) -> int:
     """Train a network model of the restoring force and write it as ONNX and FMU, with a report.
 
@@ -299,7 +299,7 @@ def validate(
     decimate: opt.Decimate = 1,
     further: opt.Input = None,
     *,
-    reading: opt.Reading,
+    reading: opt.ReadingOptions,
 ) -> None:
     """Compare a surrogate with recordings or with a reference FMU, in closed loop with its mass.
 
@@ -350,7 +350,7 @@ def diagnose(
         typer.Option(metavar="MY.mo", help="Your own effect blocks as further candidates; repeatable."),
     ] = None,
     *,
-    reading: opt.Reading,
+    reading: opt.ReadingOptions,
 ) -> int:
     """Find where a model and recordings disagree, name the physics that was left out, and fit it.
 

@@ -215,7 +215,7 @@ def apart(recordings: Sequence[Path], holdout: Sequence[Path] | None) -> Sequenc
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadingOptions:
     """The options of every command that reads recordings."""
 
     sensitivity: Sensitivity = None

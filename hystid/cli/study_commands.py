@@ -21,7 +21,7 @@ app.add_typer(study, name="study", no_args_is_help=True)
 
 @study.command("grid")
 @opt.grouped
-def study_grid(*, settings: opt.Study, reading: opt.Reading) -> int:
+def study_grid(*, settings: opt.Study, reading: opt.ReadingOptions) -> int:
     """Which network structure: 1-3 hidden layers of 2-13 neurons, many starts each, tested on held-out recordings.
 
     \b
@@ -35,7 +35,7 @@ def study_grid(*, settings: opt.Study, reading: opt.Reading) -> int:
 
 @study.command("mass")
 @opt.grouped
-def study_mass(*, settings: opt.Study, reading: opt.Reading) -> None:
+def study_mass(*, settings: opt.Study, reading: opt.ReadingOptions) -> None:
     """How much a mass that is weighed wrongly (-20 to +20 %) costs, for two hidden layers of each size.
 
     \b
@@ -47,7 +47,7 @@ def study_mass(*, settings: opt.Study, reading: opt.Reading) -> None:
     _study(study.mass, settings, reading)
 
 
-def _study(kind: Callable[..., T], settings: opt.Study, reading: opt.Reading) -> T:
+def _study(kind: Callable[..., T], settings: opt.Study, reading: opt.ReadingOptions) -> T:
     from hystid.processing import parse_band
 
     unseen = opt.apart(settings.recordings, settings.holdout)

@@ -19,14 +19,14 @@ _LONGEST = 0.9  # share of a section at the level: beyond it, nothing tells the 
 
 
 @dataclass(frozen=True)
-class Level:
+class CutOff:
     """Where a channel stops: the value (positive, both ways), and the share of all samples that stand there."""
 
     value: float
     share: float
 
 
-def level(channels: Sequence[Array]) -> Level | None:
+def level(channels: Sequence[Array]) -> CutOff | None:
     """Level at which a channel stops, in one or more recordings of shape (n,); None where it takes its exact extreme
     no more often than other values.
 
@@ -43,7 +43,7 @@ def level(channels: Sequence[Array]) -> Level | None:
         touched += int(np.count_nonzero(stands[inner]))
         inside = values[~stands & (np.abs(values) > top / 2)]
         usual = max(usual, int(np.max(np.unique(inside, return_counts=True)[1], initial=1)))
-    return Level(top, touched / total) if touched >= max(_FEWEST, _OFTEN * usual) else None
+    return CutOff(top, touched / total) if touched >= max(_FEWEST, _OFTEN * usual) else None
 
 
 def kept_size(values: Array) -> float:

@@ -12,10 +12,22 @@ from pathlib import Path
 import numpy as np
 
 from hystid.consistency import words
+from hystid.consistency.channel_faults import CERTAIN, MATTERS, PHASE, channel_faults
 from hystid.consistency.cut_off import kept_size, with_full_sizes
 from hystid.consistency.filters import Form, filtered
 from hystid.consistency.force import EXPLAINED, FOURFOLD, Force, examine_force
-from hystid.consistency.kinematics import ORDER, Formula, Pair, Spectrum, formula, motion, pairs, spectrum
+from hystid.consistency.kinematics import (
+    ORDER,
+    ChannelSpectrum,
+    Formula,
+    Pair,
+    formula,
+    hertz,
+    main_frequency,
+    motion,
+    pairs,
+    spectrum,
+)
 from hystid.consistency.slips import (
     PRIOR_SLIP,
     SURE,
@@ -34,17 +46,10 @@ _log = logging.getLogger("hystid")
 _SHORTEST = 64  # samples below which spectra say nothing
 _CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
 _SOUND = 0.005**2  # share of the power of the force that sensors leave which match to 0.5 %: less tells no sign
-_SIGMAS = 6.9  # standard errors of a lag, from six sections: one sound pair in a thousand (Student, 5 degrees)
 _SIGMAS_FORCE = 5.0
 _SIGMAS_SIGN = 1.96  # standard errors of a quantity, from which its sign is known (95 %)
-_PHASE = 0.5  # radians of the main motion beyond which a lag spoils the balance: an eighth of the force moves over
-_LOST = 0.7  # response over the gain below which a channel does not count (3 dB)
-_CERTAIN = 0.8  # coherence at which a response is read band by band
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
 _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
-_MATTERS = 0.01  # share of the power of the motion: a tenth of its size
-_STANDS_OUT = 10.0  # motion over noise from which two channels are coherent, whatever else differs
-_DRIFT = 0.01  # share of the power of a channel
 
 
 def admit(recordings: Sequence[Recording], mass: float | None = None, accept: Collection[str] = ()) -> list[Recording]:
@@ -119,13 +124,11 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
             findings += [] if findings else _sizes(mended)
             if mass and not findings and force is not None and force.denies(mass):
                 findings.append(words.no_inertia(recording, force, mass))
-        # a channel that is cut off loses motion where that is large, not by frequency
         whole = [p for p in compared if kept[p.low] == kept[p.high] == 1.0]
-        findings += _lags(recording, compared, best, forms) + _filters(recording, whole, best, forms)
-        findings += _strangers(recording, compared, best)
+        findings += channel_faults(recording, compared, whole, best.slips, forms)
     channels = _channels(recording, compared)
     relations = [
-        Relation(p.low, p.high, p.gain, p.error, p.sign, p.lag, p.lag_error, _hertz(p.band), p.coherence)
+        Relation(p.low, p.high, p.gain, p.error, p.sign, p.lag, p.lag_error, hertz(p.band), p.coherence)
         for p in compared
     ]
     balance = None
@@ -143,10 +146,6 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     name, rate = recording.name, recording.sample_rate
     doubts = _undecided(recording, situation, force)
     return Examined(name, len(recording), rate, recording.rotational, channels, relations, balance, doubts), findings
-
-
-def _hertz(band: tuple[float, float]) -> tuple[float, float]:
-    return band[0] / (2 * math.pi), band[1] / (2 * math.pi)
 
 
 def _situation(recording: Recording, compared: Sequence[Pair], force: Force | None, mass: float | None) -> Situation:
@@ -207,7 +206,7 @@ def _exchanged(recording: Recording, compared: Sequence[Pair]) -> Explanation | 
         moves = {held: name for held, name in zip(names, order, strict=True) if held != name}
         moved = recording.with_channels({name: names[held] for held, name in moves.items()})
         again = pairs(moved) if moves else []
-        if moves and all(p.is_one_motion and p.coherence > _CERTAIN for p in again):
+        if moves and all(p.is_one_motion and p.coherence > CERTAIN for p in again):
             other = _explanation(_situation(moved, again, None, None))
             if other.sound:
                 slip = Slip("exchanged", tuple(f"{held}={name}" for held, name in moves.items()), PRIOR_SLIP)
@@ -251,7 +250,7 @@ def _undecided(recording: Recording, situation: Situation, force: Force | None) 
         )
         found["x"] = place
     hidden = 0.0 if force is None or recording.quasi_static else force.hidden_lag
-    if hidden > 1.5 * recording.dt and (_main(recording) * hidden) ** 2 > _MATTERS:
+    if hidden > 1.5 * recording.dt and (main_frequency(recording) * hidden) ** 2 > MATTERS:
         late = f"a lag of F below {words.milliseconds(hidden)} does not show: hysteresis explains F as well"
         found["F"] = f"{found['F']}; {late}" if "F" in found else late
     return found
@@ -333,7 +332,7 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
     if odds < -_CLEAR and other > 0.2 and not (takes_up or moves_mass):
         found.append(words.force_reversed(recording.name, force, other, share, names))
     if shifted:
-        severe = _main(recording) * abs(force.lag) > _PHASE and _fits_aligned(force)
+        severe = main_frequency(recording) * abs(force.lag) > PHASE and _fits_aligned(force)
         found.append(words.force_late(recording.name, force, severe=severe))
     return found
 
@@ -351,12 +350,12 @@ def _sizes(recording: Recording) -> list[Finding]:
                 words.too_large(recording.name, name, f"reaches {largest:.4g} {recording.unit(name)}", largest, alone)
             ]
     if list(names) == ["x"] and not recording.quasi_static:
-        speed = float(np.std(names["x"])) * _main(recording)
+        speed = float(np.std(names["x"])) * main_frequency(recording)
         if speed > _LARGEST["v"]:
             return [words.too_large(recording.name, "x", f"moves at about {speed:.3g} m/s", speed, alone)]
     if list(names) in (["v"], ["a"]) and not recording.quasi_static:  # a clock in ms says nothing else to these
         (name,) = names
-        size = float(np.std(names[name])) / max(_main(recording), 1e-12) ** ORDER[name]
+        size = float(np.std(names[name])) / max(main_frequency(recording), 1e-12) ** ORDER[name]
         if size > _LARGEST["x"]:
             seen = f"means a displacement of about {size:.3g} m at the frequencies of this file"
             return [words.too_large(recording.name, name, seen, size, alone)]
@@ -380,13 +379,6 @@ def _fits_aligned(force: Force) -> bool:
     return before < EXPLAINED < after
 
 
-def _main(recording: Recording) -> float:
-    """Angular frequency of the strongest motion [rad/s]."""
-    held = spectrum(motion(recording)[next(iter(motion(recording)))], recording.dt)
-    weight = held.density * np.gradient(held.omega) if len(held.omega) > 2 else held.density
-    return float(held.omega[int(np.argmax(weight))]) if len(held.omega) else 0.0
-
-
 def _inertia(recording: Recording, force: Force | None, mass: float | None) -> float:
     """rms of m a over that share of F which does work, with the mass given or else the apparent one; 0: unknown."""
     if force is None or recording.F is None or recording.a is None or force.power <= 0 or force.share < EXPLAINED:
@@ -400,112 +392,6 @@ def _form(recording: Recording, p: Pair, inertia: float) -> Form | None:
     if not p.is_one_motion or p.computed is not None:
         return None
     return filtered(recording, p, inertia)
-
-
-def _lags(
-    recording: Recording, compared: Sequence[Pair], best: Explanation, forms: Mapping[tuple[str, str], Form]
-) -> list[Finding]:
-    """A channel of the motion on another clock; of several, the one that all others disagree with."""
-    if any(slip.kind == "exchanged" for slip in best.slips):
-        return []
-    late = [p for p in compared if _pair_is_late(p, recording) and (p.low, p.high) not in forms]
-    if not late:
-        return []
-    names = list(motion(recording))
-    blamed = late[0].high if len(late) == 1 else max(names, key=lambda n: sum(n in (p.low, p.high) for p in late))
-    shown = max((p for p in late if blamed in (p.low, p.high)), key=lambda p: abs(p.lag) / max(p.lag_error, 1e-12))
-    lag = shown.lag if shown.high == blamed else -shown.lag
-    severe = _main(recording) * abs(lag) > _PHASE
-    return [words.channel_late(recording.name, blamed, shown, lag, severe=severe)]
-
-
-def _pair_is_late(p: Pair, recording: Recording) -> bool:
-    if not p.is_one_motion or not math.isfinite(p.lag_error):
-        return False
-    least = (
-        0.75 * recording.dt if p.computed is None else 1.5 * recording.dt
-    )  # differences are half a sample off per order
-    return abs(p.lag) > least and abs(p.lag) > _SIGMAS * max(p.lag_error, 0.02 * recording.dt)
-
-
-def _filters(
-    recording: Recording, compared: Sequence[Pair], best: Explanation, forms: Mapping[tuple[str, str], Form]
-) -> list[Finding]:
-    """Channels that lose low or high frequencies which another one shows, and integrated channels that drift."""
-    if any(slip.kind == "exchanged" for slip in best.slips):
-        return []
-    found: dict[tuple[str, str], Finding] = {}
-    told: dict[tuple[str, str], Finding] = {}
-    for p in compared:
-        if p.is_one_motion and (drifting := _drift(p, recording)) is not None:
-            name, share = drifting
-            told.setdefault((name, "drift"), words.drift(recording.name, name, share, _hertz(p.band)[0]))
-    for p in sorted(compared, key=lambda p: -forms[p.low, p.high].odds if (p.low, p.high) in forms else 0.0):
-        form = forms.get((p.low, p.high))
-        if form is not None:
-            if not any(name in (p.low, p.high) for name, _ in found):  # one filter shows in all pairs of its channel
-                limit = form.corner / (2 * math.pi)
-                found[form.channel, form.side] = words.filtered(recording.name, form.channel, form.side, limit, p)
-            continue
-        if not p.is_one_motion or p.computed is not None:
-            continue
-        sure = p.bands.seen & (p.bands.coherence > _CERTAIN)
-        size = np.abs(p.bands.response) / p.gain
-        slow = np.maximum(p.bands.low, p.bands.high) / np.maximum(p.bands.omega, 1e-300) ** (2 * ORDER[p.high])
-        for side, beyond in (("low", p.bands.omega < p.band[0]), ("high", p.bands.omega > p.band[1])):
-            at = np.flatnonzero(sure & beyond)
-            power = slow if side == "low" else np.maximum(p.bands.low * p.gain**2, p.bands.high)
-            if len(at) < 3 or np.sum(power[at]) < _MATTERS * np.sum(power):
-                continue
-            limit = _hertz(p.band)[0 if side == "low" else 1]
-            lost, gained = np.median(size[at]) < _LOST, np.median(size[at]) > 1 / _LOST
-            if lost or gained:
-                name = p.high if lost else p.low
-                found.setdefault((name, side), words.filtered(recording.name, name, side, limit, p))
-    return [*told.values(), *found.values()]
-
-
-def _drift(p: Pair, recording: Recording) -> tuple[str, float] | None:
-    """A channel with slow power of its own: up to the main motion, above its noise, and not in the other one."""
-    if p.high == "a":
-        return _drift_below(p, recording) if recording.x is None else None
-    main = int(np.argmax(p.bands.high * p.bands.seen))
-    held = spectrum(motion(recording)[p.high], recording.dt)
-    rising = np.interp(p.bands.omega, held.omega, held.density) > 100 * held.level
-    own = (1.0 - p.bands.coherence) * p.bands.high * rising
-    at = int(np.argmax(own))
-    slow = at <= main and float(np.sum(own[: main + 1])) > 0.5 * float(np.sum(own))
-    share = float(np.sum(own[: main + 1])) / float(np.sum(p.bands.high))
-    more = p.bands.high[at] > p.bands.low[at] * p.gain**2  # else the other channel has it
-    return (p.high, share) if share > _DRIFT and slow and more else None
-
-
-def _drift_below(p: Pair, recording: Recording) -> tuple[str, float] | None:
-    """As ``_drift``, for v beside a alone: slow power of v of which a shows less than a quarter, noise included."""
-    low = p.bands.low / np.maximum(p.bands.omega, 1e-300) ** 2
-    main = int(np.argmax(low * p.bands.seen))
-    held = spectrum(motion(recording)[p.low], recording.dt)
-    rising = np.interp(p.bands.omega, held.omega, held.density) > 100 * held.level
-    own = (1.0 - p.bands.coherence) * low * rising * (p.bands.low * p.gain**2 > 4.0 * p.bands.high)
-    share = float(np.sum(own[: main + 1])) / float(np.sum(low))
-    return (p.low, share) if share > _DRIFT and share * float(np.sum(low)) > 0.5 * float(np.sum(own)) else None
-
-
-def _strangers(recording: Recording, compared: Sequence[Pair], best: Explanation) -> list[Finding]:
-    if best.slips:
-        return []
-    return [
-        words.strangers(recording.name, p) for p in compared if not p.is_one_motion and _ought_to_agree(recording, p)
-    ]
-
-
-def _ought_to_agree(recording: Recording, p: Pair) -> bool:
-    """Whether the motion of the higher channel stands out of the noise of the derivative of the lower one, and the two
-    are nevertheless unlike there: what noise hides is no other motion."""
-    low, high = (spectrum(motion(recording)[name], recording.dt) for name in (p.low, p.high))
-    hidden = np.maximum(high.level, low.level * high.omega ** (2 * p.order))
-    shown = np.interp(p.bands.omega, high.omega, high.density / np.maximum(hidden, 1e-300)) > _STANDS_OUT
-    return bool(np.any(shown)) and float(np.median(p.bands.coherence[shown])) < 0.5
 
 
 def _channels(recording: Recording, compared: Sequence[Pair]) -> dict[str, Channel]:
@@ -530,9 +416,9 @@ def _channels(recording: Recording, compared: Sequence[Pair]) -> dict[str, Chann
     return found
 
 
-def _counts(name: str, how: Spectrum, compared: Sequence[Pair], recording: Recording) -> tuple[float, float]:
-    band = _hertz(how.signal_band())
-    mine = [_hertz(p.band) for p in compared if name in (p.low, p.high) and p.is_one_motion]
+def _counts(name: str, how: ChannelSpectrum, compared: Sequence[Pair], recording: Recording) -> tuple[float, float]:
+    band = hertz(how.signal_band())
+    mine = [hertz(p.band) for p in compared if name in (p.low, p.high) and p.is_one_motion]
     if not mine:
         return band
     return min(b[0] for b in mine), max(b[1] for b in mine)

@@ -233,7 +233,7 @@ def _correlation(one: Array, other: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Spectrum:
+class ChannelSpectrum:
     """Power density of one channel by band, and what of it is noise.
 
     omega [rad/s], density [unit2 per rad/sample]. white: whether the highest octave is flat; level: its density.
@@ -256,7 +256,7 @@ class Spectrum:
         return (float(self.omega[above[0]]), float(self.omega[above[-1]])) if above.size else (0.0, 0.0)
 
 
-def spectrum(values: Array, dt: float) -> Spectrum:
+def spectrum(values: Array, dt: float) -> ChannelSpectrum:
     """Spectrum of a channel of shape (n,)."""
     n = len(values)
     t = np.arange(n)
@@ -267,9 +267,21 @@ def spectrum(values: Array, dt: float) -> Spectrum:
     density = found.low / lines / (np.pi * float(np.sum(window**2)))
     high = found.omega * dt > HIGHEST / 2
     if np.count_nonzero(high) < 3:
-        return Spectrum(found.omega, density, False, 0.0, float(np.min(density, initial=np.inf)))
+        return ChannelSpectrum(found.omega, density, False, 0.0, float(np.min(density, initial=np.inf)))
     exponent = float(np.polyfit(np.log(found.omega[high]), np.log(density[high] + 1e-300), 1)[0])
-    return Spectrum(found.omega, density, abs(exponent) < _FLAT, exponent, float(np.median(density[high])))
+    return ChannelSpectrum(found.omega, density, abs(exponent) < _FLAT, exponent, float(np.median(density[high])))
+
+
+def main_frequency(recording: Recording) -> float:
+    """Angular frequency of the strongest motion [rad/s]."""
+    held = spectrum(motion(recording)[next(iter(motion(recording)))], recording.dt)
+    weight = held.density * np.gradient(held.omega) if len(held.omega) > 2 else held.density
+    return float(held.omega[int(np.argmax(weight))]) if len(held.omega) else 0.0
+
+
+def hertz(band: tuple[float, float]) -> tuple[float, float]:
+    """A band from rad/s."""
+    return band[0] / (2 * math.pi), band[1] / (2 * math.pi)
 
 
 def _computed(recording: Recording, names: Mapping[str, Array], low: str, high: str) -> str | None:
@@ -325,7 +337,7 @@ def formula(low: Array, high: Array, order: int, dt: float) -> Formula | None:
     return Formula(abs(slow), math.copysign(1.0, slow))
 
 
-def _depth(held: Spectrum) -> float:
+def _depth(held: ChannelSpectrum) -> float:
     """Quietest of a spectrum over its peak."""
     return held.level / max(float(np.max(held.density)), 1e-300)
 

@@ -215,7 +215,7 @@ def drift(name: str, channel: str, share: float, limit: float) -> Finding:
     return Finding(name, channel, "drift", sentence, mend, "note", {"share": share, "limit": limit})
 
 
-def strangers(name: str, p: Pair) -> Finding:
+def unrelated(name: str, p: Pair) -> Finding:
     """Two channels that have nothing in common."""
     sentence = f"{p.high} does not follow {_DERIVATIVES[p.low, p.high]} (both move alike in no band)"
     mend = "check that both columns belong to one test and one point, and are the channels that they are called"

@@ -12,7 +12,7 @@ from hystid.identification.result import LinearFit
 from hystid.limits import TRAININGS, check_whole
 from hystid.networks import FurtherInput, Lag, Member, Network, TwoNetworkModel
 from hystid.networks.ensemble import Samples
-from hystid.networks.joint import Motion
+from hystid.networks.joint import Trajectory
 from hystid.networks.level import Level
 from hystid.networks.trust import Tail
 from hystid.processing import cut
@@ -59,7 +59,7 @@ def motions(
     inputs: Sequence[FurtherInput],
     lags: Sequence[Lag] = (),
     level: Level | None = None,
-) -> list[Motion]:
+) -> list[Trajectory]:
     """x, v, R, further inputs and lags of each recording, for training in simulation; R scaled by the level, if any."""
     found = []
     for recording in recordings:
@@ -67,7 +67,7 @@ def motions(
         further = table_of(recording, inputs, lags)
         if level is not None:
             R = (R - level.centre(x, further)) / level.spread(further)
-        found.append(Motion(x, v, R, further))
+        found.append(Trajectory(x, v, R, further))
     return found
 
 

@@ -30,7 +30,7 @@ LEAST = 1e-3  # of pi A F: no device with friction loses less, and a lossless on
 
 
 @dataclass(frozen=True, eq=False)
-class Cycle:
+class Decay:
     """A decay that settles on a harmonic cycle of an amplitude [m], shape (n,) each: x [m], v [m/s], R [N] of a model;
     two cycles of it at the end. frequency [rad/s]; inputs: by name, held."""
 
@@ -107,7 +107,7 @@ def dissipating(
     return member
 
 
-def cycles(model: TwoNetworkModel, recordings: Sequence[Recording]) -> list[Cycle]:
+def cycles(model: TwoNetworkModel, recordings: Sequence[Recording]) -> list[Decay]:
     """The model on cycles within its training range, at the paces of the recordings."""
     (low, high), (back, forth) = (model.training_range[name] for name in ("x", "v"))
     half, fastest = (high - low) / 2, _SPEED * min(-back, forth)
@@ -150,7 +150,7 @@ def _relaxed(model: TwoNetworkModel) -> float:
     return 0.5 * sum(model.training_range["R"])
 
 
-def _cycle(model: TwoNetworkModel, centre: float, amplitude: float, w: float, level: float) -> Cycle:
+def _cycle(model: TwoNetworkModel, centre: float, amplitude: float, w: float, level: float) -> Decay:
     low, high = model.training_range["x"]
     most = 0.95 * min(high - centre, centre - low)
     count = max(0, int(np.ceil(np.log(amplitude / most) / np.log(_DECAY)))) if amplitude < most else 0
@@ -167,4 +167,4 @@ def _cycle(model: TwoNetworkModel, centre: float, amplitude: float, w: float, le
     start = model.initial_state(_relaxed(model), {"x": float(x[0]), "v": float(v[0])} | values)
     paced = replace(model, sample_rate=w * _SAMPLES / (2 * np.pi))
     R, _ = paced.response(x, v, start, {name: np.full(len(x), value) for name, value in values.items()})
-    return Cycle(amplitude, w, x, v, R, values)
+    return Decay(amplitude, w, x, v, R, values)

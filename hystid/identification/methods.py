@@ -17,8 +17,8 @@ from hystid.identification.levels import apart_between_levels
 from hystid.identification.prediction import drift, predict
 from hystid.leastsquares import Rule
 from hystid.networks import FurtherInput, Lag, Member, TwoNetworkModel
-from hystid.networks.ensemble import Samples, Start, best, refine_ensemble, side_by_side, train_ensemble, train_on
-from hystid.networks.joint import Motion, Sequences
+from hystid.networks.ensemble import Samples, TrainedPair, best, refine_ensemble, side_by_side, train_ensemble, train_on
+from hystid.networks.joint import Sequences, Trajectory
 from hystid.networks.level import Level
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import draw
@@ -87,8 +87,8 @@ class Trained:
     unseen: samples of all recordings, one after the other, that were not trained on; None where that is not known.
     """
 
-    starts: Sequence[Start]
-    chosen: Sequence[Start]
+    starts: Sequence[TrainedPair]
+    chosen: Sequence[TrainedPair]
     samples: Samples
     notes: tuple[str, ...] = ()
     metadata: Mapping[str, Any] = field(default_factory=dict)
@@ -138,8 +138,8 @@ class Plan:
         unseen[kept] = False if left_out is None else left_out
         sequences = sequences.pick(draw(len(sequences.x), self.samples, self.seed))
         patient = replace(self.rule, max_fails=max(_PATIENCE, self.rule.max_fails), progress=_PROGRESS)
-        finished: Sequence[Start] = starts
-        simulated: dict[int, Start] = {}
+        finished: Sequence[TrainedPair] = starts
+        simulated: dict[int, TrainedPair] = {}
         for count, share, rule in (
             (len(starts), _HEAT_SHARE, replace(patient, max_iterations=_HEAT)),
             (max(self._tenth, round(len(starts) / 6)), 1.0, replace(patient, max_iterations=_LAST_ITERATIONS)),
@@ -155,8 +155,8 @@ class Plan:
         return Trained(everything, chosen, drawn, shortfall, {"method": "refined"}, unseen if unseen.any() else None)
 
     def _dissipating(
-        self, chosen: Sequence[Start], sequences: Sequences, recordings: Sequence[Recording], rule: Rule
-    ) -> list[Start]:
+        self, chosen: Sequence[TrainedPair], sequences: Sequences, recordings: Sequence[Recording], rule: Rule
+    ) -> list[TrainedPair]:
         """The chosen starts, trained on where they feed energy into closed cycles (``dissipation``)."""
         limits, rate = data.limits_of(recordings, self.inputs), max(r.sample_rate for r in recordings)
         split = sequences.split(self.seed)
@@ -166,8 +166,8 @@ class Plan:
             moved = data.motions(motions, self.inputs, self.lags, self.level)
             return Sequences.of(moved, TurningPoints(), weights, len(self.inputs))
 
-        def job(start: Start) -> Callable[[threading.Event], Start]:
-            def run(stop: threading.Event) -> Start:
+        def job(start: TrainedPair) -> Callable[[threading.Event], TrainedPair]:
+            def run(stop: threading.Event) -> TrainedPair:
                 member = dissipating(
                     start.member, lambda m: self.model([m], rate, limits), recordings, parts, sequences_of, rule
                 )
@@ -177,7 +177,9 @@ class Plan:
 
         return side_by_side("dissipation", [job(start) for start in chosen], self.workers)[0]
 
-    def _steadiest(self, starts: Sequence[Start], recordings: Sequence[Recording], branches: int) -> list[Start]:
+    def _steadiest(
+        self, starts: Sequence[TrainedPair], recordings: Sequence[Recording], branches: int
+    ) -> list[TrainedPair]:
         """The starts to be averaged, best first: at most a tenth, none much worse than the best.
 
         Judged by validation error and, where there is a mass, drift in closed loop: a close force and a close run.
@@ -198,7 +200,7 @@ class Plan:
 
         runs = data.beginnings(recordings, max(_RUN, self.samples))
 
-        def median_drift(*members: Start) -> float:
+        def median_drift(*members: TrainedPair) -> float:
             model = self.model([start.member for start in members], recordings[0].sample_rate)
             return float(np.median([drift(predict(model, recording)) for recording in runs]))
 
@@ -219,7 +221,7 @@ class Plan:
             tuple(members), self.mass, sample_rate, limits or {}, inputs=self.inputs, lags=self.lags, level=self.level
         )
 
-    def _weights(self, recordings: Sequence[Recording], motions: Sequence[Motion]) -> list[Array]:
+    def _weights(self, recordings: Sequence[Recording], motions: Sequence[Trajectory]) -> list[Array]:
         """Weights of the errors of each recording's samples, in the units of the motions' force."""
         weights = weights_of([recording.channel("R") for recording in recordings])
         spread = [np.ones(len(m.x)) if self.level is None else self.level.spread(m.further) for m in motions]
@@ -230,13 +232,13 @@ class Plan:
     def _tenth(self) -> int:
         return max(1, round(self.ensemble / 10))
 
-    def _starts(self, drawn: Samples, rule: Rule) -> list[Start]:
+    def _starts(self, drawn: Samples, rule: Rule) -> list[TrainedPair]:
         what = drawn, self.layers, self.ensemble
         if self.device is not None:
             return train_on(self.device, *what, seed=self.seed, rule=rule)
         return train_ensemble(*what, seed=self.seed, rule=rule, precision=self.precision, workers=self.workers)
 
-    def _shortfall(self, starts: Sequence[Start]) -> tuple[str, ...]:
+    def _shortfall(self, starts: Sequence[TrainedPair]) -> tuple[str, ...]:
         if len(starts) == self.ensemble:
             return ()
         return (f"interrupted: {len(starts)} of {self.ensemble} trainings had finished",)

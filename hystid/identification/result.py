@@ -15,7 +15,7 @@ from hystid.identification.hybrid.result import Hybrid
 from hystid.identification.prediction import Prediction, Role
 from hystid.leastsquares import REASONS
 from hystid.networks import TwoNetworkModel
-from hystid.networks.ensemble import Start
+from hystid.networks.ensemble import TrainedPair
 from hystid.recording import Recording
 from hystid.results import Result
 
@@ -83,7 +83,7 @@ class Identification(Result, report="identification", json="identification.json"
     """
 
     model: TwoNetworkModel
-    starts: Sequence[Start]
+    starts: Sequence[TrainedPair]
     chosen: tuple[int, ...]
     comparisons: Sequence[Comparison]
     linear: LinearFit
@@ -176,7 +176,7 @@ class Identification(Result, report="identification", json="identification.json"
     def _write(self, folder: Path) -> None:
         self.written(folder)
 
-    def _training(self, start: Start) -> dict[str, Any]:
+    def _training(self, start: TrainedPair) -> dict[str, Any]:
         parts = {"hysteresis": start.hysteresis, "restoring": start.restoring}
         if start.joint:
             parts["joint"] = start.joint

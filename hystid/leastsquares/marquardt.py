@@ -56,7 +56,7 @@ class Rule:
     draft: float = 0.0
 
 
-class Problem(Protocol):
+class LeastSquaresProblem(Protocol):
     """E least-squares problems of P parameters each, side by side; ``samples`` residuals e in every one."""
 
     samples: int
@@ -118,7 +118,11 @@ class _Course:
 
 
 def minimise(
-    fit: Problem, check: Problem, w: Array, rule: Rule, stopped: Callable[[], bool] = lambda: False
+    fit: LeastSquaresProblem,
+    check: LeastSquaresProblem,
+    w: Array,
+    rule: Rule,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> list[Descent]:
     """Lower the errors of ``fit`` from w, shape (E, P); the answers are the iterates of least error of ``check``.
 
@@ -152,7 +156,7 @@ def minimise(
 
 
 def _accept(
-    fit: Problem, w: Array, mu: Array, before: Array, waiting: NDArray[np.bool_], rule: Rule
+    fit: LeastSquaresProblem, w: Array, mu: Array, before: Array, waiting: NDArray[np.bool_], rule: Rule
 ) -> tuple[NDArray[np.bool_], Array]:
     """Raise each problem's mu until its step lowers its error or mu passes its limit. Changes w and mu in place.
 

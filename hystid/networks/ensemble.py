@@ -56,7 +56,7 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class TrainedPair:
     """One trained pair; joint: its training in simulation (``train_jointly``), where there was one."""
 
     number: int
@@ -80,7 +80,7 @@ def train_pair(
     rule: Rule = RULES["fast"],
     precision: Precision = "float64",
     stop: threading.Event | None = None,
-) -> Start:
+) -> TrainedPair:
     """Hysteresis network on (x, x0, R0) -> R, then restoring network on (x, v, its output) -> R, on one split."""
     first, second = _weights(samples, hidden, seed, number)
     quiet = samples.quiet
@@ -89,7 +89,7 @@ def train_pair(
     network = outer.network(hysteresis.w, hidden)
     inner = _inner_data(samples, network, seed)
     restoring = train(inner, hidden, second, rule=rule, precision=precision, further=quiet, stop=stop)
-    return Start(number, Member(network, inner.network(restoring.w, hidden)), hysteresis, restoring)
+    return TrainedPair(number, Member(network, inner.network(restoring.w, hidden)), hysteresis, restoring)
 
 
 def _weights(samples: Samples, hidden: Sequence[int], seed: int, number: int) -> tuple[Array, Array]:
@@ -152,16 +152,18 @@ def train_ensemble(
     rule: Rule = RULES["fast"],
     precision: Precision = "float64",
     workers: int | None = None,
-) -> list[Start]:
+) -> list[TrainedPair]:
     """``count`` starts, in order of their number; fewer after Ctrl-C, then those finished. ``workers`` at a time."""
 
-    def job(number: int) -> Callable[[threading.Event], Start]:
+    def job(number: int) -> Callable[[threading.Event], TrainedPair]:
         return lambda stop: train_pair(samples, hidden, number, seed=seed, rule=rule, precision=precision, stop=stop)
 
     return side_by_side("training", [job(number) for number in range(count)], workers)[0]
 
 
-def train_on(device: str, samples: Samples, hidden: Sequence[int], count: int, *, seed: int, rule: Rule) -> list[Start]:
+def train_on(
+    device: str, samples: Samples, hidden: Sequence[int], count: int, *, seed: int, rule: Rule
+) -> list[TrainedPair]:
     """As ``train_ensemble``, all at once on a torch device such as "cuda", in double precision."""
     weights = [_weights(samples, hidden, seed, number) for number in range(count)]
     outer = _outer_data(samples, seed)
@@ -173,26 +175,26 @@ def train_on(device: str, samples: Samples, hidden: Sequence[int], count: int, *
         Member(network, part.network(second.w, hidden))
         for network, part, second in zip(networks, inner, seconds, strict=True)
     ]
-    return [Start(k, *parts) for k, parts in enumerate(zip(members, firsts, seconds, strict=True))]
+    return [TrainedPair(k, *parts) for k, parts in enumerate(zip(members, firsts, seconds, strict=True))]
 
 
 def refine_ensemble(
-    starts: Sequence[Start],
+    starts: Sequence[TrainedPair],
     data: Sequences,
     *,
     seed: int = 0,
     rule: Rule,
     share: float = 1.0,
     workers: int | None = None,
-) -> list[Start]:
+) -> list[TrainedPair]:
     """The starts after training in simulation, in their order; fewer after Ctrl-C, then those finished.
 
     A start that was trained in simulation before goes on from there; its ``joint`` then tells of both trainings. share:
     see ``train_jointly``.
     """
 
-    def job(start: Start) -> Callable[[threading.Event], Start]:
-        def run(stop: threading.Event) -> Start:
+    def job(start: TrainedPair) -> Callable[[threading.Event], TrainedPair]:
+        def run(stop: threading.Event) -> TrainedPair:
             member, joint = train_jointly(start.member, data, rule, seed=seed, share=share, stop=stop)
             return replace(start, member=member, joint=joint.after(start.joint) if start.joint else joint)
 
@@ -201,7 +203,7 @@ def refine_ensemble(
     return side_by_side("training in simulation", [job(start) for start in starts], workers)[0]
 
 
-def best(starts: Sequence[Start], count: int) -> list[Start]:
+def best(starts: Sequence[TrainedPair], count: int) -> list[TrainedPair]:
     """The ``count`` starts (at least one) of the least validation error, best first."""
     finite = sorted((start for start in starts if np.isfinite(start.error)), key=lambda start: start.error)
     if not finite:

@@ -38,7 +38,7 @@ _FEWEST_BRANCHES = 20  # fewer cannot be divided into three parts that resemble 
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Trajectory:
     """One recording for training: x [m], v [m/s], R [N], shape (n,), and further inputs, shape (inputs, n)."""
 
     x: Array
@@ -72,7 +72,7 @@ class Sequences:
 
     @staticmethod
     def of(
-        motions: Sequence[Motion], rule: TurningPoints, weights: Sequence[Array] | None = None, inputs: int = 0
+        motions: Sequence[Trajectory], rule: TurningPoints, weights: Sequence[Array] | None = None, inputs: int = 0
     ) -> Sequences:
         """All samples of recordings. weights: of the errors of each recording's samples [1/N], 1 where not given.
 

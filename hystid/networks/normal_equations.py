@@ -123,7 +123,7 @@ class KernelSums(ABC):
 
 
 class One:
-    """One problem as a batch of one (``hystid.leastsquares.Problem``)."""
+    """One problem as a batch of one (``hystid.leastsquares.LeastSquaresProblem``)."""
 
     def __init__(self, normal: KernelSums) -> None:
         self.normal, self.samples = normal, normal.samples

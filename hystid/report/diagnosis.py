@@ -11,7 +11,7 @@ from hystid.diagnosis import Diagnosis, Finding, Traces
 from hystid.numeric import Array
 from hystid.report import evidence
 from hystid.report.curves import FORCE, T_AXIS, V_AXIS, X_AXIS, raw
-from hystid.report.linked import Linked, Signal, windows
+from hystid.report.linked import Linked, Series, windows
 from hystid.report.page import Fact, Page, Table, Tone, Verdict, columns, number, percent, with_error
 from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
 
@@ -242,13 +242,13 @@ def _where(page: Page, d: Diagnosis) -> None:
 
 def _linked(trace: Traces, named: bool) -> Linked:
     forces = [
-        Signal("measured", trace.R, "measured", dots=True),
-        Signal("baseline", trace.R - trace.residual, "before"),
+        Series("measured", trace.R, "measured", dots=True),
+        Series("baseline", trace.R - trace.residual, "before"),
     ]
-    residual = [Signal("baseline", trace.residual, "before")]
+    residual = [Series("baseline", trace.residual, "before")]
     if named:
-        forces.append(Signal("with findings", trace.R - trace.left, "after"))
-        residual.append(Signal("with findings", trace.left, "after"))
+        forces.append(Series("with findings", trace.R - trace.left, "after"))
+        residual.append(Series("with findings", trace.left, "after"))
     return Linked.of((trace.t, trace.x, trace.v), forces, residual, trace.residual**2)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hystid.identification import Comparison, Identification, Prediction
-from hystid.identification.hybrid.result import Hybrid, Pair
+from hystid.identification.hybrid.result import Hybrid, HybridComparison
 from hystid.leastsquares import REASONS
 from hystid.networks.training import Training
 from hystid.recording import Array, Recording
@@ -25,7 +25,7 @@ from hystid.report.curves import (
     steady,
     window_of,
 )
-from hystid.report.linked import Linked, Signal
+from hystid.report.linked import Linked, Series
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, counted, number, percent, training_range
 from hystid.report.plots import Axis, Bars, Line, Plot, Points, Role
 
@@ -234,7 +234,7 @@ def _hybrid(page: Page, hybrid: Hybrid) -> None:
     page.table(Table("Parameters of the law", ["parameter", "alone", "beside the networks"], rows))
 
 
-def _pair(pair: Pair, run: bool) -> list[str | Cell]:
+def _pair(pair: HybridComparison, run: bool) -> list[str | Cell]:
     alone, both = (pair.physics, pair.network), pair.hybrid
     law, networks = pair.shares
     tone: Tone = "good" if both.force_nrmse < min(p.force_nrmse for p in alone) else "warn"
@@ -248,11 +248,11 @@ def _recording(page: Page, comparison: Comparison) -> None:
     R = record.channel("R")
     page.section(f"{record.name} ({'held out' if comparison.role == 'holdout' else 'training'})")
     forces = [
-        Signal("measured", R, "measured", dots=True),
-        Signal("surrogate", network.R, "model"),
-        Signal("linear fit", comparison.linear.R, "muted"),
+        Series("measured", R, "measured", dots=True),
+        Series("surrogate", network.R, "model"),
+        Series("linear fit", comparison.linear.R, "muted"),
     ]
-    difference = [Signal("surrogate less measured", network.R - R, "bad")]
+    difference = [Series("surrogate less measured", network.R - R, "bad")]
     error = f"On the measured motion; the force is off by {percent(network.force_nrmse)}"
     page.linked(error, Linked.of((record.t, record.channel("x"), record.channel("v")), forces, difference))
     page.plots(*_closed_loop(record, network), _content(record, R, network))

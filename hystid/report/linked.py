@@ -25,7 +25,7 @@ _WHOLE = 3000  # samples up to which a recording is shown as one window
 
 
 @dataclass(frozen=True)
-class Signal:
+class Series:
     """Values over the samples of a recording, shape (n,), SI; role and name in the figures. dots: shown as points."""
 
     name: str
@@ -35,14 +35,14 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class View:
+class Panel:
     """One figure: signals over one signal. x, y: axes in SI units."""
 
     title: str
     x: Axis
     over: Array
     y: Axis
-    signals: Sequence[Signal]
+    signals: Sequence[Series]
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,15 @@ class Linked:
     """Views of one recording over the same samples. t [s], shape (n,). first: window to begin with."""
 
     t: Array
-    views: Sequence[View]
+    views: Sequence[Panel]
     windows: Sequence[slice]
     first: int = 0
 
     @staticmethod
     def of(
         motion: tuple[Array, Array, Array],
-        forces: Sequence[Signal],
-        residual: Sequence[Signal],
+        forces: Sequence[Series],
+        residual: Sequence[Series],
         weight: Array | None = None,
     ) -> Linked:
         """The usual views: loop, phase plane, force over time and, where there is any, its residual over time.
@@ -67,11 +67,11 @@ class Linked:
         """
         t, x, v = motion
         made = [
-            View("Loop", X_AXIS, x, R_AXIS, forces),
-            View("Phase plane", X_AXIS, x, V_AXIS, [Signal("measured", v, "measured")]),
-            View("Force over time", T_AXIS, t, R_AXIS, forces),
+            Panel("Loop", X_AXIS, x, R_AXIS, forces),
+            Panel("Phase plane", X_AXIS, x, V_AXIS, [Series("measured", v, "measured")]),
+            Panel("Force over time", T_AXIS, t, R_AXIS, forces),
         ]
-        made += [View("Residual over time", T_AXIS, t, FORCE, residual)] if residual else []
+        made += [Panel("Residual over time", T_AXIS, t, FORCE, residual)] if residual else []
         return Linked(t, made, *windows(x, weight))
 
     def turned(self) -> Linked:

@@ -6,7 +6,7 @@ import numpy as np
 
 from hystid.recording import Array
 from hystid.report.curves import X_AXIS, Curve, highest_frequency, over_time, spectra, window_of
-from hystid.report.linked import Linked, Signal
+from hystid.report.linked import Linked, Series
 from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, counted, number, percent, training_range
 from hystid.report.plots import Axis, Bars, Plot
 from hystid.validation import Case, Levels, Stability, Validation
@@ -150,8 +150,8 @@ def _case(page: Page, case: Case) -> None:
     near = window_of(record.F if record.F is not None else x, x, record.dt)
     page.section(case.name)
     page.text(" ".join(case.notes))
-    forces = [Signal("reference", R, "reference", dots=True), Signal("surrogate", case.force, "model")]
-    difference = [Signal("surrogate less reference", case.force - R, "bad")]
+    forces = [Series("reference", R, "reference", dots=True), Series("surrogate", case.force, "model")]
+    difference = [Series("surrogate less reference", case.force - R, "bad")]
     error = f"On the reference motion; the force is off by {percent(case.force_nrmse)}"
     page.linked(error, Linked.of((record.t, x, record.channel("v")), forces, difference))
     page.plots(*_motion(case, near), content(case))

@@ -12,7 +12,7 @@ import numpy as np
 
 from hystid.networks.normal_equations import parameter_count
 from hystid.results import Result
-from hystid.study.work import Outcome
+from hystid.study.work import TrainingResult
 
 _NEAR = 1.1  # medians within this factor of the least count as equally good
 _USELESS = 0.5  # NRMSE: a displacement of zero has 1
@@ -20,7 +20,7 @@ _DIVERGED = 1e300  # stands for infinity between which and a number there is a n
 
 
 @dataclass(frozen=True)
-class Spread:
+class Quartiles:
     """Box-plot figures of values (NRMSE, fractions), as the report draws them; infinity where what counts diverged."""
 
     best: float
@@ -31,7 +31,7 @@ class Spread:
     values: tuple[float, ...]
 
     @staticmethod
-    def of(values: Sequence[float]) -> Spread:
+    def of(values: Sequence[float]) -> Quartiles:
         """Figures of at least one value; NaN (no free run) stays NaN."""
         array = np.array(values, dtype=float)
         levels = [float("nan")] * 5
@@ -39,7 +39,7 @@ class Spread:
             levels = np.quantile(np.minimum(array, _DIVERGED), [0, 0.25, 0.5, 0.75, 1], method="hazen").tolist()
             levels = [level if level < 1e-3 * _DIVERGED else np.inf for level in levels]
         best, lower, median, upper, worst = levels
-        return Spread(best, lower, median, upper, worst, tuple(values))
+        return Quartiles(best, lower, median, upper, worst, tuple(values))
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-like; infinity becomes null."""
@@ -58,9 +58,9 @@ class Cell:
 
     layers: tuple[int, ...]
     mass: float
-    outcomes: Sequence[Outcome]
-    force: Spread
-    free_run: Spread
+    outcomes: Sequence[TrainingResult]
+    force: Quartiles
+    free_run: Quartiles
     ensemble: Mapping[str, float]
     single: Mapping[str, float]
 

@@ -11,12 +11,12 @@ from typing import Any
 from hystid.errors import NumericalError, UsageError
 from hystid.networks.ensemble import side_by_side
 from hystid.progress import track
-from hystid.study.work import Outcome, Payload, Task, load, run, save
+from hystid.study.work import Payload, Task, TrainingResult, load, run, save
 
 
 def complete(
     payload: Payload, tasks: Sequence[Task], folder: Path, *, workers: int | None = None, scheduler: str | None = None
-) -> list[Outcome]:
+) -> list[TrainingResult]:
     """Outcomes of all tasks, in their order. Each is stored in ``folder`` as soon as it is there.
 
     What is stored already is not trained again, so that a study that was killed goes on where it was; the outcome of a

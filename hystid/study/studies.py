@@ -20,9 +20,9 @@ from hystid.leastsquares import Rule
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, rule_of
 from hystid.recording import CHANNELS, Recording, Sources, loaded
-from hystid.study.cells import Cell, GridResult, MassResult, Spread, choose
+from hystid.study.cells import Cell, GridResult, MassResult, Quartiles, choose
 from hystid.study.scheduling import complete
-from hystid.study.work import Outcome, Payload, Task, errors_of, model_of, prepared
+from hystid.study.work import Payload, Task, TrainingResult, errors_of, model_of, prepared
 
 DEFAULT_SIZES = (2, 5, 8, 10, 13)
 DEFAULT_STRUCTURES = tuple((size,) * depth for depth in (1, 2, 3) for size in DEFAULT_SIZES)
@@ -163,7 +163,7 @@ def _run(
     starts: int,
     workers: int | None,
     scheduler: str | None,
-) -> list[Outcome]:
+) -> list[TrainingResult]:
     _claim(out, {**settings, "data": _fingerprint(payload)})
     return complete(payload, tasks, out / "trainings", workers=workers, scheduler=scheduler)
 
@@ -195,11 +195,11 @@ def _fingerprint(payload: Payload) -> str:
     return digest.hexdigest()[:32]
 
 
-def _groups(outcomes: Sequence[Outcome], starts: int) -> list[list[Outcome]]:
+def _groups(outcomes: Sequence[TrainingResult], starts: int) -> list[list[TrainingResult]]:
     return [list(outcomes[k : k + starts]) for k in range(0, len(outcomes), starts)]
 
 
-def _cell(outcomes: Sequence[Outcome], payload: Payload) -> Cell:
+def _cell(outcomes: Sequence[TrainingResult], payload: Payload) -> Cell:
     task = outcomes[0].task
     ranked = sorted(outcomes, key=lambda outcome: outcome.validation)
     tenth = ranked[: max(1, round(len(ranked) / 10))]
@@ -209,8 +209,8 @@ def _cell(outcomes: Sequence[Outcome], payload: Payload) -> Cell:
         task.layers,
         task.mass,
         outcomes,
-        Spread.of([outcome.force for outcome in outcomes]),
-        Spread.of([outcome.free_run for outcome in outcomes]),
+        Quartiles.of([outcome.force for outcome in outcomes]),
+        Quartiles.of([outcome.free_run for outcome in outcomes]),
         {key: float(np.median([error[key] for error in averaged])) for key in ("force_nrmse", "x_nrmse")},
         {"force_nrmse": ranked[0].force, "x_nrmse": ranked[0].free_run},
     )

@@ -20,7 +20,7 @@ from hystid.identification import predict
 from hystid.identification.data import samples
 from hystid.leastsquares import REASONS, Rule
 from hystid.networks import Member, Network, TwoNetworkModel
-from hystid.networks.ensemble import Samples, Start, train_pair
+from hystid.networks.ensemble import Samples, TrainedPair, train_pair
 from hystid.networks.normal_equations import Precision, unflatten
 from hystid.recording import Array, Recording
 from hystid.turning_points import TurningPoints
@@ -67,7 +67,7 @@ def _drawn(payload: Payload, mass: float) -> Samples:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class TrainingResult:
     """A finished task. errors: for each held-out recording {"name", "force_nrmse", "x_nrmse"}; x_nrmse is NaN without a
     mass, infinity where the free run diverged. validation: least validation error of the restoring network (scaled).
     stopped: why each network's training ended. seconds: processor time of training and testing."""
@@ -107,7 +107,7 @@ def errors_of(model: TwoNetworkModel, recordings: Sequence[Recording]) -> tuple[
     return tuple(entries)
 
 
-def run(payload: Payload, task: Task) -> Outcome:
+def run(payload: Payload, task: Task) -> TrainingResult:
     """Train one pair and test it on the held-out recordings. All but its ``seconds`` depends on the arguments only."""
     begin = time.thread_time()
     start = train_pair(
@@ -122,10 +122,10 @@ def run(payload: Payload, task: Task) -> Outcome:
     errors = errors_of(model, payload.tested(task.mass))
     stopped = {"hysteresis": REASONS[start.hysteresis.reason], "restoring": REASONS[start.restoring.reason]}
     seconds = time.thread_time() - begin
-    return Outcome(task, start.member, start.error, errors, stopped, _curves(start), seconds)
+    return TrainingResult(task, start.member, start.error, errors, stopped, _curves(start), seconds)
 
 
-def _curves(start: Start) -> dict[str, Array]:
+def _curves(start: TrainedPair) -> dict[str, Array]:
     return {
         f"{network}_{part}": getattr(getattr(start, network), part)
         for network in ("hysteresis", "restoring")
@@ -136,7 +136,7 @@ def _curves(start: Start) -> dict[str, Array]:
 _NETWORKS = ("hysteresis", "restoring")
 
 
-def save(outcome: Outcome, folder: Path) -> None:
+def save(outcome: TrainingResult, folder: Path) -> None:
     """Write one outcome as NAME.npz, whole or not at all."""
     arrays: dict[str, Any] = dict(outcome.curves)
     for name in _NETWORKS:
@@ -152,7 +152,7 @@ def save(outcome: Outcome, folder: Path) -> None:
         np.savez(beside, **arrays)
 
 
-def load(task: Task, folder: Path) -> Outcome | None:
+def load(task: Task, folder: Path) -> TrainingResult | None:
     """The stored outcome of a task; None where there is none, or where its file cannot be read (it is trained anew)."""
     path = folder / f"{task.name}.npz"
     if not path.exists():
@@ -165,7 +165,7 @@ def load(task: Task, folder: Path) -> Outcome | None:
         return None
 
 
-def _outcome(task: Task, values: Mapping[str, Any]) -> Outcome:
+def _outcome(task: Task, values: Mapping[str, Any]) -> TrainingResult:
     rest = json.loads(str(values["rest"]))
     networks = [_network(task, values, name) for name in _NETWORKS]
     errors = tuple(
@@ -174,7 +174,7 @@ def _outcome(task: Task, values: Mapping[str, Any]) -> Outcome:
     )
     curves = {name: array for name, array in values.items() if name.endswith(("_train", "_validation"))}
     validation, seconds = float(rest["validation"]), float(rest["seconds"])
-    return Outcome(task, Member(*networks), validation, errors, rest["stopped"], curves, seconds)
+    return TrainingResult(task, Member(*networks), validation, errors, rest["stopped"], curves, seconds)
 
 
 def _network(task: Task, values: Mapping[str, Any], name: str) -> Network:

@@ -19,7 +19,7 @@ from hystid.networks import onnx_reading
 from hystid.surrogate import block, reader
 from hystid.surrogate.emit import Functions, number, value_function
 from hystid.surrogate.identifiers import Names, identifier, readable
-from hystid.surrogate.network import Interface, Layout, interface_of
+from hystid.surrogate.network import Layout, Ports, interface_of
 from hystid.surrogate.program import Elementwise, MatMul, Port, Program
 from hystid.surrogate.restoring_force import interface_of_surrogate, is_surrogate
 
@@ -85,7 +85,7 @@ def c_source(path: Path, *, name: str = "surrogate", real: Real = "double") -> d
 class _Text:
     """Both files of one network."""
 
-    def __init__(self, program: Program, interface: Interface, name: str, real: Real) -> None:
+    def __init__(self, program: Program, interface: Ports, name: str, real: Real) -> None:
         self.program, self.interface, self.name, self.real = program, interface, name, real
         layout = Layout.of(program, interface)
         self.inputs, self.states = layout.inputs, layout.states

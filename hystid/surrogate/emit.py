@@ -18,7 +18,7 @@ import numpy as np
 
 from hystid.surrogate.functions import C_HELPERS, FUNCTIONS
 from hystid.surrogate.identifiers import readable
-from hystid.surrogate.program import Elementwise, MatMul, Program, Reduce, Statement, Table
+from hystid.surrogate.program import Elementwise, Gather, MatMul, Program, Reduce, Statement
 from hystid.surrogate.tensors import Buffer, View
 
 STACK_LIMIT = 4096  # doubles in locals of one function; beyond, the instance's own memory is used
@@ -133,7 +133,7 @@ def _tables(program: Program, text: str) -> str:
         if buffer.values is not None and re.search(rf"\b{buffer.name}\b", text):
             lines += _table("static const double", buffer.name, [number(v).strip("()") for v in buffer.values])
     for place, statement in enumerate(program.statements):
-        if isinstance(statement, Table):
+        if isinstance(statement, Gather):
             lines += _table(
                 "static const int", f"at_{place}", [str(i) for i in statement.index + statement.source.offset]
             )
@@ -358,7 +358,7 @@ class _Writer:
         self.lines += outer.wrap([*start, *deep.inner_wrap([line], rank)])
 
     def _loop(self, statement: Statement, body: Callable[[_At], Lines]) -> None:
-        views = [statement.out] if isinstance(statement, Table) else [statement.out, *statement.operands]
+        views = [statement.out] if isinstance(statement, Gather) else [statement.out, *statement.operands]
         nest = _Nest.merged(views)
         lines = body(_At(nest))
         if lines:

@@ -30,7 +30,7 @@ _TYPES: dict[str, Literal["Real", "Integer", "Boolean"]] = {"float": "Real", "in
 
 
 @dataclass(frozen=True)
-class Interface:
+class Ports:
     """What the ports of a network mean. All mappings are by port name and may be empty.
 
     memory: input -> output that holds its next value. initial: start values of the memory, flat. names: a name for each
@@ -80,7 +80,7 @@ def network_code(
         raise NetworkError(f"{path}: {error}") from error
 
 
-def block_code(program: Program, interface: Interface, title: str, description: str = "") -> ModelCode:
+def block_code(program: Program, interface: Ports, title: str, description: str = "") -> ModelCode:
     """A compiled network as a ``ModelCode``: inputs -> outputs, with memory where the interface says so."""
     layout = Layout.of(program, interface)
     text = functions(program, "network")
@@ -107,7 +107,7 @@ def block_code(program: Program, interface: Interface, title: str, description: 
     )
 
 
-def interface_of(program: Program, given: Mapping[str, str], memory: Mapping[str, str] | None = None) -> Interface:
+def interface_of(program: Program, given: Mapping[str, str], memory: Mapping[str, str] | None = None) -> Ports:
     """What the ports of any network mean, from its metadata ``given`` and their names; memory: see ``network_code``."""
     pairs = dict(memory) if memory is not None else memory_pairs(program)
     _check_pairs(program, pairs)
@@ -116,7 +116,7 @@ def interface_of(program: Program, given: Mapping[str, str], memory: Mapping[str
         initial = {next(iter(pairs)): initial}
     rate = _json(given, "sample_rate")
     ranges = {key: _finite("training_range", key, value, 2) for key, value in _mapping(_json(given, "training_range"))}
-    return Interface(
+    return Ports(
         pairs,
         {key: _finite("initial_state", key, value) for key, value in _mapping(initial)},
         {
@@ -186,7 +186,7 @@ class Layout:
     outside: bool
 
     @staticmethod
-    def of(program: Program, interface: Interface) -> Layout:
+    def of(program: Program, interface: Ports) -> Layout:
         """Sort the ports of a program."""
         by_name = {port.name: port for port in program.outputs}
         inputs = tuple(port for port in program.inputs if port.name not in interface.memory)
@@ -204,7 +204,7 @@ class Layout:
         """Private memory for the latest sample: a mark, a note of the warning, the inputs, the next memory."""
         return 2 + self.block.n_u + self.block.n_d
 
-    def starts(self, interface: Interface) -> dict[int, float]:
+    def starts(self, interface: Ports) -> dict[int, float]:
         """Start values that are not 0."""
         places = block.offsets(self.states, self.block.d) | block.offsets(self.inputs, self.block.u)
         values: dict[int, float] = {}
@@ -227,7 +227,7 @@ def element_names(port: Port, names: Names, given: Sequence[str] = ()) -> list[s
     return [f"{base}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
 
 
-def _variables(layout: Layout, interface: Interface) -> list[Variable]:
+def _variables(layout: Layout, interface: Ports) -> list[Variable]:
     names, b = Names({"time"}), layout.block
     starts = layout.starts(interface)
     found: list[Variable] = []
@@ -270,7 +270,7 @@ def _variable(
     i: int,
     label: str,
     slot: int,
-    interface: Interface,
+    interface: Ports,
     common: Mapping[str, Any],
     starts: Mapping[int, float],
 ) -> Variable:
@@ -297,7 +297,7 @@ class _Frame:
     program: Program
     layout: Layout
     block: Block
-    interface: Interface
+    interface: Ports
 
     def text(self, network: str, title: str) -> str:
         """The whole of ``model.c``."""

@@ -67,7 +67,7 @@ class Reduce:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class Gather:
     """out[i] = source[index[i]], both one-dimensional and contiguous; index is constant."""
 
     out: View
@@ -81,7 +81,7 @@ class Table:
         return (self.source,)
 
 
-Statement = Elementwise | MatMul | Reduce | Table
+Statement = Elementwise | MatMul | Reduce | Gather
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +230,7 @@ class Builder:
         out = self.local(index.shape, view.kind)
         flat = out.reshape((out.size,))
         assert flat is not None
-        self.statements.append(Table(flat, source, index.reshape(-1), self.note))
+        self.statements.append(Gather(flat, source, index.reshape(-1), self.note))
         return out
 
     def finish(self, name: str, inputs: Sequence[Port], outputs: Sequence[tuple[str, View]]) -> Program:

@@ -16,7 +16,7 @@ from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
 from hystid.surrogate.emit import functions
 from hystid.surrogate.identifiers import readable
-from hystid.surrogate.network import OUTSIDE, Interface, block_code, described, network_code, outside_variable, usual
+from hystid.surrogate.network import OUTSIDE, Ports, block_code, described, network_code, outside_variable, usual
 from hystid.surrogate.oscillator import OscillatorText, recorded
 from hystid.surrogate.program import Program
 
@@ -39,9 +39,9 @@ def is_surrogate(keys: Collection[str]) -> bool:
     return {"hystid_version", "initial_state"} <= set(keys)
 
 
-def interface_of_surrogate(about: StepDescription) -> Interface:
+def interface_of_surrogate(about: StepDescription) -> Ports:
     """What the ports of an identified restoring force mean."""
-    return Interface(
+    return Ports(
         memory={"state": "state_next"},
         initial={"state": about.initial_state, **{name: [value] for name, value in middle(about).items()}},
         units=_UNITS | {port.name: port.unit for port in about.inputs},

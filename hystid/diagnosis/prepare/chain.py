@@ -17,7 +17,7 @@ from scipy.stats import norm
 from hystid.diagnosis.prepare.clipping import saturated_motion, stopped
 from hystid.diagnosis.prepare.differences import advanced
 from hystid.diagnosis.prepare.faults import CALIBRATION, DEAD, DELAY, GAIN, SATURATION, ZERO, Fault
-from hystid.diagnosis.prepare.pairs import CHANCE, ORDER, Estimate, Pair, agreed, consistency, pairs, sections
+from hystid.diagnosis.prepare.pairs import CHANCE, ORDER, ChannelPair, Estimate, agreed, consistency, pairs, sections
 from hystid.diagnosis.prepare.segments import measured_motion
 from hystid.numeric import Array
 from hystid.recording import Recording
@@ -166,7 +166,7 @@ def _jumps_with_force(tests: Sequence[Recording], late: Fault) -> bool:
     return left[0] < left[1]
 
 
-def _sound(found: Sequence[Pair], faults: Sequence[Fault]) -> list[Pair]:
+def _sound(found: Sequence[ChannelPair], faults: Sequence[Fault]) -> list[ChannelPair]:
     """Pairs of which neither channel stops at a level: clipping turns the phase at large motion."""
     stopped = {fault.channel for fault in faults}
     return [pair for pair in found if not {pair.low, pair.high} & stopped and np.isfinite(pair.lag.stderr)]
@@ -201,7 +201,7 @@ def _is_noise(tests: Sequence[Recording], name: str) -> bool:
     return all(noise_level(values) ** 2 > _NOISE * float(np.var(values)) for values in channels)
 
 
-def _is_strange(name: str, found: Sequence[Pair]) -> bool:
+def _is_strange(name: str, found: Sequence[ChannelPair]) -> bool:
     """Whether no other channel follows this one at any shift, while the others follow each other."""
     own = [pair for pair in found if name in (pair.low, pair.high)]
     others = [pair for pair in found if name not in (pair.low, pair.high)]
@@ -254,7 +254,7 @@ def zero_of(test: Recording, name: str, sources: str) -> Estimate | None:
     return zero if zero.agrees else None
 
 
-def _late_channel(found: Sequence[Pair]) -> Fault | None:
+def _late_channel(found: Sequence[ChannelPair]) -> Fault | None:
     """The one channel of the motion whose shift explains the lags; None where they are not believed.
 
     A clock that is late changes no amplitude: where sections or halves of the band do not agree on the gain, it is a
@@ -272,7 +272,7 @@ def _late_channel(found: Sequence[Pair]) -> Fault | None:
     return Fault(DELAY, name, size.value / dt, size.stderr / dt, seconds=size.value)
 
 
-def _scaled_channel(found: Sequence[Pair]) -> Fault | None:
+def _scaled_channel(found: Sequence[ChannelPair]) -> Fault | None:
     """The channel whose gain disagrees with that of the others by more than what calibration leaves.
 
     Of two channels the displacement, or the velocity, is scaled: the acceleration carries the mass, which is weighed.

@@ -43,7 +43,7 @@ _MOTION = 0.999  # share of the power of the velocity that counts as motion
 
 
 @dataclass(frozen=True)
-class Channels:
+class MeasuredChannels:
     """A recording with its computed channels taken out, which channels were measured, and why the others were not."""
 
     recording: Recording
@@ -51,7 +51,7 @@ class Channels:
     computed: Mapping[str, str]
 
 
-def measurements(recording: Recording, doubtful: Collection[str] = "xva") -> Channels:
+def measurements(recording: Recording, doubtful: Collection[str] = "xva") -> MeasuredChannels:
     """Sort the channels of the motion into measured and computed ones; computed ones are taken out of the recording.
 
     doubtful: channels that may be computed.
@@ -68,10 +68,10 @@ def measurements(recording: Recording, doubtful: Collection[str] = "xva") -> Cha
             if told and other in doubtful and (source not in computed or len(known) - len(computed) > 1):
                 computed.setdefault(other, f"computed from {source}: it repeats the noise of {source}")
     left = recording.with_channels(dict.fromkeys(computed))
-    return Channels(left, tuple(name for name in known if name not in computed), computed)
+    return MeasuredChannels(left, tuple(name for name in known if name not in computed), computed)
 
 
-def measured_alike(recordings: Sequence[Recording]) -> list[Channels]:
+def measured_alike(recordings: Sequence[Recording]) -> list[MeasuredChannels]:
     """The same for recordings of one rig: what was computed in half of those that hold it was computed in all of them,
     as a recording may be too short, or too quiet, to show it; in fewer, in none. No recording loses its last
     channel."""
@@ -89,7 +89,7 @@ def measured_alike(recordings: Sequence[Recording]) -> list[Channels]:
                 left = tuple(one for one in channels.measured if one != name)
                 without = channels.recording.with_channels({name: None})
                 told = {**channels.computed, name: f"{why[name]} in the other recordings"}
-                channels = Channels(without, left, told)
+                channels = MeasuredChannels(without, left, told)
         found.append(channels)
     return found
 

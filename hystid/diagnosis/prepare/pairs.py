@@ -47,7 +47,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Pair:
+class ChannelPair:
     """Two channels of the motion, ``high`` the higher derivative.
 
     lag: how much later ``high`` is [s]. gain: logarithm of how much larger it is than what ``low`` says. Either agrees
@@ -77,7 +77,7 @@ class Pair:
 UNKNOWN = Estimate(0.0, float("inf"))
 
 
-def pairs(recordings: Sequence[Recording]) -> list[Pair]:
+def pairs(recordings: Sequence[Recording]) -> list[ChannelPair]:
     """The measured channels of the motion that all recordings have, two by two."""
     names = [name for name in "xva" if all(name in measured_motion(r) for r in recordings)]
     return [_pair(recordings, low, high) for low, high in combinations(names, 2)]
@@ -99,7 +99,7 @@ def agreed(values: Array, weights: Array, halves: float = 0.0) -> Estimate:
     )
 
 
-def _pair(recordings: Sequence[Recording], low: str, high: str) -> Pair:
+def _pair(recordings: Sequence[Recording], low: str, high: str) -> ChannelPair:
     both = [_alike(recording, low, high) for recording in recordings]
     dt = recordings[0].dt
     coarse, correlation = _coarse([(*two, r.dt) for two, r in zip(both, recordings, strict=True)])
@@ -111,10 +111,10 @@ def _pair(recordings: Sequence[Recording], low: str, high: str) -> Pair:
         for one, other in sections(*_moved(derived, measured, shift)):
             found += [(h, (shift + lag) * step, gain, w / step**2) for h, lag, gain, w in _spectra(one, other)]
     if not found or not seen or correlation**2 < 1 - _LEFT:
-        return Pair(low, high, UNKNOWN, UNKNOWN, correlation, seen, dt)
+        return ChannelPair(low, high, UNKNOWN, UNKNOWN, correlation, seen, dt)
     half, lag, gain, weight = np.array(found).T
     estimates = [agreed(values, weight, _between(values, weight, half)) for values in (lag, gain)]
-    return Pair(low, high, estimates[0], estimates[1], correlation, seen, dt)
+    return ChannelPair(low, high, estimates[0], estimates[1], correlation, seen, dt)
 
 
 def _between(values: Array, weights: Array, half: Array) -> float:
@@ -231,7 +231,7 @@ def _halves(weight: Array) -> tuple[Array, Array]:
     return weight * lower, weight * (1 - lower)
 
 
-def consistency(found: Sequence[Pair]) -> Mapping[str, Mapping[str, float]]:
+def consistency(found: Sequence[ChannelPair]) -> Mapping[str, Mapping[str, float]]:
     """Lags [s] and gains as plain numbers for the report: "v after x" -> figures with their standard errors."""
     return {
         f"{pair.high} after {pair.low}": {

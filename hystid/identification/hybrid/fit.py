@@ -18,7 +18,7 @@ from hystid.errors import NumericalError
 from hystid.identification import data
 from hystid.identification.hybrid.law import Law
 from hystid.identification.hybrid.package import OSCILLATOR, package_text
-from hystid.identification.hybrid.result import Hybrid, Pair
+from hystid.identification.hybrid.result import Hybrid, HybridComparison
 from hystid.identification.inputs import columns_of
 from hystid.identification.methods import Plan, Trained, weights_of
 from hystid.identification.prediction import Prediction, at_rate, begin
@@ -76,7 +76,7 @@ def combine(
             values = dict(alone) | ({law.mass: plan.mass} if law.mass else {})
             lone = _with_run(lone, law.model, record, values, ("x_start", "v_start"), {})
             joint = _with_run(joint, both, record, {}, ("x_start", "v_start"), columns_of(record, state.model.inputs))
-        pairs.append(Pair(record, item.role, lone, item.network, joint, R_physics))
+        pairs.append(HybridComparison(record, item.role, lone, item.network, joint, R_physics))
     return Hybrid(
         law.name, alone, state.values, law.units, state.model, state.share, state.layers, text, pairs,
         (*law.notes(state.values),),

@@ -16,7 +16,7 @@ _TIE = 0.99  # of the better one's error: less of a gain is none, as with the li
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class HybridComparison:
     """One recording with the law alone, the networks alone, and both. R_physics: the law's force in the hybrid [N]."""
 
     recording: Recording
@@ -63,11 +63,11 @@ class Hybrid:
     share: float
     layers: tuple[int, ...]
     text: str
-    pairs: Sequence[Pair]
+    pairs: Sequence[HybridComparison]
     notes: tuple[str, ...] = field(default=())
 
     @property
-    def unseen(self) -> list[Pair]:
+    def unseen(self) -> list[HybridComparison]:
         """The held-out recordings."""
         return [pair for pair in self.pairs if pair.role == "holdout"]
 
