@@ -267,6 +267,30 @@ def test_what_is_remembered_to_the_end_leaves_rows() -> None:
     assert "begins in mid-motion" in note
 
 
+def left(level: float, seed: int) -> Recording:
+    """A quasi-static test at a level [mm], after a motion of 1.5 mm that has left sliders on one side for good."""
+    dt, rng = 1e-3, np.random.default_rng(seed)
+    t = dt * np.arange(-1000, 5000)
+    x = 1e-3 * np.interp(t, [-1.0, -0.1, 0], [1.5, 1.0, level])
+    x *= np.sin(60 * t + seed) + 0.3 * np.sin(97 * t + 1.0 + seed)
+    rig = CompiledModel(compile_model("HystId.Oscillators.Iwan"))
+    R = rig.clamp({"x": x, "v": np.gradient(x, dt)}, {}, dt, parameters=SLIDERS, outputs=("R",))["R"]
+    seen = t > -dt / 2
+    F, x = (u[seen] + 3e-4 * np.std(u) * rng.standard_normal(np.count_nonzero(seen)) for u in (R, x))
+    return Recording(f"left_{seed}", t[seen], F=F, x=x)
+
+
+@pytest.mark.parametrize("levels", [(0.6, 0.4, 0.9), (0.5, 0.8, 0.9)])
+def test_what_contacts_keep_for_good_is_no_constant_force(levels: tuple[float, ...]) -> None:
+    """With the friction that was given all sliders let go at once; with that of the rig some never do."""
+    tests = [left(level, seed) for seed, level in enumerate(levels, 1)]
+    found = diagnose(tests, model="HystId.Oscillators.Iwan", parameters=SLIDERS | {"fc": 7.0})
+    assert found.findings == ()
+    assert found.verdict == "recalibrated"
+    assert any("a constant force of contacts that never slip" in note for note in found.notes)
+    assert found.final_values()["fc"].value == pytest.approx(12.0, rel=0.01)  # 70 dB, and some sliders never slip
+
+
 def test_a_contact_that_slips_late_was_at_rest_where_the_recording_says_so() -> None:
     """Its memory would leave out all but a few samples, which any parameters fit: a spring that is missing was not
     seen."""

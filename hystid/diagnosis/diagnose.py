@@ -14,7 +14,7 @@ from hystid.diagnosis.decide.criterion import DOUBT, leaves_noise
 from hystid.diagnosis.decide.possible import possible
 from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.decide.unseen import unseen_likelihood
-from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, pose, recoloured
+from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, pose, recoloured
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.uncertainty import with_robust_errors
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
@@ -84,7 +84,7 @@ def diagnose(
                 again = recoloured(case, choice.best) if choice.missing else None
                 if again is not None:
                     case, choice = again, _chosen(again, library)
-                case, choice = _held(*_moved(case, choice, library), library)
+                case, choice = _held(*_sound(case, choice, library), library)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:
@@ -98,13 +98,15 @@ def _chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] 
     return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen)
 
 
-def _moved(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Case, Choice]:
-    """The case and its selection, with slow motion that no channel shows as the law has it where nothing is missing
-    then."""
-    if not choice.missing or (again := moved_slowly(case)) is None or not leaves_noise(again.problem, again.refit):
-        return case, choice
-    other = _chosen(again, library)
-    return (case, choice) if other.missing else (again, other)
+def _sound(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Case, Choice]:
+    """The case and its selection, with what no channel shows as the law has it, where nothing is missing then: slow
+    motion, and what contacts keep of the time before."""
+    for again in (moved_slowly(case), never_let_go(case, choice.best)) if choice.missing else ():
+        if again is not None and leaves_noise(again.problem, again.refit):
+            other = _chosen(again, library)
+            if not other.missing:
+                return again, other
+    return case, choice
 
 
 def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Case, Choice]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.colour import NOISE_ERROR, coloured_alike, fainter, with_colour, with_colour_above
-from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import without_knocks
 from hystid.diagnosis.fit.periodic import PeriodicForce, periodic_forces
@@ -23,6 +23,7 @@ from hystid.diagnosis.fit.slow_motion import told_of, with_slow_motion
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
 from hystid.diagnosis.model.catalogue import Catalogue
+from hystid.diagnosis.model.channel_effects import history
 from hystid.diagnosis.model.effects import Effect, Scales
 from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.model.starts import scaled, sizes_of
@@ -107,11 +108,13 @@ def pose(taken: Taken, model: str) -> Case:
     sized, _ = _starts(parts, code, {n: v for n, v in values.items() if n in {"m", *fixed}}, model, quasi_static=still)
     refitted, minima, nominal = refit(problem, kept, sized)
     for _ in range(_BEGUN):  # a contact that slips later than was believed remembers longer
-        longer, _, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values)
-        if all(_same(a.valid, b.valid) for a, b in zip(longer, problem.parts, strict=True)):
+        longer, keeping, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values)
+        more = set(keeping) - set(kept)  # contacts that seem to let go at the nominal values, and do not
+        if not more and all(_same(a.valid, b.valid) for a, b in zip(longer, problem.parts, strict=True)):
             break
-        problem, running = problem.of(longer), told_again
-        refitted, minima, nominal = refit_again(problem, [refitted, *minima])
+        problem, running, kept = problem.of(longer), told_again, tuple(sorted({*kept, *more}))
+        again = refit(problem, kept, sized) if more else refit_again(problem, [refitted, *minima])
+        refitted, minima, nominal = again
     held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
     if (rested := _begun_at_rest(problem, complete, kept, sized)) is not None:
         problem, (refitted, minima, nominal), begun_so = rested
@@ -238,6 +241,23 @@ def at_rest(case: Case, effects: Sequence[Effect]) -> Case | None:
         return None
     refitted, minima, nominal = found
     return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal)
+
+
+def never_let_go(case: Case, fit: Fit) -> Case | None:
+    """The case with a constant force of the time before where the law, with the parameters of a fit that names a
+    constant force, says that its contacts never let go; None where it does not.
+
+    A refit without that force may make contacts slip that do not.
+    """
+    parts, kept, told = beginning(case.problem.parts, case.baseline, fit.hypothesis.values)
+    if not kept:
+        return None
+    before, problem = history(kept), case.problem.of(parts)
+    start = Hypothesis(fit.hypothesis.values, (Term(before, dict.fromkeys(before.amplitudes, 0.0)),))
+    refitted, minima, nominal = refit_again(problem, [replace(fit, hypothesis=start)])
+    begun = tuple(f"{part.name} begins in mid-motion" for part in parts)
+    notes = (*(note for note in case.notes if not note.startswith(begun)), *told)
+    return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes)
 
 
 def moved_slowly(case: Case) -> Case | None:
