@@ -69,8 +69,8 @@ def _without_zeros(scalar: ScalarModel, zeros: Set[str], moving: Set[str]) -> tu
     equations = list(scalar.equations)
     reading: dict[str, list[int]] = {}
     for k, e in enumerate(equations):
-        for name in _read(e):
-            reading.setdefault(name, []).append(k)
+        for read in _read(e):
+            reading.setdefault(read, []).append(k)
     values: dict[str, Expr] = {n: ZERO for n in zeros}
     waiting = deque(k for k, e in enumerate(equations) if ZERO in (e.left, e.right))
     waiting.extend(k for n in zeros for k in reading.get(n, ()))

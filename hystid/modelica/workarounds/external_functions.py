@@ -92,7 +92,8 @@ def _rewritten(owner: Class) -> Iterator[Edit]:
         return
     stop = next_mark(plain, end, owner.tail, ";") + 1
     lines = "\n" * plain.count("\n", found.start(), stop)
-    made = _ROUTINES.get(found["name"].lower(), lambda _n, _d: "")(names, declared)
+    written = _ROUTINES.get(found["name"].lower())
+    made = written(names, declared) if written else ""
     if made:
         yield found.start(), stop, re.sub(r"\s+", " ", made) + lines
         return
