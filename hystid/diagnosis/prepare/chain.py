@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from hystid.consistency.kinematics import ORDER
 from hystid.diagnosis.prepare.clipping import saturated_motion, stopped
 from hystid.diagnosis.prepare.differences import advanced
 from hystid.diagnosis.prepare.faults import CALIBRATION, DEAD, DELAY, GAIN, SATURATION, ZERO, Fault
-from hystid.diagnosis.prepare.pairs import CHANCE, ORDER, ChannelPair, Estimate, agreed, consistency, pairs, sections
+from hystid.diagnosis.prepare.pairs import CHANCE, ChannelPair, Estimate, agreed, consistency, pairs, sections
 from hystid.diagnosis.prepare.segments import measured_motion
 from hystid.numeric import Array
 from hystid.recording import Recording

@@ -27,6 +27,13 @@ def stencil(values: Array, weights: Array) -> Array:
     return np.pad(inner, len(weights) // 2, mode="edge")
 
 
+def derivative(values: Array, order: int, dt: float) -> Array:
+    """Per second each: the first derivative of a signal, taken ``order`` times."""
+    for _ in range(order):
+        values = stencil(values, FIRST) / dt
+    return values
+
+
 def spectra(
     one: Array, other: Array, window: Array, trend: Trend
 ) -> tuple[Array, Array, Array, NDArray[np.complex128]]:

@@ -22,13 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import get_window
 
-from hystid.consistency.kinematics import formula
-from hystid.diagnosis.prepare.differences import FIRST, spectra, stencil
+from hystid.consistency.kinematics import ORDER, formula
+from hystid.diagnosis.prepare.differences import derivative, spectra
 from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import is_noise_free
 
-_ORDER = {"x": 0, "v": 1, "a": 2}
 _BANDS = 16  # bands of the spectrum in which noise is looked for
 _SEGMENTS = 24  # averaged spectra: independent noise then has a coherence of 1/24 in the mean
 _SHARED = 0.5  # coherence of noise at which as much of it is shared as is not
@@ -63,7 +62,7 @@ def measurements(recording: Recording, doubtful: Collection[str] = "xva") -> Mea
     computed = {name: "computed when it was read" for name in found if name not in known}
     for low, high in (("x", "v"), ("v", "a"), ("x", "a")):
         if low in known and high in known:
-            told = _related(known[low], known[high], (_ORDER[low], _ORDER[high]), recording.dt)
+            told = _related(known[low], known[high], (ORDER[low], ORDER[high]), recording.dt)
             source, other = (low, high) if told == "higher" else (high, low)
             if told and other in doubtful and (source not in computed or len(known) - len(computed) > 1):
                 computed.setdefault(other, f"computed from {source}: it repeats the noise of {source}")
@@ -115,7 +114,7 @@ def _related(low: Array, high: Array, orders: tuple[int, int], dt: float) -> str
     first = _end_of_motion(omega, np.minimum(one, other * np.max(one) / np.max(other)))
     seen = _above_floor(one, float(np.std(low))) & _above_floor(other, float(np.std(high)))
     own = one[1:] / (2 * np.sin(omega[1:] / 2)) ** (2 * order)  # spectrum of the lower channel itself
-    seen[1:] &= _is_flat(omega[1:], own, 2 * (_ORDER["a"] - orders[0]))
+    seen[1:] &= _is_flat(omega[1:], own, 2 * (ORDER["a"] - orders[0]))
     edges = np.linspace(first, len(omega), _BANDS + 1).astype(int)
     shared = []
     for begin, end in itertools.pairwise(edges):
@@ -170,8 +169,6 @@ def _is_exact_but_no_derivative(low: Array, high: Array, order: int, dt: float) 
     """Whether the higher channel follows from the lower one to the last digit, by weights that are no derivative."""
     if formula(low, high, order, dt) is None:
         return False
-    exact = low  # the derivative that the balance uses
-    for _ in range(order):
-        exact = stencil(exact, FIRST) / dt
+    exact = derivative(low, order, dt)  # the one that the balance uses
     inner = slice(8, -8)
     return float(np.std(high[inner] - exact[inner])) > _DERIVATIVE * float(np.std(high))

@@ -16,13 +16,13 @@ import numpy as np
 from scipy.signal import get_window
 from scipy.stats import t as student
 
-from hystid.diagnosis.prepare.differences import FIRST, spectra, stencil
+from hystid.consistency.kinematics import ORDER
+from hystid.diagnosis.prepare.differences import FIRST, derivative, spectra
 from hystid.diagnosis.prepare.segments import measured_motion
 from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 
-ORDER = {"x": 0, "v": 1, "a": 2}
 _SECTIONS, _SHORTEST = 6, 256  # sections per recording, and samples of one at least
 CHANCE = 1e-3  # probability by chance of a lag that is believed: one false alarm in 1000 healthy recordings
 _HANN = 3 / 8  # mean square of the window
@@ -128,10 +128,7 @@ def _between(values: Array, weights: Array, half: Array) -> float:
 def _alike(recording: Recording, low: str, high: str) -> tuple[Array, Array]:
     """The lower channel, derived as often as the higher one is, per second each; and the higher one."""
     motion = measured_motion(recording)
-    derived = motion[low]
-    for _ in range(ORDER[high] - ORDER[low]):
-        derived = stencil(derived, FIRST) / recording.dt
-    return derived, motion[high]
+    return derivative(motion[low], ORDER[high] - ORDER[low], recording.dt), motion[high]
 
 
 def _coarse(pairs: Sequence[tuple[Array, Array, float]]) -> tuple[float, float]:
