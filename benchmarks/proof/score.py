@@ -117,17 +117,21 @@ def calibration(rated: Iterable[tuple[float, bool]], bins: int = 10) -> tuple[fl
     return error, out
 
 
-def gains(grades: Iterable[Grade]) -> list[float]:
-    """(before - after)/(before - oracle) of the force error, for right answers, per recording with an oracle."""
+def gains(grades: Iterable[Grade]) -> list[tuple[float, bool]]:
+    """(before - after)/(before - oracle) of the force error, for right answers, per recording with an oracle; and
+    whether a fit can know that recording: not where it is of another tension, or where an effect acts at its own times.
+    """
     out = []
     for g in grades:
         answer = g.result.get("answer") or {}
         oracle = {o["recording"]: o["force_nrmse"] for o in g.truth["oracle"] if o["force_nrmse"] is not None}
-        for held in answer.get("fit", {}).get("holdout", []) if g.right_class else []:
+        listed = answer.get("fit", {}).get("holdout", []) if g.right_class else []
+        for kind, held in zip(g.truth["holdouts"], listed, strict=False):
             before, after = held.get("force_before"), held.get("force_after")
             best = oracle.get(held["name"])
             if None not in (before, after, best) and before > 1.2 * best:
-                out.append((before - after) / (before - best))
+                known = kind != "other_tension" and g.kind != "part_time"
+                out.append(((before - after) / (before - best), known))
     return out
 
 
@@ -206,7 +210,9 @@ def table(grades: list[Grade], alone: list[Grade]) -> str:
     error, bins = calibration(rated)
     rows.append(f"| calibration error (ECE), {len(rated)} names | {error:.3f} | <= 0.05 |")
     gained, inside = gains(grades), covered(grades)
-    rows.append(f"| gain over the oracle's, median of {len(gained)} | {np.median(gained or [np.nan]):.4f} | >= 0.99 |")
+    for what, some in (("", [g for g, _ in gained]), (" that a fit can know", [g for g, known in gained if known])):
+        median = np.median(some or [np.nan])
+        rows.append(f"| gain over the oracle's, median of {len(some)}{what} | {median:.4f} | >= 0.99 |")
     share_inside = 100 * np.mean(inside) if inside else float("nan")
     rows.append(
         f"| intervals of 90 % that hold the truth, {len(inside)} parameters | {share_inside:.0f} % | 86 to 94 % |"
