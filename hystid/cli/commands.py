@@ -338,9 +338,7 @@ def validate(
 @opt.grouped
 def diagnose(
     recordings: opt.Recordings,
-    model: Annotated[
-        str, typer.Option(metavar="MODEL|FMU", help="HystId.Oscillators.Jenkins, file.mo:Class or an FMU.")
-    ],
+    baseline: opt.BaselineModel,
     out: opt.Folder,
     parameters: Annotated[Path | None, typer.Option(metavar="P.json", help='Known parameters, as {"m": 4.2}.')] = None,
     set_: opt.Set = None,
@@ -372,11 +370,18 @@ def diagnose(
         except RecordingError as refusal:
             if not inputs_missing(refusal):
                 raise
-            result = not_applicable(str(refusal), model, out=folder)
+            result = not_applicable(str(refusal), baseline.model, out=folder)
         else:
-            result = diagnose(
-                used, model=model, parameters=known, holdout=held, effects=tuple(effects or ()), out=folder
-            )
+            with baseline.told(folder):
+                result = diagnose(
+                    used,
+                    model=baseline.taken(folder),
+                    parameters=known,
+                    holdout=held,
+                    effects=tuple(effects or ()),
+                    out=folder,
+                )
+            result = baseline.kept(result, folder, out)
         result.report(folder / "report.html", opt.command_line("diagnose"))
     opt.done(result, out)
     return 0 if result.verdict in ("consistent", "recalibrated") and not result.misread else 1

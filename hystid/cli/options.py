@@ -8,20 +8,21 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
 
 import typer
 
-from hystid.errors import UsageError, printable, sentence
-from hystid.files import json_of
+from hystid.errors import ModelicaError, UsageError, printable, sentence
+from hystid.files import json_of, write_json
 from hystid.outputs import check_folder, replaced
 from hystid.progress import tell
 from hystid.results import Result
 
 if TYPE_CHECKING:
+    from hystid.diagnosis import Diagnosis
     from hystid.recording import Recording
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -250,6 +251,46 @@ class ReadingOptions:
             for warning in recording.warnings:
                 print(sentence(f"hystid: warning: {warning}"), file=sys.stderr)
         return found
+
+
+@dataclass(frozen=True)
+class BaselineModel:
+    """The model that recordings are held against."""
+
+    model: Annotated[
+        str, typer.Option(metavar="MODEL|FMU", help="HystId.Oscillators.Jenkins, file.mo:Class or an FMU.")
+    ]
+    signal: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CH=VAR",
+            help="Variable of the model that is F or x, as F=shaker.f or x=mass.flange_b.s; repeatable.",
+        ),
+    ] = None
+
+    def taken(self, folder: Path) -> str:
+        """The model as ``diagnose`` takes it; a class that names its signals is written into a folder."""
+        from hystid.diagnosis import wired
+
+        signals = pairs("--signal", self.signal)
+        return wired(self.model, signals, folder) if signals else self.model
+
+    @contextmanager
+    def told(self, folder: Path) -> Iterator[None]:
+        """Complaints about the written class without a folder that is gone when somebody reads them."""
+        try:
+            yield
+        except (ModelicaError, UsageError) as error:
+            raise type(error)(str(error).replace(f"{folder}{os.sep}", "")) from None
+
+    def kept(self, result: Diagnosis, folder: Path, out: Path) -> Diagnosis:
+        """The result, in ``folder`` too, with the written class where it will lie in the end."""
+        if not self.signal:
+            return result
+        name = result.model.replace(str(folder), str(out))
+        result = replace(result, model=name)
+        write_json(folder / "diagnosis.json", result.as_dict())
+        return result
 
 
 @dataclass(frozen=True)
