@@ -18,7 +18,6 @@ from hystid.numeric import Array
 _VERSION, _HOLD, _LINEAR, _HERMITE = 1, 0, 1, 2  # as in hy_table.h
 _OUTCOMES = {1: "found no answer", 2: "failed"}
 _log = logging.getLogger("hystid")
-_int_p, _double_p = ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_double)
 
 
 class _Table(ctypes.Structure):

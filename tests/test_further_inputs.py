@@ -105,7 +105,7 @@ def test_onnx_runtime_and_fmpy_give_the_same_force(model, signals, saved):
         feed = {name: values[k : k + 1] for name, values in signals.items()} | {"state": state}
         R, width, state = session.run(["R", "R_spread", "state_next"], feed)
         force[k], spread[k] = R[0], width[0]
-    np.testing.assert_allclose(spread, model.force_spread(each), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(spread, model.spread.of(each), rtol=0, atol=1e-10)
     np.testing.assert_allclose(force, expected, rtol=0, atol=1e-10)
     build(surrogate_code(saved / "surrogate.onnx"), saved / "surrogate.fmu")
     described = {v.name: v for v in fmpy.read_model_description(str(saved / "surrogate.fmu")).modelVariables}
@@ -135,7 +135,7 @@ def test_the_oscillator_runs_as_the_library_does(model, signals, saved):
     for name in ("x", "R"):
         np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-9)
     _, each, _ = model.members_response(expected["x"], expected["v"], start, inputs)
-    np.testing.assert_allclose(found["R_spread"], model.force_spread(each), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found["R_spread"], model.spread.of(each), rtol=0, atol=1e-9)
 
 
 def test_derivatives_of_the_oscillator_to_a_further_input_are_exact(saved):

@@ -102,11 +102,6 @@ class TwoNetworkModel:
         force, _, after = self.members_response(x, v, state, inputs)
         return force, after
 
-    def force_spread(self, each: Array) -> Array:
-        """Standard deviation of the error of R [N], shape (n,), from the forces of ``members_response``."""
-        assert self.spread is not None
-        return self.spread.of(each)
-
     def members_response(
         self, x: Array, v: Array, state: Array | None = None, inputs: Mapping[str, Array] | None = None
     ) -> tuple[Array, Array, Array]:
