@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from hystid.compiled import CompiledModel
+from hystid.errors import ModelicaError
 from hystid.modelica import compile_model
 
 FILES = {
@@ -32,6 +34,19 @@ package Types
     external "C" ModelicaStandardTables_CombiTimeTable_close(made);
     end destructor;
   end ExternalCombiTimeTable;
+  class ExternalCombiTable1D
+    extends ExternalObject;
+    function constructor
+      input String tableName; input String fileName; input Real table[:, :]; input Integer columns[:];
+      input Smoothness smoothness; input Extrapolation extrapolation = Extrapolation.LastTwoPoints;
+      output ExternalCombiTable1D made;
+    external "C" made = ModelicaStandardTables_CombiTable1D_init(tableName, fileName, table, columns);
+    end constructor;
+    function destructor
+      input ExternalCombiTable1D made;
+    external "C" ModelicaStandardTables_CombiTable1D_close(made);
+    end destructor;
+  end ExternalCombiTable1D;
 end Types;""",
     "Tab/Tables": """within Tab;
 package Tables
@@ -45,7 +60,22 @@ package Tables
       input Tab.Types.ExternalCombiTimeTable tableID; input Real timeIn; output Real nextTimeEvent;
     external "C" nextTimeEvent = ModelicaStandardTables_CombiTimeTable_nextTimeEvent(tableID, timeIn);
     end getNextTimeEvent;
+    function getTable1DValue
+      input Tab.Types.ExternalCombiTable1D tableID; input Integer icol; input Real u; output Real y;
+    external "C" y = ModelicaStandardTables_CombiTable1D_getValue(tableID, icol, u);
+    end getTable1DValue;
   end Internal;
+  model Table
+    parameter Boolean tableOnFile = false;
+    parameter String tableName = "NoName", fileName = "NoName";
+    parameter Integer nHeaderLines = 0;
+    parameter String delimiter = ",";
+    parameter Real table[:, :] = fill(0.0, 0, 2);
+    final parameter Tab.Types.ExternalCombiTable1D tableID = Tab.Types.ExternalCombiTable1D(
+      if tableOnFile then tableName else "NoName", if tableOnFile then fileName else "NoName", table, {2},
+      Tab.Types.Smoothness.LinearSegments);
+    Real u = time, y = Tables.Internal.getTable1DValue(tableID, 1, u);
+  end Table;
   model TimeTable
     parameter Real table[:, :], startTime = 0, shiftTime = 0;
     parameter Tab.Types.Smoothness smoothness = Tab.Types.Smoothness.ConstantSegments;
@@ -66,19 +96,25 @@ LOSSES = np.array([[0, 1], [0.36, 10], [0.6, 1]])
 
 
 @pytest.fixture
-def area(tmp_path: Path) -> Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """area(modifiers, dt, rows): times, values and their integral, of a table with these modifiers."""
+def library(tmp_path: Path) -> Path:
+    """The folder of a package with tables."""
     for name, text in FILES.items():
         path = tmp_path / f"{name}.mo"
         path.parent.mkdir(exist_ok=True)
         path.write_text(text)
+    return tmp_path / "Tab"
+
+
+@pytest.fixture
+def area(library: Path, tmp_path: Path) -> Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """area(modifiers, dt, rows): times, values and their integral, of a table with these modifiers."""
 
     def run(modifiers: str, dt: float, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         table = ", ".join(modifiers.split(", "))
         (tmp_path / "A.mo").write_text(
             f"model A Tab.Tables.TimeTable t({table}); Real x(start = 0, fixed = true); equation der(x) = t.y; end A;"
         )
-        model = CompiledModel(compile_model(f"{tmp_path / 'A.mo'}:A", libraries=[tmp_path / "Tab"]))
+        model = CompiledModel(compile_model(f"{tmp_path / 'A.mo'}:A", libraries=[library]))
         got = model.simulate({}, dt, rows=rows, outputs=["t.y", "x"])
         return dt * np.arange(rows), got["t.y"], got["x"]
 
@@ -120,3 +156,72 @@ def test_a_table_begins_late_and_holds_its_last_value(area) -> None:
     np.testing.assert_allclose(y, wanted, atol=1e-9)
     rising = np.clip(s, 0, 0.3)
     np.testing.assert_allclose(x, rising + rising**2 / 0.3 + 5 * np.clip(s - 0.3, 0, None), atol=1e-9)
+
+
+def test_tables_of_two_kinds_stand_in_one_model(library: Path, tmp_path: Path) -> None:
+    (tmp_path / "A.mo").write_text(
+        "model A Tab.Tables.TimeTable a(table = [0, 1; 0.5, 2; 1, 2]); Tab.Tables.Table b(table = [0, 0; 1, 4]); end A;"
+    )
+    model = CompiledModel(compile_model(f"{tmp_path / 'A.mo'}:A", libraries=[library]))
+    got = model.simulate({}, 0.2, rows=4, outputs=["a.y", "b.y"])
+    np.testing.assert_array_equal(got["a.y"], [1, 1, 1, 2])
+    np.testing.assert_allclose(got["b.y"], [0, 0.8, 1.6, 2.4], rtol=1e-12)
+
+
+# -- tables on files
+
+POINTS = np.array([[0, 1], [0.5, 3], [1, -2.5]])
+TEXT = """#1
+double other(1, 2)  # not this one
+7 7
+double tab(3, 2)
+0 1
+0.5, 3   # a comment
+1; -2.5
+"""
+
+
+def _of_file(library: Path, tmp_path: Path, modifiers: str) -> np.ndarray:
+    (tmp_path / "A.mo").write_text(f"model A\n  Tab.Tables.Table t(tableOnFile = true, {modifiers});\nend A;")
+    model = CompiledModel(compile_model(f"{tmp_path / 'A.mo'}:A", libraries=[library]))
+    return model.simulate({}, 0.25, rows=5, outputs=["t.y"])["t.y"]
+
+
+@pytest.mark.parametrize(
+    "modifiers",
+    [
+        'tableName = "tab", fileName = "points.txt"',
+        'tableName = "tab", fileName = Modelica.Utilities.Files.loadResource("modelica://Mine/Tables/points.txt")',
+        'tableName = "tab", fileName = "points.mat"',
+        'tableName = "any", fileName = "points.csv", nHeaderLines = 1, delimiter = ";"',
+    ],
+)
+def test_a_table_on_a_file_is_read_when_the_model_is_built(library: Path, tmp_path: Path, modifiers: str) -> None:
+    (tmp_path / "points.txt").write_text(TEXT)
+    (tmp_path / "Tables").mkdir()
+    (tmp_path / "Tables" / "points.txt").write_text(TEXT)
+    savemat(tmp_path / "points.mat", {"tab": POINTS, "other": np.ones((2, 2))})
+    np.savetxt(tmp_path / "points.csv", POINTS, delimiter=";", header="t;y", comments="")
+    got = _of_file(library, tmp_path, modifiers)
+    np.testing.assert_allclose(got, np.interp(0.25 * np.arange(5), *POINTS.T), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("modifiers", "words"),
+    [
+        ('tableName = "tab", fileName = "nowhere.txt"', "nowhere.txt, is neither beside the model nor in this folder"),
+        ('tableName = "lost", fileName = "points.txt"', "points.txt holds no table named lost"),
+        ('tableName = "tab", fileName = "short.txt"', "tab has 3 numbers, not 3 x 2"),
+        ('tableName = "tab", fileName = "words.txt"', "cannot be read as a table: could not convert"),
+        ('tableName = "tab", fileName = "points.mat"', "cannot be read as a table"),
+        ('tableName = "tab"', "write fileName"),
+    ],
+)
+def test_a_file_that_holds_no_such_table_is_told(library: Path, tmp_path: Path, modifiers: str, words: str) -> None:
+    (tmp_path / "points.txt").write_text(TEXT)
+    (tmp_path / "short.txt").write_text("#1\ndouble tab(3, 2)\n0 1 2\n")
+    (tmp_path / "words.txt").write_text("#1\ndouble tab(1, 2)\n0 one\n")
+    (tmp_path / "points.mat").write_text("no such file")
+    with pytest.raises(ModelicaError, match=r"A\.mo:2: ") as told:
+        _of_file(library, tmp_path, modifiers)
+    assert words in str(told.value)

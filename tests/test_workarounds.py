@@ -307,6 +307,48 @@ model A
 end A;""",
         "y", 123.0, "expression shape mismatch",
     ),
+    "table_files": (
+        """
+package Types
+  type Smoothness = enumeration(LinearSegments, ContinuousDerivative, ConstantSegments);
+  type Extrapolation = enumeration(HoldLastPoint, LastTwoPoints, Periodic, NoExtrapolation);
+  class ExternalCombiTable1D
+    extends ExternalObject;
+    function constructor
+      input String tableName; input String fileName; input Real table[:, :]; input Integer columns[:];
+      input Smoothness smoothness; input Extrapolation extrapolation = Extrapolation.LastTwoPoints;
+      output ExternalCombiTable1D made;
+    external "C" made = ModelicaStandardTables_CombiTable1D_init(tableName, fileName, table, columns);
+    end constructor;
+    function destructor
+      input ExternalCombiTable1D made;
+    external "C" ModelicaStandardTables_CombiTable1D_close(made);
+    end destructor;
+  end ExternalCombiTable1D;
+end Types;
+package Tables
+  package Internal
+    function getTable1DValue
+      input Types.ExternalCombiTable1D tableID; input Integer icol; input Real u; output Real y;
+    external "C" y = ModelicaStandardTables_CombiTable1D_getValue(tableID, icol, u);
+    end getTable1DValue;
+  end Internal;
+end Tables;
+model Table
+  parameter Boolean tableOnFile = false;
+  parameter String tableName = "NoName", fileName = "NoName";
+  parameter Real table[:, :] = fill(0.0, 0, 2);
+  final parameter Types.ExternalCombiTable1D tableID = Types.ExternalCombiTable1D(
+    if tableOnFile then tableName else "NoName", if tableOnFile then fileName else "NoName", table, {2},
+    Types.Smoothness.LinearSegments);
+  Real y = Tables.Internal.getTable1DValue(tableID, 1, time);
+end Table;
+model A
+  Table t(tableOnFile = true, tableName = "tab", fileName = "points.txt");
+  Real y = t.y;
+end A;""",
+        "y", 3.0, "table",
+    ),
     "external_functions": (
         """
 function solve
@@ -337,6 +379,7 @@ def test_the_front_end_still_refuses_what_the_way_around_lets_through(name: str,
     text, output, value, words = REFUSED[name]
     path = tmp_path / "A.mo"
     path.write_text(text)
+    (tmp_path / "points.txt").write_text("#1\ndouble tab(2, 2)\n0 1\n1 3\n")  # of the one that reads a file
     got = CompiledModel(compile_model(f"{path}:A")).simulate({}, 0.05, rows=21, outputs=[output])
     # straight lines and their squares: Runge-Kutta is exact but for rounding
     np.testing.assert_allclose(got[output][-1], value, atol=1e-12)

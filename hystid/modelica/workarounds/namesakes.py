@@ -14,11 +14,15 @@ from hystid.modelica.reach import Class, classes
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
 
+_FIXED = frozenset(("constructor", "destructor"))  # of external objects, by their names
+
 
 def with_functions_apart(sources: Sequence[Source]) -> list[Source]:
     """The texts with such functions renamed; lines stay where they are."""
     outlines = [classes(source) or () for source in sources]
-    functions = [c for found in outlines for c in found if c.kind == "function" and not c.short]
+    functions = [
+        c for found in outlines for c in found if c.kind == "function" and not c.short and c.name not in _FIXED
+    ]
     counts = Counter(c.name for c in functions)
     alike = [c for c in functions if counts[c.name] > 1 and c.parent is not None and c.parent.kind != "package"]
     if not alike:
