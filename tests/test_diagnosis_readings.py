@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
+from hystid.compiled import CompiledModel
 from hystid.diagnosis import diagnose
 from hystid.diagnosis.prepare.readings import Contradiction, consistent
+from hystid.modelica import compile_model
 from hystid.recording import Recording
 
 Array = np.ndarray
@@ -168,6 +170,17 @@ def test_a_decay_that_gives_out_what_it_had_stored_has_the_right_sign(channels: 
     sound = decay(40.0, 1)
     test = replace(sound, **{name: None for name in "xva" if name not in channels})
     assert float(np.mean(np.asarray(sound.F) * np.asarray(sound.v))) < 0
+    assert consistent([test], [], M).tests[0] is test
+
+
+@pytest.mark.parametrize("friction", [0.05, 0.5])
+def test_a_decay_with_a_slider_dies_away_to_the_end(friction: float) -> None:
+    """Without noise no stretch is left in which the motion does not lose energy: the force of an exciter that drags
+    along, weak as it is, tells neither a sign nor a mass."""
+    rig = CompiledModel(compile_model("HystId.Oscillators.Jenkins"))
+    given = {"m": M, "B": 2.0, "Kl": K, "Ks": 0.3 * K, "fc": friction, "x_start": 1e-3}
+    run = rig.simulate({"F": np.zeros(N)}, DT, parameters=given, outputs=("x", "v", "a"))
+    test = Recording("decay", np.arange(N) * DT, F=-1.0 * run["v"], **run)
     assert consistent([test], [], M).tests[0] is test
 
 

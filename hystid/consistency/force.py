@@ -117,7 +117,7 @@ def examine_force(recording: Recording) -> Force | None:
     if first:
         now, flipped = _passive_from(columns, first, 0)
         there, back = _passive_from(columns, first, shift)
-    mass, error, law, weight = _mass(columns, recording.quasi_static)
+    mass, error, law, weight = _mass(columns, recording.quasi_static or first == len(columns.F))
     left = _left(columns)
     F, v, x = columns.F - np.mean(columns.F), columns.signed[:, 1], columns.x - np.mean(columns.x)
     lag, lag_error = _fine(columns, fit, shift)
@@ -132,7 +132,8 @@ def examine_force(recording: Recording) -> Force | None:
 
 
 def _settled(columns: _Columns) -> int:
-    """First sample from which on the motion has no more energy than at the end, 0 where it begins at rest.
+    """First sample from which on the motion has no more energy than at the end, 0 where it begins at rest; the number
+    of samples where it dies away to the end.
 
     Before, the structure gives out what it had stored: a decay whose exciter drags along has a negative power and the
     right sign.
@@ -148,7 +149,10 @@ def _settled(columns: _Columns) -> int:
         float(np.mean((v[:first] - np.mean(v)) ** 2)) / max(float(np.max(v**2)), 1e-300),
         float(away**2) / max(float(np.max((x - np.mean(x[-window:])) ** 2)), 1e-300),
     )
-    return 0 if begun < _REST else int(np.argmax(energy <= energy[-1]))
+    if begun < _REST:
+        return 0
+    dies_away = bool(np.all(np.diff(energy[::-1][::window]) >= 0))
+    return len(v) if dies_away else int(np.argmax(energy <= energy[-1]))
 
 
 def _passive_from(columns: _Columns, first: int, shift: int) -> tuple[float, float]:
