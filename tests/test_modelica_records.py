@@ -123,3 +123,40 @@ end Rig;
     assert np.abs(got["g.y"] - 2 * np.sin(t)).max() < 1e-15
     assert (got["c"] == (t > 0.505)).all()
     assert not {"bus.unused", "bus.idle"} & {v.name for v in code.variables}
+
+
+def test_an_operator_record_with_several_operators_is_read(tmp_path: Path) -> None:
+    text = """
+operator record Pair
+  Real a, b;
+  encapsulated operator '*'
+    function times
+      import Pair; input Pair p; input Real k; output Pair q;
+    algorithm
+      q := Pair(k*p.a, k*p.b);
+    end times;
+  end '*';
+  encapsulated operator function '+'
+    import Pair; input Pair p; input Pair r; output Pair q;
+  algorithm
+    q := Pair(p.a + r.a, p.b + r.b);
+  end '+';
+  encapsulated operator function '-'
+    import Pair; input Pair p; output Pair q;
+  algorithm
+    q := Pair(-p.a, -p.b);
+  end '-';
+  encapsulated operator function '=='
+    import Pair; input Pair p; input Pair r; output Boolean same;
+  algorithm
+    same := p.a == r.a;
+  end '==';
+end Pair;
+model A
+  Pair p = Pair(time, 2), q = Pair.'*'.times(p, 3);
+  Real y = q.a + 10*q.b;
+end A;"""
+    path = tmp_path / "A.mo"
+    path.write_text(text)
+    got = CompiledModel(compile_model(f"{path}:A")).simulate({}, 0.5, rows=3, outputs=["y"])
+    np.testing.assert_allclose(got["y"], 60 + 1.5 * np.arange(3), rtol=1e-13)

@@ -24,12 +24,18 @@ def with_functions_apart(sources: Sequence[Source]) -> list[Source]:
         c for found in outlines for c in found if c.kind == "function" and not c.short and c.name not in _FIXED
     ]
     counts = Counter(c.name for c in functions)
-    alike = [c for c in functions if counts[c.name] > 1 and c.parent is not None and c.parent.kind != "package"]
+    alike = [c for c in functions if counts[c.name] > 1 and c.parent is not None and _is_local(c, c.parent)]
     if not alike:
         return list(sources)
     elsewhere = {name for source in sources for name in _called_outside(source, alike)}
     renamed = [c for c in alike if c.name not in elsewhere]
     return [edited(source, (e for c in renamed if c.source is source for e in _renamings(c))) for source in sources]
+
+
+def _is_local(function: Class, owner: Class) -> bool:
+    """Whether a model declares it for itself; packages and operators (``Complex.'*'.multiply``) do not."""
+    named = function.source.text[function.body - len(function.name) : function.body] == function.name
+    return owner.kind not in ("package", "operator") and named
 
 
 def _called_outside(source: Source, functions: Collection[Class]) -> Iterator[str]:
