@@ -14,7 +14,7 @@ from benchmarks.concealed.deck import deck
 from benchmarks.concealed.generate import write_case
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.fit.descent import _Normal, fit
-from hystid.diagnosis.fit.hypothesis import Hypothesis
+from hystid.diagnosis.fit.hypothesis import Hypothesis, get
 from hystid.diagnosis.model.baseline import Baseline, baseline_of
 from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.prepare.segments import Part, prepare_part
@@ -90,6 +90,25 @@ def test_no_step_is_tried_twice() -> None:
     assert 1 < len(tried) < 7
     for one, other in pairwise(tried):
         assert np.linalg.norm(other - one) > 0.1 * np.linalg.norm(one)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_an_unknown_without_a_derivative_stays_where_it_is(value: float) -> None:
+    part = motion(VALUES)
+    problem = problem_of([part], without_redundancy(boucwen(alpha=1.5e4), [part])[0])
+    here = Hypothesis(dict(problem.baseline.nominal))
+    unknowns, jacobian, rows = (
+        problem.unknowns(here),
+        problem.jacobian(here, problem.unknowns(here)),
+        problem.rows(here),
+    )
+    jacobian[len(rows) // 2, 0] = value
+    steps = list(_Normal(jacobian, rows).steps(here, unknowns, 1e-3))
+    assert steps
+    for _, promised, there in steps:
+        assert promised > 0
+        assert get(there, unknowns[0].key) == get(here, unknowns[0].key)
+        assert all(np.isfinite(v) for v in there.values.values())
 
 
 def test_a_redundant_parameter_is_held() -> None:

@@ -155,13 +155,17 @@ def _beside_law(view: _View, here: Hypothesis, normal: _Normal, least: float) ->
 
 
 class _Normal:
-    """Normal equations of one Jacobian, in columns of unit length: many steps are tried from one point."""
+    """Normal equations of one Jacobian, in columns of unit length: many steps are tried from one point. Unknowns whose
+    derivative is not finite stay where they are."""
 
     def __init__(self, jacobian: Array, rows: Array) -> None:
-        products = jacobian.T @ jacobian
+        products, right = jacobian.T @ jacobian, jacobian.T @ rows
+        wild = ~np.isfinite(np.diag(products)) | ~np.isfinite(right)
+        if np.any(wild):
+            products[wild], products[:, wild], right[wild] = 0.0, 0.0, 0.0
         self.scale = np.sqrt(np.diag(products))
         self.scale[self.scale == 0] = 1.0
-        self.matrix, self.right = products / np.outer(self.scale, self.scale), jacobian.T @ rows / self.scale
+        self.matrix, self.right = products / np.outer(self.scale, self.scale), right / self.scale
 
     def steps(
         self, here: Hypothesis, unknowns: Sequence[Unknown], first: float, held: frozenset[int] = frozenset()
