@@ -170,7 +170,9 @@ static int reach_towards(hy_engine *e, const stretch *w, double *s)
     }
     if (!outcome) return HY_OK;
     place(e, time_at(w, w->s), e->X);
-    hy_report(e, HY_FAILURE, "no finite solution beyond t = %.9g s: a nonlinear equation does not converge or a state overflows",
+    hy_report(e, HY_FAILURE,
+              "no finite solution beyond t = %.9g s: a nonlinear equation does not converge or a state overflows; take "
+              "smaller steps, or Model Exchange with a solver for stiff models",
               e->data.v[0]);
     return outcome;
 }
