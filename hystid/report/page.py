@@ -38,6 +38,7 @@ from hystid.rotation import turned_text
 
 _UNIT = re.compile(r"(?<=\d) (?=(?:%|\S{1,5}$))")  # a unit stays with its number
 _BESIDE = 3  # columns that fit beside each other on a phone
+_NEXT_TO_NOTHING = 5e-4  # probability that 0.1 % would overstate
 Tone = Literal["good", "warn", "bad", "neutral"]
 
 
@@ -368,10 +369,15 @@ def _linked(title: str, linked: Linked) -> str:
 def _odds(parts: Sequence[tuple[str, float, Tone]], note: str) -> str:
     bars = "".join(f'<span class="{tone}" style="flex-grow:{max(share, 0.0):.4f}"></span>' for _, share, tone in parts)
     names = "".join(
-        f'<li class="{tone}"><i></i>{escape(name)} <b>{percent(share)}</b></li>' for name, share, tone in parts
+        f'<li class="{tone}"><i></i>{escape(name)} <b>{_chance(share)}</b></li>' for name, share, tone in parts
     )
     said = f"<p>{escape(note)}</p>" if note else ""
     return f'<div class="odds"><div aria-hidden="true">{bars}</div><ul>{names}</ul>{said}</div>'
+
+
+def _chance(probability: float) -> str:
+    """A probability as people say it: digits of what is next to nothing say nothing."""
+    return "below 0.1 %" if 0 < probability < _NEXT_TO_NOTHING else percent(probability)
 
 
 def _table(table: Table) -> str:
