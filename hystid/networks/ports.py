@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from hystid.recording import Array
 
@@ -64,4 +63,6 @@ class Lag:
     def follow(self, source: Array, dt: float) -> Array:
         """L at the samples of its source, both of shape (n,); it starts at the source's first value."""
         share = self.share(dt)
+        from scipy.signal import lfilter  # a second to load, which a build of an FMU need not wait for
+
         return np.asarray(lfilter([0.0, share], [1.0, share - 1.0], source, zi=source[:1])[0])
