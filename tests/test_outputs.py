@@ -115,7 +115,7 @@ def test_ctrl_c_says_what_is_kept(tmp_path: Path) -> None:
         "import hystid.diagnosis\n"
         "def slow(*a, **k):\n"
         "    print('working', flush=True); time.sleep(60)\n"
-        "hystid.diagnosis.diagnose = slow; options.Reading.load = lambda *a: []\n"
+        "hystid.diagnosis.diagnose = slow; options.ReadingOptions.load = lambda *a: []\n"
         "sys.exit(run.run(['diagnose', 'a.csv', '--model', 'M', '-o', sys.argv[1]]))"
     )
     begun = subprocess.Popen(

@@ -24,6 +24,7 @@ from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import SHORTEST, take
 from hystid.diagnosis.prepare.refused import NotDiagnosable
+from hystid.diagnosis.prove.standing import stands
 from hystid.diagnosis.prove.unchanged import unchanged
 from hystid.diagnosis.tell.conclude import conclude, free_run_only
 from hystid.diagnosis.tell.result import Diagnosis
@@ -85,6 +86,7 @@ def diagnose(
                 if again is not None:
                     case, choice = again, _chosen(again, library)
                 case, choice = _held(*_sound(case, choice, library), library)
+                case, choice = stands(case, choice)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:

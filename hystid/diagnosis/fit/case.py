@@ -19,7 +19,7 @@ from hystid.diagnosis.fit.knocks import without_knocks
 from hystid.diagnosis.fit.periodic import PeriodicForce, periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest
-from hystid.diagnosis.fit.slow_motion import told_of, with_slow_motion
+from hystid.diagnosis.fit.slow_motion import OCTAVES, runs_of, told_of, with_slow_motion
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
 from hystid.diagnosis.model.catalogue import Catalogue
@@ -42,7 +42,6 @@ _LIBRARY = "HystId."
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no louder than all that is left
 _SECTIONS = 10  # of a recording, the first of which tells most of what was before
 _RESTED = ", and what its contacts remember of the time before bears out that they were at rest"
-_OCTAVES = 4  # above the lowest visible frequency in which noise may hide the motion: it falls by 12 dB in each
 _BEGUN = 3  # times that the beginning is judged again by a refit
 
 
@@ -262,18 +261,19 @@ def never_let_go(case: Case, fit: Fit) -> Case | None:
 
 def moved_slowly(case: Case) -> Case | None:
     """The case with slow motion that no channel shows as the law does it under the measured force, as far above the
-    lowest visible frequency as the law fits better; None where that is nowhere."""
+    lowest visible frequency as the law fits better; None where that is nowhere, or where a law has no memory."""
+    blind = any(part.lowest for part in case.problem.parts)
+    if case.baseline.memoryless or not case.baseline.mass or not blind:
+        return None
     found = None
-    for octaves in range(_OCTAVES):
+    for octaves in range(OCTAVES):
         last = found or case
-        moved = with_slow_motion(case.problem.parts, case.baseline, last.refit, octaves)
-        if moved is None:
-            return None
+        moved = with_slow_motion(case.problem.parts, runs_of(case.baseline, last.refit), octaves)
         problem = case.problem.of(moved)
         refitted, minima, nominal = refit_again(problem, [last.refit, *last.minima])
         if refitted.chi2 >= last.refit.chi2:
             break
-        unseen = tuple(with_slow_motion(case.unseen, case.baseline, refitted, octaves) or case.unseen)
+        unseen = tuple(with_slow_motion(case.unseen, runs_of(case.baseline, refitted), octaves))
         notes = (*case.notes, told_of(moved, octaves))
         found = replace(case, problem=problem, unseen=unseen, notes=notes, refit=refitted, minima=minima)
         found = replace(found, nominal_chi2=nominal)

@@ -6,7 +6,7 @@ structure there is the measured force, and the law itself says how far.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,15 +17,21 @@ from hystid.diagnosis.model.freerun import free_run
 from hystid.diagnosis.prepare.segments import Part
 from hystid.numeric import Array
 
+OCTAVES = 4  # above the lowest visible frequency in which noise may hide the motion: it falls by 12 dB in each
+Runs = Callable[[Part], Array | None]  # displacement (n,) of a free run under the measured force, where it is finite
 
-def with_slow_motion(parts: Sequence[Part], baseline: Baseline, fit: Fit, octaves: int = 0) -> list[Part] | None:
-    """Parts whose motion below the lowest visible frequency is that of a free run; None where there are none, or where
-    a law has no memory or no mass. octaves: how far above that frequency as well, as noise is loud there."""
-    if baseline.memoryless or not baseline.mass or not any(part.lowest for part in parts):
-        return None
+
+def with_slow_motion(parts: Sequence[Part], run: Runs, octaves: int = 0) -> list[Part]:
+    """Parts whose motion below the lowest visible frequency is that of a free run. octaves: how far above that
+    frequency as well, as noise is loud there."""
+    runs = [run(_begun(part)) if part.lowest else None for part in parts]
+    return [part if one is None else _moved(part, one, octaves) for part, one in zip(parts, runs, strict=True)]
+
+
+def runs_of(baseline: Baseline, fit: Fit) -> Runs:
+    """Free runs of a baseline with the parameters of a fit."""
     values, delay = baseline.settings(fit.hypothesis.parameters()), fit.hypothesis.delay
-    runs = [free_run(baseline.model, _begun(part), values, delay) if part.lowest else None for part in parts]
-    return [part if run is None else _moved(part, run, octaves) for part, run in zip(parts, runs, strict=True)]
+    return lambda part: free_run(baseline.model, part, values, delay)
 
 
 def told_of(parts: Sequence[Part], octaves: int) -> str:

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from hystid.diagnosis.decide.answer import Answer, Verdict, refit_values
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.case import Case
-from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.fit.zeros import zeros_instead
-from hystid.diagnosis.model.adapters import FmuModel, is_fmu
-from hystid.diagnosis.model.baseline import Baseline
+from hystid.diagnosis.model.adapters import FmuModel
 from hystid.diagnosis.model.freerun import errors
 from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.resonances import resonances, several_masses
-from hystid.diagnosis.prepare.segments import prepare_part
-from hystid.diagnosis.prove.extended import Kind, Skeleton
-from hystid.diagnosis.prove.runs import Run, Runs, free_runs
+from hystid.diagnosis.prepare.rest import resting
+from hystid.diagnosis.prepare.segments import Part, prepare_part
+from hystid.diagnosis.prove.runs import Run, Runs, free_runs, skeleton_of
 from hystid.diagnosis.tell import locate
 from hystid.diagnosis.tell.advice import next_experiment
 from hystid.diagnosis.tell.dependence import dependences
@@ -124,15 +121,7 @@ def _place(case: Case) -> list[str]:
 def _runs(case: Case, choice: Choice) -> Runs:
     """Free runs before and after what was named, and the answer that comes of them."""
     answer = Answer(case.problem, case.baseline, choice, case.nominal_chi2, case.faults, case.catalogue)
-    return free_runs(answer, _skeleton(case.baseline), case.unseen)
-
-
-def _skeleton(baseline: Baseline) -> Skeleton:
-    """What the written model is built around."""
-    file, _, _ = baseline.name.rpartition(":")
-    text = Path(file).read_text(encoding="utf-8") if file.endswith(".mo") else ""
-    kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if baseline.takes_effects else "wraps"
-    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text, baseline.has_h)
+    return free_runs(answer, skeleton_of(case.baseline), case.unseen)
 
 
 def _noise(case: Case) -> float:
@@ -152,13 +141,13 @@ def _mean(force: Sequence[tuple[float, float]], which: int) -> float:
 
 def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
     """NRMSE of the force balance before and after, per training and held-out recording, where the law says what the
-    force is: not where a contact remembers what was before, nor where friction may hold any force."""
+    force is: not where a contact remembers what was before, nor at rest, where friction holds any force."""
     problem, found = case.problem, []
     groups = [(problem, choice.after.hypothesis)]
     if case.unseen:
-        groups.append((problem.elsewhere(case.unseen), for_recording(choice.after.hypothesis)))
+        groups.append((problem.of(case.unseen), for_recording(choice.after.hypothesis)))
     for group, last in groups:
-        seen = [_told(group, number) for number in range(len(group.parts))]
+        seen = [_told(part) for part in group.parts]
         residuals = [
             [residual[at] for residual, at in zip(group.balance_shown(h), seen, strict=True)]
             for h in (choice.before.hypothesis, last)
@@ -169,10 +158,10 @@ def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]]
     return found[0], found[1] if case.unseen else []
 
 
-def _told(problem: Problem, number: int) -> Flags:
+def _told(part: Part) -> Flags:
     """Samples of one recording, (n,), in which the law says what the force is; all of them where none is left."""
-    part, weights = problem.parts[number], problem.reduce.trusted(number)
-    told = ~((weights > 0) & (weights < 1)) & (True if part.valid is None else part.valid)
+    told = np.ones(len(part), dtype=bool) if part.valid is None else part.valid
+    told = told & ~resting(part) if part.timed else told
     return told if np.any(told) else np.ones(len(part), dtype=bool)
 
 
