@@ -151,7 +151,8 @@ def _settled(columns: _Columns) -> int:
     )
     if begun < _REST:
         return 0
-    dies_away = bool(np.all(np.diff(energy[::-1][::window]) >= 0))
+    falls = bool(np.all(np.diff(energy[::-1][::window]) >= 0))
+    dies_away = falls and energy[-1] < 0.5 * energy[0]  # it has given out more than it still has
     return len(v) if dies_away else int(np.argmax(energy <= energy[-1]))
 
 

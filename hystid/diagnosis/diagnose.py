@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +104,8 @@ def _chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] 
 def _sound(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Case, Choice]:
     """The case and its selection, with what no channel shows as the law has it, where nothing is missing then: slow
     motion, and what contacts keep of the time before."""
-    for again in (moved_slowly(case), never_let_go(case, choice.best)) if choice.missing else ():
+    for other_case in (moved_slowly, partial(never_let_go, fit=choice.best)) if choice.missing else ():
+        again = other_case(case)
         if again is not None and leaves_noise(again.problem, again.refit):
             other = _chosen(again, library)
             if not other.missing:

@@ -243,8 +243,8 @@ def at_rest(case: Case, effects: Sequence[Effect]) -> Case | None:
 
 
 def never_let_go(case: Case, fit: Fit) -> Case | None:
-    """The case with a constant force of the time before where the law, with the parameters of a fit that names a
-    constant force, says that its contacts never let go; None where it does not.
+    """The case with a constant force of the time before where the law, with the parameters of a fit of more laws, says
+    that its contacts never let go; None where it does not.
 
     A refit without that force may make contacts slip that do not.
     """
@@ -275,8 +275,8 @@ def moved_slowly(case: Case) -> Case | None:
             break
         unseen = tuple(with_slow_motion(case.unseen, runs_of(case.baseline, refitted), octaves))
         notes = (*case.notes, told_of(moved, octaves))
-        found = replace(case, problem=problem, unseen=unseen, notes=notes, refit=refitted, minima=minima)
-        found = replace(found, nominal_chi2=nominal)
+        fits = replace(case, refit=refitted, minima=minima, nominal_chi2=nominal)
+        found = replace(fits, problem=problem, unseen=unseen, notes=notes)
     return found
 
 
