@@ -19,7 +19,8 @@ from scipy.optimize import lsq_linear
 from hystid.diagnosis.fit.curves import cells, curves
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.prepare.reduction import ROWS, colouring, filtered
+from hystid.diagnosis.prepare.filtering import filtered
+from hystid.diagnosis.prepare.reduction import ROWS, colouring
 from hystid.diagnosis.prepare.segments import Part, band
 
 Array = NDArray[np.float64]

@@ -11,10 +11,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct, idct, next_fast_len
 from scipy.ndimage import maximum_filter1d
 
 from hystid.diagnosis.prepare.differences import FIRST, SECOND
+from hystid.diagnosis.prepare.filtering import filtered, quick_length
 from hystid.diagnosis.prepare.segments import Part, band
 from hystid.numeric import Array, Flags
 from hystid.smoothing.smoother import BELOW
@@ -313,7 +313,7 @@ def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
     coloured = any(part.colour) and not part.lowest
     if not derived and not part.lowest and not coloured:
         return None
-    n = 2 * _quick(len(part))
+    n = 2 * quick_length(len(part))
     omega = 2 * np.pi * np.arange(n // 2 + 1) / n
     power = np.ones_like(omega)
     if derived:
@@ -331,7 +331,7 @@ def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
 
 def colouring(samples: int, colour: tuple[float, float]) -> Array:
     """Frequency response that makes noise of this colour white."""
-    n = 2 * _quick(samples)
+    n = 2 * quick_length(samples)
     cycles = np.maximum(np.arange(n // 2 + 1), 1) / n
     return np.asarray(1 / np.sqrt(1 + colour[0] / cycles + colour[1] / cycles**2))
 
@@ -362,22 +362,6 @@ def _stiffness(parts: Sequence[Part], mass: float) -> float:
 def _response(weights: Array, omega: Array) -> Array:
     shift = np.arange(len(weights)) - len(weights) // 2
     return np.asarray(np.abs(np.exp(1j * np.outer(omega, shift)) @ weights))
-
-
-def filtered(column: Array, response: Array) -> Array:
-    """Zero-phase filter along the last axis; its mirror image continues the column, hence the cosine transform.
-
-    response: shape (..., m + 1) for a length m that transforms quickly, at least that of the column.
-    """
-    samples, length = column.shape[-1], response.shape[-1] - 1
-    if length > samples:
-        column = np.concatenate([column, column[..., : samples - length - 1 : -1]], axis=-1)
-    return np.asarray(idct(dct(column) * response[..., :-1])[..., :samples])
-
-
-def _quick(samples: int) -> int:
-    """Length of a transform: a prime number takes ten times as long as one of small factors."""
-    return int(next_fast_len(samples, real=True))
 
 
 def _means(blocks: Array) -> Array:

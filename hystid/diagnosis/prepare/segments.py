@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft, rfft
 from scipy.ndimage import uniform_filter1d
 
 from hystid.diagnosis.prepare.decay import MODEL_ERROR
 from hystid.diagnosis.prepare.differences import FIRST, SECOND, advanced, stencil
+from hystid.diagnosis.prepare.filtering import filtered, quick_length
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.numeric import Array
 from hystid.numeric import Flags as Flags
@@ -94,12 +94,10 @@ class Part:
         return np.asarray(high / (1.0 + high))
 
     def slow(self, column: Array, octaves: int = 0) -> Array:
-        """What of a column (n,) lies below the lowest visible frequency, or so many octaves above it. At the ends the
-        column goes on as its mirror image."""
-        n, mirrored = len(column), np.concatenate([column[::-1], column, column[::-1]])
-        omega = 2 * np.pi * np.arange(len(mirrored) // 2 + 1) / len(mirrored)
-        share = 1.0 - self.seen(omega / 2**octaves)
-        return np.asarray(irfft(rfft(mirrored) * share, len(mirrored))[n : 2 * n])
+        """What of a column (n,) lies below the lowest visible frequency, or so many octaves above it."""
+        length = quick_length(len(column))
+        omega = np.pi * np.arange(length + 1) / length
+        return filtered(column, 1.0 - self.seen(omega / 2**octaves))
 
     def force_advanced(self, delay: float) -> Array:
         """The force, earlier by a number of samples of the first recording: a clock is late by a time."""
