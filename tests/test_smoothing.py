@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hystid.errors import UsageError
+from hystid.smoothing.noise import louder_for_a_while
 from hystid.smoothing.smoother import Roughness, smooth
 
 
@@ -80,6 +81,14 @@ def test_noise_that_is_louder_for_a_while_weighs_less() -> None:
     dense = _dense(measured, each, dt, 1e-4)
     assert np.allclose(found.x[100:], dense[100:, 0], atol=1e-6 * noise["x"])  # rounding, far from the start
     assert np.allclose(found.a[100:] * dt**2, dense[100:, 2], atol=1e-6 * noise["a"] * dt**2)
+
+
+def test_pauses_of_a_simulated_force_are_no_quiet_noise() -> None:
+    """Noise is not louder than nothing at all: the ratio has no value there, and the recording no finite weight."""
+    burst = np.random.default_rng(3).standard_normal(24 * 200) * np.repeat(np.geomspace(1.0, 30.0, 24), 200)
+    burst[: 5 * 200] = 0.0
+    with np.errstate(all="raise"):
+        assert louder_for_a_while(burst) is None
 
 
 @pytest.mark.parametrize("names", ["xva", "xa", "x"])

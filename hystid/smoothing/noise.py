@@ -52,8 +52,8 @@ def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
     edges = np.linspace(0, len(channel), count + 1).astype(int)
     parts = [channel[first:last] for first, last in pairwise(edges)]
     level = np.array([_by_differences(part) for part in parts])
-    base = float(np.quantile(level, 0.25))
-    if base <= _RESOLUTION * float(np.std(channel)):
+    base, least = float(np.quantile(level, 0.25)), _RESOLUTION * float(np.std(channel))
+    if base <= least:
         return None
     base = float(np.median(level[level <= _LOUD * base]))
     loud = level > _LOUD * base
@@ -63,6 +63,8 @@ def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
     while np.any(more := (level > _FLANK * base) & ~loud & (np.append(loud[1:], False) | np.append(False, loud[:-1]))):
         loud |= more
     base = float(np.median(level[~loud])) if np.any(~loud) else base
+    if base <= least:  # what is quiet is nought: pauses of a simulated force
+        return None
     over = np.where(loud, np.log(np.maximum(level / base, 1.0)), 0.0)
     return base, np.exp(np.interp(np.arange(len(channel)), 0.5 * (edges[1:] + edges[:-1]), over))
 

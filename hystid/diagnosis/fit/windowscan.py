@@ -225,6 +225,7 @@ def in_every_interval(problem: Problem, never: Fit, always: Fit) -> Array:
     return np.asarray((np.sum(off) + _within((on - off)[None])[0]) / len(place))
 
 
+@np.errstate(over="ignore")  # what is left of a force that is nought is without end
 def outside(problem: Problem, before: Fit) -> tuple[Fit, float]:
     """The baseline as it fits where it leaves least, and the mean square that it leaves there.
 

@@ -29,9 +29,8 @@ _THIRD, _SHORTEST = 1 / 3, 400  # fall of the motion over one piece, and its sam
 _RISEN, _CLEAR = 1.5, 5.0  # times the smallest size so far, and times the noise, from which it was pushed again
 _SWINGS, _SHALLOW = 4, 0.02  # reversals of two periods, and share of the range below which one is none
 _GONE = 0.01  # share of the first size below which a motion is creep, or rounding
-GOOD_RIG = 2e-3  # noise of the channels of a good rig (54 dB)
-MODEL_ERROR = 5e-4  # share of a channel that integration and interpolation leave; besides, a force of zero is known no
-# better than what the noise of the motion makes of it: sensors drift below the motion
+MODEL_ERROR = 5e-4  # share of a channel that integration and interpolation leave (66 dB); besides, a force of zero is
+# known no better than what the noise of the motion makes of it: sensors drift below the motion
 
 
 class NoDecay(NotDiagnosable):
@@ -103,7 +102,7 @@ def _decay(test: Recording, mass: float, seed: int, driven: bool) -> list[Record
     for number, (begin, stop) in enumerate(pairwise(places)):
         piece = test.part(slice(begin, stop))
         piece = with_noise(piece, seed + number) if quiet else piece
-        level = float(np.hypot((GOOD_RIG if quiet else MODEL_ERROR) * np.std(values[begin:stop]), noise))
+        level = float(np.hypot(MODEL_ERROR * np.std(values[begin:stop]), noise))
         draw = np.random.default_rng((seed, number)).standard_normal(len(piece))
         force = mass * omega ** (2 - "xva".index(name)) * level * draw
         x = None if piece.x is None else piece.x - zero
@@ -126,8 +125,8 @@ def _swings(values: Array, noise: float) -> int:
 
 
 def with_noise(test: Recording, seed: int) -> Recording:
-    """A simulated recording gets the noise of a good rig: else errors of integration would be named as physics."""
+    """A simulated recording gets noise of the size of what integration leaves, which would be named as physics else."""
     rng = np.random.default_rng(seed)
-    noisy = {k: u + GOOD_RIG * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in test.channels("Fxva").items()}
-    note = f"{test.name} holds no noise: white noise of {100 * GOOD_RIG:g} % of each channel is added"
+    noisy = {k: u + MODEL_ERROR * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in test.channels("Fxva").items()}
+    note = f"{test.name} holds no noise: white noise of {100 * MODEL_ERROR:g} % of each channel is added"
     return test.with_channels(noisy, note)
