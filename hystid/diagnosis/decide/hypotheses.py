@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 from hystid.diagnosis.decide.criterion import SOUND, Criterion, Hypothesis
 from hystid.diagnosis.decide.part_time import in_windows
@@ -28,9 +28,10 @@ from hystid.diagnosis.decide.trials import (
 from hystid.diagnosis.fit.clipped import clipped_force
 from hystid.diagnosis.fit.hypothesis import Fit, is_mass, is_source
 from hystid.diagnosis.fit.independence import is_noise
+from hystid.diagnosis.fit.pairscan import scan_pairs
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import Candidate as Scanned
-from hystid.diagnosis.fit.search import scan, try_fit
+from hystid.diagnosis.fit.search import beyond, from_nominal, scan, try_fit
 from hystid.diagnosis.fit.windows import has_windows
 from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drift
 from hystid.diagnosis.model.effects import Effect
@@ -39,6 +40,7 @@ _LEAP = 0.5  # share of the misfit that is left by a start from nominal values, 
 _ROUNDS = 3  # of looking for a better local minimum of what leads
 _STARTS = 3  # singles from which sets of effects grow
 _TRIED, _LAWS = 6, 4  # forms that are fitted as a further member of a set, and laws among them
+_PAIRS = 24  # pairs of forms, found by a scan of both together, that are fitted from each start
 _MEMBERS = 3  # effects of a set at most
 _REPLACED = 4  # other effects that are tried in the place of each member of the leading set
 _WORK = 15_000_000  # rows of residuals after which no further set is begun: some ten seconds, counted and not timed
@@ -212,9 +214,10 @@ class Search:
         self.began += self.problem.work - began
 
     def _sets(self) -> list[Hypothesis]:
-        """Two or three effects: forward from the leading singles, then members exchanged for others."""
-        found: list[Hypothesis] = []
-        for start in self._starts():
+        """Two or three effects: pairs that fit together, then forward from the leading singles, then members exchanged
+        for others."""
+        found = self._pairs()
+        for start in () if self._all_is_explained(found) else self._starts():
             line = self._line(start, self.library, found)
             if len(line) > 1 and self._is_settled(line):
                 break
@@ -226,6 +229,32 @@ class Search:
         if found and self.problem.work - self.began < _WORK:
             found += self._exchanged(min(found, key=lambda h: h.fit.chi2))
         return found
+
+    def _pairs(self) -> list[Hypothesis]:
+        """Two effects of which each may hide the other, the best fit of each two ids: from where the refit stands, and
+        from nominal values, as the refit was led astray by both."""
+        problem, nominal = self.problem, from_nominal(self.problem, self.baseline)
+        best: dict[tuple[frozenset[str], int], Hypothesis] = {}
+        for start in [self.baseline, *([nominal] if nominal is not None else [])]:
+            here, misfit = start.hypothesis, beyond(problem, start) - self.floor
+            for pair in scan_pairs(problem, start, self.library, partial(self._worth, misfit), _PAIRS):
+                made = try_fit(problem, replace(here, terms=(*here.terms, *pair.terms)))
+                known = best.get((pair.ids, pair.size))
+                if made is None or (known and known.fit.chi2 <= made.chi2) or not are_reached(problem, made):
+                    continue
+                names = tuple(sorted(pair.ids, key=self._place))
+                best[pair.ids, pair.size] = self._hypothesis(names, pair.size, made)
+        return list(best.values())
+
+    def _place(self, name: str) -> int:
+        """Rank of an effect among those that were fitted alone."""
+        names = [trial.name for trial in self.first]
+        return names.index(name) if name in names else len(names)
+
+    def _worth(self, misfit: float, gain: float, size: int) -> float:
+        """What two effects gain of a misfit beyond the price of their parameters."""
+        left = misfit - gain / self.criterion.rows
+        return self.criterion.likelihood(left) - self.criterion.penalty(size, 2, left)
 
     def _starts(self) -> list[Trial]:
         """Singles from which sets grow, by what they explain beyond the price of their parameters."""
@@ -296,7 +325,7 @@ class Search:
             bare = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
             start = standing(self.problem, bare)
             laws = [effect for effect in self.library if effect.id not in others]
-            scanned = self._by_worth(scan(self.problem, start, laws), start.chi2 - self.floor)
+            scanned = self._by_worth(scan(self.problem, start, laws), beyond(self.problem, start) - self.floor)
             for candidate in _one_per_id(scanned)[:_REPLACED]:
                 there = replace(bare, terms=(*here.terms[:at], candidate.term, *here.terms[at + 1 :]))
                 made = try_fit(self.problem, there, incumbent=best.fit.chi2)

@@ -91,6 +91,12 @@ def scan(
     return sorted(found, key=lambda c: -c.gain)
 
 
+def beyond(problem: Problem, fitted: Fit) -> float:
+    """Mean square that what is fitted already cannot take, wherever it stands: of this a scan says who takes how much."""
+    left = complement(problem, fitted)(fitted.residual)
+    return float(left @ left) / len(left)
+
+
 class _Beside:
     """What a scan asks of columns: what the basis takes of them, and their products with the residual beyond it."""
 

@@ -127,6 +127,8 @@ def _swings(values: Array, noise: float) -> int:
 def with_noise(test: Recording, seed: int) -> Recording:
     """A simulated recording gets noise of the size of what integration leaves, which would be named as physics else."""
     rng = np.random.default_rng(seed)
-    noisy = {k: u + MODEL_ERROR * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in test.channels("Fxva").items()}
+    noisy = {
+        k: u + MODEL_ERROR * float(np.std(u)) * rng.standard_normal(len(u)) for k, u in test.channels("Fxva").items()
+    }
     note = f"{test.name} holds no noise: white noise of {100 * MODEL_ERROR:g} % of each channel is added"
     return test.with_channels(noisy, note)
