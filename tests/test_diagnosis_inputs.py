@@ -62,7 +62,7 @@ def test_a_force_that_drifts_is_no_finding_where_time_was_not_measured() -> None
 def test_laws_that_read_the_time_say_so_themselves() -> None:
     needs = {effect.id for effect in load_effects() if effect.needs_clock}
     assert "stiffness_drift" in needs and "cubic_stiffness" not in needs and "viscoelastic_relaxation" not in needs
-    assert force_drift(1, bow=False).needs_clock
+    assert force_drift(1).needs_clock
 
 
 @pytest.mark.parametrize("kind", ["Oscillators", "Effects"])

@@ -33,14 +33,15 @@ from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import Candidate as Scanned
 from hystid.diagnosis.fit.search import beyond, from_nominal, scan, try_fit
 from hystid.diagnosis.fit.windows import has_windows
-from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drift
+from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drifts
 from hystid.diagnosis.model.effects import Effect
 
 _LEAP = 0.5  # share of the misfit that is left by a start from nominal values, from which the refit was stuck
 _ROUNDS = 3  # of looking for a better local minimum of what leads
 _STARTS = 3  # singles from which sets of effects grow
 _TRIED, _LAWS = 6, 4  # forms that are fitted as a further member of a set, and laws among them
-_PAIRS = 24  # pairs of forms, found by a scan of both together, that are fitted from each start
+_PAIRS = 16  # pairs of forms, found by a scan of both together, that are fitted from each start
+_ASTRAY = 1.0  # logarithm of the odds against parameters of a refit, from which it was led astray
 _MEMBERS = 3  # effects of a set at most
 _REPLACED = 4  # other effects that are tried in the place of each member of the leading set
 _WORK = 15_000_000  # rows of residuals after which no further set is begun: some ten seconds, counted and not timed
@@ -59,8 +60,7 @@ class Search:
         minima: Sequence[Fit],
     ) -> None:
         self.problem, self.baseline, self.effects, self.minima = problem, baseline, effects, minima
-        drifts = (force_drift(len(problem.parts), bow=bow) for bow in (False, True))
-        self.library = [*effects, *drifts, *clipped_force(problem, baseline)]
+        self.library = [*effects, *force_drifts(len(problem.parts)), *clipped_force(problem, baseline)]
         self.candidates = scan(problem, baseline, self.library, progress)
         self.criterion = Criterion(problem, baseline, len({effect.id for effect in self.library}))
         self.first: list[Trial] = []
@@ -216,7 +216,9 @@ class Search:
     def _sets(self) -> list[Hypothesis]:
         """Two or three effects: pairs that fit together, then forward from the leading singles, then members exchanged
         for others."""
+        began = self.problem.work
         found = self._pairs()
+        self.began += self.problem.work - began  # what these cost is not taken from the sets that grow
         for start in () if self._all_is_explained(found) else self._starts():
             line = self._line(start, self.library, found)
             if len(line) > 1 and self._is_settled(line):
@@ -232,10 +234,13 @@ class Search:
 
     def _pairs(self) -> list[Hypothesis]:
         """Two effects of which each may hide the other, the best fit of each two ids: from where the refit stands, and
-        from nominal values, as the refit was led astray by both."""
-        problem, nominal = self.problem, from_nominal(self.problem, self.baseline)
+        from nominal values where both led it astray."""
+        problem, starts = self.problem, [self.baseline]
+        astray = self.criterion.departure(self.baseline) > _ASTRAY
+        if astray and (nominal := from_nominal(problem, self.baseline)) is not None:
+            starts.append(nominal)
         best: dict[tuple[frozenset[str], int], Hypothesis] = {}
-        for start in [self.baseline, *([nominal] if nominal is not None else [])]:
+        for start in starts:
             here, misfit = start.hypothesis, beyond(problem, start) - self.floor
             for pair in scan_pairs(problem, start, self.library, partial(self._worth, misfit), _PAIRS):
                 made = try_fit(problem, replace(here, terms=(*here.terms, *pair.terms)))
@@ -325,8 +330,11 @@ class Search:
             bare = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
             start = standing(self.problem, bare)
             laws = [effect for effect in self.library if effect.id not in others]
-            scanned = self._by_worth(scan(self.problem, start, laws), beyond(self.problem, start) - self.floor)
-            for candidate in _one_per_id(scanned)[:_REPLACED]:
+            shapes = {name: value for name, value in term.values.items() if name not in term.effect.amplitudes}
+            left = beyond(self.problem, start) - self.floor
+            scanned = self._by_worth(scan(self.problem, start, laws, near=shapes), left)
+            simpler = [c for c in scanned if c.effect.id == term.effect.id and c.effect.size < term.effect.size]
+            for candidate in [*_one_per_id(scanned)[:_REPLACED], *simpler[:1]]:
                 there = replace(bare, terms=(*here.terms[:at], candidate.term, *here.terms[at + 1 :]))
                 made = try_fit(self.problem, there, incumbent=best.fit.chi2)
                 if made is not None and are_reached(self.problem, made):

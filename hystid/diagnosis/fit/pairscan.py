@@ -1,5 +1,4 @@
-"""Which two effects could it be: every pair of forms on the grids of their shapes, projected on what the baseline cannot
-absorb.
+"""Which two effects could it be: every pair of forms on the grids of their shapes, beside what the baseline absorbs.
 
 One effect after the other misses pairs of which each hides the other: the first is then fitted to what both leave, and
 stands where the second no longer helps. Forces are linear in their amplitudes, so that what two forms take together
@@ -119,10 +118,11 @@ def _best(one: _Form, other: _Form, scale: float) -> Pair | None:
     at = np.unravel_index(int(np.argmax(gains)), gains.shape)
     if not np.isfinite(gains[at]):
         return None
-    terms = tuple(
-        Term(
-            form.effect, {**form.shapes[place], **dict(zip(form.effect.amplitudes, map(float, force[at]), strict=True))}
-        )
-        for form, place, force in zip((one, other), at, forces, strict=True)
-    )
-    return Pair((terms[0], terms[1]), scale * float(gains[at]))
+    places = zip((one, other), at, forces, strict=True)
+    first_term, second_term = (_term(form, int(place), force[at]) for form, place, force in places)
+    return Pair((first_term, second_term), scale * float(gains[at]))
+
+
+def _term(form: _Form, place: int, amplitudes: Array) -> Term:
+    values = dict(zip(form.effect.amplitudes, map(float, amplitudes), strict=True))
+    return Term(form.effect, {**form.shapes[place], **values})

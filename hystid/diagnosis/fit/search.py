@@ -92,7 +92,7 @@ def scan(
 
 
 def beyond(problem: Problem, fitted: Fit) -> float:
-    """Mean square that what is fitted already cannot take, wherever it stands: of this a scan says who takes how much."""
+    """Mean square that is left wherever what is fitted stands; a scan says which effect takes how much of it."""
     left = complement(problem, fitted)(fitted.residual)
     return float(left @ left) / len(left)
 

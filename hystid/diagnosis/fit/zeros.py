@@ -8,6 +8,7 @@ import numpy as np
 
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.model.channel_effects import DRIFT, is_constant
 
 _STEP = 1e-3  # share of the largest displacement by which the law is moved to see its slope
 _STEADY = 1e-6  # relative change of a force that counts as constant
@@ -55,7 +56,11 @@ def zero_of_x(problem: Problem, hypothesis: Hypothesis, force: float) -> Zero | 
 
 
 def zero_of_term(problem: Problem, hypothesis: Hypothesis, term: Term) -> Zero | None:
-    """Zero of the displacement sensor that does what a term does; None where its force changes, or no zero does so."""
+    """Zero of the displacement sensor that does what a term does; None where its force changes, or no zero does so. Of
+    zeros that differ from recording to recording, the one that is farthest off."""
+    if term.effect.id == DRIFT and is_constant(term.values, problem.parts):
+        offsets = [value for name, value in term.values.items() if name.startswith("offset")]
+        return zero_of_x(problem, hypothesis, max(offsets, key=abs))
     force = _constant(term, [term.effect.force(signal, term.values) for signal in problem.signals(hypothesis)])
     return zero_of_x(problem, hypothesis, force) if force else None
 

@@ -126,7 +126,7 @@ class ForceDrift(ChannelEffect):
     @property
     def needs_clock(self) -> bool:
         """A ramp runs with the time."""
-        return True
+        return self.form != "Constant"
 
     def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
         """What the channel shows without any force [N], shape (n,)."""
@@ -137,16 +137,25 @@ class ForceDrift(ChannelEffect):
         return np.asarray(value + parameters.get(f"bow_{number}", 0.0) * curve)
 
 
-def force_drift(recordings: int, *, bow: bool) -> ForceDrift:
-    """Drift of the force channel over a number of recordings; bow: with curvature."""
-    kinds = ("offset", "ramp", "bow") if bow else ("offset", "ramp")
+_KINDS = {"Constant": ("offset",), "": ("offset", "ramp"), "Bowed": ("offset", "ramp", "bow")}
+
+
+def force_drifts(recordings: int) -> list[ForceDrift]:
+    """Drifts of the force channel over a number of recordings: a constant of each, of one recording a preload, with a
+    ramp, and with a curve."""
+    return [force_drift(recordings, form) for form in _KINDS if form != "Constant" or recordings > 1]
+
+
+def force_drift(recordings: int, form: str = "") -> ForceDrift:
+    """One form of the drift of the force channel: "Constant", "" with a ramp, or "Bowed"."""
+    kinds = _KINDS[form]
     names: Sequence[str] = [f"{kind}_{i + 1}" for i in range(recordings) for kind in kinds]
     units = {name: {"offset": "N", "ramp": "N/s", "bow": "N"}[name.partition("_")[0]] for name in names}
-    return ForceDrift(DRIFT, "Bowed" if bow else "", "", None, amplitudes=tuple(names), units=units)
+    return ForceDrift(DRIFT, form, "", None, amplitudes=tuple(names), units=units)
 
 
 def is_constant(values: Mapping[str, float], parts: Sequence[Part]) -> bool:
     """Whether a drift of the force channel is next to nothing but a constant per recording."""
     offset = sum(values[f"offset_{i + 1}"] ** 2 for i in range(len(parts)))
-    ramp = sum((values[f"ramp_{i + 1}"] * part.t[-1]) ** 2 / 12 for i, part in enumerate(parts))
+    ramp = sum((values.get(f"ramp_{i + 1}", 0.0) * part.t[-1]) ** 2 / 12 for i, part in enumerate(parts))
     return bool(ramp < _STEADY**2 * offset)
