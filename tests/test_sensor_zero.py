@@ -1,0 +1,33 @@
+"""The zero of a sensor beside physics that is missing."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from hystid.diagnosis import diagnose
+from hystid.diagnosis.model.channel_effects import force_drifts
+from tests.test_diagnosis_windows import MODEL, NOMINAL, STIFFNESS, motion, recorded
+
+LEVELS = (60.0, 45.0, 30.0)
+GAP = 0.3 * float(np.max(motion(1, LEVELS[0])[1]))
+
+
+def _beyond_a_gap(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return 0.5 * STIFFNESS * np.sign(x) * np.maximum(np.abs(x) - GAP, 0.0)
+
+
+def test_a_zero_of_x_in_each_recording_hides_no_law() -> None:
+    """A displacement that is off its zero by 3 % of its spread, elsewhere in each recording, is what sensors do."""
+    tests = [recorded(seed, level, _beyond_a_gap, noise=0.002) for seed, level in enumerate(LEVELS, 1)]
+    tests = [replace(t, x=t.x + side * 0.03 * np.std(t.x)) for t, side in zip(tests, (1, -1, 1), strict=True)]
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
+    assert found.verdict == "missing_physics"
+    leading = next(finding for finding in found.findings if finding.effect in ("two_sided_stop", "backlash"))
+    assert leading.confidence > 0.5
+    assert {finding.effect for finding in found.findings} - {leading.effect} <= {"preload", "force_drift"}
+
+
+def test_a_constant_of_each_recording_needs_no_clock_and_is_no_other_of_one() -> None:
+    """Of a single recording it is a constant force, which the library has already."""
+    assert [drift.form for drift in force_drifts(1)] == ["", "Bowed"]
+    assert [drift.needs_clock for drift in force_drifts(3)] == [False, True, True]
