@@ -16,6 +16,21 @@ def _beyond_a_gap(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     return 0.5 * STIFFNESS * np.sign(x) * np.maximum(np.abs(x) - GAP, 0.0)
 
 
+def _friction(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Friction that falls with speed (Tustin), some tenths of the elastic force."""
+    least, slow = 0.15 * STIFFNESS * GAP, 0.2 * float(np.max(np.abs(v)))
+    return (least + least * np.exp(-np.abs(v) / slow)) * np.tanh(v / (0.01 * slow))
+
+
+def test_a_zero_of_x_in_each_recording_hides_no_friction() -> None:
+    """Many samples show how a constant of each recording differs, and no law of the structure does so."""
+    tests = [recorded(seed, level, _friction, noise=0.002) for seed, level in enumerate(LEVELS, 1)]
+    tests = [replace(t, x=t.x + side * 0.03 * np.std(t.x)) for t, side in zip(tests, (1, -1, 1), strict=True)]
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
+    assert "stribeck_friction" in {finding.effect for finding in found.findings}
+    assert {finding.effect for finding in found.findings} <= {"stribeck_friction", "preload", "force_drift"}
+
+
 def test_a_zero_of_x_in_each_recording_hides_no_law() -> None:
     """A displacement that is off its zero by 3 % of its spread, elsewhere in each recording, is what sensors do."""
     tests = [recorded(seed, level, _beyond_a_gap, noise=0.002) for seed, level in enumerate(LEVELS, 1)]
