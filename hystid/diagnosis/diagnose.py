@@ -11,11 +11,10 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from hystid.diagnosis.decide import forms
-from hystid.diagnosis.decide.criterion import DOUBT, leaves_noise
+from hystid.diagnosis.decide.assumptions import decided
 from hystid.diagnosis.decide.possible import possible
-from hystid.diagnosis.decide.selection import Choice, choose
-from hystid.diagnosis.decide.unseen import unseen_likelihood
-from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, pose, recoloured
+from hystid.diagnosis.decide.selection import Choice
+from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.uncertainty import with_robust_errors
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
@@ -76,17 +75,13 @@ def diagnose(
             if is_fmu(model) and not (fmu := FmuModel(model)).holds:
                 answer, extended = free_run_only(fmu, taken, str(model)), None
             else:
-                case = pose(taken, str(model))
-                step(15, "baseline fitted")
                 everything = load_effects(_paths(effects))
-                case = replace(case, catalogue=catalogue_of(everything))
+                posed = partial(pose, taken, str(model), catalogue_of(everything))
+                case = posed()
+                step(15, "baseline fitted")
                 library, untestable = possible(everything, case, exclude)
                 every = _every(step, max(1, len(library) // 70))
-                choice = _chosen(case, library, every)
-                again = recoloured(case, choice.best) if choice.missing else None
-                if again is not None:
-                    case, choice = again, _chosen(again, library)
-                case, choice = _held(*_sound(case, choice, library), library)
+                case, choice = decided(case, library, every, partial(posed, rested=False))
                 case, choice = stands(case, choice)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
@@ -94,33 +89,6 @@ def diagnose(
         return not_applicable(str(refusal), str(model), given.values, out)
     answer = replace(answer, misread=taken.misread, doubts=taken.doubts, as_given=as_given, extended=extended)
     return written(turned(answer) if taken.tests[0].rotational else answer, out)
-
-
-def _chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] = lambda: None) -> Choice:
-    unseen = unseen_likelihood(case.problem, case.unseen)
-    return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen)
-
-
-def _sound(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Case, Choice]:
-    """The case and its selection, with what no channel shows as the law has it, where nothing is missing then: slow
-    motion, and what contacts keep of the time before."""
-    for other_case in (moved_slowly, partial(never_let_go, fit=choice.best)) if choice.missing else ():
-        again = other_case(case)
-        if again is not None and leaves_noise(again.problem, again.refit):
-            other = _chosen(again, library)
-            if not other.missing:
-                return again, other
-    return case, choice
-
-
-def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> tuple[Case, Choice]:
-    """The case and its selection, with what may be at rest weighed down where that makes dry friction the answer and
-    something unknown less probable."""
-    if not choice.missing or choice.posterior.unknown < DOUBT or (again := at_rest(case, library)) is None:
-        return case, choice
-    other = _chosen(again, library)
-    rubs = other.named and any(term.effect.turns for term in other.after.hypothesis.terms)
-    return (again, other) if rubs and other.posterior.unknown < choice.posterior.unknown else (case, choice)
 
 
 def not_applicable(

@@ -67,8 +67,12 @@ class Case:
     catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
 
 
-def pose(taken: Taken, model: str) -> Case:
-    """Recordings and a model as a problem with its refit. Raises NotDiagnosable, NumericalError, ModelicaError."""
+def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested: bool = True) -> Case:
+    """Recordings and a model as a problem with its refit. Raises NotDiagnosable, NumericalError, ModelicaError.
+
+    catalogue: what the effects declare of themselves. rested: whether contacts may have been at rest before a recording
+    that begins in mid-motion.
+    """
     tests, unseen, given = taken.tests, taken.unseen, taken.given
     timeless = any(test.quasi_static for test in tests)
     tests, unseen = ([trimmed(chain.seated(test)) for test in group] for group in (tests, unseen))
@@ -115,8 +119,9 @@ def pose(taken: Taken, model: str) -> Case:
         again = refit(problem, kept, sized) if more else refit_again(problem, [refitted, *minima])
         refitted, minima, nominal = again
     held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
-    if (rested := _begun_at_rest(problem, complete, kept, sized)) is not None:
-        problem, (refitted, minima, nominal), begun_so = rested
+    resting = _begun_at_rest(problem, complete, kept, sized) if rested else None
+    if resting is not None:
+        problem, (refitted, minima, nominal), begun_so = resting
         running = [*(told for told in running if not told.startswith(begun_so)), *(f"{b}{_RESTED}" for b in begun_so)]
     held = beginning(held, baseline, refitted.hypothesis.values)[0]
     every = problem.parts
@@ -146,6 +151,7 @@ def pose(taken: Taken, model: str) -> Case:
     return Case(
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
+        catalogue or Catalogue(),
     )  # fmt: skip
 
 
@@ -227,6 +233,11 @@ def recoloured(case: Case, law: Fit) -> Case | None:
     refitted, minima, nominal = refit_again(again, [case.refit, *case.minima])
     unseen = tuple(coloured_alike(case.unseen, parts))
     return replace(case, problem=again, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=unseen)
+
+
+def is_rested(case: Case) -> bool:
+    """Whether contacts are taken for at rest before a recording that begins in mid-motion."""
+    return any(note.endswith(_RESTED) for note in case.notes)
 
 
 def at_rest(case: Case, effects: Sequence[Effect]) -> Case | None:

@@ -1,0 +1,73 @@
+"""Assumptions about what nobody measured: the selection is made under one, and again under others.
+
+In: a case. Out: the case under the assumptions that hold, and its selection. Others are tried only where something is
+missing: slow motion that no channel shows, what contacts keep of the time before, noise that is slow, and rest in which
+friction holds any force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from hystid.diagnosis.decide.criterion import DOUBT, leaves_noise
+from hystid.diagnosis.decide.selection import Choice, choose
+from hystid.diagnosis.decide.unseen import unseen_likelihood
+from hystid.diagnosis.fit.case import Case, at_rest, is_rested, moved_slowly, never_let_go, recoloured
+from hystid.diagnosis.model.effects import Effect
+
+Decided = tuple[Case, Choice]
+
+
+def decided(case: Case, library: Sequence[Effect], progress: Callable[[], None], moving: Callable[[], Case]) -> Decided:
+    """The case under the assumptions that hold, and its selection.
+
+    moving: makes the case with what contacts remember left out, where they were taken for at rest before a recording
+    that begins in mid-motion.
+    """
+    choice = _chosen(case, library, progress)
+    if is_rested(case) and _is_doubtful(choice):
+        case, choice = _moving(case, choice, library, moving())
+    again = recoloured(case, choice.best) if choice.missing else None
+    if again is not None:
+        case, choice = again, _chosen(again, library)
+    return _held(*_sound(case, choice, library), library)
+
+
+def _chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] = lambda: None) -> Choice:
+    unseen = unseen_likelihood(case.problem, case.unseen)
+    return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen)
+
+
+def _is_doubtful(choice: Choice) -> bool:
+    """Whether something is missing that may have no name."""
+    return choice.missing and choice.posterior.unknown >= DOUBT
+
+
+def _moving(case: Case, choice: Choice, library: Sequence[Effect], other: Case) -> Decided:
+    """With what contacts remember left out, where that makes something unknown less probable: a refit without the law
+    that is missing cannot tell where contacts stood before."""
+    again = _chosen(other, library)
+    return (other, again) if again.posterior.unknown < choice.posterior.unknown else (case, choice)
+
+
+def _sound(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """With what no channel shows as the law has it, where nothing is missing then: slow motion, and what contacts keep
+    of the time before."""
+    for other_case in (moved_slowly, partial(never_let_go, fit=choice.best)) if choice.missing else ():
+        again = other_case(case)
+        if again is not None and leaves_noise(again.problem, again.refit):
+            other = _chosen(again, library)
+            if not other.missing:
+                return again, other
+    return case, choice
+
+
+def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """With what may be at rest weighed down, where that makes dry friction the answer and something unknown less
+    probable."""
+    if not _is_doubtful(choice) or (again := at_rest(case, library)) is None:
+        return case, choice
+    other = _chosen(again, library)
+    rubs = other.named and any(term.effect.turns for term in other.after.hypothesis.terms)
+    return (again, other) if rubs and other.posterior.unknown < choice.posterior.unknown else (case, choice)
