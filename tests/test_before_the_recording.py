@@ -1,0 +1,29 @@
+"""What contacts keep of the time before a recording, beside a law that is missing."""
+
+import numpy as np
+import pytest
+
+from hystid.diagnosis import diagnose
+from hystid.recording import Recording
+
+GIVEN = {"m": 2.0, "B": 6.0, "Kl": 2500.0, "Ks": 5000.0, "fc": 6.0}
+
+
+@pytest.mark.parametrize(("before", "channels"), [(-2.5, "Fx"), (2.5, "Fxa")])
+def test_a_contact_that_slips_late_hides_no_spring(before: float, channels: str) -> None:
+    """A slider stood elsewhere before the first sample, and slips late in a motion that grows. The refit without the
+    spring that is missing leaves much all along, and cannot tell whether the slider was at rest."""
+    t = np.arange(5000) * 1e-3
+    x = 1e-3 * (0.25 + 0.75 * t / t[-1]) * (np.sin(9.0 * t + 0.7) + 0.4 * np.sin(23.0 * t))
+    v = np.gradient(x, 1e-3, edge_order=2)
+    a = np.gradient(v, 1e-3, edge_order=2)
+    h = np.full_like(x, before)
+    for i in range(1, len(x)):
+        h[i] = np.clip(h[i - 1] + 4000.0 * (x[i] - x[i - 1]), -3.0, 3.0)
+    rng = np.random.default_rng(3)
+    clean = {"F": 2.0 * a + 5.0 * v + 3000.0 * x + h + 8e9 * x**3, "x": x, "a": a}
+    noisy = {k: u + 2e-3 * np.std(u) * rng.standard_normal(len(u)) for k, u in clean.items() if k in channels}
+    found = diagnose(Recording("by_hand", t, **noisy), model="HystId.Oscillators.Jenkins", parameters=GIVEN)
+    assert [finding.effect for finding in found.findings] == ["cubic_stiffness"]
+    assert found.findings[0].confidence > 0.9
+    assert any("whose force depends on it, are left out" in note for note in found.notes)
