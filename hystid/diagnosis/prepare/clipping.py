@@ -50,8 +50,9 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
 
     seen: the channel, (n,) per recording; told: what it should show. error: standard deviation of the latter.
 
-    Each excursion beyond the level is one witness: what the channel lacks there must not be zero by chance (Student,
-    or its sign), must be more than a gain or errors of what is told do, and the channel must not follow what is told.
+    Each excursion beyond the level is a witness, and one more where what is told moves by more than its error: what the
+    channel lacks there must not be zero by chance (Student; or its sign, and whether the channel stays), must be more
+    than a gain or errors of what is told do, and the channel must not follow what is told.
     """
     top = max(float(np.max(np.abs(values))) for values in seen)
     far = np.concatenate([(np.sign(one) * values)[np.abs(one) > top] for values, one in zip(seen, told, strict=True)])
@@ -59,14 +60,18 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
         return None
     level = float(np.median(far))
     inside = [np.abs(one) > level for one in told]
-    lacking, weights = [], []
+    lacking, weights, stays = [], [], []
     for values, one, beyond in zip(seen, told, inside, strict=True):
         for first, last in stretches(beyond):
-            lacking.append(float(np.mean(np.sign(one[first]) * (one[first:last] - values[first:last]))))
+            should_be, is_there = one[first:last], values[first:last]
+            lacking.append(float(np.mean(np.sign(one[first]) * (should_be - is_there))))
             weights.append(float(last - first))
+            if np.ptp(should_be) > 2 * DEEP * error:
+                stays.append(np.polyfit(should_be, is_there, 1)[0] < _STAYS)
     found = agreed(np.array(lacking), np.array(weights))
     clear = np.array(lacking)[np.abs(lacking) > DEEP * error]
-    by_sign = float(binom.sf(np.count_nonzero(clear > 0) - 1, len(clear), 0.5))  # depths differ, their sign does not
+    witnesses = [*(clear > 0), *stays]  # depths differ, but not their sign, nor that the channel stays
+    by_sign = float(binom.sf(sum(witnesses) - 1, len(witnesses), 0.5))
     is_deep = found.value > max(CALIBRATION * level, DEEP * error)
     shown = np.concatenate([(np.sign(one) * values)[b] for values, one, b in zip(seen, told, inside, strict=True)])
     should = np.concatenate([np.abs(one[b]) for one, b in zip(told, inside, strict=True)])
