@@ -154,7 +154,8 @@ def also_from_nominal(problem: Problem, found: Sequence[Trial], before: Fit, lib
         return list(found)
     incumbent, candidates = found[0].chi2, scan(problem, start, library)[:_FORMS]
     pairs = [(candidate, try_term(problem, start, candidate.term, incumbent=incumbent)) for candidate in candidates]
-    return ranked(problem, [*found, *(_trial(candidate, made) for candidate, made in pairs if made is not None)])
+    made_so = (_trial(candidate, made) for candidate, made in pairs if made is not None)
+    return ranked(problem, [*found, *made_so, *chain_trials(problem, start, library)])
 
 
 def searched_again(
