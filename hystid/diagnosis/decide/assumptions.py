@@ -13,7 +13,7 @@ from functools import partial
 from hystid.diagnosis.decide.criterion import DOUBT, leaves_noise
 from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.decide.unseen import unseen_likelihood
-from hystid.diagnosis.fit.case import Case, at_rest, is_rested, moved_slowly, never_let_go, recoloured
+from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, recoloured
 from hystid.diagnosis.model.effects import Effect
 
 Decided = tuple[Case, Choice]
@@ -26,7 +26,7 @@ def decided(case: Case, library: Sequence[Effect], progress: Callable[[], None],
     that begins in mid-motion.
     """
     choice = _chosen(case, library, progress)
-    if is_rested(case) and _is_doubtful(choice):
+    if case.rested and _is_doubtful(choice):
         case, choice = _moving(case, choice, library, moving())
     again = recoloured(case, choice.best) if choice.missing else None
     if again is not None:

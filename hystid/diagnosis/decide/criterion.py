@@ -55,6 +55,7 @@ NOMINAL = math.log(2)  # scale of the logarithm by which a structure differs fro
 _NO_MORE = 0.01  # of its nominal value, below which a parameter is nought
 _BY_CHANCE = 0.05  # probability at which draws of the noise, and its means over states, count as agreeing by chance
 DOUBT = 0.05  # probability of something unknown from which another reading of the recordings is tried
+MENTION = 1 / 10**0.5  # odds against a rival that are not worth more than a bare mention (Jeffreys 1961)
 NAME = 0.5  # probability from which a name is told: a wrong name costs as much as a right one gains
 
 

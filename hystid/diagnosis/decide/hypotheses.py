@@ -6,11 +6,12 @@ together, only where the best single leaves what a further effect could still ea
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 
-from hystid.diagnosis.decide.criterion import SOUND, Criterion, Hypothesis
+from hystid.diagnosis.decide.criterion import MENTION, SOUND, Criterion, Hypothesis
 from hystid.diagnosis.decide.part_time import in_windows
 from hystid.diagnosis.decide.trials import (
     Trial,
@@ -31,7 +32,7 @@ from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.pairscan import scan_pairs
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import Candidate as Scanned
-from hystid.diagnosis.fit.search import beyond, from_nominal, scan, try_fit
+from hystid.diagnosis.fit.search import from_nominal, scan, try_fit, unexplained
 from hystid.diagnosis.fit.windows import has_windows
 from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drifts
 from hystid.diagnosis.model.effects import Effect
@@ -41,7 +42,6 @@ _ROUNDS = 3  # of looking for a better local minimum of what leads
 _STARTS = 3  # singles from which sets of effects grow
 _TRIED, _LAWS = 6, 4  # forms that are fitted as a further member of a set, and laws among them
 _PAIRS = 16  # pairs of forms, found by a scan of both together, that are fitted from each start
-_ASTRAY = 1.0  # logarithm of the odds against parameters of a refit, from which it was led astray
 _MEMBERS = 3  # effects of a set at most
 _REPLACED = 4  # other effects that are tried in the place of each member of the leading set
 _WORK = 15_000_000  # rows of residuals after which no further set is begun: some ten seconds, counted and not timed
@@ -236,13 +236,17 @@ class Search:
         """Two effects of which each may hide the other, the best fit of each two ids: from where the refit stands, and
         from nominal values where both led it astray."""
         problem, starts = self.problem, [self.baseline]
-        astray = self.criterion.departure(self.baseline) > _ASTRAY
+        astray = self.criterion.departure(self.baseline) > -math.log(MENTION)
         if astray and (nominal := from_nominal(problem, self.baseline)) is not None:
             starts.append(nominal)
         best: dict[tuple[frozenset[str], int], Hypothesis] = {}
         for start in starts:
-            here, misfit = start.hypothesis, beyond(problem, start) - self.floor
-            for pair in scan_pairs(problem, start, self.library, partial(self._worth, misfit), _PAIRS):
+            here, misfit = start.hypothesis, unexplained(problem, start) - self.floor
+
+            def worth(gain: float, size: int, misfit: float = misfit) -> float:
+                return self._worth(misfit - gain / self.criterion.rows, size, 2)
+
+            for pair in scan_pairs(problem, start, self.library, worth, _PAIRS):
                 made = try_fit(problem, replace(here, terms=(*here.terms, *pair.terms)))
                 known = best.get((pair.ids, pair.size))
                 if made is None or (known and known.fit.chi2 <= made.chi2) or not are_reached(problem, made):
@@ -256,17 +260,15 @@ class Search:
         names = [trial.name for trial in self.first]
         return names.index(name) if name in names else len(names)
 
-    def _worth(self, misfit: float, gain: float, size: int) -> float:
-        """What two effects gain of a misfit beyond the price of their parameters."""
-        left = misfit - gain / self.criterion.rows
-        return self.criterion.likelihood(left) - self.criterion.penalty(size, 2, left)
+    def _worth(self, left: float, size: int, effects: int = 1) -> float:
+        """What effects explain beyond the price of their parameters. left: misfit that they leave."""
+        return self.criterion.likelihood(left) - self.criterion.penalty(size, effects, left)
 
     def _starts(self) -> list[Trial]:
         """Singles from which sets grow, by what they explain beyond the price of their parameters."""
 
         def worth(trial: Trial) -> float:
-            misfit = self.criterion.misfit(trial.fit, float("nan"))
-            return self.criterion.likelihood(misfit) - self.criterion.penalty(trial.size, 1, misfit)
+            return self._worth(self.criterion.misfit(trial.fit, float("nan")), trial.size)
 
         return distinct(sorted(self.first, key=worth, reverse=True))[:_STARTS]
 
@@ -311,11 +313,9 @@ class Search:
     def _by_worth(self, scanned: Sequence[Scanned], misfit: float) -> list[Scanned]:
         """Candidates by what they gain beyond the price of their parameters: a law always fits worse than the more
         general one that holds it, and would never be tried for its gain alone. misfit: what they may take."""
-        criterion = self.criterion
 
         def worth(c: Scanned) -> float:
-            left = misfit - c.gain / criterion.rows
-            return criterion.likelihood(left) - criterion.penalty(c.effect.size, 1, left)
+            return self._worth(misfit - c.gain / self.criterion.rows, c.effect.size)
 
         return sorted(scanned, key=worth, reverse=True)
 
@@ -331,7 +331,7 @@ class Search:
             start = standing(self.problem, bare)
             laws = [effect for effect in self.library if effect.id not in others]
             shapes = {name: value for name, value in term.values.items() if name not in term.effect.amplitudes}
-            left = beyond(self.problem, start) - self.floor
+            left = unexplained(self.problem, start) - self.floor
             scanned = self._by_worth(scan(self.problem, start, laws, near=shapes), left)
             simpler = [c for c in scanned if c.effect.id == term.effect.id and c.effect.size < term.effect.size]
             for candidate in [*_one_per_id(scanned)[:_REPLACED], *simpler[:1]]:

@@ -7,7 +7,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hystid.diagnosis.decide.criterion import NAME, Candidate, Criterion, Hypothesis, Posterior, zero_probability
+from hystid.diagnosis.decide.criterion import (
+    MENTION,
+    NAME,
+    Candidate,
+    Criterion,
+    Hypothesis,
+    Posterior,
+    zero_probability,
+)
 from hystid.diagnosis.decide.hypotheses import Search
 from hystid.diagnosis.decide.lawfree import free_curves
 from hystid.diagnosis.decide.limits import blames_in_vain
@@ -23,7 +31,6 @@ from hystid.diagnosis.model.effects import Effect
 _ROUNDS = 3  # of looking for a better local minimum of what leads
 _CHANCE = 1e-3  # probability below which a hypothesis is not looked at more closely
 _ALIKE = 0.05  # of the probability of what leads: less is told apart, unless it fits better with more parameters
-_MENTION = 1 / 10**0.5  # odds against a rival that are not worth more than a bare mention (Jeffreys 1961)
 
 
 @dataclass(frozen=True)
@@ -192,7 +199,7 @@ def _class(criterion: Criterion, posterior: Posterior, leader: Candidate, name: 
             gain = criterion.gain(other.hypothesis, leader.hypothesis)
             near = other.probability > _ALIKE * leader.probability or gain > 1.0
             same = near and not criterion.predicts_else(other.hypothesis, leader.hypothesis)
-            if instead not in alike and (same or other.probability > _MENTION * leader.probability):
+            if instead not in alike and (same or other.probability > MENTION * leader.probability):
                 alike.append(instead)
     return tuple(alike), min(1.0, posterior.of(alike))
 

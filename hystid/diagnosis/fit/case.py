@@ -50,7 +50,8 @@ class Case:
     """Everything that the decision works on.
 
     nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. unforced: the force is
-    known to be zero. catalogue: what the effects declare of themselves.
+    known to be zero. catalogue: what the effects declare of themselves. rested: contacts are taken for at rest before a
+    recording that begins in mid-motion.
     """
 
     problem: Problem
@@ -65,6 +66,7 @@ class Case:
     timeless: bool = False
     unforced: bool = False
     catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
+    rested: bool = False
 
 
 def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested: bool = True) -> Case:
@@ -151,7 +153,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     return Case(
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
-        catalogue or Catalogue(),
+        catalogue or Catalogue(), resting is not None,
     )  # fmt: skip
 
 
@@ -233,11 +235,6 @@ def recoloured(case: Case, law: Fit) -> Case | None:
     refitted, minima, nominal = refit_again(again, [case.refit, *case.minima])
     unseen = tuple(coloured_alike(case.unseen, parts))
     return replace(case, problem=again, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=unseen)
-
-
-def is_rested(case: Case) -> bool:
-    """Whether contacts are taken for at rest before a recording that begins in mid-motion."""
-    return any(note.endswith(_RESTED) for note in case.notes)
 
 
 def at_rest(case: Case, effects: Sequence[Effect]) -> Case | None:

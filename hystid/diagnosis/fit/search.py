@@ -91,8 +91,8 @@ def scan(
     return sorted(found, key=lambda c: -c.gain)
 
 
-def beyond(problem: Problem, fitted: Fit) -> float:
-    """Mean square that is left wherever what is fitted stands; a scan says which effect takes how much of it."""
+def unexplained(problem: Problem, fitted: Fit) -> float:
+    """Mean square that no change of what is fitted already can explain: gains of a scan are shares of it."""
     left = complement(problem, fitted)(fitted.residual)
     return float(left @ left) / len(left)
 

@@ -112,7 +112,7 @@ def _measured_only(tests: Sequence[Recording]) -> list[Recording]:
 
 
 def _with_noise(test: Recording, seed: int) -> Recording:
-    """A recording, one without any noise with that of a model error."""
+    """A recording; one without any noise gets as much as integration and interpolation leave."""
     return with_noise(test, seed) if all(map(is_noise_free, test.channels("Fxva").values())) else test
 
 
