@@ -267,3 +267,22 @@ def test_units_that_the_data_do_not_tell_apart_are_listed_once() -> None:
     one, other, same = (Slip("unit", ("F",), -5.0, size, ("N.m", u)) for u, size in UNITS.items())
     ordered = [Explanation((slip,), score, 0.0) for slip, score in ((one, 3.0), (other, 2.0), (same, 1.0))]
     assert with_alike(ordered).alike == ("N.cm",)
+
+
+@pytest.mark.parametrize("mass", [MASS, 1e-3 * MASS])
+def test_a_mass_in_tonnes_and_a_clock_in_milliseconds_are_both_told_where_sizes_do_not_tell(mass: float) -> None:
+    """Of v and F alone both look the same: F over dv/dt. A rig of usual size tells them apart, one in between not."""
+    plain = rig()
+    alone = replace(plain, x=None, a=None, t=1e3 * plain.t if mass == MASS else plain.t)
+    (finding,) = examine([alone], mass=mass).findings
+    assert finding.channel == ("t" if mass == MASS else "m")
+    between = replace(plain, x=None, a=None, t=60 * plain.t)  # 17 Hz, or 17 kHz
+    found = examine([between], mass=1e-3 * MASS * 60).findings
+    assert {item.channel for item in found} == {"t", "m"} and not any(item.repair for item in found)
+
+
+def test_a_clock_in_milliseconds_is_advised_before_a_unit_of_the_acceleration() -> None:
+    plain = rig()
+    (finding,) = examine([replace(plain, x=None, v=None, t=1e3 * plain.t)]).findings
+    assert finding.channel == "a" and finding.mend.index("t=ms") < finding.mend.index("F and a")
+    assert "--unit a=mm/s2" not in finding.mend

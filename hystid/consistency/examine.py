@@ -34,6 +34,7 @@ from hystid.consistency.slips import (
     Explanation,
     Situation,
     Slip,
+    clock_is_likelier,
     doubtful_units,
     explain,
     with_alike,
@@ -45,7 +46,8 @@ from hystid.recording import Array, Recording, Sources, loaded, own_mass
 _log = logging.getLogger("hystid")
 _SHORTEST = 64  # samples below which spectra say nothing
 _CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
-_SOUND = 0.005**2  # share of the power of the force that sensors leave which match to 0.5 %: less tells no sign
+_SOUND = math.sin(math.radians(5)) ** 2  # share of the power of the force that two chains leave of which one leads by
+# 5 degrees, as an AC coupling does ten times above its corner: less tells no sign
 _SIGMAS_FORCE = 5.0
 _SIGMAS_SIGN = 1.96  # standard errors of a quantity, from which its sign is known (95 %)
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
@@ -358,7 +360,8 @@ def _sizes(recording: Recording) -> list[Finding]:
         size = float(np.std(names[name])) / max(main_frequency(recording), 1e-12) ** ORDER[name]
         if size > _LARGEST["x"]:
             seen = f"means a displacement of about {size:.3g} m at the frequencies of this file"
-            return [words.too_large(recording.name, name, seen, size, alone)]
+            slow = clock_is_likelier(name, float(np.std(values)), recording.sample_rate)
+            return [words.too_large(recording.name, name, seen, size, alone, slow)]
     return []
 
 

@@ -45,7 +45,8 @@ class Force:
     free_share and free_lag_share: what any law explains before and after that shift; lag_share, lag_reversed: a
     passive one after it. samples: number of independent samples that tell the sign, from the correlation time of what
     is left. law: relative error of the mass from laws that the free ones do not follow. weight [1/kg]: what a mass adds
-    to the force that no law makes, over the rms of the force; 0 where noise may add as much. hidden_lag [s]: shifts of
+    to the force that no law makes, over the rms of the force; 0 where noise may add as much. shown: share of the force that laws explain without any mass,
+    where the acceleration tells of it. hidden_lag [s]: shifts of
     the force that leave less than fourfold of what the best one leaves: a law that looks late may be behind them.
     """
 
@@ -66,6 +67,7 @@ class Force:
     law: float
     weight: float
     hidden_lag: float
+    shown: float
 
     @property
     def mass_ratio_error(self) -> float:
@@ -78,9 +80,10 @@ class Force:
         """Whether a mass would show in the force, and next to none does.
 
         Next to none: less than a weighed one can be off. To show: a tenth of the force, and six standard errors, both
-        of chance and of what laws leave (that the acceleration absorbs as much as they leave is two of them).
+        of chance and of what laws leave (that the acceleration absorbs as much as they leave is two of them). Where a
+        structure swings by itself, inertia and restoring force cancel, and no law takes a small force well.
         """
-        if not np.isfinite(self.mass_error) or self.free_share < EXPLAINED:
+        if not np.isfinite(self.mass_error) or min(self.free_share, self.shown) < EXPLAINED:
             return False
         lacking = mass - abs(self.mass)
         left = max(1.0 - self.free_share, 0.0) ** 0.5
@@ -117,7 +120,7 @@ def examine_force(recording: Recording) -> Force | None:
     if first:
         now, flipped = _passive_from(columns, first, 0)
         there, back = _passive_from(columns, first, shift)
-    mass, error, law, weight = _mass(columns, recording.quasi_static or first == len(columns.F))
+    mass, error, law, weight, shown = _mass(columns, recording.quasi_static or first == len(columns.F))
     left = _left(columns)
     F, v, x = columns.F - np.mean(columns.F), columns.signed[:, 1], columns.x - np.mean(columns.x)
     lag, lag_error = _fine(columns, fit, shift)
@@ -127,7 +130,7 @@ def examine_force(recording: Recording) -> Force | None:
         now, flipped, mass, error, power, float(F @ x) / max(float(x @ x), 1e-300), float(F @ x) / size,
         lag * recording.dt, lag_error * recording.dt, fit.freely(0), fit.freely(shift), there, back,
         (1 - first / len(F)) * len(left) / max(_memory(left), 1.0), law, weight,
-        fit.hidden(shift) * recording.dt,
+        fit.hidden(shift) * recording.dt, shown,
     )  # fmt: skip
 
 
@@ -394,15 +397,15 @@ def _memory(left: Array) -> float:
     return 1.0 + 2.0 * float(np.sum(np.abs(rho[1:end])))
 
 
-def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float, float]:
+def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float, float, float]:
     """Apparent mass with a free law beside it, its standard error (one block left out at a time), the relative error
-    that laws of another form can make, and ``weight`` of the answer.
+    that laws of another form can make, and ``weight`` and ``shown`` of the answer.
 
     What no free law explains is there for the acceleration to absorb as well: that it absorbed no more than what it
     left is taken as the limit of 95 %, two standard errors.
     """
     if quasi_static:
-        return np.nan, np.inf, np.inf, 0.0
+        return np.nan, np.inf, np.inf, 0.0, 0.0
     table, force = _table(columns)
     step = max(1, len(columns.F) // _ROWS)
     size = float(np.sqrt(np.mean(columns.signed[::step, 0] ** 2)))
@@ -420,4 +423,6 @@ def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float, f
     absorbed = float(np.std(force - table @ fit) / max(float(np.std(alone)), 1e-300))
     own = float(np.std(alone))
     weight = size * own / max(float(np.std(force)), 1e-300) if own > _NOISY else 0.0
-    return float(fit[0]) / size, error, 0.5 * absorbed / max(abs(float(fit[0])), 1e-300), weight
+    left = force - others @ np.linalg.lstsq(others, force, rcond=None)[0]
+    shown = 1.0 - float(alone**2 @ left**2) / max(float(alone**2 @ (force - np.mean(force)) ** 2), 1e-300)
+    return float(fit[0]) / size, error, 0.5 * absorbed / max(abs(float(fit[0])), 1e-300), weight, shown

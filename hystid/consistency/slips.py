@@ -23,6 +23,7 @@ _WRONG_SIGN = 40.0  # chi square of a sign that is plainly the other one: certai
 PRIOR_SLIP = math.log(0.01)  # one channel in a hundred is mislabelled
 _PRIOR_RARE = math.log(0.1)  # of those, a unit that is seldom used
 _PRIOR_GAIN = math.log(1e-3)  # a gain of any size
+_SCALES = ("unit", "time")  # slips whose size is that of a unit
 _DECADES = math.log(1e12)  # range over which such a gain is as likely everywhere
 SURE = math.log(20.0)  # odds beyond which a slip is refused: a wrong label costs a result, a false alarm one --accept
 
@@ -123,14 +124,18 @@ def explain(situation: Situation) -> list[Explanation]:
 
 
 def with_alike(ordered: Sequence[Explanation]) -> Explanation:
-    """The first explanation, with units of another size or of another channel that explain it at odds below 20."""
+    """The first explanation, with units of another size or of another channel that explain it at odds below 20.
+
+    The time axis counts as a channel here: where v and F are all there is, a clock in ms makes of F over dv/dt what a
+    mass in t does.
+    """
     best = ordered[0]
-    if len(best.slips) != 1 or best.slips[0].kind != "unit":
+    if len(best.slips) != 1 or best.slips[0].kind not in _SCALES:
         return best
     near: dict[tuple[str, ...], list[Slip]] = {best.slips[0].channels: [best.slips[0]]}
     for other in ordered[1:]:
         one = other.slips[0] if len(other.slips) == 1 and best.score - other.score < SURE else None
-        if one is not None and one.kind == "unit" and not _size_is_among(near.setdefault(one.channels, []), one):
+        if one is not None and one.kind in _SCALES and not _size_is_among(near.setdefault(one.channels, []), one):
             near[one.channels].append(one)
     own, *others = near.values()
     return replace(
@@ -161,6 +166,19 @@ def doubtful_units(situation: Situation, name: str) -> list[str]:
         if 0.5 * seen + slip.prior < SURE:
             left.append(slip.units[1])
     return left
+
+
+def clock_is_likelier(name: str, rms: float, rate: float) -> bool:
+    """Whether a motion too large for its frequency has a clock in ms, rather than a channel in thousandths.
+
+    rms [SI] of the channel and sample rate [Hz], as written; judged by the sizes that tests have.
+    """
+
+    def odd(channel: str, value: float) -> float:
+        middle, spread = _SIZES[channel]
+        return float((math.log10(max(value, 1e-300) / middle) / spread) ** 2)
+
+    return odd(name, rms) + odd("rate", 1e3 * rate) < odd(name, 1e-3 * rms) + odd("rate", rate)
 
 
 def _misfit_limit(situation: Situation) -> float:

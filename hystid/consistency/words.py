@@ -20,8 +20,10 @@ def slips(
     name: str, best: Explanation, compared: Sequence[Pair], rotational: bool, mass: float | None
 ) -> list[Finding]:
     """One finding per slip of an explanation, and one for each slip that would explain as much instead."""
-    if best.alike:
+    if best.alike and best.slips[0].kind == "unit":
         found = [_unit(name, best.slips[0], compared, best.alike)]
+    elif best.alike:
+        found = [_time(name, best.slips[0], compared, best.alike)]
     else:
         found = [_slip(name, slip, compared, rotational, mass) for slip in best.slips]
     if not best.instead:
@@ -74,7 +76,7 @@ def _unit(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] 
     return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen, repair)
 
 
-def _time(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
+def _time(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] = ()) -> Finding:
     told, seen = _evidence("", compared)
     seen["times too large"] = slip.factor
     size = f"{_number(slip.factor)} times too slow" if slip.factor > 1 else f"{_number(1 / slip.factor)} times too fast"
@@ -83,9 +85,9 @@ def _time(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
         mend = f"divide t by the sample rate in Hz (about {_number(slip.factor)}), or write the time in s"
         repair = {}
     else:
-        looks = f"t looks like {slip.units[1]}"
+        looks = f"t looks like {' or '.join([slip.units[1], *alike])}"
         mend = f"write 't [{slip.units[1]}]' in the header or give --unit t={slip.units[1]}"
-        repair = {"unit": f"t={slip.units[1]}"}
+        repair = {} if alike else {"unit": f"t={slip.units[1]}"}
     judged = told or "judged by the mass and the force"
     sentence = f"time runs {size} for the motion ({judged}): {looks}"
     return Finding(name, "t", "wrong_unit", sentence, mend, "refuse", seen, repair)
@@ -222,11 +224,16 @@ def unrelated(name: str, p: Pair) -> Finding:
     return Finding(name, p.high, "not_one_motion", sentence, mend, "note", {"correlation": p.correlation})
 
 
-def too_large(name: str, channel: str, seen: str, size: float, alone: bool) -> Finding:
-    """A size that no structure has. alone: whether no other channel of the motion is there."""
+def too_large(name: str, channel: str, seen: str, size: float, alone: bool, slow: bool = False) -> Finding:
+    """A size that no structure has.
+
+    alone: whether no other channel of the motion is there. slow: whether the time axis is more likely at fault.
+    """
     sentence = f"{channel} {seen}, which no structure of this kind does"
     unit = {"x": "mm", "v": "mm/s", "a": "mm/s2"}[channel]
-    mend = f"correct the unit of {channel} or of t in the header, or give --unit {channel}={unit}"
+    first, second = ("t", channel) if slow else (channel, "t")
+    mend = f"correct the unit of {first} or of {second} in the header, or give --unit "
+    mend += "t=ms" if slow else f"{channel}={unit}"
     mend += f"; or are F and {channel} exchanged?" if alone else ""
     return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", {"size": size})
 
