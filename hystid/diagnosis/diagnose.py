@@ -82,7 +82,7 @@ def diagnose(
                 library, untestable = possible(everything, case, exclude)
                 every = _every(step, max(1, len(library) // 70))
                 case, choice = decided(case, library, every, partial(posed, rested=False))
-                case, choice = stands(case, choice)
+                case, choice = stands(case, choice, library)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:

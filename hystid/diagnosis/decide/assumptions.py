@@ -25,16 +25,17 @@ def decided(case: Case, library: Sequence[Effect], progress: Callable[[], None],
     moving: makes the case with what contacts remember left out, where they were taken for at rest before a recording
     that begins in mid-motion.
     """
-    choice = _chosen(case, library, progress)
+    choice = chosen(case, library, progress)
     if case.rested and _is_doubtful(choice):
         case, choice = _moving(case, choice, library, moving())
     again = recoloured(case, choice.best) if choice.missing else None
     if again is not None:
-        case, choice = again, _chosen(again, library)
+        case, choice = again, chosen(again, library)
     return _held(*_sound(case, choice, library), library)
 
 
-def _chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] = lambda: None) -> Choice:
+def chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] = lambda: None) -> Choice:
+    """The selection of a case, with what its held-out recordings say."""
     unseen = unseen_likelihood(case.problem, case.unseen)
     return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen)
 
@@ -47,7 +48,7 @@ def _is_doubtful(choice: Choice) -> bool:
 def _moving(case: Case, choice: Choice, library: Sequence[Effect], other: Case) -> Decided:
     """With what contacts remember left out, where that makes something unknown less probable: a refit without the law
     that is missing cannot tell where contacts stood before."""
-    again = _chosen(other, library)
+    again = chosen(other, library)
     return (other, again) if again.posterior.unknown < choice.posterior.unknown else (case, choice)
 
 
@@ -57,7 +58,7 @@ def _sound(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     for other_case in (moved_slowly, partial(never_let_go, fit=choice.best)) if choice.missing else ():
         again = other_case(case)
         if again is not None and leaves_noise(again.problem, again.refit):
-            other = _chosen(again, library)
+            other = chosen(again, library)
             if not other.missing:
                 return again, other
     return case, choice
@@ -68,6 +69,6 @@ def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     probable."""
     if not _is_doubtful(choice) or (again := at_rest(case, library)) is None:
         return case, choice
-    other = _chosen(again, library)
+    other = chosen(again, library)
     rubs = other.named and any(term.effect.turns for term in other.after.hypothesis.terms)
     return (again, other) if rubs and other.posterior.unknown < choice.posterior.unknown else (case, choice)

@@ -42,7 +42,7 @@ def is_reached(problem: Problem, term: Term, end: End, signals: Sequence[Signals
         return False
     value = term.values[end.of]
     if end.over:
-        return not _carries(term, end, signals)
+        return (end.below is None or value < end.below) and not _carries(term, end, signals)
     if end.at:
         shape = next(shape for shape in term.effect.shapes if shape.name == end.of)
         low, high = term.effect.bounds(shape, problem.scales)

@@ -125,7 +125,14 @@ def _decided(search: Search, found: Sequence[Hypothesis], unseen: Unseen) -> Cho
             before, before, search.floor, search.floor, posterior, trials=tuple(search.first), untestable=untestable
         )
     leader, names = chosen
-    after = _with_one_mass(search.problem, _to_the_end(search.problem, search.criterion, leader.hypothesis.fit))
+    ended = _to_the_end(search.problem, search.criterion, leader.hypothesis.fit)
+    if len(names) > 1 and ended is not leader.hypothesis.fit:
+        rests = list(search.without_one(replace(leader.hypothesis, fit=ended), criterion))
+        if not all(counts for _, counts in rests):  # a member made up for a side minimum of the others
+            others = [h for h in found if frozenset(h.names) != frozenset(leader.names)]
+            reached = [rest for rest, _ in rests if are_reached(search.problem, rest.fit)]
+            return _decided(search, [*reached, *others], unseen)
+    after = _with_one_mass(search.problem, ended)
     classes = [_class(criterion, posterior, leader, name) for name in names]
     return Choice(
         before, after, search.floor, search.problem.floor(after), posterior, names,

@@ -31,8 +31,9 @@ class End:
 
     law: id of that law, "" where the baseline has it. of: the parameter. The end is reached from ``above`` or up to
     ``below``, in units of ``per``; at the "top" or "bottom" of the range that is tried (``at``); or where the force
-    of the parameter outweighs that of another one (``over``). unless: "hysteresis" for a model that has some. fit:
-    such a fit is "refused", is "renamed", or is "equivalent" to the other law.
+    of the parameter outweighs that of another one (``over``), with ``below`` only where the parameter is less. unless:
+    "hysteresis" for a model that has some. fit: such a fit is "refused", is "renamed", or is "equivalent" to the other
+    law.
     """
 
     law: str
@@ -201,7 +202,7 @@ def _record(key: str, entry: Entry, item: Any, parameters: Mapping[str, Variable
 
 
 def _check_end(item: Record, end: End) -> None:
-    said = [end.above is not None, end.below is not None, bool(end.at), bool(end.over)]
+    said = [end.above is not None, end.below is not None and not end.over, bool(end.at), bool(end.over)]
     if sum(said) != 1:
         _refuse(item, "End says one of above, below, at and over")
     known = {"per": MEASURES, "fit": FITS, "at": ("", "top", "bottom"), "unless": ("", "hysteresis")}

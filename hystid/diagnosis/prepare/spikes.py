@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
-from hystid.numeric import Array
+from hystid.numeric import Array, Flags
 from hystid.recording import Recording
 
 _FEW = (10, 1e-3)  # samples, or share of them: more are no accidents
 _OUTSIDE = 0.5  # of the range of all other samples, by which a bad one lies beyond it
 _ALONE = 0.9  # of its height that its neighbours do not share: a pulse of three samples shares two thirds
+_MOVED_BY = {"F": "a", "a": "F"}  # a blow is in both, an error of the data link in one
 _WIDTH = 3  # samples on either side that count as neighbours
 
 
 def without_spikes(test: Recording) -> Recording:
     """A recording with single samples bridged that stand alone beyond the range of all others; notes say which.
 
-    A blow or an impact lasts several samples, or stays within what the channel shows elsewhere.
+    A blow or an impact lasts several samples, stays within what the channel shows elsewhere, or shows in force and
+    acceleration alike.
     """
     bridged: dict[str, Array] = {}
     notes = []
-    for name, values in test.channels("Fxva").items():
-        if len(values) >= 4 * _WIDTH and len(bad := spikes(values)):
+    channels = test.channels("Fxva")
+    for name, values in channels.items():
+        if len(values) < 4 * _WIDTH or not len(bad := spikes(values)):
+            continue
+        other = channels.get(_MOVED_BY.get(name, ""))
+        if len(bad := bad if other is None else bad[~_stands_out(other, bad)]):
             bridged[name] = _bridged(values, bad)
             notes.append(
                 f"{test.name}: {len(bad)} samples of channel {name} stand alone far beyond all others (the first at "
@@ -33,7 +40,7 @@ def without_spikes(test: Recording) -> Recording:
 
 def spikes(values: Array) -> NDArray[np.int64]:
     """Indices of single samples far beyond the range of all others."""
-    most = max(_FEW[0], int(_FEW[1] * len(values)))
+    most = _most(len(values))
     centre = float(np.median(values))
     ranked = np.argsort(-np.abs(values - centre))[: most + 1]
     rest = np.abs(np.delete(values, ranked) - centre)
@@ -42,6 +49,20 @@ def spikes(values: Array) -> NDArray[np.int64]:
     if not 0 < len(far) <= most:
         return np.zeros(0, dtype=np.int64)
     return np.array([k for k in far if _is_alone(values, int(k), limit, centre)], dtype=np.int64)
+
+
+def _stands_out(values: Array, at: NDArray[np.int64]) -> Flags:
+    """Whether a channel, too, stands out of its surroundings at each of some samples, or beside them, as nowhere else
+    but at a few."""
+    padded = np.pad(values, _WIDTH, mode="edge")
+    out = np.abs(values - 0.5 * (padded[: -2 * _WIDTH] + padded[2 * _WIDTH :]))
+    few = _WIDTH * _most(len(values))
+    limit = max(float(np.sort(out)[-min(few, len(out))]), np.finfo(float).tiny)
+    return np.asarray(maximum_filter1d(out, 3)[at] >= limit)
+
+
+def _most(samples: int) -> int:
+    return max(_FEW[0], int(_FEW[1] * samples))
 
 
 def _bridged(values: Array, bad: NDArray[np.int64]) -> Array:

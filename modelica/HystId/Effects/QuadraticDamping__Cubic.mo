@@ -5,5 +5,7 @@ block QuadraticDamping__Cubic "Drag that grows with the square and the cube of t
   parameter Real c3(unit="N.s3/m3") = 0 "Cubic drag coefficient";
 equation
   f = c*v*abs(v) + c3*v^3;
-  annotation(Documentation(info = "<html><p>For orifices whose exponent differs from two.</p></html>"));
+  annotation(Documentation(info = "<html><p>For orifices whose exponent differs from two.</p></html>"),
+    __HystId_effect(
+      becomes = {End(law = "", of = c3, below = 0, over = c)}));
 end QuadraticDamping__Cubic;
