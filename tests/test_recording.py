@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hystid.consistency import admit
 from hystid.errors import RecordingError, UsageError
 from hystid.recording import Recording, read, read_all, write_csv
+from hystid.smoothing.noise import noise_level
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 FORCELESS = ("linear_actuator_faults", "magneto_elastic_decay")
@@ -303,3 +304,17 @@ def test_every_real_recording_loads(path: Path) -> None:
 def test_an_actuator_without_a_force_sensor_is_refused_with_the_reason() -> None:
     path = next((DATA / "linear_actuator_faults").glob("*.csv"))
     assert "a current, a command or a set point is no measured force" in refused(path)
+
+
+@pytest.mark.parametrize("idle", [0.95, 0.6])
+def test_blows_between_a_few_samples_are_neither_cut_off_nor_a_staircase(tmp_path: Path, idle: float) -> None:
+    """A hammer in a simulation: the force is exactly 0 between blows of three samples."""
+    force = np.zeros(N)
+    every = round(3 / (1 - idle))
+    for at in range(20, N - 4, every):
+        force[at : at + 3] = [60.0, 100.0, 30.0]
+    found = read(write(tmp_path / "hammer.csv", {"t [s]": T, "F [N]": force, "x [m]": X}))
+    assert not [w for w in found.warnings if "cut off" in w]
+    assert noise_level(force) < 1e-3
+    stairs = np.where(np.arange(N) < N // 2, 0.0, np.round(np.sin(0.01 * np.arange(N)) * 20))
+    assert noise_level(stairs) > 0.1  # a display that counts, half of the time at rest

@@ -46,8 +46,9 @@ from hystid.recording import Array, Recording, Sources, loaded, own_mass
 _log = logging.getLogger("hystid")
 _SHORTEST = 64  # samples below which spectra say nothing
 _CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
-_SOUND = math.sin(math.radians(5)) ** 2  # share of the power of the force that two chains leave of which one leads by
-# 5 degrees, as an AC coupling does ten times above its corner: less tells no sign
+_SOUND = 0.005**2  # share of the power of the force that sensors leave which match to 0.5 %: less tells no sign
+_LEAD = math.sin(math.radians(5)) ** 2  # the same of a motion that leads by 5 degrees, as of an AC-coupled sensor ten
+# times above its corner: below a resonance that is a damping which gives out energy
 _SIGMAS_FORCE = 5.0
 _SIGMAS_SIGN = 1.96  # standard errors of a quantity, from which its sign is known (95 %)
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
@@ -324,7 +325,8 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
     found = []
     shifted = _is_late(recording, force)
     share, other = (force.lag_share, force.lag_reversed) if shifted else (force.share, force.reversed_share)
-    odds = 0.5 * force.samples * math.log(max(1 - other, _SOUND) / max(1 - share, _SOUND))
+    sound = _LEAD if force.correlation > 0 else _SOUND
+    odds = 0.5 * force.samples * math.log(max(1 - other, sound) / max(1 - share, sound))
     elastic = recording.quasi_static or "a" not in names
     if elastic and abs(force.correlation) > 0.9 and abs(odds) < 20 * _CLEAR:  # the slope of a spring says it
         odds += _CLEAR * 2 * math.copysign(1.0, force.correlation) if recording.quasi_static else 0.0

@@ -72,8 +72,9 @@ def _constant(table: Table, name: str, values: Array) -> list[Problem]:
 
 
 def _clipped(table: Table, name: str, values: Array) -> list[Problem]:
+    idle = 2 * np.count_nonzero(values == 0) > values.size  # as a force between blows: nought is no limit there
     for side, found_at in (("top", flat_tops(values)), ("bottom", flat_tops(-values))):
-        if len(found_at) >= 2:
+        if len(found_at) >= 2 and not (idle and values[found_at[0][0]] == 0):
             held = sum(length for _, length in found_at)
             limit = values.max() if side == "top" else values.min()
             found = f"cut off at {limit:.6g}: it arrives there in full motion {len(found_at)} times for {held} samples"

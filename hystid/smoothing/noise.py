@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 from scipy.special import binom
 
 from hystid.numeric import Array
@@ -17,6 +18,8 @@ _FLANK = 1.3  # the same beside a loud section
 _HIGHER, _ORDERS_APART = 9, 4.0  # order of differences, and five standard errors of the logarithm of their ratio to
 # those of sixth order, times the root of the samples
 _SHOCKS = 6.0  # kurtosis of differences of 128 samples of noise: one section in a thousand has more
+_SHOCK = 10.0  # times the median difference: noise of any colour reaches 6
+_UNRESOLVED = 0.02  # of a difference of sixth order: what a spline through shocks of two to four samples is off
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
 _SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
@@ -69,6 +72,16 @@ def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
     return base, np.exp(np.interp(np.arange(len(channel)), 0.5 * (edges[1:] + edges[:-1]), over))
 
 
+def between_samples(channel: Array) -> Array:
+    """Error (n,) that is left between the samples of shocks of two or three samples, in the unit of a channel; 0 where
+    its differences of sixth order are not far above those elsewhere."""
+    if len(channel) < 64:
+        return np.zeros(len(channel))
+    rough = np.abs(np.diff(channel, _DIFFERENCES)) / np.sqrt(binom(2 * _DIFFERENCES, _DIFFERENCES))
+    rough = maximum_filter1d(np.pad(rough, _DIFFERENCES // 2), _DIFFERENCES + 1)
+    return np.where(rough > _SHOCK * np.median(rough), _UNRESOLVED * rough, 0.0)
+
+
 def _is_white(part: Array) -> bool:
     """Whether a stretch shows white noise and no motion: differences of several orders agree, and have no shocks."""
     apart = abs(np.log(_by_differences(part, _HIGHER) / _by_differences(part)))
@@ -80,10 +93,15 @@ def _is_white(part: Array) -> bool:
 def steps(channel: Array) -> NDArray[np.intp] | None:
     """Number of the step that each sample of a staircase stands on, shape (n,); None where the channel does not rest.
 
-    Coarse resolution or a slow display: the error of such a channel is the same over a whole step.
+    Coarse resolution or a slow display: the error of such a channel is the same over a whole step. A simulated force
+    that pauses between blows rests at one value alone, and is none.
     """
     resting = np.diff(channel) == 0.0
     if np.mean(resting) < _RESTING or np.all(resting):
+        return None
+    levels, count = np.unique(channel[1:][resting], return_counts=True)
+    elsewhere = channel[1:] != levels[np.argmax(count)]
+    if np.mean(resting[elsewhere]) < _RESTING:
         return None
     return np.concatenate([[0], np.cumsum(~resting)])
 

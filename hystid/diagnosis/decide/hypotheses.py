@@ -166,7 +166,7 @@ class Search:
             first = searched_again(problem, first, self.baseline, self.floor, self.minima)
         for _ in range(_ROUNDS):
             best = first[0].chi2
-            first = finished(problem, exchanged(problem, first, self.baseline), self.excess)
+            first = finished(problem, exchanged(problem, first, self.baseline, self.library, every=False), self.excess)
             if best - first[0].chi2 < self.criterion.slack:
                 break
         return ranked(problem, [*self._to_the_end(first), *first])

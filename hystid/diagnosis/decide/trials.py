@@ -186,12 +186,13 @@ def searched_again(
 
 
 def exchanged(
-    problem: Problem, found: Sequence[Trial], before: Fit, library: Sequence[Effect] | None = None
+    problem: Problem, found: Sequence[Trial], before: Fit, library: Sequence[Effect], *, every: bool = True
 ) -> list[Trial]:
     """Look-alikes of the best trial, fitted again from where its baseline stands.
 
     The refit without any effect leans to one side, and a fit that starts there may never come to where the best one is:
-    it would lose for that and not for its law. library: what may look alike, None for what has come near.
+    it would lose for that and not for its law. library: what may look alike. every: all of it; else what has come near,
+    and simpler laws that were never fitted: a scan from the refit alone may miss them, and take what holds them.
     """
     best = found[0]
     here = best.fit.hypothesis
@@ -202,8 +203,13 @@ def exchanged(
     forms.pop(here.terms[-1].effect.class_name, None)
     bare = replace(here, terms=here.terms[:-1])
     start = standing(problem, bare)
-    effects = library if library is not None else [t.form_of for t in forms.values() if t.form_of]
     again, law = list(found), here.terms[-1]
+    fitted = {t.name for t in found}
+    effects = [
+        effect
+        for effect in library
+        if every or effect.class_name in forms or (effect.id not in fitted and effect.size < law.effect.size)
+    ]
     shapes = {name: value for name, value in law.values.items() if name not in law.effect.amplitudes}
     for candidate in _rivals(scan(problem, start, effects, near=shapes), law.effect.size):
         made = try_term(problem, start, candidate.term, incumbent=best.chi2)

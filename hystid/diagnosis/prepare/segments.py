@@ -20,7 +20,7 @@ from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.numeric import Array
 from hystid.numeric import Flags as Flags
 from hystid.recording import Recording
-from hystid.smoothing.noise import SECTIONS, louder_for_a_while, noise_level, steps
+from hystid.smoothing.noise import SECTIONS, between_samples, louder_for_a_while, noise_level, steps
 from hystid.smoothing.smoother import Smoothed, smooth
 
 Single = NDArray[np.float32]
@@ -42,7 +42,7 @@ class Part:
     (the channel itself, or a plain derivative of the best one). noise: standard deviation per channel.
     lowest: angular frequency [rad/s] below which the motion is not seen and x is held at zero; 0 where x was measured.
     past: samples after the first one that are run backwards before it: a law with memory begins as in mid-motion.
-    louder: noise of a channel over ``noise``, (n,), where it is louder for a while.
+    louder: noise of a channel over ``noise``, (n,), where it is louder for a while, or shocks are too short to be seen.
     timed: whether time was measured; else it only numbers the samples. extra: further columns of the file, (n,) each.
     sees_x: whether the displacement is known at all frequencies that matter.
     colour: power of the noise of all channels over its white part, times the frequency [cycles per sample], and times
@@ -185,6 +185,8 @@ def _louder(channels: Mapping[str, Array], noise: dict[str, float], limited: Col
             quiet = _at_least(name in limited, min(noise[name], level), values)
             found[name] = np.maximum(factor * level / quiet, 1.0)
             noise[name] = quiet
+        if np.any((shock := between_samples(values) / noise[name]) > 1.0):
+            found[name] = np.hypot(found.get(name, 1.0), shock)
     return found
 
 
