@@ -13,12 +13,26 @@ from scipy.special import factorial
 from hystid.numeric import Array
 
 Trend = Literal["constant", "linear"]
+
+
+def _central(half: int) -> tuple[Array, Array]:
+    """Weights of the central differences of highest order over 2 half + 1 samples, for the first and the second
+    derivative (Fornberg 1988)."""
+    k = np.arange(1, half + 1)
+    share = -((-1.0) ** k) * factorial(half) ** 2 / (factorial(half - k) * factorial(half + k))
+    first, second = share / k, 2 * share / k**2
+    return (
+        np.concatenate([-first[::-1], [0.0], first]),
+        np.concatenate([second[::-1], [-2 * np.sum(second)], second]),
+    )
+
+
 _TERMS, _LONG = 16, 50_000  # of the series for delays, and samples beyond which there is none
 _SIZES, _SMALL = np.pi ** np.arange(_TERMS) / factorial(np.arange(_TERMS)), 1e-10  # terms of it at most, and of no use
 _KEPT = 3  # whole numbers of samples whose series are kept: fits try one, and what lies to its sides
-# Central differences of eighth order: exact to 0.1 % up to a fifth of the sample rate.
-FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
-SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+_HALF = 6  # samples on either side that a central difference takes
+# Central differences of twelfth order: exact to 0.13 % and 0.02 % up to a fifth of the sample rate.
+FIRST, SECOND = _central(_HALF)
 
 
 def stencil(values: Array, weights: Array) -> Array:

@@ -160,7 +160,9 @@ def _clear(recording: Recording, both: tuple[Array, Array], low: str, high: str)
     one, other, lines = _in_band(*both)
     motion = measured_motion(recording)
     band = 2 * np.pi * np.arange(lines.start, lines.stop) / len(one)
-    gain = (np.abs(np.exp(1j * np.outer(band, np.arange(-4, 5))) @ FIRST) / recording.dt) ** (ORDER[high] - ORDER[low])
+    gain = (np.abs(np.exp(1j * np.outer(band, np.arange(len(FIRST)) - len(FIRST) // 2)) @ FIRST) / recording.dt) ** (
+        ORDER[high] - ORDER[low]
+    )
     passed = np.array([float(np.sum(gain**2)), float(len(band))]) / (len(one) / 2)
     noise = np.array([noise_level(motion[low]), noise_level(motion[high])]) ** 2 * passed * _HANN
     power = np.array([float(np.mean(one**2)), float(np.mean(other**2))])

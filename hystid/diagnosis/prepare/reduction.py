@@ -343,7 +343,7 @@ def longest_trim(samples: int) -> int:
 
 def _trim(samples: int, response: Array | None, first: float) -> int:
     """Samples at either end that derivation and whitening disturb: what happens at an end decays with the corners."""
-    least, most = max(5, samples // 200), longest_trim(samples)
+    least, most = max(len(FIRST) // 2 + 1, samples // 200), longest_trim(samples)
     if response is None:
         return least
     high = np.flatnonzero(response > 0.7 * np.max(response))[-1] * np.pi / (len(response) - 1)
