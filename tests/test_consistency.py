@@ -9,6 +9,8 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from hystid.consistency import admit, examine
+from hystid.consistency.examine import _judged_force
+from hystid.consistency.force import examine_force
 from hystid.consistency.slips import Explanation, Slip, with_alike
 from hystid.errors import RecordingError
 from hystid.recording import Recording
@@ -286,3 +288,16 @@ def test_a_clock_in_milliseconds_is_advised_before_a_unit_of_the_acceleration() 
     (finding,) = examine([replace(plain, x=None, v=None, t=1e3 * plain.t)]).findings
     assert finding.channel == "a" and finding.mend.index("t=ms") < finding.mend.index("F and a")
     assert "--unit a=mm/s2" not in finding.mend
+
+
+def test_a_lead_of_few_degrees_below_a_resonance_tells_no_sign_and_a_small_force_no_mass() -> None:
+    """Figures of a chirp below the resonance with a ring-down before it, seen through AC-coupled sensors."""
+    plain = rig()
+    seen = examine_force(plain)
+    assert seen is not None
+    lead = replace(seen, share=0.9968, reversed_share=0.99999, power=0.1, samples=20, mass=0.1, law=5.0)
+    assert _judged_force(plain, replace(lead, correlation=0.3)) == []  # the motion leads, and gives out energy
+    (told,) = _judged_force(plain, replace(lead, correlation=-0.3))  # above a resonance a lead would take it up
+    assert told.slip == "swapped_sign"
+    none = replace(seen, mass=0.1, mass_error=0.02, weight=1.0, free_share=0.95, shown=0.95)
+    assert none.denies(MASS) and not replace(none, shown=0.3).denies(MASS)

@@ -45,9 +45,9 @@ class Force:
     free_share and free_lag_share: what any law explains before and after that shift; lag_share, lag_reversed: a
     passive one after it. samples: number of independent samples that tell the sign, from the correlation time of what
     is left. law: relative error of the mass from laws that the free ones do not follow. weight [1/kg]: what a mass adds
-    to the force that no law makes, over the rms of the force; 0 where noise may add as much. shown: share of the force that laws explain without any mass,
-    where the acceleration tells of it. hidden_lag [s]: shifts of
-    the force that leave less than fourfold of what the best one leaves: a law that looks late may be behind them.
+    to the force that no law makes, over the rms of the force; 0 where noise may add as much. shown: share of the force
+    that laws explain without any mass, where the acceleration tells of it. hidden_lag [s]: shifts of the force that
+    leave less than fourfold of what the best one leaves: a law that looks late may be behind them.
     """
 
     share: float

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
@@ -12,7 +14,7 @@ from hystid.recording import Recording
 _FEW = (10, 1e-3)  # samples, or share of them: more are no accidents
 _OUTSIDE = 0.5  # of the range of all other samples, by which a bad one lies beyond it
 _ALONE = 0.9  # of its height that its neighbours do not share: a pulse of three samples shares two thirds
-_MOVED_BY = {"F": "a", "a": "F"}  # a blow is in both, an error of the data link in one
+_USUAL = 0.99  # quantile of the size of all others, up to which neighbours are what the channel always shows
 _WIDTH = 3  # samples on either side that count as neighbours
 
 
@@ -20,7 +22,7 @@ def without_spikes(test: Recording) -> Recording:
     """A recording with single samples bridged that stand alone beyond the range of all others; notes say which.
 
     A blow or an impact lasts several samples, stays within what the channel shows elsewhere, or shows in force and
-    acceleration alike.
+    acceleration alike: an error of the data link is in one of them.
     """
     bridged: dict[str, Array] = {}
     notes = []
@@ -28,7 +30,7 @@ def without_spikes(test: Recording) -> Recording:
     for name, values in channels.items():
         if len(values) < 4 * _WIDTH or not len(bad := spikes(values)):
             continue
-        other = channels.get(_MOVED_BY.get(name, ""))
+        other = channels.get("F") if name == "a" else _acceleration(channels) if name == "F" else None
         if len(bad := bad if other is None else bad[~_stands_out(other, bad)]):
             bridged[name] = _bridged(values, bad)
             notes.append(
@@ -45,10 +47,19 @@ def spikes(values: Array) -> NDArray[np.int64]:
     ranked = np.argsort(-np.abs(values - centre))[: most + 1]
     rest = np.abs(np.delete(values, ranked) - centre)
     limit = (1 + _OUTSIDE) * float(np.max(rest)) if len(rest) else np.inf
+    usual = float(np.quantile(rest, _USUAL)) if len(rest) else np.inf
     far = np.sort(ranked[np.abs(values[ranked] - centre) > limit])
     if not 0 < len(far) <= most:
         return np.zeros(0, dtype=np.int64)
-    return np.array([k for k in far if _is_alone(values, int(k), limit, centre)], dtype=np.int64)
+    return np.array([k for k in far if _is_alone(values, int(k), usual, centre)], dtype=np.int64)
+
+
+def _acceleration(channels: Mapping[str, Array]) -> Array | None:
+    """The acceleration, up to a factor; None where no channel of the motion is there."""
+    for order, name in enumerate("avx"):
+        if name in channels:
+            return np.pad(np.diff(channels[name], order), (order // 2, order - order // 2), mode="edge")
+    return None
 
 
 def _stands_out(values: Array, at: NDArray[np.int64]) -> Flags:
@@ -75,6 +86,6 @@ def _bridged(values: Array, bad: NDArray[np.int64]) -> Array:
     return out
 
 
-def _is_alone(values: Array, at: int, limit: float, centre: float) -> bool:
+def _is_alone(values: Array, at: int, usual: float, centre: float) -> bool:
     near = np.delete(values[max(0, at - _WIDTH) : at + _WIDTH + 1], min(at, _WIDTH)) - centre
-    return bool(np.max(np.abs(near)) < (1 - _ALONE) * abs(values[at] - centre) + limit / (1 + _OUTSIDE))
+    return bool(np.max(np.abs(near)) < (1 - _ALONE) * abs(values[at] - centre) + usual)
