@@ -1,4 +1,4 @@
-"""A hammer between two or three samples: what sampling leaves of a blow is neither an error of the data link, nor noise,
+"""A hammer between two or three samples: what sampling leaves of a blow is no error of the data link, no noise, no law.
 nor physics. The rig is integrated here, in steps of a twentieth of a sample."""
 
 from __future__ import annotations
@@ -68,5 +68,5 @@ def test_only_shocks_are_unsure_between_samples() -> None:
     assert not np.any(between_samples(wave))
     wave[2000:2003] += [2.0, 5.0, 1.0]
     unsure = np.flatnonzero(between_samples(wave))
-    assert 1990 <= unsure.min() and unsure.max() <= 2012  # six differences on either side
+    assert unsure.min() >= 1990 and unsure.max() <= 2012  # six differences on either side
     assert noise_level(wave) == pytest.approx(1e-3, rel=0.1)

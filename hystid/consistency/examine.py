@@ -15,7 +15,7 @@ from hystid.consistency import words
 from hystid.consistency.channel_faults import CERTAIN, MATTERS, PHASE, channel_faults
 from hystid.consistency.cut_off import kept_size, with_full_sizes
 from hystid.consistency.filters import Form, filtered
-from hystid.consistency.force import EXPLAINED, FOURFOLD, Force, examine_force
+from hystid.consistency.force import EXPLAINED, FOURFOLD, SIGMAS_SIGN, Force, examine_force
 from hystid.consistency.kinematics import (
     ORDER,
     ChannelSpectrum,
@@ -50,7 +50,6 @@ _SOUND = 0.005**2  # share of the power of the force that sensors leave which ma
 _LEAD = math.sin(math.radians(5)) ** 2  # the same of a motion that leads by 5 degrees, as of an AC-coupled sensor ten
 # times above its corner: below a resonance that is a damping which gives out energy
 _SIGMAS_FORCE = 5.0
-_SIGMAS_SIGN = 1.96  # standard errors of a quantity, from which its sign is known (95 %)
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
 _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
 
@@ -331,8 +330,8 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
     if elastic and abs(force.correlation) > 0.9 and abs(odds) < 20 * _CLEAR:  # the slope of a spring says it
         odds += _CLEAR * 2 * math.copysign(1.0, force.correlation) if recording.quasi_static else 0.0
     # energy that is taken up, and a mass, speak against a reversed force, whatever drift and decays make of the rest
-    takes_up = not shifted and force.power > _SIGMAS_SIGN / math.sqrt(max(force.samples, 1.0))
-    moves_mass = not shifted and force.mass > 0 and force.mass_ratio_error < 1 / _SIGMAS_SIGN
+    takes_up = not shifted and force.power > SIGMAS_SIGN / math.sqrt(max(force.samples, 1.0))
+    moves_mass = not shifted and force.mass > 0 and force.mass_ratio_error < 1 / SIGMAS_SIGN
     if odds < -_CLEAR and other > 0.2 and not (takes_up or moves_mass):
         found.append(words.force_reversed(recording.name, force, other, share, names))
     if shifted:

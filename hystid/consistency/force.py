@@ -30,6 +30,7 @@ _TENTH = 0.1  # of the force, by which a mass would change it
 _NOISY = 0.2  # of an acceleration: twice what sensors of 20 dB leave
 EXPLAINED = 0.5  # of the power of the force that laws explain, from which it belongs to the motion
 _WEIGHED = 0.37  # of a weighed mass: four standard deviations of what fixtures and springs add to its logarithm
+SIGMAS_SIGN = 1.96  # standard errors of a quantity, from which its sign is known (95 %)
 _FEWEST = 64  # samples of a force that can be compared with a motion
 FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
 
@@ -81,8 +82,11 @@ class Force:
 
         Next to none: less than a weighed one can be off. To show: a tenth of the force, and six standard errors, both
         of chance and of what laws leave (that the acceleration absorbs as much as they leave is two of them). Where a
-        structure swings by itself, inertia and restoring force cancel, and no law takes a small force well.
+        structure swings by itself, inertia and restoring force cancel, and no law takes a small force well; a force that
+        brakes the motion there is the exciter's own law, and not that of a structure without a mass.
         """
+        if self.power < -SIGMAS_SIGN / np.sqrt(max(self.samples, 1.0)):
+            return False
         if not np.isfinite(self.mass_error) or min(self.free_share, self.shown) < EXPLAINED:
             return False
         lacking = mass - abs(self.mass)

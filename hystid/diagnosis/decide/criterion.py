@@ -268,8 +268,11 @@ class Criterion:
 
     def with_level(self, found: Sequence[Hypothesis], reached: float) -> Criterion:
         """The same at the level of the noise: what the best hypothesis leaves, as far as the noise may be off, or all
-        of it where that is noise alone (reached; infinite where not)."""
-        best = min([self.misfit(self.baseline, self.floor), *(self.misfit(h.fit, h.floor) for h in found)])
+        of it where that is noise alone (reached; infinite where not).
+
+        Noise that a law is said to add counts as left: as far as the noise may be off, it gives no law a lead.
+        """
+        best = min(self.misfit(fit, self.floor) for fit in (self.baseline, *(h.fit for h in found)))
         return self.at(best if best < 0 else max(min(best, self.slack), reached if np.isfinite(reached) else 0.0))
 
     def posterior(self, found: Sequence[Hypothesis], *, is_noise: bool, curves: Sequence[float] = ()) -> Posterior:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -192,7 +192,7 @@ def exchanged(
 
     The refit without any effect leans to one side, and a fit that starts there may never come to where the best one is:
     it would lose for that and not for its law. library: what may look alike. every: all of it; else what has come near,
-    and simpler laws that were never fitted: a scan from the refit alone may miss them, and take what holds them.
+    and simpler laws of the same shapes that were never fitted: a scan from the refit alone may take what holds them.
     """
     best = found[0]
     here = best.fit.hypothesis
@@ -204,11 +204,11 @@ def exchanged(
     bare = replace(here, terms=here.terms[:-1])
     start = standing(problem, bare)
     again, law = list(found), here.terms[-1]
-    fitted = {t.name for t in found}
+    fitted, own = {t.name for t in found}, {shape.name for shape in law.effect.shapes}
     effects = [
         effect
         for effect in library
-        if every or effect.class_name in forms or (effect.id not in fitted and effect.size < law.effect.size)
+        if every or effect.class_name in forms or (effect.id not in fitted and _is_within(effect, own, law.effect.size))
     ]
     shapes = {name: value for name, value in law.values.items() if name not in law.effect.amplitudes}
     for candidate in _rivals(scan(problem, start, effects, near=shapes), law.effect.size):
@@ -217,6 +217,11 @@ def exchanged(
         if made is not None and (known is None or made.chi2 < known.chi2):
             again.append(replace(_trial(candidate, made), others=()))
     return ranked(problem, again)
+
+
+def _is_within(effect: Effect, shapes: Collection[str], size: int) -> bool:
+    """Whether an effect has some of these shapes, and no others, and fewer parameters."""
+    return effect.size < size and bool(effect.shapes) and all(shape.name in shapes for shape in effect.shapes)
 
 
 def _rivals(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
