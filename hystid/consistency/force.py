@@ -82,8 +82,8 @@ class Force:
 
         Next to none: less than a weighed one can be off. To show: a tenth of the force, and six standard errors, both
         of chance and of what laws leave (that the acceleration absorbs as much as they leave is two of them). Where a
-        structure swings by itself, inertia and restoring force cancel, and no law takes a small force well; a force that
-        brakes the motion there is the exciter's own law, and not that of a structure without a mass.
+        structure swings by itself, inertia and restoring force cancel, and no law takes a small force well; a force
+        that brakes the motion there is the exciter's own law, and not that of a structure without a mass.
         """
         if self.power < -SIGMAS_SIGN / np.sqrt(max(self.samples, 1.0)):
             return False
