@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -477,3 +478,18 @@ def test_channels_are_chosen_where_a_binary_file_names_none(tmp_path: Path) -> N
 def test_units_with_strokes_in_spoken_headers(header: str, name: str, unit: str | None) -> None:
     """A stroke parts a name from its unit, and stands in units as well."""
     assert split_header(header) == (name, unit)
+
+
+def test_a_remark_in_the_first_row_keeps_its_sample(tmp_path: Path) -> None:
+    rows = [f"{k / 1000:.3f},{math.sin(0.05 * k):.6f},{1e-3 * math.cos(0.05 * k):.9f}" for k in range(300)]
+    remarks = {0: "start", 1: "shaker on", 150: "door open"}
+    lines = ["t [s],F [N],x [m],remark", *(f"{row},{remarks.get(k, '')}" for k, row in enumerate(rows))]
+    (tmp_path / "remarks.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert len(read(tmp_path / "remarks.csv")) == 300
+
+
+@pytest.mark.parametrize("line", ["# fs = 1000 Hz", "fs: 1 kHz", "Sampling_Rate;1000"])
+def test_short_words_for_the_sample_rate_are_read(tmp_path: Path, line: str) -> None:
+    rows = [f"{math.sin(0.05 * k):.6f};{1e-3 * math.cos(0.05 * k):.9f}" for k in range(300)]
+    (tmp_path / "rate.csv").write_text("\n".join([line, "F [N];x [m]", *rows]) + "\n", encoding="utf-8")
+    assert read(tmp_path / "rate.csv").sample_rate == pytest.approx(1000)

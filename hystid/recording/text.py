@@ -189,10 +189,22 @@ def _first_row(lines: Sequence[Line], separator: str | None) -> int:
     for k in range(len(lines)):
         rows += [_is_row(line, separator) == usual for _, line in lines[len(rows) : k + 10]]
         if rows[k] and 2 * sum(rows[k : k + 10]) >= len(rows[k : k + 10]):
-            return k
+            return _with_remarks(lines, k, separator)
         alone = k if rows[k] and alone is None else alone
     assert alone is not None  # lines of the usual length are there
     return alone
+
+
+def _with_remarks(lines: Sequence[Line], first: int, separator: str | None) -> int:
+    """The first row, where rows before it have a word in a column that is empty below, as a remark on a sample."""
+    cells = _cells(lines[first][1], separator)
+    at = [k for k, cell in enumerate(cells) if _is_number(cell)]
+    while first > 0:
+        above = _cells(lines[first - 1][1], separator)
+        if len(above) != len(cells) or not all(_is_number(above[k]) for k in at):
+            break
+        first -= 1
+    return first
 
 
 def _is_data_like(line: str, separator: str | None) -> bool:
