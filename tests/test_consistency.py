@@ -301,3 +301,22 @@ def test_a_lead_of_few_degrees_below_a_resonance_tells_no_sign_and_a_small_force
     assert told.slip == "swapped_sign"
     none = replace(seen, mass=0.1, mass_error=0.02, weight=1.0, free_share=0.95, shown=0.95)
     assert none.denies(MASS) and not replace(none, shown=0.3).denies(MASS)
+
+
+@pytest.mark.parametrize("kept", ["xv", "va"])
+def test_a_velocity_that_wanders_over_the_whole_recording_is_told(kept: str) -> None:
+    """A fifth of its size, in two waves as long as the recording: an offset of an acceleration that was integrated."""
+    plain = rig(60.0)
+    assert plain.v is not None
+    t = plain.t / plain.t[-1]
+    wave = np.sin(2 * np.pi * t) + 0.5 * np.cos(5 * np.pi * t)
+    drifting = replace(plain, v=plain.v + 0.2 * np.std(plain.v) * wave, **{n: None for n in "xa" if n not in kept})
+    (finding,) = examine([drifting], MASS).findings
+    assert (finding.slip, finding.channel) == ("drift", "v")
+    assert examine([replace(drifting, v=plain.v)], MASS).findings == []
+
+
+def test_a_force_and_a_displacement_that_are_exchanged_show_by_the_mass() -> None:
+    plain = replace(rig(60.0), v=None, a=None)
+    found = examine([replace(plain, F=plain.x, x=plain.F)], MASS).findings
+    assert found and found[0].slip == "swapped_channels" and "F and x are exchanged" in found[0].sentence

@@ -65,7 +65,7 @@ def _filters(recording: Recording, compared: Sequence[Pair], forms: Mapping[tupl
     found: dict[tuple[str, str], Finding] = {}
     told: dict[tuple[str, str], Finding] = {}
     for p in compared:
-        if p.is_one_motion and (drifting := _drift(p, recording)) is not None:
+        if p.is_one_motion and (drifting := _drift(p, recording) or _wandering(p, recording)) is not None:
             name, share = drifting
             told.setdefault((name, "drift"), words.drift(recording.name, name, share, hertz(p.band)[0]))
     for p in sorted(compared, key=lambda p: -forms[p.low, p.high].odds if (p.low, p.high) in forms else 0.0):
@@ -117,6 +117,26 @@ def _drift_below(p: Pair, recording: Recording) -> tuple[str, float] | None:
     own = (1.0 - p.bands.coherence) * low * rising * (p.bands.low * p.gain**2 > 4.0 * p.bands.high)
     share = float(np.sum(own[: main + 1])) / float(np.sum(low))
     return (p.low, share) if share > _DRIFT and share * float(np.sum(low)) > 0.5 * float(np.sum(own)) else None
+
+
+def _wandering(p: Pair, recording: Recording) -> tuple[str, float] | None:
+    """As ``_drift``, for waves as long as the recording, which the spectra of its sections do not hold: those slower
+    than all on which v and the other channel agree, above noise, of which the other one shows less than a quarter."""
+    held = motion(recording)
+    if "v" not in (p.low, p.high) or p.computed is not None or (p.high == "a" and "x" in held):
+        return None
+    taper, dt = np.hanning(len(recording)), recording.dt
+    # derivatives before the taper, whose own slope would count as motion
+    low, high = np.gradient(held[p.low]) / dt, held[p.high]
+    shown, own_motion = (low * p.gain, high) if p.high == "v" else (high / p.gain, low)
+    omega = 2 * np.pi * np.fft.rfftfreq(len(taper), dt)[1:]
+    other, v = (np.abs(np.fft.rfft((u - np.mean(u)) * taper))[1:] ** 2 for u in (shown, own_motion))
+    if p.high == "a":
+        other, v = other / omega**2, v / omega**2
+    noise = spectrum(held["v"], dt).noise ** 2 * float(taper @ taper)
+    own = np.where((omega < p.band[0]) & (v > 4.0 * other) & (v > 100 * noise), v, 0.0)
+    share = float(np.sum(own) / np.sum(v))
+    return ("v", share) if share > _DRIFT else None
 
 
 def _unrelated(recording: Recording, compared: Sequence[Pair]) -> list[Finding]:

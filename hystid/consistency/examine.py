@@ -29,6 +29,7 @@ from hystid.consistency.kinematics import (
     spectrum,
 )
 from hystid.consistency.slips import (
+    GIVEN,
     PRIOR_SLIP,
     SURE,
     Explanation,
@@ -50,6 +51,7 @@ _SOUND = 0.005**2  # share of the power of the force that sensors leave which ma
 _LEAD = math.sin(math.radians(5)) ** 2  # the same of a motion that leads by 5 degrees, as of an AC-coupled sensor ten
 # times above its corner: below a resonance that is a damping which gives out energy
 _SIGMAS_FORCE = 5.0
+_FAR = 2 * _SIGMAS_FORCE  # standard errors by which a mass is out of the question, for units of a usual size too
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
 _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
 
@@ -114,7 +116,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     inertia = _inertia(recording, force, mass)
     forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
     situation, best = _best(recording, compared, forms, force, mass)
-    exchanged = _force_for_motion(recording, compared, best) if timed else None
+    exchanged = _force_for_motion(recording, compared, best, mass) if timed else None
     if exchanged is not None:
         findings.append(exchanged)
     else:
@@ -258,13 +260,15 @@ def _undecided(recording: Recording, situation: Situation, force: Force | None) 
     return found
 
 
-def _force_for_motion(recording: Recording, compared: Sequence[Pair], best: Explanation) -> Finding | None:
+def _force_for_motion(
+    recording: Recording, compared: Sequence[Pair], best: Explanation, mass: float | None
+) -> Finding | None:
     """The column of F follows the motion, and that of a motion channel does not."""
     names = motion(recording)
     if recording.F is None or not np.ptp(recording.F):
         return None
     if len(names) < 2:
-        return _force_for_x(recording)
+        return _force_for_x(recording, mass)
     if best.sound and all(p.is_one_motion for p in compared):
         return None
     found = []
@@ -284,8 +288,9 @@ def _all_one_motion(compared: Sequence[Pair], name: str) -> bool:
     return all(p.is_one_motion for p in compared if name in (p.low, p.high))
 
 
-def _force_for_x(recording: Recording) -> Finding | None:
-    """With x alone: the exchange makes the structure give out energy, and F a length."""
+def _force_for_x(recording: Recording, mass: float | None) -> Finding | None:
+    """With x alone: the exchange makes the structure give out energy, and F a length; or the mass is far off as the
+    columns are called, and right the other way."""
     x, F = recording.x, recording.F
     if x is None or F is None or list(motion(recording)) != ["x"]:
         return None
@@ -294,10 +299,18 @@ def _force_for_x(recording: Recording) -> Finding | None:
     here, there = examine_force(recording), examine_force(other)
     if here is None or there is None or recording.rotational:
         return None
+    if mass and _weighs(there, mass) and not _weighs(here, mass, _FAR) and there.share > max(here.share, EXPLAINED):
+        return words.force_exchanged(recording.name, "x", there.share)
     active = 0.5 * here.samples * math.log(max(1 - here.reversed_share, 1e-9) / max(1 - here.share, 1e-9)) < -_CLEAR
     if (active or largest > 1.0) and there.share > max(here.share, 0.5) and float(np.std(F)) < 0.1 and largest > 1.0:
         return words.force_exchanged(recording.name, "x", there.share)
     return None
+
+
+def _weighs(force: Force, mass: float, times: float = SIGMAS_SIGN) -> bool:
+    """Whether a force shows a mass within so many standard errors of a weighed one."""
+    error = math.hypot(GIVEN, force.mass_ratio_error)
+    return force.mass > 0 and math.isfinite(error) and abs(math.log(force.mass / mass)) < times * error
 
 
 def _mended(recording: Recording, best: Explanation) -> Recording:

@@ -17,7 +17,7 @@ from hystid.errors import UsageError
 from hystid.units import to_si
 
 CALIBRATION = 0.05  # standard deviation of ln(gain) of sensors that nobody calibrated: makers state 5 to 10 %
-_GIVEN = 0.25  # of ln(mass): a weighed mass moves with fixtures, cables and a third of its springs
+GIVEN = 0.25  # of ln(mass): a weighed mass moves with fixtures, cables and a third of its springs
 _FILTERED = 1.0  # standard deviation of the exponent of a response, as filters at the edge of a band leave it
 _WRONG_SIGN = 40.0  # chi square of a sign that is plainly the other one: certain, but for columns that nobody knows
 PRIOR_SLIP = math.log(0.01)  # one channel in a hundred is mislabelled
@@ -93,7 +93,7 @@ class Explanation:
     """Slips together, ln of their posterior (not normalised), and what they leave unexplained (chi square).
 
     alike: other units of a single slip that these data do not tell from its own; instead: slips of unit of other
-    channels that explain it as well, as a force in kN does a mass in g.
+    channels that explain it as well, as a force in kN does a mass in g. odd: what unusual sizes count in the score.
     """
 
     slips: tuple[Slip, ...]
@@ -101,6 +101,7 @@ class Explanation:
     misfit: float
     alike: tuple[str, ...] = ()
     instead: tuple[Slip, ...] = ()
+    odd: float = 0.0
 
     @property
     def sound(self) -> bool:
@@ -126,20 +127,24 @@ def explain(situation: Situation) -> list[Explanation]:
 def with_alike(ordered: Sequence[Explanation]) -> Explanation:
     """The first explanation, with units of another size or of another channel that explain it at odds below 20.
 
-    The time axis counts as a channel here: where v and F are all there is, a clock in ms makes of F over dv/dt what a
-    mass in t does.
+    Unusual sizes alone rule out no other channel: a small rig under a hundredth of a newton has its mass in g as likely
+    as a large one its force in kN, up to odds of 20 times 20. The time axis counts as a channel here: where v and F are
+    all there is, a clock in ms makes of F over dv/dt what a mass in t does.
     """
     best = ordered[0]
     if len(best.slips) != 1 or best.slips[0].kind not in _SCALES:
         return best
-    near: dict[tuple[str, ...], list[Slip]] = {best.slips[0].channels: [best.slips[0]]}
+    listed: dict[tuple[str, ...], list[Slip]] = {best.slips[0].channels: [best.slips[0]]}
     for other in ordered[1:]:
-        one = other.slips[0] if len(other.slips) == 1 and best.score - other.score < SURE else None
-        if one is not None and one.kind in _SCALES and not _size_is_among(near.setdefault(one.channels, []), one):
-            near[one.channels].append(one)
-    own, *others = near.values()
+        lead = best.score - other.score
+        elsewhere = len(other.slips) == 1 and other.slips[0].channels != best.slips[0].channels
+        near = lead < SURE or (elsewhere and lead < 2 * SURE and lead + other.odd - best.odd < SURE)
+        one = other.slips[0] if len(other.slips) == 1 and near else None
+        if one is not None and one.kind in _SCALES and not _size_is_among(listed.setdefault(one.channels, []), one):
+            listed[one.channels].append(one)
+    own, *others = listed.values()
     return replace(
-        best, alike=tuple(one.units[1] for one in own[1:]), instead=tuple(listed[0] for listed in others if listed)
+        best, alike=tuple(one.units[1] for one in own[1:]), instead=tuple(slips[0] for slips in others if slips)
     )
 
 
@@ -162,7 +167,7 @@ def doubtful_units(situation: Situation, name: str) -> list[str]:
             if math.isfinite(pair.gain)
         )
         if situation.mass_ratio is not None:
-            seen += (_mass_power(situation, slip) * shift) ** 2 / (_GIVEN**2 + situation.mass_ratio[1] ** 2)
+            seen += (_mass_power(situation, slip) * shift) ** 2 / (GIVEN**2 + situation.mass_ratio[1] ** 2)
         if 0.5 * seen + slip.prior < SURE:
             left.append(slip.units[1])
     return left
@@ -247,12 +252,13 @@ def _judged(situation: Situation, slips: tuple[Slip, ...]) -> Explanation:
     settled = tuple(_settled(situation, slips, s) if s in free else s for s in slips)
     misfit = sum(_pair_misfit(pair, settled) for pair in situation.pairs)
     misfit += _mass_misfit(situation, settled)
-    score = -0.5 * misfit + sum(s.prior for s in slips) - 0.5 * _implausible(situation, settled)
+    odd = -0.5 * _implausible(situation, settled)
+    score = -0.5 * misfit + sum(s.prior for s in slips) + odd
     for one in free:  # volume of the factors that fit over that of those that are possible
         rates = (_ANGULAR_SIZES if situation.rotational else _SIZES)["rate"][1] * math.log(10.0)
         possible = rates * math.sqrt(2 * math.pi) if one.kind == "time" else _DECADES
         score += math.log(CALIBRATION * math.sqrt(2 * math.pi) / possible)
-    return Explanation(settled, score, misfit)
+    return Explanation(settled, score, misfit, odd=odd)
 
 
 def _settled(situation: Situation, slips: tuple[Slip, ...], one: Slip) -> Slip:
@@ -267,7 +273,7 @@ def _settled(situation: Situation, slips: tuple[Slip, ...], one: Slip) -> Slip:
             top += weight * power * (math.log(pair.gain) - predicted)
             bottom += weight * power**2
     if situation.mass_ratio is not None and (power := _mass_power(situation, one)):
-        weight = 1.0 / (situation.mass_ratio[1] ** 2 + _GIVEN**2)
+        weight = 1.0 / (situation.mass_ratio[1] ** 2 + GIVEN**2)
         wanted = math.log(abs(situation.mass_ratio[0])) - _mass_shift(situation, others)
         top, bottom = top + weight * power * wanted, bottom + weight * power**2
     factor = math.exp(min(max(top / bottom, -60.0), 60.0)) if bottom else 1.0
@@ -330,7 +336,7 @@ def _mass_misfit(situation: Situation, slips: Sequence[Slip]) -> float:
     if situation.mass_ratio is None or any(s.kind == "exchanged" for s in slips):
         return 0.0
     ratio, error = situation.mass_ratio
-    return (math.log(abs(ratio)) - _mass_shift(situation, slips)) ** 2 / (_GIVEN**2 + error**2)
+    return (math.log(abs(ratio)) - _mass_shift(situation, slips)) ** 2 / (GIVEN**2 + error**2)
 
 
 def _implausible(situation: Situation, slips: Sequence[Slip]) -> float:
