@@ -81,7 +81,9 @@ def diagnose(
                 step(15, "baseline fitted")
                 library, untestable = possible(everything, case, exclude)
                 every = _every(step, max(1, len(library) // 70))
-                case, choice = decided(case, library, every, partial(posed, rested=False))
+                plain = partial(pose, taken.by_acceleration(), str(model), catalogue_of(everything))
+                accelerated = plain if taken.integrated else None
+                case, choice = decided(case, library, every, partial(posed, rested=False), accelerated)
                 case, choice = stands(case, choice, library)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))

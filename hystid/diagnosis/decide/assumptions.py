@@ -1,13 +1,14 @@
 """Assumptions about what nobody measured: the selection is made under one, and again under others.
 
 In: a case. Out: the case under the assumptions that hold, and its selection. Others are tried only where something is
-missing: slow motion that no channel shows, what contacts keep of the time before, noise that is slow, and rest in which
-friction holds any force.
+missing: slow motion that no channel shows, what contacts keep of the time before, noise that is slow, rest in which
+friction holds any force, and a displacement that is an integral.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 from hystid.diagnosis.decide.criterion import DOUBT, leaves_noise
@@ -15,15 +16,26 @@ from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, recoloured
 from hystid.diagnosis.model.effects import Effect
+from hystid.diagnosis.prepare.refused import NotDiagnosable
 
 Decided = tuple[Case, Choice]
+_INTEGRATED = (
+    "x and v are left out: they have next to no noise, as integrals of a, and do not fit in slow motion, "
+    "while a alone leaves nothing; if x was measured, record it again"
+)
 
 
-def decided(case: Case, library: Sequence[Effect], progress: Callable[[], None], moving: Callable[[], Case]) -> Decided:
+def decided(
+    case: Case,
+    library: Sequence[Effect],
+    progress: Callable[[], None],
+    moving: Callable[[], Case],
+    accelerated: Callable[[], Case] | None = None,
+) -> Decided:
     """The case under the assumptions that hold, and its selection.
 
     moving: makes the case with what contacts remember left out, where they were taken for at rest before a recording
-    that begins in mid-motion.
+    that begins in mid-motion. accelerated: makes it from the acceleration alone, None where x is no integral of it.
     """
     choice = chosen(case, library, progress)
     if case.rested and _is_doubtful(choice):
@@ -31,7 +43,10 @@ def decided(case: Case, library: Sequence[Effect], progress: Callable[[], None],
     again = recoloured(case, choice.best) if choice.missing else None
     if again is not None:
         case, choice = again, chosen(again, library)
-    return _held(*_sound(case, choice, library), library)
+    case, choice = _held(*_sound(case, choice, library), library)
+    if accelerated is not None and choice.unknown:
+        return _accelerated(case, choice, library, accelerated)
+    return case, choice
 
 
 def chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] = lambda: None) -> Choice:
@@ -50,6 +65,18 @@ def _moving(case: Case, choice: Choice, library: Sequence[Effect], other: Case) 
     that is missing cannot tell where contacts stood before."""
     again = chosen(other, library)
     return (other, again) if again.posterior.unknown < choice.posterior.unknown else (case, choice)
+
+
+def _accelerated(case: Case, choice: Choice, library: Sequence[Effect], made: Callable[[], Case]) -> Decided:
+    """From the acceleration alone, where nothing is missing then: an integral has lost the slow motion."""
+    try:
+        other = made()
+    except NotDiagnosable:
+        return case, choice
+    other, again = _sound(other, chosen(other, library), library)
+    if again.missing:
+        return case, choice
+    return replace(other, notes=(*other.notes, _INTEGRATED)), again
 
 
 def _sound(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:

@@ -33,7 +33,8 @@ class Taken:
 
     clipped: channels that stop at a level, which only the recordings as they were read show. misread: sentences on
     labels that were read in another way than the files state; doubts: on filters, drift and clocks of channels.
-    read: those for the fit as they are after the door, before anything is prepared for it.
+    read: those for the fit as they are after the door, before anything is prepared for it. integrated: x of each has
+    next to no noise beside an acceleration, as an integral of it.
     """
 
     tests: list[Recording]
@@ -44,6 +45,15 @@ class Taken:
     misread: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     read: tuple[Recording, ...] = ()
+    integrated: bool = False
+
+    def by_acceleration(self) -> Taken:
+        """The same without x and v where a was measured."""
+        tests, unseen = (
+            [test if test.a is None else replace(test, x=None, v=None) for test in group]
+            for group in (self.tests, self.unseen)
+        )
+        return replace(self, tests=tests, unseen=unseen)
 
 
 def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
@@ -65,7 +75,8 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         [_with_noise(test, i) for i, test in enumerate(where_white(group))]
         for group in (measured[: len(tests)], measured[len(tests) :])
     )
-    return Taken(tests, unseen, given, read.faults, clipped, read.misread, read.doubts, tuple(read.tests))
+    integrated = all(t.a is not None and t.x is not None and is_noise_free(t.x) for t in measured[: len(tests)])
+    return Taken(tests, unseen, given, read.faults, clipped, read.misread, read.doubts, tuple(read.tests), integrated)
 
 
 def inputs_missing(refusal: RecordingError) -> bool:
