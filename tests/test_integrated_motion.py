@@ -1,4 +1,4 @@
-"""A user integrates a noise-free acceleration, and cuts what is slow: the displacement has lost it, and no noise says so."""
+"""A user integrates a noise-free acceleration and cuts what is slow: x has lost it, and no noise says so."""
 
 from __future__ import annotations
 
