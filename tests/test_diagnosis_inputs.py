@@ -290,3 +290,24 @@ def test_what_is_moved_and_creeps_back_is_no_free_decay() -> None:
     found = diagnose([Recording("stroke", t, x=x)], model=LINEAR)
     assert found.verdict == "not_applicable"
     assert "does not swing" in found.headline
+
+
+def test_dry_friction_in_a_free_decay_is_not_called_one_that_falls_with_speed() -> None:
+    """The more general law holds it, and is found first: x alone, 45 dB, let go at 10 mm."""
+    mass, damping, stiffness, friction, rate, n, steps = 2.0, 2.0, 8000.0, 1.2, 1000.0, 5000, 10
+    x, v, dt, found = 0.01, 0.0, 1 / rate / steps, np.empty(n)
+
+    def a(x: float, v: float) -> float:
+        return -(damping * v + stiffness * x + friction * float(np.tanh(v / 2e-3))) / mass
+
+    for i in range(n):
+        found[i] = x
+        for _ in range(steps):  # Heun: second order, 6 % of the transition per step
+            first = a(x, v)
+            second = a(x + dt * v, v + dt * first)
+            x, v = x + dt * (v + 0.5 * dt * first), v + 0.5 * dt * (first + second)
+    noise = 10 ** (-45 / 20) * np.std(found) * np.random.default_rng(77).standard_normal(n)
+    decay = Recording("decay", np.arange(n) / rate, x=found + noise)
+    answer = diagnose(decay, model="HystId.Oscillators.Linear", parameters={"m": mass})
+    assert answer.verdict == "missing_physics"
+    assert "coulomb_friction" in (answer.findings[0].effect, *answer.findings[0].alike), answer.headline

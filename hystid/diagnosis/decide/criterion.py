@@ -272,7 +272,8 @@ class Criterion:
 
         Noise that a law is said to add counts as left: as far as the noise may be off, it gives no law a lead.
         """
-        best = min(self.misfit(fit, self.floor) for fit in (self.baseline, *(h.fit for h in found)))
+        least = min(self.misfit(h.fit, np.fmin(h.floor, self.floor)) for h in found) if found else np.inf
+        best = min(self.misfit(self.baseline, self.floor), least)
         return self.at(best if best < 0 else max(min(best, self.slack), reached if np.isfinite(reached) else 0.0))
 
     def posterior(self, found: Sequence[Hypothesis], *, is_noise: bool, curves: Sequence[float] = ()) -> Posterior:

@@ -22,12 +22,13 @@ from hystid.diagnosis.decide.trials import (
     exchanged,
     finished,
     fitted_on,
+    is_within,
     ranked,
     searched_again,
     trials,
 )
 from hystid.diagnosis.fit.clipped import clipped_force
-from hystid.diagnosis.fit.hypothesis import Fit, is_mass, is_source
+from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass, is_source
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.pairscan import scan_pairs
 from hystid.diagnosis.fit.problem import Problem, standing
@@ -229,7 +230,7 @@ class Search:
             for start in list({t.form: t for t in reversed(sources)}.values())[-_STARTS:]:
                 self._line(start, readers, found)
         if found and self.problem.work - self.began < _WORK:
-            found += self._exchanged(min(found, key=lambda h: h.fit.chi2))
+            found += self.exchanged(min(found, key=lambda h: h.fit.chi2))
         return found
 
     def _pairs(self) -> list[Hypothesis]:
@@ -319,7 +320,7 @@ class Search:
 
         return sorted(scanned, key=worth, reverse=True)
 
-    def _exchanged(self, best: Hypothesis) -> list[Hypothesis]:
+    def exchanged(self, best: Hypothesis) -> list[Hypothesis]:
         """The leading set with each member exchanged for others: the first was chosen when the rest was not there."""
         found = []
         here = best.fit.hypothesis
@@ -334,12 +335,13 @@ class Search:
             left = unexplained(self.problem, start) - self.floor
             scanned = self._by_worth(scan(self.problem, start, laws, near=shapes), left)
             simpler = [c for c in scanned if c.effect.id == term.effect.id and c.effect.size < term.effect.size]
-            for candidate in [*_one_per_id(scanned)[:_REPLACED], *simpler[:1]]:
-                there = replace(bare, terms=(*here.terms[:at], candidate.term, *here.terms[at + 1 :]))
+            instead = [c.term for c in (*_one_per_id(scanned)[:_REPLACED], *simpler[:1])]
+            for other in (*instead, *_within(term, laws)):
+                there = replace(bare, terms=(*here.terms[:at], other, *here.terms[at + 1 :]))
                 made = try_fit(self.problem, there, incumbent=best.fit.chi2)
                 if made is not None and are_reached(self.problem, made):
-                    names = tuple(candidate.effect.id if n == term.effect.id else n for n in best.names)
-                    size = best.size - term.effect.size + candidate.effect.size
+                    names = tuple(other.effect.id if n == term.effect.id else n for n in best.names)
+                    size = best.size - term.effect.size + other.effect.size
                     found.append(self._hypothesis(names, size, made))
         return found
 
@@ -365,6 +367,16 @@ class Search:
 def _is_exact(effect: Effect) -> bool:
     """Whether an effect has no form to be wrong: a fault of a channel, a force that depends on nothing, or mass."""
     return isinstance(effect, ChannelEffect) or not effect.reads or is_mass(effect)
+
+
+def _within(term: Term, laws: Sequence[Effect]) -> Iterator[Term]:
+    """Simpler laws of another id with shapes of a fitted one alone, as it stands: a scan, which is linear, may not see
+    them where their shapes are not those of its grid."""
+    own = {shape.name for shape in term.effect.shapes}
+    for effect in laws:
+        if effect.id != term.effect.id and not effect.choices and is_within(effect, own, term.effect.size):
+            names = (*(shape.name for shape in effect.shapes), *effect.amplitudes)
+            yield Term(effect, {name: term.values.get(name, 0.0) for name in names})
 
 
 def _one_per_id(scanned: Sequence[Scanned]) -> list[Scanned]:

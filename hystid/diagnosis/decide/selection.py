@@ -152,7 +152,7 @@ def _pruned(
     criterion: Criterion,
 ) -> list[Hypothesis]:
     """Hypotheses without the sets of which a member does not count, and with what sets are without one of theirs: what
-    grew by the best further effect may hold one that the next makes idle."""
+    grew by the best further effect may hold one that the next makes idle. What leads then has its members exchanged."""
     pruned, seen, idle = list(found), set[frozenset[str]](), set[frozenset[str]]()
     for _ in range(_ROUNDS):
         for h in _near(weighed(pruned)):
@@ -164,6 +164,9 @@ def _pruned(
             if not all(counts for _, counts in rests):
                 idle.add(frozenset(h.names))
         pruned = [h for h in pruned if frozenset(h.names) not in idle]
+    leader = next(iter(_near(weighed(pruned))), None)  # the most probable one comes first
+    if leader is not None and not any(leader is h for h in found):  # fitted in a set only, beside no simpler law
+        pruned += search.exchanged(leader)
     return pruned
 
 

@@ -208,7 +208,7 @@ def exchanged(
     effects = [
         effect
         for effect in library
-        if every or effect.class_name in forms or (effect.id not in fitted and _is_within(effect, own, law.effect.size))
+        if every or effect.class_name in forms or (effect.id not in fitted and is_within(effect, own, law.effect.size))
     ]
     shapes = {name: value for name, value in law.values.items() if name not in law.effect.amplitudes}
     for candidate in _rivals(scan(problem, start, effects, near=shapes), law.effect.size):
@@ -219,7 +219,7 @@ def exchanged(
     return ranked(problem, again)
 
 
-def _is_within(effect: Effect, shapes: Collection[str], size: int) -> bool:
+def is_within(effect: Effect, shapes: Collection[str], size: int) -> bool:
     """Whether an effect has some of these shapes, and no others, and fewer parameters."""
     return effect.size < size and bool(effect.shapes) and all(shape.name in shapes for shape in effect.shapes)
 
