@@ -19,7 +19,8 @@ _HIGHER, _ORDERS_APART = 9, 4.0  # order of differences, and five standard error
 # those of sixth order, times the root of the samples
 _SHOCKS = 6.0  # kurtosis of differences of 128 samples of noise: one section in a thousand has more
 _SHOCK = 10.0  # times the median difference: noise of any colour reaches 6
-_UNRESOLVED = 0.02  # of a difference of sixth order: what integrals over shocks of two to four samples are off
+_UNRESOLVED = 0.02  # of a difference of sixth order: the sum over a haversine of two to four samples is off by 5 % of
+# it in the median, and some nine samples share that
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
 _SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
