@@ -320,3 +320,15 @@ def test_a_force_and_a_displacement_that_are_exchanged_show_by_the_mass() -> Non
     plain = replace(rig(60.0), v=None, a=None)
     found = examine([replace(plain, F=plain.x, x=plain.F)], MASS).findings
     assert found and found[0].slip == "swapped_channels" and "F and x are exchanged" in found[0].sentence
+
+
+def test_a_displacement_that_wanders_denies_no_mass() -> None:
+    """Above a resonance inertia is most of the restoring force; x wanders by more than its motion, as an integral."""
+    plain = rig(60.0)
+    assert plain.x is not None and plain.F is not None and plain.a is not None
+    t = plain.t / plain.t[-1]
+    wander = 3 * np.std(plain.x) * (np.sin(2 * np.pi * t) + 2 * t**3)
+    integral = replace(plain, x=plain.x + wander, v=None)
+    assert not [item for item in examine([integral], MASS).findings if item.slip == "wrong_mass"]
+    copy = replace(plain, F=plain.F - MASS * plain.a, v=None)  # the force behind the moving parts, well recorded
+    assert [item.slip for item in examine([copy], MASS).findings] == ["wrong_mass"]

@@ -126,7 +126,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
             force = examine_force(mended) if best.slips and len(recording) >= _SHORTEST else force
             findings += _judged_force(mended, force)
             findings += [] if findings else _sizes(mended)
-            if mass and not findings and force is not None and force.denies(mass):
+            if mass and not findings and force is not None and force.denies(mass) and _denied_without_x(mended, mass):
                 findings.append(words.no_inertia(recording, force, mass))
         whole = [p for p in compared if kept[p.low] == kept[p.high] == 1.0]
         findings += channel_faults(recording, compared, whole, best.slips, forms)
@@ -351,6 +351,15 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
         severe = main_frequency(recording) * abs(force.lag) > PHASE and _fits_aligned(force)
         found.append(words.force_late(recording.name, force, severe=severe))
     return found
+
+
+def _denied_without_x(recording: Recording, mass: float) -> bool:
+    """Whether the force shows no mass by the acceleration alone either: a displacement that wanders, as an integral of
+    it, explains the force worse with the mass than without."""
+    if recording.a is None or (recording.x is None and recording.v is None):
+        return True
+    force = examine_force(replace(recording, x=None, v=None))
+    return force is None or force.denies(mass)
 
 
 def _sizes(recording: Recording) -> list[Finding]:
