@@ -1,5 +1,6 @@
 """A hammer between two or three samples: what sampling leaves of a blow is no error of the data link, no noise, no law.
-nor physics. The rig is integrated here, in steps of a twentieth of a sample."""
+
+The rig is integrated here, in steps of a twentieth of a sample."""
 
 from __future__ import annotations
 

@@ -78,8 +78,7 @@ def between_samples(channel: Array) -> Array:
     its differences of sixth order are not far above those elsewhere."""
     if len(channel) < 64:
         return np.zeros(len(channel))
-    rough = np.abs(np.diff(channel, _DIFFERENCES)) / np.sqrt(binom(2 * _DIFFERENCES, _DIFFERENCES))
-    rough = maximum_filter1d(np.pad(rough, _DIFFERENCES // 2), _DIFFERENCES + 1)
+    rough = maximum_filter1d(np.pad(np.abs(_differences(channel, _DIFFERENCES)), _DIFFERENCES // 2), _DIFFERENCES + 1)
     return np.where(rough > _SHOCK * np.median(rough), _UNRESOLVED * rough, 0.0)
 
 
@@ -117,8 +116,12 @@ def _by_steps(channel: Array) -> float:
 
 
 def _by_differences(channel: Array, order: int = _DIFFERENCES) -> float:
-    difference = np.diff(channel, order) / np.sqrt(binom(2 * order, order))
-    return float(np.median(np.abs(difference)) / 0.6745)
+    return float(np.median(np.abs(_differences(channel, order))) / 0.6745)
+
+
+def _differences(channel: Array, order: int) -> Array:
+    """Differences of some order, scaled to the size of white noise."""
+    return np.asarray(np.diff(channel, order) / np.sqrt(binom(2 * order, order)))
 
 
 def _by_spectrum(channel: Array) -> float:
