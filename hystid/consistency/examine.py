@@ -157,6 +157,8 @@ def _situation(recording: Recording, compared: Sequence[Pair], force: Force | No
     ratio = None
     # a force that no law explains, as the noise of a free decay, says nothing about the mass
     seen = force is not None and force.free_share > EXPLAINED
+    # nor does one that no passive structure explains, whichever its sign: an exciter's own law in a decay
+    seen = seen and force is not None and max(force.share, force.reversed_share) > EXPLAINED
     # nor does a mass whose sign is not that of the force: a spring and an inertia of one frequency are alike
     seen = seen and force is not None and (force.mass > 0) == (force.share >= force.reversed_share)
     if mass and force is not None and seen and math.isfinite(force.mass_ratio_error):

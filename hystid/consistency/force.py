@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hystid.consistency.kinematics import ORDER, motion, spectrum
-from hystid.consistency.spectra import derived
+from hystid.consistency.spectra import REACH, derived
 from hystid.recording import Array, Recording
 
 _KNOTS = 7  # of the curve of the displacement: one stop on either side, a dead zone and a slope between them
+_AGAIN = 1.5  # width of the kernel that all columns pass, over that of the first: 92 % at the top of the band
 _ROWS = 4000  # rows of the least squares
 _BLOCKS = 8  # of the recording, each left out once for the standard error of the mass
 _NEAR = (-1, 0, 1)  # samples by which channels of one logger may differ, that are scanned one after the other
@@ -105,6 +106,20 @@ class _Columns:
     memory: Array
     x: Array
 
+    def smoothed(self, width: float) -> _Columns:
+        """The same, all smoothed alike by a kernel of a width [samples].
+
+        A curve of the displacement has harmonics that the acceleration lost where it was differentiated: both lose
+        them here.
+        """
+        if len(self.F) < 8 * width * REACH + 2 * _FEWEST:
+            return self
+        each = [
+            np.stack([derived(u, 0, 1.0, width, flat=True) + np.mean(u) for u in table.T], axis=1)
+            for table in (self.F[:, None], self.signed, self.free, self.memory, self.x[:, None])
+        ]
+        return _Columns(each[0][:, 0], each[1], each[2], each[3], each[4][:, 0])
+
     def part(self, rows: slice) -> _Columns:
         """The same of a part of the recording."""
         return _Columns(self.F[rows], self.signed[rows], self.free[rows], self.memory[rows], self.x[rows])
@@ -124,7 +139,8 @@ def examine_force(recording: Recording) -> Force | None:
     if first:
         now, flipped = _passive_from(columns, first, 0)
         there, back = _passive_from(columns, first, shift)
-    mass, error, law, weight, shown = _mass(columns, recording.quasi_static or first == len(columns.F))
+    still = recording.quasi_static or first == len(columns.F)
+    mass, error, law, weight, shown = _mass(_columns(recording, curved=True) or columns, still)
     left = _left(columns)
     F, v, x = columns.F - np.mean(columns.F), columns.signed[:, 1], columns.x - np.mean(columns.x)
     lag, lag_error = _fine(columns, fit, shift)
@@ -235,7 +251,8 @@ class _Fit:
         return at - self.limit
 
 
-def _columns(recording: Recording) -> _Columns | None:
+def _columns(recording: Recording, curved: bool = False) -> _Columns | None:
+    """Columns of one recording, None where they cannot be had; ``curved``: smoothed so that curves stay curves."""
     names, dt = motion(recording), recording.dt
     if recording.F is None or not names or not np.ptp(recording.F):
         return None
@@ -245,11 +262,12 @@ def _columns(recording: Recording) -> _Columns | None:
         sources = [name for name in names if ORDER[name] <= target]
         if sources:
             source = max(sources, key=lambda name: ORDER[name])
-            found[target] = derived(names[source], target - ORDER[source], dt, width)
-    force = derived(recording.F, 0, dt, width)
+            found[target] = derived(names[source], target - ORDER[source], dt, width, curved)
+    force = derived(recording.F, 0, dt, width, curved)
     if len(force) < _FEWEST:
         return None
-    return _assembled(recording, found, force, width)
+    columns = _assembled(recording, found, force, width)
+    return columns.smoothed(_AGAIN * width) if curved and columns is not None else columns
 
 
 def _assembled(recording: Recording, found: dict[int, Array], force: Array, width: float) -> _Columns | None:
@@ -271,7 +289,7 @@ def _assembled(recording: Recording, found: dict[int, Array], force: Array, widt
     signed = np.stack([inertia, found[1], way], axis=1)
     since = way[:, None] * _hats(_since_turn(found[0], found[1]), _MEMORY)[:, 1:]
     memory = np.concatenate([(found[1] * np.abs(found[1]))[:, None], since], axis=1)
-    return _Columns(force, signed, _hats(found[0], _KNOTS), memory, found[0])
+    return _Columns(force, signed, _curve(found[0]), memory, found[0])
 
 
 def _width(recording: Recording) -> float:
@@ -339,6 +357,16 @@ def _since_turn(x: Array, v: Array) -> Array:
     turn = np.concatenate([[True], np.signbit(v[1:]) != np.signbit(v[:-1])])
     last = np.maximum.accumulate(np.where(turn, np.arange(len(x)), 0))
     return np.asarray(np.abs(x - x[last]))
+
+
+def _curve(x: Array) -> Array:
+    """Columns of any curve of the displacement, shape (n, _KNOTS + 2): broken lines, and a square and a cube.
+
+    Along a resonance that a cubic spring bends the restoring force is many times the measured one, and what broken
+    lines leave of it would pass for inertia.
+    """
+    plain = (x - np.mean(x)) / max(float(np.std(x)), 1e-300)
+    return np.concatenate([_hats(x, _KNOTS), np.stack([plain**2, plain**3], axis=1)], axis=1)
 
 
 def _hats(x: Array, count: int) -> Array:

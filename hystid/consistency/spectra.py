@@ -9,6 +9,7 @@ spectrum, so that a test of few cycles has its motion in a band of its own.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 
 import numpy as np
 from numpy.polynomial.hermite_e import hermeval
@@ -17,7 +18,7 @@ from hystid.recording import Array
 
 WIDTH = 1.5  # standard deviation of the kernel [samples]: its derivatives are exact to 1e-3 up to HIGHEST
 HIGHEST = 2.5  # [rad per sample], four fifths of the Nyquist frequency
-_REACH = 10  # samples either side: exp(-(10 / 1.5)^2 / 2) is 2e-10
+REACH = 10 / WIDTH  # widths of a kernel to either side: exp(-(10 / 1.5)^2 / 2) is 2e-10
 _LINES = 6  # least lines in a band: a windowed sine spreads over four
 _STEPS = 8  # bands per octave where there are lines enough
 
@@ -56,7 +57,7 @@ class Bands:
 
 def kernel(order: int, width: float = WIDTH) -> Array:
     """Samples of the derivative of an order of a normal density, in units of 1 / samples^order."""
-    reach = int(np.ceil(_REACH * width / WIDTH))
+    reach = int(np.ceil(REACH * width))
     k = np.arange(-reach, reach + 1) / width
     density = np.exp(-0.5 * k**2) / (width * np.sqrt(2 * np.pi))
     shape = np.zeros(order + 1)
@@ -64,11 +65,21 @@ def kernel(order: int, width: float = WIDTH) -> Array:
     return np.asarray((-1.0) ** order * hermeval(k, shape) * density / width**order)
 
 
-def derived(values: Array, order: int, dt: float, width: float = WIDTH) -> Array:
-    """Derivative of an order of a channel, smoothed by the kernel; shape (n - 2 reach,)."""
+def flat_kernel(order: int, width: float) -> Array:
+    """The same of a density whose response is flat: exp(-s) (1 + s + ... + s^3/6) at s = (omega width)^2 / 2.
+
+    At omega = 1.2 / width it passes 99 % of a signal, where the normal density passes 49 %. Two channels that are
+    smoothed alike stay in a linear relation at any loss, but not in a curved one.
+    """
+    parts = [(-0.5 * width**2) ** j / factorial(j) * kernel(order + 2 * j, width) for j in range(4)]
+    return np.asarray(sum(parts))
+
+
+def derived(values: Array, order: int, dt: float, width: float = WIDTH, flat: bool = False) -> Array:
+    """Derivative of an order of a channel, smoothed by one of the kernels; shape (n - 2 reach,)."""
     from scipy.signal import oaconvolve
 
-    weights = kernel(order, width)
+    weights = flat_kernel(order, width) if flat else kernel(order, width)
     if len(values) <= len(weights) + 2:
         return np.zeros(0)
     return np.asarray(oaconvolve(values - np.mean(values), weights, mode="valid")) / dt**order
