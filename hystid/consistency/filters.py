@@ -20,7 +20,7 @@ from hystid.consistency.spectra import Bands, compare
 from hystid.recording import Array, Recording
 
 Complex = NDArray[np.complex128]
-_CALIBRATION = 0.02  # relative error of a response that a sound chain leaves in each band, beside noise
+_CALIBRATION = 0.02 / 2.0 ** np.arange(4)  # relative error of a response that a sound chain leaves in each band
 _PRIOR = math.log(100.0)  # one channel in a hundred has a filter inside the band of the test
 _SURE = math.log(1e3)  # odds beyond: a note on a sound recording costs trust in all others
 _MATTERS = 0.01  # share of the power that a filter takes or moves: a tenth of the size
@@ -111,10 +111,11 @@ class _Held:
 
     def __init__(self, found: Bands, at: NDArray[np.bool_], sign: float) -> None:
         self.omega, self.response = found.omega[at], found.response[at] * sign
-        self.weight = 1.0 / (found.variance[at] + _CALIBRATION**2)
+        # what a chain leaves beside noise is not known: each form is judged with what suits it, at most the largest
+        self.weights = 1.0 / (found.variance[at] + _CALIBRATION[:, None] ** 2)
         # which channel holds the noise is not known: the size lies anywhere between the estimates blind to either
         between = np.log(found.coherence[at]) ** 2 / 12.0
-        self.size_weight = 1.0 / (found.variance[at] + _CALIBRATION**2 + between)
+        self.size_weights = 1.0 / (found.variance[at] + _CALIBRATION[:, None] ** 2 + between)
         self.low, self.high = found.low[at], found.high[at]
 
     def likelihood(self, forms: Complex) -> Array:
@@ -124,13 +125,17 @@ class _Held:
         """
         size = np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(forms), 1e-12))
         phase = np.angle(self.response * np.conj(forms))
-        left = self.size_weight * (size - median(size, self.size_weight)[..., None]) ** 2 + self.weight * phase**2
-        return np.asarray(-0.5 * (_TAILS + 2.0) * np.sum(np.log1p(left / _TAILS), axis=-1))
+        found = []
+        for weight, size_weight in zip(self.weights, self.size_weights, strict=True):
+            left = size_weight * (size - median(size, size_weight)[..., None]) ** 2 + weight * phase**2
+            spread = 0.5 * float(np.sum(np.log(weight) + np.log(size_weight)))
+            found.append(spread - 0.5 * (_TAILS + 2.0) * np.sum(np.log1p(left / _TAILS), axis=-1))
+        return np.asarray(np.max(found, axis=0))
 
     def gain(self, form: Complex) -> float:
         """Size of the response where the form is 1."""
         return float(
-            np.exp(median(np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(form), 1e-12)), self.size_weight))
+            np.exp(median(np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(form), 1e-12)), self.size_weights[0]))
         )
 
     def late(self, lag: float) -> float:
