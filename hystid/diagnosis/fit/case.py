@@ -51,7 +51,7 @@ class Case:
 
     nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. unforced: the force is
     known to be zero. catalogue: what the effects declare of themselves. rested: contacts are taken for at rest before a
-    recording that begins in mid-motion.
+    recording that begins in mid-motion. lines: periodic forces that nobody measured, taken out of the balance.
     """
 
     problem: Problem
@@ -67,6 +67,7 @@ class Case:
     unforced: bool = False
     catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
     rested: bool = False
+    lines: tuple[PeriodicForce, ...] = ()
 
 
 def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested: bool = True) -> Case:
@@ -153,7 +154,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     return Case(
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
-        catalogue or Catalogue(), resting is not None,
+        catalogue or Catalogue(), resting is not None, tuple(lines),
     )  # fmt: skip
 
 

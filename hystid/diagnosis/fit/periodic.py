@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,12 +51,18 @@ class PeriodicForce:
 
     def sentence(self) -> str:
         """For people."""
+        return f"{self.told()}, was taken out of the balance"
+
+    def told(self) -> str:
+        """What it is, for people."""
         size, error = max(self.amplitudes)
         source = "of the mains" if self.is_mains else "that no channel shows"
-        return (
-            f"a periodic force {source}, {self.frequency:.4g} Hz with an amplitude of {size:.3g} N ({error:.2g}), was "
-            "taken out of the balance"
-        )
+        return f"a periodic force {source}, {self.frequency:.4g} Hz with an amplitude of {size:.3g} N ({error:.2g})"
+
+    def as_dict(self) -> dict[str, Any]:
+        """As in ``diagnosis.json``; amplitudes per recording in the unit of the force."""
+        amplitudes = [{"value": size, "stderr": error} for size, error in self.amplitudes]
+        return {"frequency_Hz": self.frequency, "amplitudes": amplitudes, "is_mains": self.is_mains}
 
 
 def periodic_forces(problem: Problem, baseline: Fit) -> tuple[Fit, list[PeriodicForce]]:

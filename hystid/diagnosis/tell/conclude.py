@@ -63,6 +63,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
         {"lags": case.consistency, "delay": last.delay, "mass_error": last.mass_error},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
         dependence=depends, catalogue=case.catalogue, values=refit_values(answer, choice.after),
+        lines=case.lines,
     )  # fmt: skip
     worded = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
     return worded, runs.text

@@ -102,10 +102,11 @@ def _fault_finding(answer: Answer, fault: Fault) -> Finding:
 
 def headline(diagnosis: Diagnosis) -> str:
     """One sentence: what, where, how sure, how much better."""
-    if diagnosis.verdict == "consistent":
-        return "The model agrees with the recordings down to their noise"
-    if diagnosis.verdict == "recalibrated":
-        return "The model agrees with the recordings down to their noise once its parameters are refitted"
+    if diagnosis.verdict in {"consistent", "recalibrated"}:
+        needed = ["its parameters are refitted"] if diagnosis.verdict == "recalibrated" else []
+        needed += [f"{' and '.join(line.told() for line in diagnosis.lines)} is taken out"] if diagnosis.lines else []
+        once = f" once {' and '.join(needed)}" if needed else ""
+        return f"The model agrees with the recordings down to their noise{once}"
     if diagnosis.verdict == "unknown_physics" and diagnosis.unknown:
         return f"Something is missing that no effect of the library explains: {diagnosis.unknown.text}"
     named = " and ".join(_told(finding) for finding in diagnosis.findings)

@@ -14,6 +14,7 @@ from hystid.diagnosis.decide.answer import Verdict
 from hystid.diagnosis.decide.criterion import Posterior
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.periodic import PeriodicForce
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.model.catalogue import Catalogue
@@ -131,7 +132,8 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     found. rotational: whether the rig turns, x in rad, forces in N.m and the mass in kg.m2.
     misread: labels of the recordings that cannot be right, and how they were read instead. doubts: filters,
     drift and clocks of channels, which may look like physics.
-    as_given: errors of an FMU before anything is fitted, those of ``validate``. extended: text of the extended model.
+    as_given: errors of an FMU before anything is fitted, those of ``validate``. lines: periodic forces that nobody
+    measured, taken out of the balance and no part of the free runs. extended: text of the extended model.
     """
 
     verdict: Verdict
@@ -162,6 +164,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     misread: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     as_given: tuple[Unchanged, ...] = ()
+    lines: tuple[PeriodicForce, ...] = ()
     extended: str | None = field(default=None, repr=False)
 
     def _write(self, folder: Path) -> None:
@@ -205,6 +208,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
             "untestable": list(self.untestable),
             "next_experiment": self.next_experiment,
             "chain": dict(self.chain),
+            "unmeasured_forces": [line.as_dict() for line in self.lines],
             "dependence": [one.as_dict() for one in self.dependence],
             "misread": list(self.misread),
             "doubts": list(self.doubts),
