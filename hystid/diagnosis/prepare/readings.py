@@ -13,6 +13,7 @@ import numpy as np
 
 from hystid.consistency import Examination, Finding, examine
 from hystid.diagnosis.prepare.faults import DELAY, Fault
+from hystid.diagnosis.prepare.independence import measurements
 from hystid.diagnosis.prepare.pairs import agreed
 from hystid.errors import RecordingError
 from hystid.recording import Recording
@@ -49,6 +50,10 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
     one, belongs to no law: it is refused. mass [kg]: as given, None where it is not known. Raises Contradiction.
     """
     used, held = ([_read(test, mass) for test in group] for group in (tests, unseen))
+    given = zip((*tests, *unseen), (*used, *held), strict=True)
+    lossy = [test.name for test, read in given if test.a is not None and read.recording.a is None]
+    if lossy:
+        used, held = ([_coupled_alike(read, lossy, mass) for read in group] for group in (used, held))
     misread = tuple(
         note
         for test, read in zip((*tests, *unseen), (*used, *held), strict=True)
@@ -116,9 +121,27 @@ def _without_coupled(test: Recording, found: Examination) -> tuple[Recording, bo
     for item in found.findings:
         lossy = item.slip == "filtered" and item.channel == "a" and "lost below" in item.seen
         if lossy and "filtered" not in test.accepted and (test.x is not None or test.v is not None):
-            told = f"{test.name}: channel a is left out, as {item.sentence} [filtered]"
-            return replace(test, a=None, notes=(*test.notes, told)), True
+            return _without_acceleration(test, f"as {item.sentence} [filtered]"), True
     return test, False
+
+
+def _without_acceleration(test: Recording, why: str) -> Recording:
+    """The recording without its acceleration, and without a velocity that was integrated from it."""
+    gone, told = {"a": None}, f"channel a is left out, {why}"
+    if test.x is not None and "from a" in measurements(test).computed.get("v", ""):
+        gone, told = {"a": None, "v": None}, f"channel a, and v that was computed from it, are left out, {why}"
+    return test.with_channels(gone, f"{test.name}: {told}")
+
+
+def _coupled_alike(read: _Read, lossy: Sequence[str], mass: float | None) -> _Read:
+    """The same without an acceleration whose sensor loses slow motion in other recordings, of these names: where the
+    motion is quick its phase is turned as well, only by less than shows."""
+    here = read.recording
+    if here.a is None or (here.x is None and here.v is None) or "filtered" in here.accepted:
+        return read
+    left = _without_acceleration(here, f"as its sensor loses slow motion in {lossy[0]} [filtered]")
+    found = examine([left], mass)
+    return _Read(left, found, *_late(left, found))
 
 
 def _has_one_reading(item: Finding) -> bool:
