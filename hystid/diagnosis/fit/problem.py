@@ -256,7 +256,15 @@ class Problem:
             there = self._shaken(hypothesis, draw)
         except NumericalError:
             return [np.zeros_like(a) for a in here]
-        return [b - a + change * p.jitter[draw][2] for p, a, b in zip(self.parts, here, there, strict=True)]
+        moved = [b - a + change * p.jitter[draw][2] for p, a, b in zip(self.parts, here, there, strict=True)]
+        signals = self.signals(hypothesis) if hypothesis.terms else []
+        for term in hypothesis.terms:
+            own = [
+                term.effect.of_noise(part.noise["F"], term.values, like)
+                for part, like in zip(self.parts, signals, strict=True)
+            ]
+            moved = [force + more for force, more in zip(moved, own, strict=True)]
+        return moved
 
     def distrust(self, *hypotheses: Hypothesis) -> bool:
         """Weigh down rows in which a law jumps; true where there are such rows.

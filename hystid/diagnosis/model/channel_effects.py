@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.semantics import Semantics
@@ -15,6 +16,7 @@ from hystid.diagnosis.prepare.segments import Part
 from hystid.numeric import Array
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
+HIGH_PASS = "force_high_pass"
 _STEADY = 0.05  # rms of the ramps over that of the offsets below which a force channel does not drift
 # What is not a law of the structure has no block: a fault of a channel is called so here.
 CHANNELS = {
@@ -25,6 +27,7 @@ CHANNELS = {
     SATURATION: Semantics(title="channel that stops at a level"),
     "force_gain": Semantics(title="wrong gain of the force channel"),
     DRIFT: Semantics(title="drift of the force channel"),
+    HIGH_PASS: Semantics(title="AC-coupled force channel"),
 }
 NUISANCES = frozenset({HUM, HISTORY})  # taken out, and no findings
 
@@ -78,15 +81,30 @@ def history(numbers: Sequence[int]) -> History:
 
 
 @dataclass(frozen=True)
-class Saturation(ChannelEffect):
-    """What a force channel lacks beyond the level at which it stops, in each recording.
+class _OfMeasuredForce(ChannelEffect):
+    """A fault that depends on the measured force, which no signal shows.
 
-    It depends on the measured force, which no signal shows: so it is known for the recordings in which it was found,
-    by their displacement, and nothing elsewhere. motion: displacement [m]; missing: force [N]; level [N].
+    So it is known for the recordings in which it was looked for, by their displacement, and nothing elsewhere. motion:
+    displacement [m]; missing: what the channel lacks, per unit of the first amplitude. Shape (n,) per recording.
     """
 
     motion: tuple[Array, ...] = field(default=(), repr=False)
     missing: tuple[Array, ...] = field(default=(), repr=False)
+
+    def lacking(self, signals: Signals) -> tuple[float, Array]:
+        """What the channel lacks, shape (n,), and how it counts: 1, reversed where the motion is mirrored, or 0 for
+        another motion."""
+        known = self.motion[signals.index] if signals.index < len(self.motion) else np.zeros(0)
+        if len(known) != len(signals.x):
+            return 0.0, np.zeros(len(signals.x))
+        alike = float(known @ signals.x) / max(float(known @ known), 1e-300)
+        return float(np.clip(np.rint(alike), -1, 1)), self.missing[signals.index]
+
+
+@dataclass(frozen=True)
+class Saturation(_OfMeasuredForce):
+    """What a force channel lacks beyond the level at which it stops [N], in each recording. level [N]."""
+
     level: float = 0.0
 
     @property
@@ -99,12 +117,9 @@ class Saturation(ChannelEffect):
         return [{"level": self.level}]
 
     def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
-        """What the channel lacks [N], shape (n,): reversed where the motion is mirrored, nothing for another motion."""
-        known = self.motion[signals.index] if signals.index < len(self.motion) else np.zeros(0)
-        if len(known) != len(signals.x):
-            return np.zeros(len(signals.x))
-        alike = float(known @ signals.x) / max(float(known @ known), 1e-300)
-        return np.asarray(-parameters["share"] * np.clip(np.rint(alike), -1, 1) * self.missing[signals.index])
+        """What the channel lacks [N], shape (n,)."""
+        sign, missing = self.lacking(signals)
+        return np.asarray(-parameters["share"] * sign * missing)
 
 
 def saturation(motion: Sequence[Array], missing: Sequence[Array], level: float) -> Saturation:
@@ -114,6 +129,42 @@ def saturation(motion: Sequence[Array], missing: Sequence[Array], level: float) 
         SATURATION, "", "", None, ("share",), units=units, lowest={"share": 0.0}, motion=tuple(motion),
         missing=tuple(missing), level=level,
     )  # fmt: skip
+
+
+class HighPass(_OfMeasuredForce):
+    """What an AC-coupled force channel of first order lacks: dF/dt = dF_true/dt - omega F, so that F_true is F and
+    omega times its integral, but for a constant of each recording that does not begin at rest.
+
+    A piezoelectric sensor discharges so. Amplitudes omega [rad/s], the corner, and offset_1, ... [N].
+    """
+
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """What the channel lacks [N], shape (n,)."""
+        sign, missing = self.lacking(signals)
+        offset = parameters.get(f"offset_{signals.index + 1}", 0.0)
+        return np.asarray(-sign * (parameters["omega"] * missing + offset))
+
+    def of_noise(self, level: float, parameters: Mapping[str, float], like: Signals) -> Array:
+        """Noise of the force is summed up as well: it walks at random."""
+        return np.asarray(parameters["omega"] * like.dt * level * np.sqrt(np.arange(len(like.x))))
+
+
+def high_passes(parts: Sequence[Part]) -> list[HighPass]:
+    """An AC-coupled force channel, of recordings that begin at rest or, "Charged", of any."""
+    motion, impulses = tuple(part.x for part in parts), tuple(_integral(part.F, part.dt) for part in parts)
+    offsets = [f"offset_{i + 1}" for i in range(len(parts))]
+    units = {"omega": "rad/s", **dict.fromkeys(offsets, "N")}
+    return [
+        HighPass(
+            HIGH_PASS, form, "", None, ("omega", *names), units=units, lowest={"omega": 0.0}, motion=motion,
+            missing=impulses,
+        )
+        for form, names in (("", []), ("Charged", offsets))
+    ]  # fmt: skip
+
+
+def _integral(values: Array, dt: float) -> Array:
+    return np.asarray(cumulative_trapezoid(values, dx=dt, initial=0.0))
 
 
 class ForceDrift(ChannelEffect):

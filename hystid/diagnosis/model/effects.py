@@ -193,6 +193,11 @@ class Effect:
         motions = [self._motion(self.model, s, self._substeps(s, parameters)) for s in signals]
         return [found["f"] for found in self.model.follow(motions, parameters, ("f",))]
 
+    def of_noise(self, level: float, parameters: Mapping[str, float], like: Signals) -> Array:
+        """Standard deviation of what white noise of a level [N] on the force channel does through the effect [N],
+        shape (n,): nothing, but for faults of that channel."""
+        return np.zeros(len(like.x))
+
     def forces_at(self, signals: Sequence[Signals], each: Sequence[Mapping[str, float]]) -> list[list[Array]]:
         """``forces`` at each of several values of the parameters, in one run; NaN where they have no finite answer."""
         if self.model is None:
