@@ -408,11 +408,11 @@ def _fits_aligned(force: Force) -> bool:
 
 
 def _inertia(recording: Recording, force: Force | None, mass: float | None) -> float:
-    """rms of m a over that share of F which does work, with the mass given or else the apparent one; 0: unknown."""
-    if force is None or recording.F is None or recording.a is None or force.power <= 0 or force.share < EXPLAINED:
+    """Mass, given or else the apparent one, over that share of F which does work [s2/m]; 0: unknown."""
+    if force is None or recording.F is None or force.power <= 0 or force.share < EXPLAINED:
         return 0.0
     moving = mass if mass is not None else force.mass if force.mass > 3 * force.mass_error else 0.0
-    return moving * float(np.std(recording.a)) / (force.power * float(np.std(recording.F)))
+    return moving / (force.power * float(np.std(recording.F)))
 
 
 def _form(recording: Recording, p: Pair, inertia: float) -> Form | None:

@@ -50,7 +50,7 @@ class Form:
 def filtered(recording: Recording, p: Pair, inertia: float = 0.0) -> Form | None:
     """The filter between two channels, None where a plain or a late response does as well.
 
-    inertia: rms of m a over that share of F which does work; 0 where nobody knows it.
+    inertia [s2/m]: mass over that share of F which does work; 0 where nobody knows it.
     """
     channels = motion(recording)
     order = ORDER[p.high] - ORDER[p.low]
@@ -67,7 +67,10 @@ def filtered(recording: Recording, p: Pair, inertia: float = 0.0) -> Form | None
     odds = best - plain - _PRIOR - 0.5 * math.log(len(held.omega))
     if odds < _SURE:
         return None
-    if not held.matters(answer, order) and not (channel == "a" and inertia * held.damping(answer) > _FEIGNED):
+    size = float(np.std(channels[p.high]))
+    # near a resonance a spring bears as much as the inertia: a turned phase of x or of a feigns work, and that of v none
+    feigned = inertia * held.damping(answer, size, ORDER["a"] - ORDER[p.high]) if channel in "xa" else 0.0
+    if not held.matters(answer, order) and feigned < _FEIGNED:
         return None
     return Form(side, channel, corner, held.gain(answer), sign, odds)
 
@@ -159,11 +162,14 @@ class _Held:
         at = int(np.argmax(scores))
         return float(scores[at]), answers[at], float(finer[at]), (side, channel)
 
-    def damping(self, form: Complex) -> float:
-        """Work that the turned phase of an acceleration feigns, over rms(a) rms(v)."""
-        share = self.high / float(np.sum(self.high))
+    def damping(self, form: Complex, size: float, order: int) -> float:
+        """Work that the turned phase of an acceleration feigns, over the rms of v [m/s2]. size: rms of the higher
+        channel, of which the acceleration is the derivative of an order."""
+        share = self.high * self.omega ** (2 * order)
+        rms = size * math.sqrt(float(np.sum(share)) / float(np.sum(self.high)))
+        share = share / float(np.sum(share))
         speed = math.sqrt(float(np.sum(share / self.omega**2)))
-        return abs(float(np.sum(share * form.imag / self.omega))) / speed
+        return rms * abs(float(np.sum(share * form.imag / self.omega))) / speed
 
     def matters(self, form: Complex, order: int) -> bool:
         """Whether the form changes a hundredth of the power, as acceleration or as slow motion."""

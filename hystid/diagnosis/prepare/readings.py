@@ -6,7 +6,7 @@ cross spectra of the motion (``hystid.consistency``) say all of this before any 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from hystid.recording import Recording
 
 _READ = frozenset({"swapped_sign", "wrong_unit"})  # slips with one other reading
 _NEVER = frozenset({"wrong_mass", "swapped_channels", *_READ})  # with these left, any name would be a wrong one
+_COUPLED = ("a", "x")  # channels of which a turned phase feigns work: those of inertia and spring
 _ROUNDS = 3  # slips of one recording that are read in another way, one after the other
 
 
@@ -50,10 +51,8 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
     one, belongs to no law: it is refused. mass [kg]: as given, None where it is not known. Raises Contradiction.
     """
     used, held = ([_read(test, mass) for test in group] for group in (tests, unseen))
-    given = zip((*tests, *unseen), (*used, *held), strict=True)
-    lossy = [test.name for test, read in given if test.a is not None and read.recording.a is None]
-    if lossy:
-        used, held = ([_coupled_alike(read, lossy, mass) for read in group] for group in (used, held))
+    if left_out := _left_out((*tests, *unseen), (*used, *held)):
+        used, held = ([_coupled_alike(read, left_out, mass) for read in group] for group in (used, held))
     misread = tuple(
         note
         for test, read in zip((*tests, *unseen), (*used, *held), strict=True)
@@ -114,34 +113,47 @@ def _late(here: Recording, found: Examination) -> tuple[tuple[float, float] | No
 
 
 def _without_coupled(test: Recording, found: Examination) -> tuple[Recording, bool]:
-    """The recording without an acceleration that loses slow motion, where another channel shows the motion.
+    """The recording without an acceleration, or a displacement, that loses slow motion, where another channel shows the
+    motion.
 
     Its turned phase is damping, or a resonance, that no structure has.
     """
     for item in found.findings:
-        lossy = item.slip == "filtered" and item.channel == "a" and "lost below" in item.seen
-        if lossy and "filtered" not in test.accepted and (test.x is not None or test.v is not None):
-            return _without_acceleration(test, f"as {item.sentence} [filtered]"), True
+        lossy = item.slip == "filtered" and item.channel in _COUPLED and "lost below" in item.seen
+        if lossy and (left := _without(test, item.channel, f"as {item.sentence} [filtered]")) is not None:
+            return left, True
     return test, False
 
 
-def _without_acceleration(test: Recording, why: str) -> Recording:
-    """The recording without its acceleration, and without a velocity that was integrated from it."""
-    gone, told = {"a": None}, f"channel a is left out, {why}"
-    if test.x is not None and "from a" in measurements(test).computed.get("v", ""):
-        gone, told = {"a": None, "v": None}, f"channel a, and v that was computed from it, are left out, {why}"
-    return test.with_channels(gone, f"{test.name}: {told}")
+def _without(test: Recording, channel: str, why: str) -> Recording | None:
+    """The recording without one channel of the motion, and without a velocity that was computed from it; None where no
+    other one shows the motion, or where the channel was accepted as it is."""
+    others = set(test.channels("xva")) - {channel}
+    gone = [channel]
+    if len(others) > 1 and f"from {channel}" in measurements(test).computed.get("v", ""):
+        gone, others = [channel, "v"], others - {"v"}
+    if channel not in test.channels("xva") or not others or "filtered" in test.accepted:
+        return None
+    listed = f"channel {channel} is" if len(gone) == 1 else f"channel {channel}, and v that was computed from it, are"
+    return test.with_channels(dict.fromkeys(gone), f"{test.name}: {listed} left out, {why}")
 
 
-def _coupled_alike(read: _Read, lossy: Sequence[str], mass: float | None) -> _Read:
-    """The same without an acceleration whose sensor loses slow motion in other recordings, of these names: where the
-    motion is quick its phase is turned as well, only by less than shows."""
-    here = read.recording
-    if here.a is None or (here.x is None and here.v is None) or "filtered" in here.accepted:
-        return read
-    left = _without_acceleration(here, f"as its sensor loses slow motion in {lossy[0]} [filtered]")
-    found = examine([left], mass)
-    return _Read(left, found, *_late(left, found))
+def _left_out(tests: Sequence[Recording], read: Sequence[_Read]) -> dict[str, str]:
+    """Channels that were left out as they lose slow motion, and the first recording in which they were."""
+    pairs = [(test, one.recording) for test, one in zip(tests, read, strict=True)]
+    found = {name: [t.name for t, r in pairs if name in t.channels() and name not in r.channels()] for name in _COUPLED}
+    return {name: names[0] for name, names in found.items() if names}
+
+
+def _coupled_alike(read: _Read, left_out: Mapping[str, str], mass: float | None) -> _Read:
+    """The same without channels whose sensors lose slow motion in other recordings: where the motion is quick their
+    phase is turned as well, only by less than shows."""
+    for channel, elsewhere in left_out.items():
+        left = _without(read.recording, channel, f"as its sensor loses slow motion in {elsewhere} [filtered]")
+        if left is not None:
+            found = examine([left], mass)
+            read = _Read(left, found, *_late(left, found))
+    return read
 
 
 def _has_one_reading(item: Finding) -> bool:
