@@ -105,7 +105,7 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
     another name."""
     signals = problem.signals(fit.hypothesis)
     for number, term in enumerate(fit.hypothesis.terms):
-        if term.effect.id == DRIFT and not _drifts(problem, fit, number):
+        if not term.effect.is_possible(term.values) or (term.effect.id == DRIFT and not _drifts(problem, fit, number)):
             return False
         said = term.effect.semantics
         if said.threshold:

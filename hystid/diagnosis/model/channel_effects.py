@@ -131,18 +131,27 @@ def saturation(motion: Sequence[Array], missing: Sequence[Array], level: float) 
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
 class HighPass(_OfMeasuredForce):
     """What an AC-coupled force channel of first order lacks: dF/dt = dF_true/dt - omega F, so that F_true is F and
     omega times its integral, but for a constant of each recording that does not begin at rest.
 
-    A piezoelectric sensor discharges so. Amplitudes omega [rad/s], the corner, and offset_1, ... [N].
+    A piezoelectric sensor discharges so. Amplitudes omega [rad/s], the corner, and offset_1, ... [N]. swings: range of
+    the channel in each recording [N].
     """
+
+    swings: tuple[float, ...] = ()
 
     def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
         """What the channel lacks [N], shape (n,)."""
         sign, missing = self.lacking(signals)
         offset = parameters.get(f"offset_{signals.index + 1}", 0.0)
         return np.asarray(-sign * (parameters["omega"] * missing + offset))
+
+    def is_possible(self, parameters: Mapping[str, float]) -> bool:
+        """What was lost before a recording is no more than the channel swings: it holds no constant force."""
+        offsets = [abs(parameters.get(f"offset_{i + 1}", 0.0)) for i in range(len(self.swings))]
+        return all(offset < swing for offset, swing in zip(offsets, self.swings, strict=True))
 
     def of_noise(self, level: float, parameters: Mapping[str, float], like: Signals) -> Array:
         """Noise of the force is summed up as well: it walks at random."""
@@ -157,7 +166,7 @@ def high_passes(parts: Sequence[Part]) -> list[HighPass]:
     return [
         HighPass(
             HIGH_PASS, form, "", None, ("omega", *names), units=units, lowest={"omega": 0.0}, motion=motion,
-            missing=impulses,
+            missing=impulses, swings=tuple(float(np.ptp(part.F)) for part in parts),
         )
         for form, names in (("", []), ("Charged", offsets))
     ]  # fmt: skip

@@ -193,6 +193,10 @@ class Effect:
         motions = [self._motion(self.model, s, self._substeps(s, parameters)) for s in signals]
         return [found["f"] for found in self.model.follow(motions, parameters, ("f",))]
 
+    def is_possible(self, parameters: Mapping[str, float]) -> bool:
+        """Whether such parameters may be those of what the effect stands for."""
+        return True
+
     def of_noise(self, level: float, parameters: Mapping[str, float], like: Signals) -> Array:
         """Standard deviation of what white noise of a level [N] on the force channel does through the effect [N],
         shape (n,): nothing, but for faults of that channel."""

@@ -20,7 +20,6 @@ from hystid.recording import Recording
 
 _READ = frozenset({"swapped_sign", "wrong_unit"})  # slips with one other reading
 _NEVER = frozenset({"wrong_mass", "swapped_channels", *_READ})  # with these left, any name would be a wrong one
-_COUPLED = ("a", "x")  # channels of which a turned phase feigns work: those of inertia and spring
 _ROUNDS = 3  # slips of one recording that are read in another way, one after the other
 
 
@@ -113,16 +112,17 @@ def _late(here: Recording, found: Examination) -> tuple[tuple[float, float] | No
 
 
 def _without_coupled(test: Recording, found: Examination) -> tuple[Recording, bool]:
-    """The recording without an acceleration, or a displacement, that loses slow motion, where another channel shows the
-    motion.
+    """The recording without channels that lose slow motion, where another one shows the motion.
 
-    Its turned phase is damping, or a resonance, that no structure has.
+    Their turned phase is damping, or a resonance, that no structure has.
     """
-    for item in found.findings:
-        lossy = item.slip == "filtered" and item.channel in _COUPLED and "lost below" in item.seen
-        if lossy and (left := _without(test, item.channel, f"as {item.sentence} [filtered]")) is not None:
-            return left, True
-    return test, False
+    lossy = [item for item in found.findings if item.slip == "filtered" and "lost below" in item.seen]
+    here = test
+    for item in lossy:
+        whole = set(here.channels("xva")) - {item.channel for item in lossy}
+        left = _without(here, item.channel, f"as {item.sentence} [filtered]") if whole else None
+        here = left or here
+    return here, here is not test
 
 
 def _without(test: Recording, channel: str, why: str) -> Recording | None:
@@ -141,7 +141,7 @@ def _without(test: Recording, channel: str, why: str) -> Recording | None:
 def _left_out(tests: Sequence[Recording], read: Sequence[_Read]) -> dict[str, str]:
     """Channels that were left out as they lose slow motion, and the first recording in which they were."""
     pairs = [(test, one.recording) for test, one in zip(tests, read, strict=True)]
-    found = {name: [t.name for t, r in pairs if name in t.channels() and name not in r.channels()] for name in _COUPLED}
+    found = {name: [t.name for t, r in pairs if name in t.channels() and name not in r.channels()] for name in "xva"}
     return {name: names[0] for name, names in found.items() if names}
 
 
