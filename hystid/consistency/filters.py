@@ -68,7 +68,7 @@ def filtered(recording: Recording, p: Pair, inertia: float = 0.0) -> Form | None
     if odds < _SURE:
         return None
     size = float(np.std(channels[p.high]))
-    # near a resonance a spring bears as much as the inertia: a turned phase of x or of a feigns work, and that of v none
+    # near a resonance a spring bears as much as the inertia: a turned phase of x or a feigns work, and that of v none
     feigned = inertia * held.damping(answer, size, ORDER["a"] - ORDER[p.high]) if channel in "xa" else 0.0
     if not held.matters(answer, order) and feigned < _FEIGNED:
         return None
@@ -137,9 +137,8 @@ class _Held:
 
     def gain(self, form: Complex) -> float:
         """Size of the response where the form is 1."""
-        return float(
-            np.exp(median(np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(form), 1e-12)), self.size_weights[0]))
-        )
+        size = np.log(np.abs(self.response)) - np.log(np.maximum(np.abs(form), 1e-12))
+        return float(np.exp(median(size, self.size_weights[0])))
 
     def late(self, lag: float) -> float:
         """The same of the best lag, near one and near none."""

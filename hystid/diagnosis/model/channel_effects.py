@@ -173,7 +173,7 @@ def high_passes(parts: Sequence[Part]) -> list[HighPass]:
 
 
 def _integral(values: Array, dt: float) -> Array:
-    return np.asarray(cumulative_trapezoid(values, dx=dt, initial=0.0))
+    return np.asarray(cumulative_trapezoid(values, dx=dt, initial=0))
 
 
 class ForceDrift(ChannelEffect):
