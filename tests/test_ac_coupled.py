@@ -137,3 +137,17 @@ def test_a_hardening_spring_that_outweighs_the_force_hides_no_mass() -> None:
     balance = found.examined[0].balance
     assert balance is not None
     assert abs(balance.mass - 1.0) < 0.15  # as exact as a sound sensor is calibrated, three times over
+
+
+def test_a_low_pass_of_the_force_is_no_resonance() -> None:
+    """Four times above the resonance: late, weaker, and bent as by a second mass without a peak."""
+    made = []
+    for kind in ("chirp", "noise"):
+        one = record(kind, {}, "xva", db=40.0)
+        b, a = butter(2, 4 * NATURAL, fs=RATE)
+        made.append(one.with_channels({"F": lfilter(b, a, one.channel("F"))}))
+    answer = asked(made)
+    assert not {finding.effect for finding in answer.findings} - {
+        "channel_delay", "force_gain", "force_low_pass", "force_high_pass"
+    }, answer.headline  # fmt: skip
+    assert answer.verdict in ("sensor_fault", "unknown_physics")

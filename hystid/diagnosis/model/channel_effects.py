@@ -28,6 +28,7 @@ CHANNELS = {
     "force_gain": Semantics(title="wrong gain of the force channel"),
     DRIFT: Semantics(title="drift of the force channel"),
     HIGH_PASS: Semantics(title="AC-coupled force channel"),
+    "force_low_pass": Semantics(title="low-pass of the force channel"),
 }
 NUISANCES = frozenset({HUM, HISTORY})  # taken out, and no findings
 

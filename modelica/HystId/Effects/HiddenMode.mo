@@ -15,12 +15,13 @@ equation
   der(y) = w;
   der(w) = g;
   f = m2*g;
-  annotation(Documentation(info = "<html><p>Resonance and antiresonance that no restoring force of x and v can give.</p></html>"),
+  annotation(Documentation(info = "<html><p>Resonance and antiresonance that no restoring force of x and v can give. What amplifies nothing (zeta from 0.5 on) is no resonance: a low-pass of the force channel does the same.</p></html>"),
     __HystId_effect(
       title = "hidden resonance",
       family = "inner dynamics",
       needs = {"speeds", "mass"},
-      becomes = {End(law = "viscoelastic_relaxation", of = zeta, above = 1), End(law = "added_mass", of = f2, at = "top"),
+      becomes = {End(law = "viscoelastic_relaxation", of = zeta, above = 1),
+        End(law = "force_low_pass", of = zeta, above = 0.5, fit = "renamed"), End(law = "added_mass", of = f2, at = "top"),
         End(law = "", of = f2, at = "bottom")},
       experiment = "sweep further up and down in frequency"));
 end HiddenMode;
