@@ -18,6 +18,7 @@ import numpy as np
 from hystid.errors import RecordingError, UsageError
 from hystid.limits import check_whole
 from hystid.numeric import Array
+from hystid.recording.loading import loaded
 from hystid.recording.types import Recording
 
 Band = tuple[float | None, float | None]
@@ -67,6 +68,7 @@ def prepare(recording: Recording, *, band: Band | None = None, decimate: int = 1
         raise UsageError(f"--decimate {decimate}: a whole number of at least 1 is needed")
     if not math.isfinite(mass) or mass < 0:
         raise UsageError(f"--mass {mass:g}: a mass in kg of 0 or more is needed (0: F is the restoring force itself)")
+    (recording,) = loaded([recording])
     low, high = band or (None, None)
     derived = derive(recording, mass=mass, low=low, high=high)
     if low and any(how.startswith("integral") for how in derived.origin.values()):

@@ -7,6 +7,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -97,8 +98,8 @@ def check(
     >>> hystid.check(sweep, mass=1.0).findings
     []
     """
-    if mass is not None and not 0 <= mass < np.inf:
-        raise UsageError(f"mass must be a number of at least 0 kg, found {mass}")
+    if mass is not None and not (isinstance(mass, Real) and 0 <= mass < np.inf):
+        raise UsageError(f"mass must be a number of at least 0 kg, found {mass!r}")
     read = loaded(recordings, accept)
     found = examine(read, mass).accepting({recording.name: {*accept, *recording.accepted} for recording in read})
     if out is not None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
 
@@ -235,8 +236,8 @@ def _given(prediction: Prediction | None) -> Prediction:
 
 
 def _check(mass: float, layers: Sequence[int], method: str) -> None:
-    if not (np.isfinite(mass) and mass >= 0):
-        raise UsageError(f"mass must be a number of at least 0 kg, found {mass}")
+    if not (isinstance(mass, Real) and 0 <= mass < np.inf):
+        raise UsageError(f"mass must be a number of at least 0 kg, found {mass!r}")
     if not layers or any(neurons < 1 for neurons in layers):
         raise UsageError(f"layers must be neurons per hidden layer, each at least 1, as 5,5; found {tuple(layers)}")
     if method not in ("published", "refined"):

@@ -12,7 +12,7 @@ from hystid.recording.problems import Problem
 from hystid.recording.table import Table
 
 SHORTEST = 16  # samples: below, no filter, no derivative and no fit means anything
-_ROUNDING = 0.02  # of a step: time stamps this close to a uniform grid were rounded when written
+ROUNDING = 0.02  # of a step: time stamps this close to a uniform grid were rounded when written
 _JITTER = 0.08  # of a step, rms: a clock that wanders this little is put on a grid by interpolation
 _DROPPED = 8.5  # steps: up to so long an interval, a few samples were dropped and are interpolated
 _FEW_DIGITS = 0.1  # share of repeated stamps beyond which the clock is too coarse, and no sample was written twice
@@ -109,7 +109,7 @@ def _without_gaps(table: Table, t: Array, part: slice) -> Grid:
     step = np.diff(stamps)
     dt = (stamps[-1] - stamps[0]) / (n - 1)
     grid = stamps[0] + dt * np.arange(n)
-    if np.max(np.abs(stamps - grid)) <= _ROUNDING * dt + np.spacing(np.abs(stamps[-1])):
+    if np.max(np.abs(stamps - grid)) <= ROUNDING * dt + np.spacing(np.abs(stamps[-1])):
         return Grid(grid, part, None)
     median = float(np.median(step))
     dropped = step > 1.5 * median

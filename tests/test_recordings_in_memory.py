@@ -1,0 +1,69 @@
+"""Recordings that a program made of arrays keep the rules of those that are read from files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hystid import check, diagnose, identify, prepare
+from hystid.errors import HystidError
+from hystid.recording import Recording
+
+N = 400
+T = np.arange(N) / 500.0
+X = 1e-3 * np.sin(30 * T)
+F = 1e3 * X
+LINEAR = "HystId.Oscillators.Linear"
+
+ENTRIES: dict[str, Callable[[Any], object]] = {
+    "check": lambda source: check([source], mass=0.0),
+    "diagnose": lambda source: diagnose([source], model=LINEAR, parameters={"m": 0}),
+    "identify": lambda source: identify([source], mass=0.0, ensemble=1),
+    "prepare": prepare,
+}
+
+
+def holed(values: np.ndarray) -> np.ndarray:
+    """Without its eighth sample."""
+    return np.where(np.arange(N) == 7, np.nan, values)
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        ({"F": F[:5]}, "channel F has 5 samples, and t has 400"),
+        ({"F": holed(F)}, "channel F: 1 samples are no numbers, the first is sample 7"),
+        ({"F": F[:, None]}, "channel F: one row of samples is needed, found shape (400, 1)"),
+        ({"F": F + 1j}, "channel F: real numbers are needed, found complex128"),
+        ({"x": X.astype(str)}, "channel x: real numbers are needed"),
+        ({"t": T[::-1]}, "time does not increase at sample 1"),
+        ({"t": T**2 + T}, "steps off a uniform grid"),
+        ({"t": T[:5], "F": F[:5], "x": X[:5]}, "at least 16 samples are needed, found 5"),
+        ({"t": None}, "at least 16 samples are needed, found 0"),
+        ({"extra": {"u_mr": T[:3]}}, "channel u_mr has 3 samples"),
+    ],
+)
+def test_columns_that_are_no_recording_are_refused_in_a_sentence(entry: str, columns: dict, told: str) -> None:
+    with pytest.raises(HystidError) as refused:
+        ENTRIES[entry](Recording("mine", **{"t": T, "F": F, "x": X, **columns}))
+    assert told in str(refused.value)
+    assert str(refused.value).startswith("mine")
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+@pytest.mark.parametrize("source", [5, {"t": T}, None, np.stack([T, F, X])])
+def test_what_is_neither_file_nor_recording_is_refused(entry: str, source: object) -> None:
+    with pytest.raises(HystidError, match=r"hystid\.Recording\(name, t"):
+        ENTRIES[entry](source)
+
+
+def test_a_mass_is_a_number() -> None:
+    made = Recording("mine", T, F=F, x=X)
+    with pytest.raises(HystidError, match="mass must be a number"):
+        check([made], mass="2")  # type: ignore[arg-type]  # as a user would write it
+    with pytest.raises(HystidError, match="mass must be a number"):
+        identify([made], mass="2")  # type: ignore[arg-type]  # the same
