@@ -22,9 +22,13 @@ def loaded(sources: Sources, accept: Collection[str] = ()) -> list[Recording]:
 
     accept: rules whose violation is a warning here and not an error.
     """
-    single = isinstance(sources, str | Path | Recording) or not isinstance(sources, Iterable)
+    listed: Iterable[object]
+    if isinstance(sources, str | Path | Recording) or not isinstance(sources, Iterable):
+        listed = [sources]
+    else:
+        listed = sources
     found: list[Recording] = []
-    for source in [sources] if single else sources:
+    for source in listed:
         found += [validated(source)] if isinstance(source, Recording) else read_all([_file(source)], accept=accept)
     return found
 
