@@ -11,6 +11,7 @@ from hystid.errors import UsageError
 from hystid.files import scratch
 from hystid.fmu import About, BuildResult, build_model, build_network
 from hystid.fmu.rebuilt import has_reference, with_reference_of
+from hystid.outputs import check_file
 
 
 def build(
@@ -46,6 +47,7 @@ def build(
             model, path, fmi=fmi, parameters=parameters, platforms=platforms, libraries=libraries, about=about
         )
 
+    check_file(Path(out), ".fmu")
     return _in_place_of(Path(out), made_at)
 
 
