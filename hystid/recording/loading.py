@@ -22,11 +22,8 @@ def loaded(sources: Sources, accept: Collection[str] = ()) -> list[Recording]:
 
     accept: rules whose violation is a warning here and not an error.
     """
-    listed: Iterable[object]
-    if isinstance(sources, str | Path | Recording) or not isinstance(sources, Iterable):
-        listed = [sources]
-    else:
-        listed = sources
+    single = isinstance(sources, str | Path | Recording) or not isinstance(sources, Iterable)
+    listed: Iterable[object] = [sources] if single else sources  # type: ignore[assignment]  # that is Iterable
     found: list[Recording] = []
     for source in listed:
         found += [validated(source)] if isinstance(source, Recording) else read_all([_file(source)], accept=accept)

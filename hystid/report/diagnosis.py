@@ -122,7 +122,8 @@ def _facts(d: Diagnosis) -> list[Fact]:
         first, last = (percent(float(np.mean([run[i] for run in runs]))) for i in (0, 1))
         label = "Free run, held out" if d.holdout else "Free run"
         text = f"{first} → {last}" if d.findings else first
-        facts.append(Fact(label, text, "error of the displacement, NRMSE"))
+        without = ", without the periodic force that nobody measured" if d.lines else ""
+        facts.append(Fact(label, text, f"error of the displacement, NRMSE{without}"))
     if d.findings:
         least = min(finding.confidence for finding in d.findings)
         facts.append(Fact("Probability", percent(least), " and ".join(title(finding) for finding in d.findings)))
@@ -148,10 +149,10 @@ def value_text(finding: Finding, name: str) -> str:
 
 
 def _meanings(d: Diagnosis, finding: Finding) -> dict[str, str]:
-    """What the block of a finding says of its parameters."""
+    """What an effect says of its parameters."""
     terms = d.final.hypothesis.terms if d.final is not None else ()
-    models = [term.effect.model for term in terms if term.effect.id in finding.alike]
-    known = {v.name: v.description for model in models if model is not None for v in model.code.variables}
+    own = [term.effect.meanings for term in terms if term.effect.id in finding.alike]
+    known = {name: text for meanings in own for name, text in meanings.items()}
     return {name: known.get(name, "") for name in finding.parameters}
 
 

@@ -57,7 +57,7 @@ class PeriodicForce:
         """What it is, for people."""
         size, error = max(self.amplitudes)
         source = "of the mains" if self.is_mains else "that no channel shows"
-        return f"a periodic force {source}, {self.frequency:.4g} Hz with an amplitude of {size:.3g} N ({error:.2g})"
+        return f"a periodic force {source}, {self.frequency:.4g} Hz with an amplitude of {size:.3g} ± {error:.2g} N"
 
     def as_dict(self) -> dict[str, Any]:
         """As in ``diagnosis.json``; amplitudes per recording in the unit of the force."""

@@ -149,6 +149,12 @@ class HighPass(_OfMeasuredForce):
         offset = parameters.get(f"offset_{signals.index + 1}", 0.0)
         return np.asarray(-sign * (parameters["omega"] * missing + offset))
 
+    @property
+    def meanings(self) -> dict[str, str]:
+        """What each parameter is."""
+        offsets = {f"offset_{i + 1}": f"Force lost before recording {i + 1}" for i in range(len(self.swings))}
+        return {"omega": "Angular frequency below which the channel loses force", **offsets}
+
     def is_possible(self, parameters: Mapping[str, float]) -> bool:
         """What was lost before a recording is no more than the channel swings: it holds no constant force."""
         offsets = [abs(parameters.get(f"offset_{i + 1}", 0.0)) for i in range(len(self.swings))]
@@ -183,6 +189,13 @@ class ForceDrift(ChannelEffect):
     Amplitudes offset_1, ramp_1, ... [N, N/s]. Not a law of the structure, hence in the units of the signal and not in
     Modelica. It appears in the balance as a force that is added to R.
     """
+
+    @property
+    def meanings(self) -> dict[str, str]:
+        """What each parameter is."""
+        kinds = {"offset": "Mean force without any", "ramp": "Its change with time", "bow": "Its bend over time"}
+        parts = (name.partition("_") for name in self.amplitudes)
+        return {f"{kind}_{number}": f"{kinds[kind]}, in recording {number}" for kind, _, number in parts}
 
     @property
     def needs_clock(self) -> bool:

@@ -193,6 +193,11 @@ class Effect:
         motions = [self._motion(self.model, s, self._substeps(s, parameters)) for s in signals]
         return [found["f"] for found in self.model.follow(motions, parameters, ("f",))]
 
+    @property
+    def meanings(self) -> dict[str, str]:
+        """What each parameter is, as the block says."""
+        return {v.name: v.description for v in self.model.code.variables} if self.model is not None else {}
+
     def is_possible(self, parameters: Mapping[str, float]) -> bool:
         """Whether such parameters may be those of what the effect stands for."""
         return True
