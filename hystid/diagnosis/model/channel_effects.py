@@ -150,6 +150,11 @@ class HighPass(_OfMeasuredForce):
         return np.asarray(-sign * (parameters["omega"] * missing + offset))
 
     @property
+    def needs_clock(self) -> bool:
+        """A charge is lost with the time."""
+        return True
+
+    @property
     def meanings(self) -> dict[str, str]:
         """What each parameter is."""
         offsets = {f"offset_{i + 1}": f"Force lost before recording {i + 1}" for i in range(len(self.swings))}
