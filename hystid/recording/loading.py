@@ -22,8 +22,7 @@ def loaded(sources: Sources, accept: Collection[str] = ()) -> list[Recording]:
 
     accept: rules whose violation is a warning here and not an error.
     """
-    single = isinstance(sources, str | Path | Recording) or not isinstance(sources, Iterable)
-    listed: Iterable[object] = [sources] if single else sources  # type: ignore[assignment]  # that is Iterable
+    listed = list[object](sources) if isinstance(sources, Iterable) and not isinstance(sources, str) else [sources]
     found: list[Recording] = []
     for source in listed:
         found += [validated(source)] if isinstance(source, Recording) else read_all([_file(source)], accept=accept)
