@@ -53,12 +53,7 @@ def _switched(problem: Problem, criterion: Criterion, before: Fit, begun: Iterab
         made = try_fit(problem, one) if one is not None else None
         for fit in (own, *([made] if made is not None else [])):
             ended = _to_the_end(problem, criterion, before, fit)
-            term = ended.hypothesis.terms[-1]
-            if (
-                has_edges(ended)
-                and are_reached(problem, ended)
-                and is_off_outside(term, problem.signals(ended.hypothesis))
-            ):
+            if has_edges(ended) and are_reached(problem, ended) and is_off_outside(problem, ended):
                 yield settled(problem, ended)
 
 

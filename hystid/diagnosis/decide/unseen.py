@@ -67,16 +67,18 @@ class _Judge:
         off = tuple(term for term in hypothesis.terms if term.law.effect is term.effect)
         on = tuple(term.law for term in hypothesis.terms)
         never, always = (standing(self.alone, replace(hypothesis, terms=terms)) for terms in (off, on))
-        any_ = [self._likelihood(never, chi2) for chi2 in in_every_interval(self.alone, never, always)]
+        any_ = [self._of_mean_square(chi2) for chi2 in in_every_interval(self.alone, never, always)]
         as_ever = standing(self.alone, for_recording(hypothesis))
         return [*map(self._likelihood, (as_ever, never, always)), _mean(any_)]
 
-    def _likelihood(self, fit: Fit, chi2: float | None = None) -> float:
-        """chi2: mean square in the place of that of the fit."""
-        chi2 = fit.chi2 if chi2 is None else chi2
-        if not np.isfinite(chi2):
+    def _likelihood(self, fit: Fit) -> float:
+        if not np.isfinite(fit.chi2):
             return -np.inf
-        return self.seen.likelihood(self.seen.misfit(replace(fit, chi2=chi2), self.seen.floor))
+        return self.seen.likelihood(self.seen.misfit(fit, self.seen.floor))
+
+    def _of_mean_square(self, chi2: float) -> float:
+        """The same of residuals of which the mean square alone is known."""
+        return self.seen.likelihood(chi2 - self.seen.floor) if np.isfinite(chi2) else -np.inf
 
 
 def _mean(logarithms: Sequence[float]) -> float:

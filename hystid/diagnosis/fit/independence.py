@@ -23,6 +23,7 @@ _KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it
 # mismatches of 0.08 of the floor show 0.05 and more, larger ones 0.1 to 1
 _TWO_SIDED = 1.96  # standard deviations that hold 95 % of a normal distribution
 _LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
+_PERIODS = 8  # in a recording, from which power is a line: its peak in the spectrum is four frequencies wide
 _SHOCKS = 3.6  # kurtosis; 3 for Gaussian noise
 _RARE, _LITTLE = 3.8, 0.05  # standard deviations, and share of the power beyond them that is no shock: where noise is
 # louder than its level says, so is that of the motion, and a law that jumps is off by a sample here and there
@@ -117,9 +118,13 @@ def _has_shocks(residual: Array) -> bool:
 
 
 def _has_line(residual: Array) -> bool:
-    """Whether the spectrum has a line that stands out of its neighbourhood."""
+    """Whether the spectrum has a line that stands out of its neighbourhood, an octave at most: what wanders has more
+    power the lower the frequency, and no line for that."""
     power = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
-    width = max(8, len(power) // 60)
-    usable = power[2 : 2 + (len(power) - 2) // width * width].reshape(-1, width)
-    median = np.median(usable, axis=1)
-    return bool(np.any(np.max(usable, axis=1) > _LINE * np.maximum(median, 1e-12 * np.max(power))))
+    width, first, least = max(8, len(power) // 60), _PERIODS, 1e-12 * float(np.max(power))
+    while first + _PERIODS <= len(power):
+        beside = power[first : first + min(first, width)]
+        if np.max(beside) > _LINE * max(float(np.median(beside)), least):
+            return True
+        first += len(beside)
+    return False

@@ -278,19 +278,24 @@ def has_edges(fitted: Fit) -> bool:
     return max(widths) < _EDGE
 
 
-def is_off_outside(term: Term, signals: Sequence[Signals]) -> bool:
-    """Whether the effect would have been seen outside of its window, had it acted there: else the window says
-    nothing but that the motion was small."""
+def is_off_outside(problem: Problem, fitted: Fit) -> bool:
+    """Whether the last effect would have been seen outside of its window, had it acted there: else the window says
+    nothing but that the motion was small. It is seen where it is a part of what it is inside, or where it stands out
+    of what the fit leaves."""
+    hypothesis = fitted.hypothesis
+    term, signals = hypothesis.terms[-1], problem.signals(hypothesis)
     effect = term.effect
     if not isinstance(effect, Windowed):
         return False
     law = term.law
-    inside, outside = [], []
-    for s, force in zip(signals, law.effect.forces(signals, law.values), strict=True):
-        gate = _gate(len(s.x), s.dt, effect.times(term.values, s.index))
-        inside.append(force[gate > 0.5] ** 2)
-        outside.append(force[gate == 0] ** 2)
-    within, beyond = np.concatenate(inside), np.concatenate(outside)
+    forces = law.effect.forces(signals, law.values)
+    gates = [_gate(len(s.x), s.dt, effect.times(term.values, s.index)) for s in signals]
+    gate, force = np.concatenate(gates), np.concatenate(forces)
+    within, beyond = force[gate > 0.5] ** 2, force[gate == 0] ** 2
     if not len(within) or len(beyond) < LEAST_OUT * (len(within) + len(beyond)):
         return False
-    return float(np.mean(beyond)) > _SHOWN * float(np.mean(within))
+    if float(np.mean(beyond)) > _SHOWN * float(np.mean(within)):
+        return True
+    closed = np.concatenate([problem.reduce.plain(i, shut) for i, shut in enumerate(gates)]) == 0
+    rows = problem.reduce(forces)[closed]
+    return bool(rows @ rows > fitted.residual[closed] @ fitted.residual[closed])
