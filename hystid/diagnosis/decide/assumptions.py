@@ -2,7 +2,7 @@
 
 In: a case. Out: the case under the assumptions that hold, and its selection. Others are tried only where something is
 missing: slow motion that no channel shows, what contacts keep of the time before, noise that is slow, rest in which
-friction holds any force, and a displacement that is an integral.
+friction holds any force, and a displacement that is an integral. Where nothing is, rest is looked at, which no fit saw.
 """
 
 from __future__ import annotations
@@ -11,14 +11,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
-from hystid.diagnosis.decide.criterion import DOUBT, leaves_noise
+import numpy as np
+
+from hystid.diagnosis.decide.criterion import DOUBT, Criterion, leaves_noise
 from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, recoloured
+from hystid.diagnosis.fit.problem import standing
+from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.refused import NotDiagnosable
+from hystid.diagnosis.prepare.rest import resting
 
 Decided = tuple[Case, Choice]
+_STUCK = "nothing moves for a while, though the force goes on: something holds the structure that the model has not"
 _INTEGRATED = (
     "x and v are left out: they have next to no noise, as integrals of a, and do not fit in slow motion, "
     "while a alone leaves nothing; if x was measured, record it again"
@@ -38,6 +44,8 @@ def decided(
     that begins in mid-motion. accelerated: makes it from the acceleration alone, None where x is no integral of it.
     """
     choice = chosen(case, library, progress)
+    if not choice.missing and (stuck := held_at_rest(case)) is not None:
+        case, choice = stuck, chosen(stuck, library)
     if case.rested and _is_doubtful(choice):
         case, choice = _moving(case, choice, library, moving())
     again = recoloured(case, choice.best) if choice.missing else None
@@ -47,6 +55,34 @@ def decided(
     if accelerated is not None and choice.unknown:
         return _accelerated(case, choice, library, accelerated)
     return case, choice
+
+
+def held_at_rest(case: Case) -> Case | None:
+    """The case with the stretches at rest, None where no force swings there: one that does, while nothing moves, is
+    held by something that the model has not. A force that stays says where a contact stopped, and nothing else."""
+    shut = [part.valid is not None and part.timed for part in case.problem.parts]
+    still = [resting(p) if s else np.zeros(len(p), dtype=bool) for p, s in zip(case.problem.parts, shut, strict=True)]
+    if not any(map(np.any, still)):
+        return None
+    pairs = zip(case.problem.parts, still, strict=True)
+    parts = [p if p.valid is None else replace(p, valid=p.valid | rest) for p, rest in pairs]
+    problem = case.problem.of(parts)
+    criterion = Criterion(problem, standing(problem, case.refit.hypothesis), 1)
+    count, swing, first = 0, 0.0, 0
+    for i, flags in enumerate(still):
+        inside = problem.reduce.plain(i, np.cumsum(np.diff(flags, prepend=False) & flags) * flags)
+        rows = criterion.baseline.residual[first : first + len(inside)]
+        first += len(inside)
+        for number in range(1, int(np.max(inside, initial=0)) + 1):
+            stretch = rows[inside == number]
+            count += len(stretch)
+            swing += len(stretch) * float(np.var(stretch))
+    if not count or not criterion.is_more_than_sound(swing / count - criterion.floor):
+        return None
+    refitted, minima, nominal = refit_again(problem, [case.refit, *case.minima])
+    names = " and ".join(part.name for part, rest in zip(parts, still, strict=True) if np.any(rest))
+    notes = (*case.notes, f"{names}: {_STUCK}")
+    return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes)
 
 
 def chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] = lambda: None) -> Choice:

@@ -230,6 +230,10 @@ class Criterion:
         """What a further effect of so many parameters must gain."""
         return self.penalty(size, 1, misfit) + self.prior(1) - self.prior(2)
 
+    def is_more_than_sound(self, misfit: float) -> bool:
+        """Whether a misfit is beyond the noise, as well as that is known, and the model error of a sound structure."""
+        return misfit > self.slack + SOUND**2 * self.force
+
     @property
     def slack(self) -> float:
         """Mean square that a wrong noise level feigns."""
