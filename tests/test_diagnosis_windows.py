@@ -13,8 +13,10 @@ from hystid.diagnosis import diagnose
 from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.decide.part_time import _exchanged
 from hystid.diagnosis.decide.possible import possible
+from hystid.diagnosis.decide.unseen import _Judge
 from hystid.diagnosis.fit.case import Case, pose
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Term
+from hystid.diagnosis.fit.independence import _has_line
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.fit.windows import Window, Windowed, shared, windowed
@@ -224,3 +226,81 @@ def test_a_concealed_effect_of_a_part_of_the_time_is_named(tmp_path: Path) -> No
     found = run(place)
     assert "quadratic_damping" in {name for finding in found.findings for name in finding.alike}
     assert all(any(name.startswith("t_off") for name in f.parameters) for f in found.findings)
+
+
+def modulated(size: Callable[[np.ndarray], np.ndarray], force: Callable[..., np.ndarray], noise: float) -> Recording:
+    """The oscillator, moved at 17 and 26 Hz with a size that changes with the time, and a force that is added."""
+    t = np.arange(6000) / FS
+    x = size(t) * (np.sin(2 * np.pi * 17 * t) + 0.6 * np.sin(2 * np.pi * 26.3 * t + 1.0))
+    x = 1e-3 * np.convolve(x, np.hanning(41) / np.sum(np.hanning(41)), "same")  # no corners, which v and a would jump at
+    v = np.gradient(x, 1 / FS, edge_order=2)
+    a = np.gradient(v, 1 / FS, edge_order=2)
+    F = MASS * a + DAMPING * v + STIFFNESS * x + force(t, x, v)
+    rng = np.random.default_rng(8)
+    x, v, a, F = (u + noise * np.std(u) * rng.standard_normal(len(u)) for u in (x, v, a, F))
+    return Recording("modulated", t, F=F, x=x, v=v, a=a)
+
+
+def test_a_window_that_quiet_ends_show_is_found() -> None:
+    """Outside of its window the motion is half of that inside, where the power of a cubic spring would be a sixtieth.
+    Next to no noise shows all the same that it is not there."""
+
+    def size(t: np.ndarray) -> np.ndarray:
+        return 0.5 + 0.5 * ((t > 2.2) & (t < 3.8))
+
+    def force(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return 1e10 * x**3 * ((t > 2.0) & (t < 4.0))
+
+    found = diagnose([modulated(size, force, 1e-4)], model=MODEL, parameters=NOMINAL)
+    (finding,) = found.findings
+    assert finding.effect == "cubic_stiffness"
+    # Half a period of the motion is 0.03 s.
+    assert finding.parameters["t_on_1"].value == pytest.approx(2.0, abs=0.05)
+    assert finding.parameters["t_off_1"].value == pytest.approx(4.0, abs=0.05)
+
+
+def test_what_holds_a_structure_at_rest_is_missing() -> None:
+    """Nothing moves for 1.5 s, while the force swings on: the rest says no law, and not that nothing is missing."""
+
+    def size(t: np.ndarray) -> np.ndarray:
+        return 1.0 * ((t < 2.0) | (t > 3.5))
+
+    def lock(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return 30.0 * np.sin(2 * np.pi * 17 * t) * ((t > 2.1) & (t < 3.4))
+
+    free = diagnose([modulated(size, lambda t, x, v: 0 * t, 0.003)], model=MODEL, parameters=NOMINAL)
+    assert free.verdict in ("agrees", "recalibrated")
+    held = diagnose([modulated(size, lock, 0.003)], model=MODEL, parameters=NOMINAL)
+    assert held.verdict in ("unknown_physics", "missing_physics")
+    assert any("nothing moves for a while" in note for note in held.notes)
+
+
+def test_a_window_in_a_held_out_recording_may_be_any() -> None:
+    """A law that acts in one window of a held-out recording is far off there without a window, and all the time: what
+    these leave in the means over the states says nothing of the window."""
+
+    def recording(window: tuple[float, float], seed: int, level: float) -> Recording:
+        return recorded(seed, level, lambda t, x, v: 4e6 * x**2 * ((t > window[0]) & (t < window[1])), 1e-4)
+
+    tests = [recording((2.0, 4.2), 1, 28.0), recording((1.0, 3.5), 2, 28.0)]
+    given = given_parameters(NOMINAL)
+    case = pose(take(tests, [recording((3.0, 4.5), 3, 60.0)], given), MODEL)
+    spring = next(e for e in load_effects([]) if e.id == "quadratic_stiffness" and not e.form)
+    law = windowed(spring, {0: Window(2.0, 4.2), 1: Window(1.0, 3.5)})
+    fit = try_fit(case.problem, replace(case.refit.hypothesis, terms=(Term(law, {"k2": 4e6, **law.near}),)))
+    assert fit is not None
+    judge = _Judge(case.problem, case.problem.elsewhere(case.unseen), case.refit)
+    _, never, _, any_window = judge._told(fit.hypothesis.elsewhere())
+    # Windows are tried at every fortieth of a recording, where this one begins and ends: then next to nothing is left,
+    # and a hundredth of the misfit in the one that fits best outweighs that most of the 820 do not fit.
+    assert any_window > never + 0.5 * judge.seen.states * np.log(100)
+
+
+def test_what_wanders_has_no_line() -> None:
+    """Noise that falls with the square of the frequency has most of its power in the first frequencies; a hum of a
+    hundredth of white noise in power is a line."""
+    rng = np.random.default_rng(3)
+    white = rng.standard_normal(6000)
+    slow = np.cumsum(rng.standard_normal(6000))
+    assert not _has_line(slow / np.std(slow)) and not _has_line(white)
+    assert _has_line(white + 0.35 * np.sin(2 * np.pi * 50 * np.arange(6000) / FS))
