@@ -85,6 +85,18 @@ def test_knocks_that_nobody_measured_are_told_and_left_out() -> None:
     assert "2 knocks" in told
 
 
+def test_knocks_in_a_motion_that_dies_away_are_left_out() -> None:
+    """They lead the refit astray, which is seen in the loud beginning alone: it stands beyond the noise of the quiet
+    end for longer than a knock lasts."""
+    rng = np.random.default_rng(12)
+    rates = 2j * np.pi * rng.uniform(9, 20, 6) - 1.8
+    waves = np.exp(np.outer(np.arange(N) * DT, rates) + 2j * np.pi * rng.random(6))
+    motion = {name: 1e-3 * (waves @ rates**k).real for k, name in enumerate("xva")}
+    found = asked(recorded(motion, knocked(balance(motion), (1503, 2440, 3520)), 7, snr=100.0))
+    assert found.verdict in CALM
+    assert any("3 knocks" in note for note in found.notes)
+
+
 @pytest.mark.parametrize(("seed", "either"), [(8, False), (26, True)])
 def test_a_stop_that_is_met_three_times_is_no_knock(seed: int, either: bool) -> None:
     """It comes with the largest displacements, on one side or on either, and with all of them."""

@@ -76,7 +76,8 @@ def judge(
     energy = float(rest @ rest) or 1.0
     rivals: dict[str, float] = {}
     silent = names.union(*(HOLDS.get(name, ()) for name in names))
-    for place, (effect, _) in enumerate(candidates[0]):
+    every = min(candidates, key=len)  # pinching has no column in a recording in which the contact does not slip
+    for place, (effect, _) in enumerate(every):
         if effect in silent:
             continue
         columns = np.vstack([c[place][1][::n] for c in candidates])

@@ -23,6 +23,7 @@ _WIDTH = 8  # averages in a period of the quickest motion
 _CLEAR = 10.0  # robust standard deviations of these averages: noise of any colour reaches 6 in 10^5 of them
 _MOST, _LONGEST = 5, 3  # knocks in a recording, and periods of the quickest motion that one lasts with what filters
 # make of it: what comes more often, or lasts, belongs to the motion
+_STRETCH = 10  # of the longest knock: a stretch of which one knock does not move the median
 _BY_CHANCE = 0.05  # probability at which knocks that do not know the motion come with its largest displacements
 _MAD = 0.6745  # median of the absolute value of a normal variable
 
@@ -66,13 +67,21 @@ def _knocks(part: Part, residual: Array, used: Flags) -> list[Knock]:
     """
     width = max(int(1 / (_WIDTH * part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))), 2)
     mean = np.convolve(residual, np.ones(width) / width, mode="same")
-    usual = float(np.median(np.abs(mean[used]))) / _MAD
-    far = used & (np.abs(mean) > _CLEAR * usual)
+    far = used & (np.abs(mean) > _CLEAR * _usual(np.abs(mean), used, _STRETCH * _LONGEST * _WIDTH * width))
     near = np.convolve(far, np.ones(4 * width + 1), mode="same") > 0  # what belongs together, and its flanks
     edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(int), [0]])))
     found = [Knock(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     short = all(k.last - k.first < (_LONGEST * _WIDTH + 4) * width for k in found)
     return found if short and len(found) <= _MOST else []
+
+
+def _usual(sizes: Array, used: Flags, length: int) -> Array:
+    """Robust standard deviation from sizes in stretches of some length and over all of them, the larger one, (n,): a
+    model is off by more where the motion is large."""
+    stretches = np.array_split(np.arange(len(sizes)), max(1, len(sizes) // length))
+    middle = [float(np.mean(at)) for at in stretches if np.any(used[at])]
+    near = [float(np.median(sizes[at][used[at]])) for at in stretches if np.any(used[at])]
+    return np.maximum(np.interp(np.arange(len(sizes)), middle, near), np.median(sizes[used])) / _MAD
 
 
 def _come_with_motion(struck: Sequence[tuple[Part, Sequence[Knock]]]) -> bool:
