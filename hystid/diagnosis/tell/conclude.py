@@ -50,7 +50,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     masses += zeros_instead(case.problem, choice.after.hypothesis)
     said = (*case.notes, *runs.notes, *told, *remains, *masses, *(one.sentence() for one in depends))
     unknown = None
-    if verdict == "unknown_physics":
+    if choice.unknown:
         residual = case.problem.balance_shown(choice.after.hypothesis)
         unknown = locate.where_unknown(case.problem, residual, _noise(case))
     last = choice.after.hypothesis

@@ -107,8 +107,10 @@ def headline(diagnosis: Diagnosis) -> str:
         needed += [f"{' and '.join(line.told() for line in diagnosis.lines)} is taken out"] if diagnosis.lines else []
         once = f" once {' and '.join(needed)}" if needed else ""
         return f"The model agrees with the recordings down to their noise{once}"
-    if diagnosis.verdict == "unknown_physics" and diagnosis.unknown:
-        return f"Something is missing that no effect of the library explains: {diagnosis.unknown.text}"
+    if diagnosis.unknown is not None:
+        rest = f"omething is missing that no effect of the library explains: {diagnosis.unknown.text}"
+        faults = " and ".join(_told(finding) for finding in diagnosis.findings)
+        return f"{faults}; beside it, s{rest}" if faults else f"S{rest}"
     named = " and ".join(_told(finding) for finding in diagnosis.findings)
     return f"{named}; {_better(diagnosis)}"
 
