@@ -21,7 +21,7 @@ from hystid.diagnosis.fit.problem import standing
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.refused import NotDiagnosable
-from hystid.diagnosis.prepare.rest import resting
+from hystid.diagnosis.prepare.rest import held
 
 Decided = tuple[Case, Choice]
 _STUCK = "nothing moves for a while, though the force goes on: something holds the structure that the model has not"
@@ -60,8 +60,7 @@ def decided(
 def held_at_rest(case: Case) -> Case | None:
     """The case with the stretches at rest, None where no force swings there: one that does, while nothing moves, is
     held by something that the model has not. A force that stays says where a contact stopped, and nothing else."""
-    shut = [part.valid is not None and part.timed for part in case.problem.parts]
-    still = [resting(p) if s else np.zeros(len(p), dtype=bool) for p, s in zip(case.problem.parts, shut, strict=True)]
+    still = [held(part) for part in case.problem.parts]
     if not any(map(np.any, still)):
         return None
     pairs = zip(case.problem.parts, still, strict=True)

@@ -60,6 +60,16 @@ def resting(part: Part) -> Flags:
     return found
 
 
+def held(part: Part) -> Flags:
+    """Samples of those at rest, (n,), in which nothing moves at all, as far as its noise tells: neither at once nor in
+    the long run."""
+    found = np.zeros(len(part), dtype=bool)
+    for first, last in stretches(found if part.rest is None else part.rest):
+        channels = [(part.measured[name][first:last], part.noise[name]) for name in "xva" if name in part.measured]
+        found[first:last] = all(np.std(values) < _LOUDER * noise for values, noise in channels)
+    return found
+
+
 def _moving(values: Array, noise: float) -> Flags:
     """Windows, one after the other, in which a channel does more than its noise."""
     count = len(values) // _WINDOW
@@ -74,8 +84,8 @@ def without_rest(parts: Sequence[Part]) -> tuple[list[Part], list[str]]:
     made, told = [], []
     for part in parts:
         still = resting(part) if part.timed else np.zeros(len(part), dtype=bool)
-        moving = ~still if part.valid is None else part.valid & ~still
-        made.append(replace(part, valid=moving) if np.any(still) else part)
+        valid = np.ones(len(part), dtype=bool) if part.valid is None else part.valid
+        made.append(replace(part, valid=valid & ~still, rest=valid & still) if np.any(still) else part)
         if np.mean(still) > _MOST:
             told.append(
                 f"{part.name}: at rest in {np.count_nonzero(still)} of {len(part)} samples; they say what friction "

@@ -47,6 +47,7 @@ class Part:
     sees_x: whether the displacement is known at all frequencies that matter.
     colour: power of the noise of all channels over its white part, times the frequency [cycles per sample], and times
     its square: 1/f noise, and a wandering zero. pace: samples in the time of one of the first recording.
+    rest: samples that are not valid for nothing but that nothing moves there.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia; in single
     precision, as they are many.
     """
@@ -72,6 +73,7 @@ class Part:
     colour: tuple[float, float] = (0.0, 0.0)
     pace: float = 1.0
     louder: Mapping[str, Array] = field(repr=False, default_factory=dict)
+    rest: Flags | None = field(repr=False, default=None)
 
     def __len__(self) -> int:
         return len(self.t)
