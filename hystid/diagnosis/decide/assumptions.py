@@ -13,13 +13,15 @@ from functools import partial
 
 import numpy as np
 
-from hystid.diagnosis.decide.criterion import DOUBT, Criterion, leaves_noise
+from hystid.diagnosis.decide.criterion import DOUBT, NAME, Criterion, leaves_noise
 from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, recoloured
+from hystid.diagnosis.fit.clipped import below_level
 from hystid.diagnosis.fit.problem import standing
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.model.effects import Effect
+from hystid.diagnosis.prepare.faults import SATURATION
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.prepare.rest import held
 
@@ -46,15 +48,38 @@ def decided(
     choice = chosen(case, library, progress)
     if not choice.missing and (stuck := held_at_rest(case)) is not None:
         case, choice = stuck, chosen(stuck, library)
+    if (cut := _cut_off(case, choice)) is not None:
+        again = chosen(cut, library)
+        if again.posterior.unknown <= choice.posterior.unknown:
+            case, choice = cut, again
     if case.rested and _is_doubtful(choice):
         case, choice = _moving(case, choice, library, moving())
-    again = recoloured(case, choice.best) if choice.missing else None
-    if again is not None:
-        case, choice = again, chosen(again, library)
+    coloured = recoloured(case, choice.best) if choice.missing else None
+    if coloured is not None:
+        case, choice = coloured, chosen(coloured, library)
     case, choice = _held(*_sound(case, choice, library), library)
     if accelerated is not None and choice.unknown:
         return _accelerated(case, choice, library, accelerated)
     return case, choice
+
+
+def _cut_off(case: Case, choice: Choice) -> Case | None:
+    """The case without the samples at which the force channel stops, where that is a part of what is missing; None
+    where it is not. What the channel lacks there is known as well as the law; what the others say is not bent by it."""
+    posterior = choice.posterior
+    if posterior.of([SATURATION]) < NAME * sum(c.probability for c in posterior.candidates) or not choice.missing:
+        return None
+    leader = next(c for c in posterior.candidates if SATURATION in c.names)
+    terms = leader.hypothesis.fit.hypothesis.terms
+    level = next(term.values["level"] for term in terms if term.effect.id == SATURATION)
+    parts, fault = below_level(case.problem.parts, level)
+    unseen = below_level(case.unseen, level)[0] if case.unseen else []
+    problem = case.problem.of(parts)
+    refitted, minima, nominal = refit_again(problem, [case.refit, *case.minima])
+    return replace(
+        case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=tuple(unseen),
+        faults=(*case.faults, fault),
+    )  # fmt: skip
 
 
 def held_at_rest(case: Case) -> Case | None:

@@ -7,6 +7,7 @@ that changes and the force does not, it is the channel.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,8 @@ from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.model.channel_effects import Saturation, saturation
-from hystid.diagnosis.prepare.clipping import DEEP, level_of, near_top
+from hystid.diagnosis.prepare.clipping import BELOW, DEEP, level_of, near_top
+from hystid.diagnosis.prepare.faults import SATURATION, Fault
 from hystid.diagnosis.prepare.segments import Flags, Part
 
 Array = NDArray[np.float64]
@@ -44,6 +46,16 @@ def clipped_force(problem: Problem, baseline: Fit) -> list[Saturation]:
     told = _told(problem, made.hypothesis)
     missing = [np.sign(one) * np.maximum(np.abs(one) - level, 0.0) for one in told]
     return [saturation([part.x for part in problem.parts], missing, level)]
+
+
+def below_level(parts: Sequence[Part], level: float) -> tuple[list[Part], Fault]:
+    """Parts without the samples at which the force channel stands at a level [N], as far as noise tells, and that level
+    as a fault of the channel."""
+    noise = max(part.noise["F"] for part in parts)
+    at = [np.abs(part.F) > level - BELOW * noise for part in parts]
+    made = [replace(p, valid=_valid(p) & ~there) if np.any(there) else p for p, there in zip(parts, at, strict=True)]
+    count = sum(map(np.count_nonzero, at))
+    return made, Fault(SATURATION, "F", level, noise / np.sqrt(max(count, 1)), count / sum(map(len, parts)))
 
 
 def _told(problem: Problem, hypothesis: Hypothesis) -> list[Array]:

@@ -22,7 +22,7 @@ from hystid.smoothing.noise import noise_level
 from hystid.smoothing.smoother import smooth
 
 _FEWEST = 10  # samples beyond a level from which it is one
-_BELOW = 8.0  # standard deviations of the noise below the largest value, within which a level may lie: noise stands
+BELOW = 8.0  # standard deviations of the noise below the largest value, within which a level may lie: noise stands
 # three to four of them above it, and as many below
 _LOWEST = 0.5  # of the largest value: a louder channel shows no level
 DEEP = 3.0  # standard errors of what is told: less is missing by chance, as excursions are chosen by it
@@ -82,8 +82,8 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
 def near_top(channels: Sequence[Array], noise: float) -> list[Flags] | None:
     """Samples that may stand at a level, (n,) per recording; None where there are few, or noise hides any level."""
     top = max(float(np.max(np.abs(values))) for values in channels)
-    near = [np.abs(values) > top - _BELOW * noise - _DIGITS * top for values in channels]
-    is_hidden = _BELOW * noise > (1 - _LOWEST) * top
+    near = [np.abs(values) > top - BELOW * noise - _DIGITS * top for values in channels]
+    is_hidden = BELOW * noise > (1 - _LOWEST) * top
     return None if is_hidden or sum(map(np.count_nonzero, near)) < _FEWEST else near
 
 
