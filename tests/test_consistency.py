@@ -322,6 +322,18 @@ def test_a_force_and_a_displacement_that_are_exchanged_show_by_the_mass() -> Non
     assert found and found[0].slip == "swapped_channels" and "F and x are exchanged" in found[0].sentence
 
 
+def test_one_slow_stroke_denies_no_mass() -> None:
+    """All of its motion is a function of the displacement: what of an acceleration is not, is noise of the displacement,
+    and noise has no mass."""
+    rng, t = np.random.default_rng(2), np.arange(470) / 470.0
+    w, size, mass = 2 * np.pi * 0.55, 1.3e-3, 4.0
+    x, v, a = size * (1 - np.cos(w * t)), size * w * np.sin(w * t), size * w**2 * np.cos(w * t)
+    force = mass * a + 1.3 * v + 700 * x + 0.3 * np.tanh(x / 1e-3)
+    x, force = (u + 1e-3 * np.std(u) * rng.standard_normal(len(u)) for u in (x, force))
+    found = examine([Recording("stroke", t, F=force, x=x)], mass).findings
+    assert not [item for item in found if item.slip == "wrong_mass"]
+
+
 def test_a_displacement_that_wanders_denies_no_mass() -> None:
     """Above a resonance inertia is most of the restoring force; x wanders by more than its motion, as an integral."""
     plain = rig(60.0)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
+from hystid.diagnosis.fit.knocks import _knocks
+from hystid.diagnosis.prepare.segments import prepare_part
 from hystid.recording import Recording
 from hystid.smoothing.noise import louder_for_a_while
 
@@ -95,6 +97,18 @@ def test_knocks_in_a_motion_that_dies_away_are_left_out() -> None:
     found = asked(recorded(motion, knocked(balance(motion), (1503, 2440, 3520)), 7, snr=100.0))
     assert found.verdict in CALM
     assert any("3 knocks" in note for note in found.notes)
+
+
+def test_a_few_knocks_stand_out_of_what_a_refit_that_they_mislead_leaves() -> None:
+    motion = tones(6)
+    part = prepare_part(recorded(motion, balance(motion), 7))
+    residual = np.random.default_rng(1).standard_normal(N)
+    for first in range(300, 4800, 600):  # more than a recording has of knocks
+        residual[first : first + 8] += 20.0
+    assert not _knocks(part, residual, np.ones(N, dtype=bool))
+    residual[[1000, 1001, 3400, 3401]] += 400.0
+    found = _knocks(part, residual, np.ones(N, dtype=bool))
+    assert [round(k.first, -2) for k in found] == [1000, 3400]
 
 
 @pytest.mark.parametrize(("seed", "either"), [(8, False), (26, True)])

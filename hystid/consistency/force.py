@@ -98,13 +98,17 @@ class Force:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Smoothed columns, shape (n,) each, of one recording; those of ``signed`` have coefficients of at least 0."""
+    """Smoothed columns, shape (n,) each, of one recording; those of ``signed`` have coefficients of at least 0.
+
+    noise: a draw of the noise in the first of these, the acceleration.
+    """
 
     F: Array
     signed: Array
     free: Array
     memory: Array
     x: Array
+    noise: Array
 
     def smoothed(self, width: float) -> _Columns:
         """The same, all smoothed alike by a kernel of a width [samples].
@@ -116,13 +120,14 @@ class _Columns:
             return self
         each = [
             np.stack([derived(u, 0, 1.0, width, flat=True) + np.mean(u) for u in table.T], axis=1)
-            for table in (self.F[:, None], self.signed, self.free, self.memory, self.x[:, None])
+            for table in (self.F[:, None], self.signed, self.free, self.memory, self.x[:, None], self.noise[:, None])
         ]
-        return _Columns(each[0][:, 0], each[1], each[2], each[3], each[4][:, 0])
+        return _Columns(each[0][:, 0], each[1], each[2], each[3], each[4][:, 0], each[5][:, 0])
 
     def part(self, rows: slice) -> _Columns:
         """The same of a part of the recording."""
-        return _Columns(self.F[rows], self.signed[rows], self.free[rows], self.memory[rows], self.x[rows])
+        each = (self.F, self.signed, self.free, self.memory, self.x, self.noise)
+        return _Columns(*(column[rows] for column in each))
 
 
 def examine_force(recording: Recording) -> Force | None:
@@ -266,11 +271,14 @@ def _columns(recording: Recording, curved: bool = False) -> _Columns | None:
     force = derived(recording.F, 0, dt, width, curved)
     if len(force) < _FEWEST:
         return None
-    columns = _assembled(recording, found, force, width)
+    last = list(names)[-1]  # the channel that the acceleration is taken from
+    draw = spectrum(names[last], dt).noise * np.random.default_rng(0).standard_normal(len(recording))
+    noise = derived(draw, 2 - ORDER[last], dt, width, curved)
+    columns = _assembled(recording, found, force, noise)
     return columns.smoothed(_AGAIN * width) if curved and columns is not None else columns
 
 
-def _assembled(recording: Recording, found: dict[int, Array], force: Array, width: float) -> _Columns | None:
+def _assembled(recording: Recording, found: dict[int, Array], force: Array, noise: Array) -> _Columns | None:
     dt = recording.dt
     names = motion(recording)
     if 0 not in found:  # integrals, without drift; the force is compared in the same band
@@ -279,7 +287,7 @@ def _assembled(recording: Recording, found: dict[int, Array], force: Array, widt
             found[target] = _integral(found[target + 1], dt)
         kept = _settled_filter(edge * dt, found[max(found)])
         found = {target: _above(values, edge * dt)[kept] for target, values in found.items()}
-        force = _above(force, edge * dt)[kept]
+        force, noise = _above(force, edge * dt)[kept], noise[kept]
     if not all(np.any(found[k]) for k in (0, 1, 2)):
         return None
     if "x" in names:
@@ -289,7 +297,7 @@ def _assembled(recording: Recording, found: dict[int, Array], force: Array, widt
     signed = np.stack([inertia, found[1], way], axis=1)
     since = way[:, None] * _hats(_since_turn(found[0], found[1]), _MEMORY)[:, 1:]
     memory = np.concatenate([(found[1] * np.abs(found[1]))[:, None], since], axis=1)
-    return _Columns(force, signed, _curve(found[0]), memory, found[0])
+    return _Columns(force, signed, _curve(found[0]), memory, found[0], noise)
 
 
 def _width(recording: Recording) -> float:
@@ -454,7 +462,11 @@ def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float, f
     error = float(np.sqrt((_BLOCKS - 1) / _BLOCKS * np.sum((np.array(left_out) - np.mean(left_out)) ** 2)))
     absorbed = float(np.std(force - table @ fit) / max(float(np.std(alone)), 1e-300))
     own = float(np.std(alone))
+    drawn = columns.noise[::step] / size
+    loud = 2.0 * float(np.std(drawn - others @ np.linalg.lstsq(others, drawn, rcond=None)[0]))
     weight = size * own / max(float(np.std(force)), 1e-300) if own > _NOISY else 0.0
+    if own <= loud:  # noise has no mass
+        error, weight = np.inf, 0.0
     left = force - others @ np.linalg.lstsq(others, force, rcond=None)[0]
     shown = 1.0 - float(alone**2 @ left**2) / max(float(alone**2 @ (force - np.mean(force)) ** 2), 1e-300)
     return float(fit[0]) / size, error, 0.5 * absorbed / max(abs(float(fit[0])), 1e-300), weight, shown

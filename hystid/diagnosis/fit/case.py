@@ -42,7 +42,7 @@ _LIBRARY = "HystId."
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no louder than all that is left
 _SECTIONS = 10  # of a recording, the first of which tells most of what was before
 _RESTED = ", and what its contacts remember of the time before bears out that they were at rest"
-_BEGUN = 3  # times that the beginning is judged again by a refit
+_BEGUN = 3  # times that the beginning, and knocks, are judged again by a refit
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     for _ in range(_BEGUN):  # a contact that slips later than was believed remembers longer
         longer, keeping, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values)
         more = set(keeping) - set(kept)  # contacts that seem to let go at the nominal values, and do not
-        if not more and all(_same(a.valid, b.valid) for a, b in zip(longer, problem.parts, strict=True)):
+        if not more and _all_same(longer, problem.parts):
             break
         problem, running, kept = problem.of(longer), told_again, tuple(sorted({*kept, *more}))
         again = refit(problem, kept, sized) if more else refit_again(problem, [refitted, *minima])
@@ -127,10 +127,14 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
         problem, (refitted, minima, nominal), begun_so = resting
         running = [*(told for told in running if not told.startswith(begun_so)), *(f"{b}{_RESTED}" for b in begun_so)]
     held = beginning(held, baseline, refitted.hypothesis.values)[0]
-    every = problem.parts
-    if (knocked := without_knocks(problem, refitted)) is not None:
-        problem, running = problem.of(knocked.parts), [*running, *knocked.told]
+    every, knocked = problem.parts, None
+    for _ in range(_BEGUN):  # knocks lead the refit astray, which hides some of them
+        found = without_knocks(problem.of(every), refitted)
+        if found is None or (knocked is not None and _all_same(found.parts, knocked.parts)):
+            break
+        knocked, problem = found, problem.of(found.parts)
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
+    running = [*running, *(knocked.told if knocked is not None else [])]
     if (coloured := _colour(problem, refitted)) is not None:
         problem, held = problem.of(coloured), coloured_alike(held, coloured)
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
@@ -192,6 +196,11 @@ def _by_section(problem: Problem, fitted: Fit) -> list[Array]:
     """Mean squares of the residual in sections of each recording, one after the other."""
     pieces = np.split(fitted.residual, np.cumsum(problem.row_counts())[:-1])
     return [np.array([np.sum(u**2) / max(len(u), 1) for u in np.array_split(rows, _SECTIONS)]) for rows in pieces]
+
+
+def _all_same(parts: Sequence[Part], others: Sequence[Part]) -> bool:
+    """Whether the same samples say something in both."""
+    return all(_same(one.valid, other.valid) for one, other in zip(parts, others, strict=True))
 
 
 def _same(one: Flags | None, other: Flags | None) -> bool:

@@ -17,10 +17,12 @@ from scipy.stats import mannwhitneyu
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.prepare.segments import Flags, Part, band
+from hystid.numeric import stretches
 
 Array = NDArray[np.float64]
 _WIDTH = 8  # averages in a period of the quickest motion
-_CLEAR = 10.0  # robust standard deviations of these averages: noise of any colour reaches 6 in 10^5 of them
+_CLEAR = 10.0  # robust standard deviations of these averages from which one is a knock
+_NOISE = 6.0  # of them, which noise of any colour reaches in 10^5 averages: a few knocks stand as far beyond all else
 _MOST, _LONGEST = 5, 3  # knocks in a recording, and periods of the quickest motion that one lasts with what filters
 # make of it: what comes more often, or lasts, belongs to the motion
 _STRETCH = 10  # of the longest knock: a stretch of which one knock does not move the median
@@ -67,12 +69,20 @@ def _knocks(part: Part, residual: Array, used: Flags) -> list[Knock]:
     """
     width = max(int(1 / (_WIDTH * part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))), 2)
     mean = np.convolve(residual, np.ones(width) / width, mode="same")
-    far = used & (np.abs(mean) > _CLEAR * _usual(np.abs(mean), used, _STRETCH * _LONGEST * _WIDTH * width))
-    near = np.convolve(far, np.ones(4 * width + 1), mode="same") > 0  # what belongs together, and its flanks
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(int), [0]])))
-    found = [Knock(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    size = np.abs(mean) / _usual(np.abs(mean), used, _STRETCH * _LONGEST * _WIDTH * width)
+    found = _beyond(_CLEAR, size, used, width)
+    if len(found) > _MOST:
+        tops = sorted((float(np.max(size[k.first : k.last])) for k in found), reverse=True)[: _MOST + 1]
+        apart = [k for k in range(_MOST, 0, -1) if tops[k - 1] > _CLEAR / _NOISE * tops[k]]
+        found = _beyond(tops[apart[0]] * _CLEAR / _NOISE, size, used, width) if apart else []
     short = all(k.last - k.first < (_LONGEST * _WIDTH + 4) * width for k in found)
     return found if short and len(found) <= _MOST else []
+
+
+def _beyond(limit: float, size: Array, used: Flags, width: int) -> list[Knock]:
+    """Stretches beyond a limit, with what belongs together, and their flanks."""
+    near = np.convolve(used & (size > limit), np.ones(4 * width + 1), mode="same") > 0
+    return [Knock(first, last) for first, last in stretches(near)]
 
 
 def _usual(sizes: Array, used: Flags, length: int) -> Array:
