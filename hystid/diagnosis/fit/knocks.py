@@ -65,11 +65,12 @@ def without_knocks(problem: Problem, fitted: Fit) -> Knocked | None:
 def _knocks(part: Part, residual: Array, used: Flags) -> list[Knock]:
     """Short stretches in which a residual stands far outside all else; [] where they are many, or one is long.
 
-    used: samples that a fit uses, (n,).
+    residual: in units of the white noise, (n,). used: samples that a fit uses, (n,).
     """
     width = max(int(1 / (_WIDTH * part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))), 2)
     mean = np.convolve(residual, np.ones(width) / width, mode="same")
-    size = np.abs(mean) / _usual(np.abs(mean), used, _STRETCH * _LONGEST * _WIDTH * width)
+    usual = _usual(np.abs(mean), used, _STRETCH * _LONGEST * _WIDTH * width)
+    size = np.abs(mean) / np.maximum(usual, 1 / np.sqrt(width))
     found = _beyond(_CLEAR, size, used, width)
     if len(found) > _MOST:
         tops = sorted((float(np.max(size[k.first : k.last])) for k in found), reverse=True)[: _MOST + 1]

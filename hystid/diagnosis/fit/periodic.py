@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import gamma
+from scipy.stats import chi2, gamma
 
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
@@ -73,13 +73,15 @@ def periodic_forces(problem: Problem, baseline: Fit) -> tuple[Fit, list[Periodic
     if not problem.timed:
         return baseline, []
     fitted, frequencies = baseline, list[float]()
+    least = float(chi2.isf(_CHANCE, 2 * len(problem.parts)))  # what two amplitudes in each recording take of noise
     while len(frequencies) < _MOST:
         frequency = _line(problem, fitted.hypothesis, frequencies)
         if frequency is None:
             break
         effect = mains_hum(len(problem.parts), frequency)
         made = try_term(problem, fitted, Term(effect, dict.fromkeys(effect.amplitudes, 0.0)))
-        if made is None or fitted.chi2 - made.chi2 < _SHARE * (fitted.chi2 - problem.reduce.level):
+        gain = fitted.chi2 - made.chi2 if made is not None else 0.0
+        if made is None or gain < _SHARE * (fitted.chi2 - problem.reduce.level) or gain * len(made.residual) < least:
             break
         if not _is_everywhere(problem, fitted, made):
             break

@@ -28,6 +28,7 @@ from hystid.numeric import Flags
 
 _CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
 _REST = 1.3  # residual over the noise beyond which a named answer says that something is left
+_SKEW, _CLEAR = 0.1, 10.0  # samples, and standard errors, from which a delay of the force that is no fault is told
 
 
 def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
@@ -48,7 +49,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     masses = several_masses(resonances(case.problem.parts)) if remains or choice.unknown else []
     masses += _place(case) if remains or choice.unknown else []
     masses += zeros_instead(case.problem, choice.after.hypothesis)
-    said = (*case.notes, *runs.notes, *told, *remains, *masses, *(one.sentence() for one in depends))
+    said = (*case.notes, *_late(case, choice), *runs.notes, *told, *remains, *masses, *(one.sentence() for one in depends))
     unknown = None
     if choice.unknown:
         residual = case.problem.balance_shown(choice.after.hypothesis)
@@ -107,6 +108,19 @@ def _rest(choice: Choice) -> list[str]:
     if not choice.named or left < _REST:
         return []
     return [f"what is named leaves {left:.2g} times the noise: something smaller has no name yet"]
+
+
+def _late(case: Case, choice: Choice) -> list[str]:
+    """A sentence on a force that is late or early by less than a fault, where that is clear."""
+    here, dt = choice.after.hypothesis, case.problem.parts[0].dt
+    size, error = abs(here.delay), choice.after.stderr(("chain", "delay"))
+    if here.late or size < _SKEW or not size > _CLEAR * error:
+        return []
+    side = "late" if here.delay > 0 else "early"
+    return [
+        f"F is {1e3 * size * dt:.3g} ms ({size:.2g} samples) {side}, as channels that are sampled one after the other: "
+        "the fit allows for it"
+    ]
 
 
 def _place(case: Case) -> list[str]:
