@@ -323,8 +323,8 @@ def test_a_force_and_a_displacement_that_are_exchanged_show_by_the_mass() -> Non
 
 
 def test_one_slow_stroke_denies_no_mass() -> None:
-    """All of its motion is a function of the displacement: what of an acceleration is not, is noise of the displacement,
-    and noise has no mass."""
+    """All of its motion is a function of the displacement: what of an acceleration is not, is noise, which has no
+    mass."""
     rng, t = np.random.default_rng(2), np.arange(470) / 470.0
     w, size, mass = 2 * np.pi * 0.55, 1.3e-3, 4.0
     x, v, a = size * (1 - np.cos(w * t)), size * w * np.sin(w * t), size * w**2 * np.cos(w * t)

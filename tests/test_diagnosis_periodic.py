@@ -10,7 +10,7 @@ from hystid.diagnosis import diagnose
 from hystid.diagnosis.fit.case import scales_of
 from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
-from hystid.diagnosis.fit.periodic import PeriodicForce, periodic_forces
+from hystid.diagnosis.fit.periodic import PeriodicForce, periodic_forces, without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.baseline import baseline_of
 from hystid.diagnosis.prepare.segments import prepare_part
@@ -57,7 +57,8 @@ def lines(kind: str, line: float = 0.0, size: float = 0.0, k3: float = 0.0) -> t
     parts = [prepare_part(record(seed, kind, line, size, k3), seed) for seed in (1, 2)]
     baseline = baseline_of(LINEAR, compile_model(LINEAR), {"m": M, "B": B, "Kl": K}, frozenset({"m"}), length=1e-3)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
-    return periodic_forces(problem, fit(problem, Hypothesis(dict(baseline.nominal))))
+    fitted = without_periodic_forces(problem, fit(problem, Hypothesis(dict(baseline.nominal))))
+    return fitted, list(periodic_forces(fitted))
 
 
 @pytest.mark.parametrize("kind", ["chirp", "sine", "noise"])

@@ -232,7 +232,9 @@ def modulated(size: Callable[[np.ndarray], np.ndarray], force: Callable[..., np.
     """The oscillator, moved at 17 and 26 Hz with a size that changes with the time, and a force that is added."""
     t = np.arange(6000) / FS
     x = size(t) * (np.sin(2 * np.pi * 17 * t) + 0.6 * np.sin(2 * np.pi * 26.3 * t + 1.0))
-    x = 1e-3 * np.convolve(x, np.hanning(41) / np.sum(np.hanning(41)), "same")  # no corners, which v and a would jump at
+    x = 1e-3 * np.convolve(
+        x, np.hanning(41) / np.sum(np.hanning(41)), "same"
+    )  # no corners, which v and a would jump at
     v = np.gradient(x, 1 / FS, edge_order=2)
     a = np.gradient(v, 1 / FS, edge_order=2)
     F = MASS * a + DAMPING * v + STIFFNESS * x + force(t, x, v)

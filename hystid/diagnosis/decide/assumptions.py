@@ -94,11 +94,12 @@ def held_at_rest(case: Case) -> Case | None:
     criterion = Criterion(problem, standing(problem, case.refit.hypothesis), 1)
     count, swing, first = 0, 0.0, 0
     for i, flags in enumerate(still):
-        inside = problem.reduce.plain(i, np.cumsum(np.diff(flags, prepend=False) & flags) * flags)
+        number = np.cumsum(np.diff(flags, prepend=False) & flags) * flags
+        inside = problem.reduce.plain(i, number.astype(float))
         rows = criterion.baseline.residual[first : first + len(inside)]
         first += len(inside)
-        for number in range(1, int(np.max(inside, initial=0)) + 1):
-            stretch = rows[inside == number]
+        for k in range(1, int(np.max(inside, initial=0)) + 1):
+            stretch = rows[inside == k]
             count += len(stretch)
             swing += len(stretch) * float(np.var(stretch))
     if not count or not criterion.is_more_than_sound(swing / count - criterion.floor):

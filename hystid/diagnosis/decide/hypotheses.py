@@ -102,7 +102,16 @@ class Search:
                 found += pairs
                 if not pairs:  # what fits less well leaves more, and would win by no further law
                     break
-        return found
+        return [*found, *self._with_chain(found)]
+
+    def _with_chain(self, found: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+        """What leads with a late force channel, or another mass, where its fit runs into the limits of what is none."""
+        bare = [h for h in found if not h.fit.hypothesis.late and 0 < len(h.names) < _MEMBERS]
+        worth = {id(h): self._worth(self.criterion.misfit(h.fit, h.floor), h.size, len(h.names)) for h in bare}
+        for h in sorted(bare, key=lambda h: -worth[id(h)])[:_STARTS]:
+            for trial in chain_trials(self.problem, h.fit, self.effects):
+                if trial.name not in h.names and are_reached(self.problem, trial.fit):
+                    yield self._hypothesis((*h.names, trial.name), h.size + trial.size, trial.fit, windowed=h.windowed)
 
     @cached_property
     def is_noise(self) -> bool:

@@ -16,7 +16,7 @@ from hystid.diagnosis.fit.colour import NOISE_ERROR, coloured_alike, fainter, wi
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import without_knocks
-from hystid.diagnosis.fit.periodic import PeriodicForce, periodic_forces
+from hystid.diagnosis.fit.periodic import without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest
 from hystid.diagnosis.fit.slow_motion import OCTAVES, runs_of, told_of, with_slow_motion
@@ -51,7 +51,7 @@ class Case:
 
     nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. unforced: the force is
     known to be zero. catalogue: what the effects declare of themselves. rested: contacts are taken for at rest before a
-    recording that begins in mid-motion. lines: periodic forces that nobody measured, taken out of the balance.
+    recording that begins in mid-motion.
     """
 
     problem: Problem
@@ -67,7 +67,6 @@ class Case:
     unforced: bool = False
     catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
     rested: bool = False
-    lines: tuple[PeriodicForce, ...] = ()
 
 
 def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested: bool = True) -> Case:
@@ -141,13 +140,11 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     if knocked is not None and not knocked.told:  # they belong to the law, and only the noise was to be seen without
         problem = problem.of([replace(p, valid=q.valid) for p, q in zip(problem.parts, every, strict=True)])
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
-    lines: list[PeriodicForce] = []
     if not given.unforced:  # a steady line would hold the motion up: what dies away has none
-        refitted, lines = periodic_forces(problem, refitted)
+        refitted = without_periodic_forces(problem, refitted)
     told += [chain.NO_CLOCK] if still else []
     notes = (
         *sensors.notes,
-        *(line.sentence() for line in lines),
         *told,
         *hidden,
         *rests,
@@ -158,7 +155,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     return Case(
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
-        catalogue or Catalogue(), resting is not None, tuple(lines),
+        catalogue or Catalogue(), resting is not None,
     )  # fmt: skip
 
 

@@ -65,15 +65,15 @@ class PeriodicForce:
         return {"frequency_Hz": self.frequency, "amplitudes": amplitudes, "is_mains": self.is_mains}
 
 
-def periodic_forces(problem: Problem, baseline: Fit) -> tuple[Fit, list[PeriodicForce]]:
-    """The fit with every periodic force that nobody measured taken out, and what was taken out.
+def without_periodic_forces(problem: Problem, baseline: Fit) -> Fit:
+    """The fit with every periodic force that nobody measured taken out.
 
     Lines of one frequency in all recordings, of any phase and amplitude in each. None where time was not measured.
     """
     if not problem.timed:
-        return baseline, []
+        return baseline
     fitted, frequencies = baseline, list[float]()
-    least = float(chi2.isf(_CHANCE, 2 * len(problem.parts)))  # what two amplitudes in each recording take of noise
+    least = _by_chance(len(problem.parts))
     while len(frequencies) < _MOST:
         frequency = _line(problem, fitted.hypothesis, frequencies)
         if frequency is None:
@@ -87,7 +87,12 @@ def periodic_forces(problem: Problem, baseline: Fit) -> tuple[Fit, list[Periodic
             break
         fitted = made
         frequencies.append(frequency)
-    return fitted, _told(fitted)
+    return fitted
+
+
+def _by_chance(recordings: int) -> float:
+    """What two amplitudes in each recording take of the sum of squares of noise."""
+    return float(chi2.isf(_CHANCE, 2 * recordings))
 
 
 def _is_everywhere(problem: Problem, before: Fit, after: Fit) -> bool:
@@ -99,7 +104,9 @@ def _is_everywhere(problem: Problem, before: Fit, after: Fit) -> bool:
     return bool(np.median(max(gains, key=np.sum)) > 0)
 
 
-def _told(fitted: Fit) -> list[PeriodicForce]:
+def periodic_forces(fitted: Fit) -> tuple[PeriodicForce, ...]:
+    """The periodic forces of a fit, but those of which it leaves nothing: beside a law that was missing, what looked
+    like one may be gone."""
     found = []
     for i, term in enumerate(fitted.hypothesis.terms):
         if term.effect.id != HUM:
@@ -109,8 +116,9 @@ def _told(fitted: Fit) -> list[PeriodicForce]:
             size = float(np.hypot(term.values[sine], term.values[cosine]))
             error = float(np.hypot(fitted.stderr((str(i), sine)), fitted.stderr((str(i), cosine)))) / np.sqrt(2)
             sizes.append((size, error))
-        found.append(PeriodicForce(float(term.effect.form), tuple(sizes)))
-    return found
+        if not sum((size / error) ** 2 for size, error in sizes if error > 0) < _by_chance(len(sizes)):
+            found.append(PeriodicForce(float(term.effect.form), tuple(sizes)))
+    return tuple(found)
 
 
 def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> float | None:

@@ -10,6 +10,7 @@ import numpy as np
 from hystid.diagnosis.decide.answer import Answer, Verdict, refit_values
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.case import Case
+from hystid.diagnosis.fit.periodic import periodic_forces
 from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.fit.zeros import zeros_instead
 from hystid.diagnosis.model.adapters import FmuModel
@@ -49,7 +50,11 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     masses = several_masses(resonances(case.problem.parts)) if remains or choice.unknown else []
     masses += _place(case) if remains or choice.unknown else []
     masses += zeros_instead(case.problem, choice.after.hypothesis)
-    said = (*case.notes, *_late(case, choice), *runs.notes, *told, *remains, *masses, *(one.sentence() for one in depends))
+    lines = periodic_forces(choice.after)
+    said = (
+        *(line.sentence() for line in lines), *case.notes, *_late(case, choice), *runs.notes, *told, *remains, *masses,
+        *(one.sentence() for one in depends),
+    )  # fmt: skip
     unknown = None
     if choice.unknown:
         residual = case.problem.balance_shown(choice.after.hypothesis)
@@ -64,7 +69,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
         {"lags": case.consistency, "delay": last.delay, "mass_error": last.mass_error},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
         dependence=depends, catalogue=case.catalogue, values=refit_values(answer, choice.after),
-        lines=case.lines,
+        lines=lines,
     )  # fmt: skip
     worded = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
     return worded, runs.text
