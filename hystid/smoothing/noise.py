@@ -136,6 +136,9 @@ def _by_spectrum(channel: Array) -> float:
     return float(np.sqrt(np.median(quiet) / np.log(2.0)))  # the median of an exponential variable is ln 2 of its mean
 
 
-def is_noise_free(values: Array) -> bool:
-    """Whether a channel (n,) shows no noise: less than the 16 bit of any converter leaves, as in a simulation."""
-    return noise_level(values) <= _NOISE_FREE * float(np.std(values))
+def is_noise_free(values: Array, spread: float = 0.0) -> bool:
+    """Whether a channel (n,) shows no noise: less than the 16 bit of any converter leaves, as in a simulation.
+
+    spread: of the channel in another recording, where that is larger.
+    """
+    return noise_level(values) <= _NOISE_FREE * max(float(np.std(values)), spread)

@@ -71,8 +71,9 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
     tests, unseen, given = _with_decays(read.tests, read.unseen, given)
     clipped = stopped(tests)
     measured = _measured_only([*_bounded(tests), *_bounded(unseen)])
+    largest = max((float(np.std(test.F)) for test in measured if test.F is not None), default=0.0)
     tests, unseen = (
-        [_with_noise(test, i) for i, test in enumerate(where_white(group))]
+        [_with_noise(test, i, largest) for i, test in enumerate(where_white(group))]
         for group in (measured[: len(tests)], measured[len(tests) :])
     )
     integrated = all(t.a is not None and t.x is not None and is_noise_free(t.x) for t in measured[: len(tests)])
@@ -122,9 +123,13 @@ def _measured_only(tests: Sequence[Recording]) -> list[Recording]:
     return taken
 
 
-def _with_noise(test: Recording, seed: int) -> Recording:
-    """A recording; one without any noise gets as much as integration and interpolation leave."""
-    return with_noise(test, seed) if all(map(is_noise_free, test.channels("Fxva").values())) else test
+def _with_noise(test: Recording, seed: int, largest: float) -> Recording:
+    """A recording; one without any noise gets as much as integration and interpolation leave.
+
+    largest: spread of the force in the recording with most of it [N]; in a free decay the force has none of its own.
+    """
+    quiet = test.F is None or is_noise_free(test.F, largest)
+    return with_noise(test, seed) if quiet and all(map(is_noise_free, test.channels("xva").values())) else test
 
 
 def _with_decays(
