@@ -53,8 +53,10 @@ def record(seed: int, kind: str, line: float = 0.0, size: float = 0.0, k3: float
     return Recording(f"{kind}{seed}", T, F=force, x=motion[0], v=motion[1], a=motion[2])
 
 
-def lines(kind: str, line: float = 0.0, size: float = 0.0, k3: float = 0.0) -> tuple[Fit, list[PeriodicForce]]:
-    parts = [prepare_part(record(seed, kind, line, size, k3), seed) for seed in (1, 2)]
+def lines(*kinds: str, line: float = 0.0, size: float = 0.0, k3: float = 0.0) -> tuple[Fit, list[PeriodicForce]]:
+    """Of two recordings, of one kind or of two."""
+    pairs = zip((1, 2), (kinds[0], kinds[-1]), strict=True)
+    parts = [prepare_part(record(seed, kind, line, size, k3), seed) for seed, kind in pairs]
     baseline = baseline_of(LINEAR, compile_model(LINEAR), {"m": M, "B": B, "Kl": K}, frozenset({"m"}), length=1e-3)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
     fitted = without_periodic_forces(problem, fit(problem, Hypothesis(dict(baseline.nominal))))
@@ -64,7 +66,7 @@ def lines(kind: str, line: float = 0.0, size: float = 0.0, k3: float = 0.0) -> t
 @pytest.mark.parametrize("kind", ["chirp", "sine", "noise"])
 @pytest.mark.parametrize(("line", "size"), [(37.0, 3.0), (50.0, 1.0), (60.0, 6.0)])
 def test_a_hidden_line_is_found_with_its_frequency_and_size(kind: str, line: float, size: float) -> None:
-    fitted, (found,) = lines(kind, line, size)
+    fitted, (found,) = lines(kind, line=line, size=size)
     assert found.frequency == pytest.approx(line, abs=0.01)  # six seconds: a sixteenth of a line of 1/6 Hz
     assert found.is_mains == (line != 37.0)
     for amplitude, error in found.amplitudes:
@@ -81,8 +83,15 @@ def test_what_a_structure_makes_of_its_own_force_is_no_line(kind: str, k3: float
 
 def test_sums_of_a_line_and_a_sine_test_are_not_taken_out() -> None:
     """The cubic spring mixes 37 Hz with 17 Hz: 71, 3 and 31 Hz belong to the spring."""
-    found = lines("sine", 37.0, 3.0, 3e9)[1]
+    found = lines("sine", line=37.0, size=3.0, k3=3e9)[1]
     assert [round(one.frequency) for one in found] == [37]
+
+
+def test_a_line_that_one_recording_drives_is_found_in_another() -> None:
+    """51 Hz is the third harmonic of the sine test, where no line could be told from what a spring makes of it."""
+    _, (found,) = lines("sine", "noise", line=51.0, size=3.0)
+    assert found.frequency == pytest.approx(51.0, abs=0.01)
+    assert lines("sine", line=51.0, size=3.0)[1] == []
 
 
 def test_a_diagnosis_tells_the_line_and_names_no_physics() -> None:

@@ -133,14 +133,15 @@ def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> f
     frequencies = np.arange(lowest, highest, 0.5 / grid.length)
     if len(frequencies) == 0:
         return None
-    clear = np.sum([s.clearness(frequencies) for s in spectra], axis=0)
+    free = ~np.array([s.is_excited(frequencies) for s in spectra])  # what is driven in one recording may show in others
+    clear = np.sum(free * np.array([s.clearness(frequencies) for s in spectra]), axis=0)
     for s in spectra:
-        clear[s.is_excited(frequencies)] = 0.0
         for one in known:
             clear[s.is_beside(frequencies, one)] = 0.0
-    needed = float(gamma.isf(_CHANCE / len(frequencies), len(spectra)))
-    for k in np.argsort(clear)[::-1][:_MOST]:  # the clearest may be a sweep that passes by
-        if clear[k] < needed:
+    needed = gamma.isf(_CHANCE / len(frequencies), np.arange(1, len(spectra) + 1))
+    beyond = clear / needed[np.maximum(np.sum(free, axis=0), 1) - 1]
+    for k in np.argsort(beyond)[::-1][:_MOST]:  # the clearest may be a sweep that passes by
+        if beyond[k] < 1.0:
             return None
         frequency = _refined(spectra, float(frequencies[k]), 0.5 / grid.length)
         if (
