@@ -45,11 +45,13 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     residuals = [_standard(residual, seen) for residual, seen in zip(np.split(residual, ends), sure, strict=True)]
     if any(_has_shocks(residual) or _has_line(residual) for residual in residuals):
         return False
-    # an acceleration that was derived from a channel louder than it seems holds the noise that the residual is made of;
-    # that of the balance holds none: where either says that the residual does not know the motion, it does not
+    # an acceleration whose noise is louder than it seems holds the noise that the residual is made of, and that of the
+    # balance the noise of the force; between the two is one that holds neither: where any of them says that the residual
+    # does not know the motion, it does not
     for i, (columns, left) in enumerate(zip(motion, problem.balance_shown(fitted.hypothesis), strict=True)):
         mass = fitted.hypothesis.mass()
         columns.append(columns[2] + problem.reduce.plain(i, left) / mass if mass else columns[2])
+        columns.append(_between_two(columns[2], columns[5], residuals[i]))
     pairs = [(0, 1), (3, 1), (4, 0), (4, 1)]
     floor = problem.reduce.level + problem.reduce.left_open(fitted.residual)
     excess = max(0.0, 1.0 - floor / fitted.chi2)
@@ -60,7 +62,14 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
         cells = [_cells(m[pair[0]], m[pair[1]]) for m in motion]
         return all(_independent(values, cells, known) for values in (residuals, powers))
 
-    return all(map(unknown, pairs)) and any(map(unknown, [(1, 2), (1, 5)]))
+    return all(map(unknown, pairs)) and any(map(unknown, [(1, 2), (1, 5), (1, 6)]))
+
+
+def _between_two(one: Array, other: Array, residual: Array) -> Array:
+    """The mean of two columns, (n,), with weights of 0 to 1 with which it has nothing of a residual, or next to it."""
+    here, there = float(one @ residual), float(other @ residual)
+    share = float(np.clip(here / (here - there), 0.0, 1.0)) if here != there else 0.5
+    return (1 - share) * one + share * other
 
 
 def _standard(residual: Array, sure: Flags) -> Array:
