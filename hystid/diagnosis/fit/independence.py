@@ -8,6 +8,7 @@ no mismatch as long as it does not know what the structure is doing.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ _SHIFTS = 40  # circular shifts of the residual against the motion: what indepen
 _CELLS = 7  # bins per axis
 _KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it where most of the residual is excess:
 # mismatches of 0.08 of the floor show 0.05 and more, larger ones 0.1 to 1
+_SHOWN = 0.25  # of an excess, which a mismatch shows between cells at least, whatever the motion
 _TWO_SIDED = 1.96  # standard deviations that hold 95 % of a normal distribution
 _LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
 _PERIODS = 8  # in a recording, from which power is a line: its peak in the spectrum is four frequencies wide
@@ -55,12 +57,14 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     pairs = [(0, 1), (3, 1), (4, 0), (4, 1)]
     floor = problem.reduce.level + problem.reduce.left_open(fitted.residual)
     excess = max(0.0, 1.0 - floor / fitted.chi2)
-    known = (_KNOWN[0] + _KNOWN[1] * excess) * int(np.count_nonzero(np.concatenate(sure)))
+    count = int(np.count_nonzero(np.concatenate(sure)))
+    known = (_KNOWN[0] + _KNOWN[1] * excess) * count
+    shown = max(known, _SHOWN * excess * count)
     powers = [(residual**2 - 1.0) * seen for residual, seen in zip(residuals, sure, strict=True)]
 
     def unknown(pair: tuple[int, int]) -> bool:
         cells = [_cells(m[pair[0]], m[pair[1]]) for m in motion]
-        return all(_independent(values, cells, known) for values in (residuals, powers))
+        return all(_independent(values, cells, known, shown) for values in (residuals, powers))
 
     return all(map(unknown, pairs)) and any(map(unknown, [(1, 2), (1, 5), (1, 6)]))
 
@@ -95,11 +99,11 @@ def _ranks(values: Array, bins: int) -> NDArray[np.int64]:
     return found
 
 
-def _independent(values: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float) -> bool:
+def _independent(values: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float, shown: float) -> bool:
     """Whether means of values differ between the cells no more than when the values are moved in time, and what moved
     ones show scatters by less than what would show.
 
-    known: power between the cells from which the values know them.
+    known: power between the cells from which the values know them; shown: what all of the excess would show at least.
     """
     shares = np.random.default_rng(0).uniform(0.05, 0.95, (_SHIFTS, len(values)))
     moved = [
@@ -107,7 +111,7 @@ def _independent(values: Sequence[Array], cells: Sequence[NDArray[np.int64]], kn
         for row in shares
     ]
     scatter = _TWO_SIDED * float(np.std(moved))
-    return _between(values, cells) - float(np.median(moved)) <= known and scatter <= known
+    return _between(values, cells) - float(np.median(moved)) <= max(known, scatter) and scatter <= shown
 
 
 def _between(values: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> float:
@@ -127,13 +131,14 @@ def _has_shocks(residual: Array) -> bool:
 
 
 def _has_line(residual: Array) -> bool:
-    """Whether the spectrum has a line that stands out of its neighbourhood, an octave at most: what wanders has more
-    power the lower the frequency, and no line for that."""
+    """Whether the spectrum has a line that stands out of its neighbourhood, an octave at most, and of the next: what
+    wanders has more power the lower the frequency, where slow motion is not seen there is none below an edge, and
+    neither is a line."""
     power = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
-    width, first, least = max(8, len(power) // 60), _PERIODS, 1e-12 * float(np.max(power))
-    while first + _PERIODS <= len(power):
-        beside = power[first : first + min(first, width)]
-        if np.max(beside) > _LINE * max(float(np.median(beside)), least):
-            return True
-        first += len(beside)
-    return False
+    width, edges = max(8, len(power) // 60), [_PERIODS]
+    while edges[-1] + _PERIODS <= len(power):
+        edges.append(edges[-1] + min(edges[-1], width))
+    bands = [power[first:last] for first, last in pairwise(edges)]
+    usual = np.array([np.median(band) for band in bands] or [0.0])
+    around = np.maximum(np.maximum(usual, np.append(usual[1:], 0.0)), 1e-12 * np.max(power))
+    return any(np.max(band) > _LINE * level for band, level in zip(bands, around[: len(bands)], strict=True))
