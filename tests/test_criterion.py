@@ -358,7 +358,7 @@ def test_a_rest_of_few_independent_samples_shows_nothing(slow: int, shown: bool)
     rest = np.convolve(rng.standard_normal(len(t) + slow), np.ones(slow), mode="same")[: len(t)]
     rest = (rest - np.mean(rest)) / np.std(rest)
     cells = _cells(np.sin(9 * t), np.cos(9 * t))
-    assert _independent([rest], [cells], 0.08 * len(rest)) == shown
+    assert _independent([rest], [cells], 0.08 * len(rest), 0.08 * len(rest)) == shown
 
 
 def test_no_share_of_a_force_is_more_than_all_of_it() -> None:
