@@ -29,9 +29,23 @@ def test_rest_before_and_after_the_motion_is_no_level() -> None:
     assert level([np.zeros(100)]) is None
 
 
+@pytest.mark.parametrize("noise", [1e-4, 1e-3])
+def test_what_is_cut_off_in_front_of_its_noise_keeps_as_much(noise: float) -> None:
+    """An amplifier clips, and the recorder adds the noise: no value comes twice."""
+    rng, t = np.random.default_rng(4), np.arange(N) * DT
+    for period in (10, 37.3, 200):  # samples
+        sine = np.sin(2 * np.pi * np.arange(N) / period)
+        assert kept_size(sine + noise * rng.standard_normal(N)) == 1.0
+    sine = np.sin(2 * np.pi * 5 * t)
+    cut = np.clip(sine, -0.6, 0.6)
+    # 0.03: of the samples beside the level, those within eight standard deviations of the noise count for it
+    assert kept_size(cut + noise * rng.standard_normal(N)) == pytest.approx(2 * float(np.mean(cut * sine)), abs=0.03)
+
+
+@pytest.mark.parametrize("behind", [False, True])
 @pytest.mark.parametrize("top", [0.9, 0.56, 0.25])
-def test_a_displacement_that_is_cut_off_is_no_wrong_unit(top: float) -> None:
-    # Steady motion of a few lines; a, v and F are whole, and x ends at a share of its peak.
+def test_a_displacement_that_is_cut_off_is_no_wrong_unit(top: float, behind: bool) -> None:
+    # Steady motion of a few lines; a, v and F are whole, and x ends at a share of its peak, behind its noise or before.
     rng = np.random.default_rng(3)
     t = np.arange(N) * DT
     omega, phase = 2 * np.pi * rng.uniform(5, 11, 8), rng.uniform(0, 2 * np.pi, 8)
@@ -42,5 +56,6 @@ def test_a_displacement_that_is_cut_off_is_no_wrong_unit(top: float) -> None:
     F = 2.0 * a + 5.0 * v + 5e3 * x
     noisy = {name: u + 1e-3 * np.std(u) * rng.standard_normal(N) for name, u in zip("Fxva", (F, x, v, a), strict=True)}
     limit = top * float(np.max(np.abs(x)))
-    cut = Recording("cut", t, **{**noisy, "x": np.clip(noisy["x"], -limit, limit)})
+    stopped = np.clip(noisy["x"], -limit, limit) if behind else np.clip(x, -limit, limit) + noisy["x"] - x
+    cut = Recording("cut", t, **{**noisy, "x": stopped})
     assert not [str(f) for f in check(cut, mass=2.0, accept=("clipped",)).findings]

@@ -8,22 +8,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hystid.consistency.kinematics import Pair
+from hystid.consistency.kinematics import Pair, spectrum
 from hystid.recording import Array
 
 _FEWEST = 10  # samples at one value from which it is a level
 _OFTEN = 3  # times as often as any other value in the upper half: a coarse converter repeats them all alike
 _DIGITS = 1e-9  # of the level: the same number, written by another program
+_NOISE = 8.0  # standard deviations of the noise, over which the samples at a level scatter: four on either side
+_TOP = 2 * (1 + math.sqrt(2))  # times as many samples at the top as next below it: twice those of a sine
+_RUN = 3  # samples in a row at a level
 _SECTIONS = 16  # of a recording: motion grows and falls, and most is lost where it is large
 _LONGEST = 0.9  # share of a section at the level: beyond it, nothing tells the size of the motion
 
 
 @dataclass(frozen=True)
 class CutOff:
-    """Where a channel stops: the value (positive, both ways), and the share of all samples that stand there."""
+    """Where a channel stops: the value (positive, both ways), and the share of all samples that stand there.
+
+    width: by how much noise behind the level moves them.
+    """
 
     value: float
     share: float
+    width: float = 0.0
 
 
 def level(channels: Sequence[Array]) -> CutOff | None:
@@ -52,12 +59,12 @@ def kept_size(values: Array) -> float:
     Each section is taken for a sine that is cut off for as long as the section stands at the level (describing
     function of saturation: Gelb and Vander Velde 1968, section 2.3), with the weight of its power before.
     """
-    found = level([values])
+    found = level([values]) or _noisy_level(values)
     if found is None:
         return 1.0
     kept, power = 0.0, 0.0
     for section in np.array_split(values, _SECTIONS):
-        share = min(float(np.mean(_stands(section, found.value))), _LONGEST)
+        share = min(float(np.mean(_stands(section, found.value, found.width))), _LONGEST)
         angle = 0.5 * math.pi * (1.0 - share)
         before = 0.5 * (found.value / math.sin(angle)) ** 2 if share else float(np.mean(section**2))
         kept += before * 2.0 / math.pi * (angle + math.sin(angle) * math.cos(angle))
@@ -82,5 +89,23 @@ def with_full_sizes(compared: Sequence[Pair], kept: Mapping[str, float]) -> list
     ]
 
 
-def _stands(values: Array, top: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    return np.asarray(np.abs(values) >= top * (1 - _DIGITS))
+def _noisy_level(values: Array) -> CutOff | None:
+    """Level at which a channel, (n,), stops in front of its noise; None where it goes through all values alike.
+
+    At the top of a wave there are more samples than below, and not so many more; and a wave of few samples stands there
+    for one or two of them.
+    """
+    width, top = _NOISE * spectrum(values, 1.0).noise, float(np.max(np.abs(values), initial=0.0))
+    if not 0 < 2 * width < top / 2:
+        return None
+    near = np.abs(values) > top - width
+    below = np.count_nonzero(np.abs(values) > top - 2 * width) - np.count_nonzero(near)
+    runs = np.count_nonzero(np.diff(near.astype(np.int8), prepend=0) > 0)
+    count = int(np.count_nonzero(near))
+    if count < max(_FEWEST, _TOP * below, _RUN * runs):
+        return None
+    return CutOff(float(np.median(np.abs(values[near]))), count / len(values), width)
+
+
+def _stands(values: Array, top: float, width: float = 0.0) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    return np.asarray(np.abs(values) >= top * (1 - _DIGITS) - width)
