@@ -99,9 +99,9 @@ def _noisy_level(values: Array) -> CutOff | None:
     if not 0 < 2 * width < top / 2:
         return None
     near = np.abs(values) > top - width
-    below = np.count_nonzero(np.abs(values) > top - 2 * width) - np.count_nonzero(near)
-    runs = np.count_nonzero(np.diff(near.astype(np.int8), prepend=0) > 0)
     count = int(np.count_nonzero(near))
+    below = int(np.count_nonzero(np.abs(values) > top - 2 * width)) - count
+    runs = int(np.count_nonzero(np.diff(near.astype(np.int8), prepend=0) > 0))
     if count < max(_FEWEST, _TOP * below, _RUN * runs):
         return None
     return CutOff(float(np.median(np.abs(values[near]))), count / len(values), width)

@@ -47,9 +47,9 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     residuals = [_standard(residual, seen) for residual, seen in zip(np.split(residual, ends), sure, strict=True)]
     if any(_has_shocks(residual) or _has_line(residual) for residual in residuals):
         return False
-    # an acceleration whose noise is louder than it seems holds the noise that the residual is made of, and that of the
-    # balance the noise of the force; between the two is one that holds neither: where any of them says that the residual
-    # does not know the motion, it does not
+    # An acceleration whose noise is louder than it seems holds noise that the residual is made of, and that of the
+    # balance the noise of the force. Between the two is one that holds neither. Where any of them says that the
+    # residual does not know the motion, it does not.
     for i, (columns, left) in enumerate(zip(motion, problem.balance_shown(fitted.hypothesis), strict=True)):
         mass = fitted.hypothesis.mass()
         columns.append(columns[2] + problem.reduce.plain(i, left) / mass if mass else columns[2])

@@ -138,7 +138,7 @@ def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> f
     for s in spectra:
         for one in known:
             clear[s.is_beside(frequencies, one)] = 0.0
-    needed = gamma.isf(_CHANCE / len(frequencies), np.arange(1, len(spectra) + 1))
+    needed = np.asarray(gamma.isf(_CHANCE / len(frequencies), np.arange(1, len(spectra) + 1)))
     beyond = clear / needed[np.maximum(np.sum(free, axis=0), 1) - 1]
     for k in np.argsort(beyond)[::-1][:_MOST]:  # the clearest may be a sweep that passes by
         if beyond[k] < 1.0:
