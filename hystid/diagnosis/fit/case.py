@@ -12,7 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis.fit.colour import NOISE_ERROR, coloured_alike, fainter, with_colour, with_colour_above
+from hystid.diagnosis.fit.colour import (
+    NOISE_ERROR,
+    coloured_alike,
+    fainter,
+    slow_power,
+    with_colour,
+    with_colour_above,
+)
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import without_knocks
@@ -42,6 +49,7 @@ _LIBRARY = "HystId."
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no louder than all that is left
 _SECTIONS = 10  # of a recording, the first of which tells most of what was before
 _RESTED = ", and what its contacts remember of the time before bears out that they were at rest"
+_LOUDER = 2.0  # times as much slow noise without a law as beside it: two lines of a spectrum differ by as much
 _BEGUN = 3  # times that the beginning, and knocks, are judged again by a refit
 
 
@@ -228,16 +236,18 @@ def _colour(problem: Problem, refitted: Fit) -> list[Part] | None:
 
 def recoloured(case: Case, law: Fit) -> Case | None:
     """The case with the colour of its noise measured beside a law that explains what the baseline leaves; None where
-    the noise is no louder than what the law leaves.
+    it is about the same there.
 
-    What moves the structure slowly may have been taken for noise as long as no law explained it.
+    What moves the structure slowly, or not at all, may have been taken for noise as long as no law explained it.
     """
     problem = case.problem
-    coloured = any(any(part.colour) for part in problem.parts)
-    if not coloured or law.chi2 >= problem.floor(law) - NOISE_ERROR:
+    if not any(any(part.colour) for part in problem.parts):
         return None
     white = problem.of(fainter(problem.parts, problem.parts, 0.0))
     parts = _colour(white, refit_again(white, [law])[0]) or white.parts
+    louder = slow_power(problem.parts) / slow_power(parts)
+    if louder < _LOUDER and law.chi2 >= problem.floor(law) - NOISE_ERROR:
+        return None
     again = problem.of(parts)
     refitted, minima, nominal = refit_again(again, [case.refit, *case.minima])
     unseen = tuple(coloured_alike(case.unseen, parts))

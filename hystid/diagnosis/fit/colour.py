@@ -64,6 +64,15 @@ def fainter(parts: Sequence[Part], seen: Sequence[Part], share: float) -> list[P
     return [_coloured(p, (share * q.colour[0], share * q.colour[1])) for p, q in zip(parts, seen, strict=True)]
 
 
+def slow_power(parts: Sequence[Part]) -> float:
+    """Power of the noise, over that of its white part, in the slowest line that tells its colour; of the loudest part."""
+    found = []
+    for part in parts:
+        slowest, (pink, red) = _FIRST / len(part), part.colour
+        found.append(1.0 + pink / slowest + red / slowest**2)
+    return max(found)
+
+
 @dataclass(frozen=True)
 class _Residual:
     """What a fit leaves of the longest stretch of a recording that has no gaps, in units of the white noise.
