@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from hystid.diagnosis.decide.criterion import DOUBT, NAME, Criterion, leaves_noise
+from hystid.diagnosis.decide.criterion import DOUBT, NAME, Criterion, Hypothesis, leaves_noise
 from hystid.diagnosis.decide.selection import Choice, choose
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, recoloured
@@ -56,7 +56,7 @@ def decided(
         case, choice = _moving(case, choice, library, moving())
     coloured = recoloured(case, choice.best) if choice.missing else None
     if coloured is not None:
-        case, choice = coloured, chosen(coloured, library)
+        case, choice = coloured, chosen(coloured, library, known=choice.posterior.likely)
     case, choice = _held(*_sound(case, choice, library), library)
     if accelerated is not None and choice.unknown:
         return _accelerated(case, choice, library, accelerated)
@@ -110,10 +110,17 @@ def held_at_rest(case: Case) -> Case | None:
     return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes)
 
 
-def chosen(case: Case, library: Sequence[Effect], progress: Callable[[], None] = lambda: None) -> Choice:
-    """The selection of a case, with what its held-out recordings say."""
+def chosen(
+    case: Case,
+    library: Sequence[Effect],
+    progress: Callable[[], None] = lambda: None,
+    *,
+    known: Sequence[Hypothesis] = (),
+) -> Choice:
+    """The selection of a case, with what its held-out recordings say. known: what was likely under another assumption,
+    which the search may pass by here."""
     unseen = unseen_likelihood(case.problem, case.unseen)
-    return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen)
+    return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen, known=known)
 
 
 def _is_doubtful(choice: Choice) -> bool:
@@ -124,7 +131,7 @@ def _is_doubtful(choice: Choice) -> bool:
 def _moving(case: Case, choice: Choice, library: Sequence[Effect], other: Case) -> Decided:
     """With what contacts remember left out, where that makes something unknown less probable: a refit without the law
     that is missing cannot tell where contacts stood before."""
-    again = chosen(other, library)
+    again = chosen(other, library, known=choice.posterior.likely)
     return (other, again) if again.posterior.unknown < choice.posterior.unknown else (case, choice)
 
 
@@ -157,6 +164,6 @@ def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     probable."""
     if not _is_doubtful(choice) or (again := at_rest(case, library)) is None:
         return case, choice
-    other = chosen(again, library)
+    other = chosen(again, library, known=choice.posterior.likely)
     rubs = other.named and any(term.effect.turns for term in other.after.hypothesis.terms)
     return (again, other) if rubs and other.posterior.unknown < choice.posterior.unknown else (case, choice)

@@ -56,6 +56,7 @@ _NO_MORE = 0.01  # of its nominal value, below which a parameter is nought
 _BY_CHANCE = 0.05  # probability at which draws of the noise, and its means over states, count as agreeing by chance
 DOUBT = 0.05  # probability of something unknown from which another reading of the recordings is tried
 MENTION = 1 / 10**0.5  # odds against a rival that are not worth more than a bare mention (Jeffreys 1961)
+CHANCE = 1e-3  # probability below which a hypothesis is not looked at more closely
 NAME = 0.5  # probability from which a name is told: a wrong name costs as much as a right one gains
 
 
@@ -107,6 +108,11 @@ class Posterior:
     def something(self) -> float:
         """Probability that something is missing."""
         return 1.0 - self.nothing
+
+    @property
+    def likely(self) -> list[Hypothesis]:
+        """Hypotheses that are worth a closer look, most probable first."""
+        return [c.hypothesis for c in self.candidates if c.probability > CHANCE]
 
     def of(self, names: Sequence[str]) -> float:
         """Probability that at least one of some ids is among what is missing."""

@@ -104,6 +104,13 @@ class Search:
                     break
         return [*found, *self._with_chain(found)]
 
+    def again(self, known: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+        """Hypotheses of another problem with the same recordings, fitted again."""
+        for h in known:
+            made = try_fit(self.problem, h.fit.hypothesis)
+            if h.names and made is not None and are_reached(self.problem, made):
+                yield self._hypothesis(h.names, h.size, made, windowed=h.windowed)
+
     def _with_chain(self, found: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
         """What leads with a late force channel, or another mass, where its fit runs into the limits of what is none."""
         bare = [h for h in found if not h.fit.hypothesis.late and 0 < len(h.names) < _MEMBERS]

@@ -29,7 +29,6 @@ from hystid.diagnosis.fit.zeros import zero_of_term
 from hystid.diagnosis.model.effects import Effect
 
 _ROUNDS = 3  # of looking for a better local minimum of what leads
-_CHANCE = 1e-3  # probability below which a hypothesis is not looked at more closely
 _ALIKE = 0.05  # of the probability of what leads: less is told apart, unless it fits better with more parameters
 
 
@@ -88,13 +87,15 @@ def choose(
     *,
     minima: Sequence[Fit] = (),
     unseen: Unseen = lambda before, after: 0.0,
+    known: Sequence[Hypothesis] = (),
 ) -> Choice:
     """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there.
 
-    minima: other local minima of the refit. unseen: what held-out recordings say about a fit.
+    minima: other local minima of the refit. unseen: what held-out recordings say about a fit. known: hypotheses about
+    the same recordings that are fitted again.
     """
     search = Search(problem, baseline, effects, progress, minima)
-    found = search.hypotheses()
+    found = [*search.hypotheses(), *search.again(known)]
     return _decided(search, found, unseen)
 
 
@@ -108,7 +109,7 @@ def _decided(search: Search, found: Sequence[Hypothesis], unseen: Unseen) -> Cho
         return criterion.posterior(hypotheses, is_noise=noise, curves=curves)
 
     found = _pruned(search, found, weighed, criterion)
-    near = _near(weighed(found))
+    near = weighed(found).likely
     zeros = {id(h): _with_zero(search.problem, h) for h in near}
     found, near = [zeros.get(id(h), h) for h in found], list(zeros.values())
     asked = {frozenset(h.names) for h in near}  # held-out recordings cost a run each: what has no chance is not asked
@@ -141,10 +142,6 @@ def _decided(search: Search, found: Sequence[Hypothesis], unseen: Unseen) -> Cho
     )  # fmt: skip
 
 
-def _near(posterior: Posterior) -> list[Hypothesis]:
-    return [c.hypothesis for c in posterior.candidates if c.probability > _CHANCE]
-
-
 def _pruned(
     search: Search,
     found: Sequence[Hypothesis],
@@ -155,7 +152,7 @@ def _pruned(
     grew by the best further effect may hold one that the next makes idle. What leads then has its members exchanged."""
     pruned, seen, idle = list(found), set[frozenset[str]](), set[frozenset[str]]()
     for _ in range(_ROUNDS):
-        for h in _near(weighed(pruned)):
+        for h in weighed(pruned).likely:
             if len(h.names) < 2 or frozenset(h.names) in seen:
                 continue
             seen.add(frozenset(h.names))
@@ -164,7 +161,7 @@ def _pruned(
             if not all(counts for _, counts in rests):
                 idle.add(frozenset(h.names))
         pruned = [h for h in pruned if frozenset(h.names) not in idle]
-    leader = next(iter(_near(weighed(pruned))), None)  # the most probable one comes first
+    leader = next(iter(weighed(pruned).likely), None)  # the most probable one comes first
     if leader is not None and not any(leader is h for h in found):  # fitted in a set only, beside no simpler law
         pruned += search.exchanged(leader)
     return pruned
