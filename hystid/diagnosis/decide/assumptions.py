@@ -14,10 +14,11 @@ from functools import partial
 import numpy as np
 
 from hystid.diagnosis.decide.criterion import DOUBT, NAME, Criterion, Hypothesis, leaves_noise
-from hystid.diagnosis.decide.selection import Choice, choose
+from hystid.diagnosis.decide.selection import Choice, choose, weigh
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, recoloured
 from hystid.diagnosis.fit.clipped import below_level
+from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import standing
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.model.effects import Effect
@@ -26,6 +27,7 @@ from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.prepare.rest import held
 
 Decided = tuple[Case, Choice]
+_RUBBING = 6  # laws with dry friction that are fitted again before a search
 _STUCK = "nothing moves for a while, though the force goes on: something holds the structure that the model has not"
 _INTEGRATED = (
     "x and v are left out: they have next to no noise, as integrals of a, and do not fit in slow motion, "
@@ -159,11 +161,19 @@ def _sound(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     return case, choice
 
 
+def _rubs(fit: Fit) -> bool:
+    """Whether a law of a fit turns with the direction of the motion."""
+    return any(term.effect.turns for term in fit.hypothesis.terms)
+
+
 def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     """With what may be at rest weighed down, where that makes dry friction the answer and something unknown less
     probable."""
     if not _is_doubtful(choice) or (again := at_rest(case, library)) is None:
         return case, choice
+    rubbing = [c.hypothesis for c in choice.posterior.candidates if _rubs(c.hypothesis.fit)][:_RUBBING]
+    if weigh(again.problem, again.refit, library, rubbing).unknown >= min(NAME, choice.posterior.unknown):
+        return case, choice  # no law that rubs would have the name, and a search takes its time
     other = chosen(again, library, known=choice.posterior.likely)
-    rubs = other.named and any(term.effect.turns for term in other.after.hypothesis.terms)
+    rubs = other.named and _rubs(other.after)
     return (again, other) if rubs and other.posterior.unknown < choice.posterior.unknown else (case, choice)

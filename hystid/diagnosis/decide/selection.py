@@ -99,6 +99,15 @@ def choose(
     return _decided(search, found, unseen)
 
 
+def weigh(problem: Problem, baseline: Fit, effects: Sequence[Effect], known: Sequence[Hypothesis]) -> Posterior:
+    """Probabilities of some hypotheses about the same recordings, fitted again, and of no others."""
+    search = Search(problem, baseline, effects, lambda: None, ())
+    found = list(search.again(known))
+    criterion = search.criterion.with_level(found, _level(search, found))
+    curves = free_curves(problem, baseline) if found else ()
+    return criterion.posterior(found, is_noise=search.is_noise, curves=tuple(curves))
+
+
 def _decided(search: Search, found: Sequence[Hypothesis], unseen: Unseen) -> Choice:
     """The choice that the probabilities of the hypotheses lead to."""
     before, noise = search.baseline, search.is_noise

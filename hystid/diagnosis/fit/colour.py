@@ -65,7 +65,7 @@ def fainter(parts: Sequence[Part], seen: Sequence[Part], share: float) -> list[P
 
 
 def slow_power(parts: Sequence[Part]) -> float:
-    """Power of the noise over that of its white part, in the slowest line that tells its colour, in the loudest part."""
+    """Power of the noise over that of its white part, in the slowest line that tells its colour; the loudest part."""
     found = []
     for part in parts:
         slowest, (pink, red) = _FIRST / len(part), part.colour
