@@ -17,7 +17,7 @@ from hystid.diagnosis.decide.criterion import DOUBT, NAME, Criterion, Hypothesis
 from hystid.diagnosis.decide.selection import Choice, choose, weigh
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, recoloured
-from hystid.diagnosis.fit.clipped import below_level
+from hystid.diagnosis.fit.clipped import below_level, clipped_force
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import standing
 from hystid.diagnosis.fit.refit import refit_again
@@ -50,10 +50,7 @@ def decided(
     choice = chosen(case, library, progress)
     if not choice.missing and (stuck := held_at_rest(case)) is not None:
         case, choice = stuck, chosen(stuck, library)
-    if (cut := _cut_off(case, choice)) is not None:
-        again = chosen(cut, library)
-        if again.posterior.unknown <= choice.posterior.unknown:
-            case, choice = cut, again
+    case, choice = _cut_off(case, choice, library)
     if case.rested and _is_doubtful(choice):
         case, choice = _moving(case, choice, library, moving())
     coloured = recoloured(case, choice.best) if choice.missing else None
@@ -65,23 +62,33 @@ def decided(
     return case, choice
 
 
-def _cut_off(case: Case, choice: Choice) -> Case | None:
-    """The case without the samples at which the force channel stops, where that is a part of what is missing; None
-    where it is not. What the channel lacks there is known as well as the law; what the others say is not bent by it."""
-    posterior = choice.posterior
-    if posterior.of([SATURATION]) < NAME * sum(c.probability for c in posterior.candidates) or not choice.missing:
-        return None
-    leader = next(c for c in posterior.candidates if SATURATION in c.names)
-    terms = leader.hypothesis.fit.hypothesis.terms
-    level = next(term.values["level"] for term in terms if term.effect.id == SATURATION)
-    parts, fault = below_level(case.problem.parts, level)
-    unseen = below_level(case.unseen, level)[0] if case.unseen else []
+def _cut_off(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """Without the samples at which the force channel stops, where a level is seen beside the law that fits best.
+
+    What the channel lacks is known as well as the law, and bends a law that is fitted to it. The level is believed
+    where the other samples then leave noise, or next to nothing of what the law left of them before.
+    """
+    if not choice.missing:
+        return case, choice
+    terms = tuple(t for t in choice.best.hypothesis.terms if t.effect.id != SATURATION)
+    bare = standing(case.problem, replace(choice.best.hypothesis, terms=terms))
+    found = clipped_force(case.problem, bare)
+    if not found:
+        return case, choice
+    parts, fault = below_level(case.problem.parts, found[0].level)
     problem = case.problem.of(parts)
     refitted, minima, nominal = refit_again(problem, [case.refit, *case.minima])
-    return replace(
-        case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=tuple(unseen),
+    unseen = tuple(below_level(case.unseen, fault.size)[0]) if case.unseen else ()
+    cut = replace(
+        case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=unseen,
         faults=(*case.faults, fault),
     )  # fmt: skip
+    known = [h for h in choice.posterior.likely if SATURATION not in h.names]
+    again = chosen(cut, library, known=known)
+    criterion = Criterion(problem, again.before, 1)
+    left, before = (criterion.misfit(f, criterion.floor) for f in (again.best, standing(problem, bare.hypothesis)))
+    is_better = criterion.is_reached(left) or left < criterion.usual * before
+    return (cut, again) if is_better and again.posterior.unknown <= choice.posterior.unknown else (case, choice)
 
 
 def held_at_rest(case: Case) -> Case | None:
