@@ -32,7 +32,8 @@ def clipped_force(problem: Problem, baseline: Fit) -> list[Saturation]:
     """
     if not problem.baseline.mass:
         return []
-    near = near_top([part.F for part in problem.parts], max(part.noise["F"] for part in problem.parts))
+    noise = max(part.noise["F"] for part in problem.parts)
+    near = near_top([part.F for part in problem.parts], noise)
     if near is None or _level(problem, baseline.hypothesis) is None:
         return []
     kept = [_valid(part) & ~gap for part, gap in zip(problem.parts, near, strict=True)]
@@ -43,6 +44,8 @@ def clipped_force(problem: Problem, baseline: Fit) -> list[Saturation]:
     level = _level(problem, made.hypothesis) if made is not None else None
     if made is None or level is None:
         return []
+    if level < max(float(np.max(np.abs(part.F))) for part in problem.parts) - BELOW * noise:
+        return []  # a channel goes no further than where it stops, but for its noise
     told = _told(problem, made.hypothesis)
     missing = [np.sign(one) * np.maximum(np.abs(one) - level, 0.0) for one in told]
     return [saturation([part.x for part in problem.parts], missing, level)]
