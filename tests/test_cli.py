@@ -170,6 +170,8 @@ def test_parameter_files(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(UsageError, match=r"p\.json"):
             parameter_file(path)
+    with pytest.raises(UsageError, match=r"--set m=4\.2$"):
+        parameter_file(Path("m=4.2"))
 
 
 def test_warnings_of_recordings_reach_the_user(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

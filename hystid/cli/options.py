@@ -155,6 +155,8 @@ def parameter_file(path: Path | None) -> dict[str, Any]:
     """Parameters from a JSON file: {"Ks": 2e5} or {"Ks": {"value": 2e5, "fixed": true}}. Raises UsageError."""
     if path is None:
         return {}
+    if "=" in str(path) and not path.exists():
+        raise UsageError(f"--parameters {path}: this option takes a file; give a value with --set {path}")
     content = json_of(path, UsageError)
     if not isinstance(content, dict):
         raise UsageError(f'--parameters {path}: an object is needed, as {{"Ks": 2e5, "fc": 20}}')
