@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,6 +16,11 @@ from hystid.report.linked import Linked, Series, windows
 from hystid.report.page import Fact, Page, Table, Tone, Verdict, columns, number, percent, with_error
 from hystid.report.plots import Axis, Bars, Heat, Line, Plot, Points, Role
 
+_OF_FAULTS = {
+    "samples": "how late the channel is, in samples",
+    "delay": "how late the channel is",
+    "level": "largest value that the channel shows, either way",
+}
 _TONES: dict[str, Tone] = {
     "consistent": "good",
     "recalibrated": "good",
@@ -152,7 +158,7 @@ def _meanings(d: Diagnosis, finding: Finding) -> dict[str, str]:
     """What an effect says of its parameters."""
     terms = d.final.hypothesis.terms if d.final is not None else ()
     own = [term.effect.meanings for term in terms if term.effect.id in finding.alike]
-    known = {name: text for meanings in own for name, text in meanings.items()}
+    known = _OF_FAULTS | {name: text for meanings in own for name, text in meanings.items()}
     return {name: known.get(name, "") for name in finding.parameters}
 
 
@@ -164,7 +170,9 @@ def _what(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
         rows = [[name, value_text(finding, name), text] for name, text in _meanings(d, finding).items()]
         share = getattr(finding, "explained", None)
         where = finding.where.text[:1].upper() + finding.where.text[1:]
-        note = f"{where}. " + (f"It explains {percent(share)} of the misfit above the noise." if share else "")
+        note = f"{where}. " + (
+            f"It explains {percent(share)} of the misfit above the noise." if share and math.isfinite(share) else ""
+        )
         heading = title(finding)
         page.table(
             Table(

@@ -75,7 +75,8 @@ def force_curve(d: Diagnosis) -> Plot | None:
     marks = [mark for finding in d.findings for mark in _thresholds(finding, axis.unit)]
     span = float(np.max(np.abs(at)))
     shown = tuple(mark for mark in marks if abs(mark.at) <= span)
-    caption = f"One sample in {step} of all recordings." + (" Dotted: the threshold of the law." if shown else "")
+    caption = f"One sample in {step} of all recordings." if step > 1 else "All samples of all recordings."
+    caption += " Dotted: the threshold of the law." if shown else ""
     return Plot("Force that was missing", axis, FORCE, series, caption, marks=shown)
 
 
