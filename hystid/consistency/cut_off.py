@@ -14,7 +14,7 @@ from hystid.recording import Array
 _FEWEST = 10  # samples at one value from which it is a level
 _OFTEN = 3  # times as often as any other value in the upper half: a coarse converter repeats them all alike
 _DIGITS = 1e-9  # of the level: the same number, written by another program
-_NOISE = 8.0  # standard deviations of the noise, over which the samples at a level scatter: four on either side
+BELOW = 8.0  # standard deviations of the noise, over which the samples at a level scatter: four on either side
 _TOP = 2 * (1 + math.sqrt(2))  # times as many samples at the top as next below it: twice those of a sine
 _RUN = 3  # samples in a row at a level
 _SECTIONS = 16  # of a recording: motion grows and falls, and most is lost where it is large
@@ -95,7 +95,7 @@ def _noisy_level(values: Array) -> CutOff | None:
     At the top of a wave there are more samples than below, and not so many more; and a wave of few samples stands there
     for one or two of them.
     """
-    width, top = _NOISE * spectrum(values, 1.0).noise, float(np.max(np.abs(values), initial=0.0))
+    width, top = BELOW * spectrum(values, 1.0).noise, float(np.max(np.abs(values), initial=0.0))
     if not 0 < 2 * width < top / 2:
         return None
     near = np.abs(values) > top - width

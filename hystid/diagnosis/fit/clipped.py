@@ -13,11 +13,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.consistency.cut_off import BELOW
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.model.channel_effects import Saturation, saturation
-from hystid.diagnosis.prepare.clipping import BELOW, DEEP, level_of, near_top
+from hystid.diagnosis.prepare.clipping import DEEP, level_of, near_top
 from hystid.diagnosis.prepare.faults import SATURATION, Fault
 from hystid.diagnosis.prepare.segments import Flags, Part
 

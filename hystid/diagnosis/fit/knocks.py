@@ -89,9 +89,9 @@ def _beyond(limit: float, size: Array, used: Flags, width: int) -> list[Knock]:
 def _usual(sizes: Array, used: Flags, length: int) -> Array:
     """Robust standard deviation from sizes in stretches of some length and over all of them, the larger one, (n,): a
     model is off by more where the motion is large."""
-    stretches = np.array_split(np.arange(len(sizes)), max(1, len(sizes) // length))
-    middle = [float(np.mean(at)) for at in stretches if np.any(used[at])]
-    near = [float(np.median(sizes[at][used[at]])) for at in stretches if np.any(used[at])]
+    pieces = [at for at in np.array_split(np.arange(len(sizes)), max(1, len(sizes) // length)) if np.any(used[at])]
+    middle = [float(np.mean(at)) for at in pieces]
+    near = [float(np.median(sizes[at][used[at]])) for at in pieces]
     return np.maximum(np.interp(np.arange(len(sizes)), middle, near), np.median(sizes[used])) / _MAD
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats import binom
 
 from hystid.consistency import cut_off
+from hystid.consistency.cut_off import BELOW
 from hystid.diagnosis.prepare.faults import CALIBRATION, SATURATION, Fault
 from hystid.diagnosis.prepare.pairs import CHANCE, agreed
 from hystid.diagnosis.prepare.segments import measured_motion
@@ -22,8 +23,6 @@ from hystid.smoothing.noise import noise_level
 from hystid.smoothing.smoother import smooth
 
 _FEWEST = 10  # samples beyond a level from which it is one
-BELOW = 8.0  # standard deviations of the noise below the largest value, within which a level may lie: noise stands
-# three to four of them above it, and as many below
 _LOWEST = 0.5  # of the largest value: a louder channel shows no level
 DEEP = 3.0  # standard errors of what is told: less is missing by chance, as excursions are chosen by it
 _DIGITS = 1e-3  # of the largest value: what filters behind the level leave

@@ -107,11 +107,10 @@ def headline(diagnosis: Diagnosis) -> str:
         needed += [f"{' and '.join(line.told() for line in diagnosis.lines)} is taken out"] if diagnosis.lines else []
         once = f" once {' and '.join(needed)}" if needed else ""
         return f"The model agrees with the recordings down to their noise{once}"
-    if diagnosis.unknown is not None:
-        rest = f"omething is missing that no effect of the library explains: {diagnosis.unknown.text}"
-        faults = " and ".join(_told(finding) for finding in diagnosis.findings)
-        return f"{faults}; beside it, s{rest}" if faults else f"S{rest}"
     named = " and ".join(_told(finding) for finding in diagnosis.findings)
+    if diagnosis.unknown is not None:
+        rest = f"something is missing that no effect of the library explains: {diagnosis.unknown.text}"
+        return f"{named}; beside it, {rest}" if named else rest[:1].upper() + rest[1:]
     return f"{named}; {_better(diagnosis)}"
 
 
