@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
 
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.prepare.given import given_parameters
@@ -106,3 +108,27 @@ def test_a_force_that_a_free_decay_does_not_have_holds_no_noise() -> None:
     free = Recording("free", T[:3000], F=rest, x=x, v=v, a=a)
     taken = take([driven, free], (), given_parameters({"m": MASS}))
     assert all(any("holds no noise" in note for note in test.notes) for test in taken.tests)
+
+
+def low_passed(test: Recording, hertz: float) -> Recording:
+    """The same with the velocity behind a filter of first order, whose delay falls with frequency."""
+    assert test.v is not None
+    return test.with_channels({"v": lfilter(*butter(1, hertz, fs=FS), test.v)})
+
+
+@pytest.mark.parametrize("cubic", [0.0, 4e10])
+def test_a_filter_that_looks_like_a_delay_makes_no_physics(cubic: float) -> None:
+    """Moved back, the velocity still lacks what x and a show; without it nothing is missing but the law."""
+    tests = []
+    for seed in (1, 2):
+        motion = tones(seed)
+        force = balance(motion, lambda x, v: cubic * x**3)
+        tests.append(low_passed(recorded(f"slow_{seed}", motion, force, 0.01, seed), 110.0))
+    found = asked(*tests)
+    laws = {"cubic_stiffness"} if cubic else set()
+    assert {finding.effect for finding in found.findings} == {"channel_delay", *laws}
+    assert found.verdict == ("missing_physics" if cubic else "sensor_fault")
+    assert any("channel v is left out" in note for note in found.notes) == bool(cubic)  # else it leaves noise
+    if cubic:  # a damping that the filter feigns bends the law by per cents
+        (law,) = (finding for finding in found.findings if finding.effect == "cubic_stiffness")
+        assert abs(law.parameters["k3"].value / cubic - 1) < 0.003

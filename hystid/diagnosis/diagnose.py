@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +13,15 @@ from hystid.diagnosis.decide import forms
 from hystid.diagnosis.decide.assumptions import decided
 from hystid.diagnosis.decide.possible import possible
 from hystid.diagnosis.decide.selection import Choice
-from hystid.diagnosis.fit.case import pose
+from hystid.diagnosis.fit.case import Case, pose
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.uncertainty import with_robust_errors
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
-from hystid.diagnosis.model.catalogue import catalogue_of
+from hystid.diagnosis.model.catalogue import Catalogue, catalogue_of
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
-from hystid.diagnosis.prepare.recordings import SHORTEST, take
+from hystid.diagnosis.prepare.recordings import SHORTEST, Taken, take
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.prove.standing import stands
 from hystid.diagnosis.prove.unchanged import unchanged
@@ -76,14 +75,12 @@ def diagnose(
                 answer, extended = free_run_only(fmu, taken, str(model)), None
             else:
                 everything = load_effects(_paths(effects))
-                posed = partial(pose, taken, str(model), catalogue_of(everything))
+                posed = _posing(taken, str(model), catalogue_of(everything))
                 case = posed()
                 step(15, "baseline fitted")
                 library, untestable = possible(everything, case, exclude)
                 every = _every(step, max(1, len(library) // 70))
-                plain = partial(pose, taken.by_acceleration(), str(model), catalogue_of(everything))
-                accelerated = plain if taken.integrated else None
-                case, choice = decided(case, library, every, partial(posed, rested=False), accelerated)
+                case, choice = decided(case, library, every, posed, integrated=taken.integrated)
                 case, choice = stands(case, choice, library)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
@@ -91,6 +88,15 @@ def diagnose(
         return not_applicable(str(refusal), str(model), given.values, out)
     answer = replace(answer, misread=taken.misread, doubts=taken.doubts, as_given=as_given, extended=extended)
     return written(turned(answer) if taken.tests[0].rotational else answer, out)
+
+
+def _posing(taken: Taken, model: str, catalogue: Catalogue) -> Callable[..., Case]:
+    """Makes the case, without some channels of the motion or with another belief about the time before."""
+
+    def posed(without: str = "", *, rested: bool = True) -> Case:
+        return pose(taken.without(without), model, catalogue, rested=rested)
+
+    return posed
 
 
 def not_applicable(

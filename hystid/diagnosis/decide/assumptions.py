@@ -21,14 +21,16 @@ from hystid.diagnosis.fit.clipped import below_level, clipped_force
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import standing
 from hystid.diagnosis.fit.refit import refit_again
+from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.model.effects import Effect
-from hystid.diagnosis.prepare.faults import SATURATION
+from hystid.diagnosis.prepare.faults import DELAY, SATURATION
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.prepare.rest import held
 
 Decided = tuple[Case, Choice]
 _RUBBING = 6  # laws with dry friction that are fitted again before a search
 _STUCK = "nothing moves for a while, though the force goes on: something holds the structure that the model has not"
+_MORE_THAN_LATE = "channel {} is left out: moved back, it still leaves what the others do not"
 _INTEGRATED = (
     "x and v are left out: they have next to no noise, as integrals of a, and do not fit in slow motion, "
     "while a alone leaves nothing; if x was measured, record it again"
@@ -39,26 +41,30 @@ def decided(
     case: Case,
     library: Sequence[Effect],
     progress: Callable[[], None],
-    moving: Callable[[], Case],
-    accelerated: Callable[[], Case] | None = None,
+    posed: Callable[..., Case],
+    *,
+    integrated: bool = False,
 ) -> Decided:
     """The case under the assumptions that hold, and its selection.
 
-    moving: makes the case with what contacts remember left out, where they were taken for at rest before a recording
-    that begins in mid-motion. accelerated: makes it from the acceleration alone, None where x is no integral of it.
+    posed: makes the case without some channels of the motion, or (rested=False) with what contacts remember left out,
+    where they were taken for at rest before a recording that begins in mid-motion. integrated: x and v are integrals of
+    the acceleration.
     """
     choice = chosen(case, library, progress)
+    if (spared := _without_late(case, choice, library, posed)) is not None:
+        return spared
     if not choice.missing and (stuck := held_at_rest(case)) is not None:
         case, choice = stuck, chosen(stuck, library)
     case, choice = _cut_off(case, choice, library)
     if case.rested and _is_doubtful(choice):
-        case, choice = _moving(case, choice, library, moving())
+        case, choice = _moving(case, choice, library, posed(rested=False))
     coloured = recoloured(case, choice.best) if choice.missing else None
     if coloured is not None:
         case, choice = coloured, chosen(coloured, library, known=choice.posterior.likely)
     case, choice = _held(*_sound(case, choice, library), library)
-    if accelerated is not None and choice.unknown:
-        return _accelerated(case, choice, library, accelerated)
+    if integrated and choice.unknown:
+        return _accelerated(case, choice, library, partial(posed, "xv"))
     return case, choice
 
 
@@ -154,6 +160,26 @@ def _accelerated(case: Case, choice: Choice, library: Sequence[Effect], made: Ca
     if again.missing:
         return case, choice
     return replace(other, notes=(*other.notes, _INTEGRATED)), again
+
+
+def _without_late(case: Case, choice: Choice, library: Sequence[Effect], posed: Callable[..., Case]) -> Decided | None:
+    """Without the late channel of the motion, where the others leave noise and it does not: what delays a channel often
+    does more to it. None where that is not so, where no channel is late, or where no other shows the motion."""
+    late = next((fault for fault in case.faults if fault.id == DELAY and fault.channel != "F"), None)
+    if late is None or not choice.missing or leaves_noise(case.problem, choice.best):
+        return None
+    try:
+        other = posed(late.channel)
+    except NotDiagnosable:
+        return None
+    law = try_fit(other.problem, choice.best.hypothesis) or other.refit
+    is_left_out = all(late.channel not in part.measured for part in other.problem.parts)
+    if not is_left_out or not any(leaves_noise(other.problem, fit) for fit in (other.refit, law)):
+        return None
+    again = chosen(other, library, known=choice.posterior.likely)
+    told = (*other.notes, _MORE_THAN_LATE.format(late.channel))
+    whole = replace(other, faults=case.faults, consistency=case.consistency, notes=told)
+    return (whole, again) if leaves_noise(other.problem, again.best) else None
 
 
 def _sound(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:

@@ -81,6 +81,11 @@ class Hypothesis:
     zero: float = 0.0
     laws: int = 1
 
+    @property
+    def numbers(self) -> int:
+        """Real parameters of the named effects: a side that is chosen is none."""
+        return self.size - sum(len(t.effect.choices) for t in self.fit.hypothesis.terms if t.effect.id in self.names)
+
 
 @dataclass(frozen=True)
 class Candidate:

@@ -197,10 +197,23 @@ def _told(criterion: Criterion, posterior: Posterior) -> tuple[Candidate, tuple[
     """The set of effects that is named, strongest first; None where no name is probable enough."""
     if not posterior.candidates or posterior.something < NAME:
         return None
-    for leader in posterior.candidates:
+    for leader in _plainest_first(criterion, posterior.candidates):
         if all(_class(criterion, posterior, leader, name)[1] >= NAME for name in leader.names):
             return leader, leader.names
     return None
+
+
+def _plainest_first(criterion: Criterion, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates, most probable first; of those that fit like the first one and are about as probable, the one with the
+    fewest numbers: a stop with a second side that is never reached is a stop on one side."""
+    first = candidates[0]
+    same = [
+        c for c in candidates
+        if c.probability > MENTION * first.probability and len(c.names) == len(first.names)
+        and not criterion.predicts_else(c.hypothesis, first.hypothesis)
+    ]  # fmt: skip
+    plainest = min(same, key=lambda c: c.hypothesis.numbers, default=first)
+    return [plainest, *(c for c in candidates if c is not plainest)]
 
 
 def _class(criterion: Criterion, posterior: Posterior, leader: Candidate, name: str) -> tuple[tuple[str, ...], float]:

@@ -47,10 +47,13 @@ class Taken:
     read: tuple[Recording, ...] = ()
     integrated: bool = False
 
-    def by_acceleration(self) -> Taken:
-        """The same without x and v where a was measured."""
+    def without(self, channels: str) -> Taken:
+        """The same without some channels of the motion, where another one shows it."""
         tests, unseen = (
-            [test if test.a is None else replace(test, x=None, v=None) for test in group]
+            [
+                test.with_channels(dict.fromkeys(channels)) if set(test.channels("xva")) - set(channels) else test
+                for test in group
+            ]
             for group in (self.tests, self.unseen)
         )
         return replace(self, tests=tests, unseen=unseen)
