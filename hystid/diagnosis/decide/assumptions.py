@@ -131,11 +131,15 @@ def chosen(
     progress: Callable[[], None] = lambda: None,
     *,
     known: Sequence[Hypothesis] = (),
+    searched: bool = True,
 ) -> Choice:
     """The selection of a case, with what its held-out recordings say. known: what was likely under another assumption,
-    which the search may pass by here."""
+    which the search may pass by here. searched: whether anything else is tried."""
     unseen = unseen_likelihood(case.problem, case.unseen)
-    return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen, known=known)
+    minima = case.minima
+    return choose(
+        case.problem, case.refit, library, progress, minima=minima, unseen=unseen, known=known, searched=searched
+    )
 
 
 def _is_doubtful(choice: Choice) -> bool:
@@ -204,9 +208,18 @@ def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     probable."""
     if not _is_doubtful(choice) or (again := at_rest(case, library)) is None:
         return case, choice
-    rubbing = [c.hypothesis for c in choice.posterior.candidates if _rubs(c.hypothesis.fit)][:_RUBBING]
-    if weigh(again.problem, again.refit, library, rubbing).unknown >= min(NAME, choice.posterior.unknown):
-        return case, choice  # no law that rubs would have the name, and a search takes its time
-    other = chosen(again, library, known=choice.posterior.likely)
-    rubs = other.named and _rubs(other.after)
-    return (again, other) if rubs and other.posterior.unknown < choice.posterior.unknown else (case, choice)
+    likely = choice.posterior.likely
+    if _has_friction(choice):  # the name is known, and its numbers are not what rest would make of them
+        other = replace(chosen(again, library, known=likely, searched=False), trials=choice.trials)
+    else:
+        rubbing = [c.hypothesis for c in choice.posterior.candidates if _rubs(c.hypothesis.fit)][:_RUBBING]
+        if weigh(again.problem, again.refit, library, rubbing).unknown >= min(NAME, choice.posterior.unknown):
+            return case, choice  # no law that rubs would have the name, and a search takes its time
+        other = chosen(again, library, known=likely)
+    better = _has_friction(other) and other.posterior.unknown < choice.posterior.unknown
+    return (again, other) if better else (case, choice)
+
+
+def _has_friction(choice: Choice) -> bool:
+    """Whether a law that is named turns with the direction of the motion."""
+    return bool(choice.named) and _rubs(choice.after)

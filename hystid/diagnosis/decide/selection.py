@@ -88,14 +88,15 @@ def choose(
     minima: Sequence[Fit] = (),
     unseen: Unseen = lambda before, after: 0.0,
     known: Sequence[Hypothesis] = (),
+    searched: bool = True,
 ) -> Choice:
     """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there.
 
     minima: other local minima of the refit. unseen: what held-out recordings say about a fit. known: hypotheses about
-    the same recordings that are fitted again.
+    the same recordings that are fitted again. searched: whether others are looked for.
     """
     search = Search(problem, baseline, effects, progress, minima)
-    found = [*search.hypotheses(), *search.again(known)]
+    found = [*(search.hypotheses() if searched else ()), *search.again(known)]
     return _decided(search, found, unseen)
 
 
