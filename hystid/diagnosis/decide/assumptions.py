@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from hystid.diagnosis.decide.criterion import DOUBT, NAME, Criterion, Hypothesis, leaves_noise
-from hystid.diagnosis.decide.selection import Choice, choose, weigh
+from hystid.diagnosis.decide.selection import Choice, choose, choose_among, weigh
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, recoloured
 from hystid.diagnosis.fit.clipped import below_level, clipped_force
@@ -131,15 +131,11 @@ def chosen(
     progress: Callable[[], None] = lambda: None,
     *,
     known: Sequence[Hypothesis] = (),
-    searched: bool = True,
 ) -> Choice:
     """The selection of a case, with what its held-out recordings say. known: what was likely under another assumption,
-    which the search may pass by here. searched: whether anything else is tried."""
+    which the search may pass by here."""
     unseen = unseen_likelihood(case.problem, case.unseen)
-    minima = case.minima
-    return choose(
-        case.problem, case.refit, library, progress, minima=minima, unseen=unseen, known=known, searched=searched
-    )
+    return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen, known=known)
 
 
 def _is_doubtful(choice: Choice) -> bool:
@@ -208,14 +204,15 @@ def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     probable."""
     if not _is_doubtful(choice) or (again := at_rest(case, library)) is None:
         return case, choice
-    likely = choice.posterior.likely
     if _has_friction(choice):  # the name is known, and its numbers are not what rest would make of them
-        other = replace(chosen(again, library, known=likely, searched=False), trials=choice.trials)
+        unseen = unseen_likelihood(again.problem, again.unseen)
+        other = choose_among(choice.posterior.likely, again.problem, again.refit, library, unseen)
+        other = replace(other, trials=choice.trials)
     else:
         rubbing = [c.hypothesis for c in choice.posterior.candidates if _rubs(c.hypothesis.fit)][:_RUBBING]
         if weigh(again.problem, again.refit, library, rubbing).unknown >= min(NAME, choice.posterior.unknown):
             return case, choice  # no law that rubs would have the name, and a search takes its time
-        other = chosen(again, library, known=likely)
+        other = chosen(again, library, known=choice.posterior.likely)
     better = _has_friction(other) and other.posterior.unknown < choice.posterior.unknown
     return (again, other) if better else (case, choice)
 

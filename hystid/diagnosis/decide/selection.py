@@ -88,16 +88,22 @@ def choose(
     minima: Sequence[Fit] = (),
     unseen: Unseen = lambda before, after: 0.0,
     known: Sequence[Hypothesis] = (),
-    searched: bool = True,
 ) -> Choice:
     """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there.
 
     minima: other local minima of the refit. unseen: what held-out recordings say about a fit. known: hypotheses about
-    the same recordings that are fitted again. searched: whether others are looked for.
+    the same recordings that are fitted again.
     """
     search = Search(problem, baseline, effects, progress, minima)
-    found = [*(search.hypotheses() if searched else ()), *search.again(known)]
-    return _decided(search, found, unseen)
+    return _decided(search, [*search.hypotheses(), *search.again(known)], unseen)
+
+
+def choose_among(
+    known: Sequence[Hypothesis], problem: Problem, baseline: Fit, effects: Sequence[Effect], unseen: Unseen
+) -> Choice:
+    """The same among hypotheses about the same recordings, fitted again, and no others."""
+    search = Search(problem, baseline, effects, lambda: None, ())
+    return _decided(search, list(search.again(known)), unseen)
 
 
 def weigh(problem: Problem, baseline: Fit, effects: Sequence[Effect], known: Sequence[Hypothesis]) -> Posterior:
