@@ -79,3 +79,68 @@ def test_a_text_for_another_version_of_the_library_is_told_so(rig, library: Path
     words = r"rig\.mo:3: there is no class 'Modelica\.Older\.Spring' in version 4\.1\.0 .* written for 3\.2\.3"
     with pytest.raises(ModelicaError, match=words):
         compile_model(rig(text), libraries=[library])
+
+
+NESTED = """package Laws
+  package Springs
+    partial model Base
+      parameter Real k = 1;
+    end Base;
+    model Spring
+      extends Base;
+      Real f = k*time;
+    end Spring;
+  end Springs;
+end Laws;
+"""
+
+
+def test_a_short_name_of_a_class_in_a_package_is_answered_with_the_full_one(tmp_path: Path) -> None:
+    file = tmp_path / "laws.mo"
+    file.write_text(NESTED)
+    for wrong in ("Spring", "Springs.Spring", "Law.Springs.Spring"):
+        with pytest.raises(ModelicaError, match=rf"no class '{wrong}'; did you mean 'Laws\.Springs\.Spring'"):
+            compile_model(f"{file}:{wrong}")
+
+
+def test_the_only_model_of_a_file_needs_no_name_wherever_it_stands(tmp_path: Path) -> None:
+    file = tmp_path / "laws.mo"
+    file.write_text(NESTED)
+    assert "f" in {v.name for v in compile_model(str(file)).variables}
+    file.write_text(
+        NESTED.replace("end Springs;", "model Other = Spring;\n model Third Real y = time; end Third; end Springs;")
+    )
+    with pytest.raises(ModelicaError, match=r"its models are Laws\.Springs\.Spring, Laws\.Springs\.Third"):
+        compile_model(str(file))
+
+
+def test_a_package_in_one_file_of_a_library_folder_is_found(tmp_path: Path) -> None:
+    """With its own mistakes told by file and line."""
+    folder = tmp_path / "lib"
+    folder.mkdir()
+    (folder / "Laws.mo").write_text(NESTED)
+    found = compile_model("Laws.Springs.Spring", libraries=[folder])
+    assert "f" in {v.name for v in found.variables}
+    for wrong, said in (
+        ("q*time", "'q' is not declared"),
+        ("sin(k, time)", r"sin\(\) expects 1"),
+        ("k*;", "syntax error"),
+    ):
+        (folder / "Laws.mo").write_text(NESTED.replace("k*time", wrong))
+        with pytest.raises(ModelicaError, match=rf"lib.Laws\.mo:8: {said}"):
+            compile_model("Laws.Springs.Spring", libraries=[folder])
+
+
+def test_a_keyword_is_no_near_name(tmp_path: Path) -> None:
+    (tmp_path / "rig.mo").write_text(
+        "model Rig\n  Real y = foo(time);\nequation\n  for i in 1:0 loop y = 1; end for;\nend Rig;"
+    )
+    with pytest.raises(ModelicaError) as said:
+        compile_model(f"{tmp_path / 'rig.mo'}:Rig")
+    assert "'foo' is not declared" in str(said.value) and "'for'" not in str(said.value)
+
+
+def test_a_long_complaint_is_told_whole(tmp_path: Path) -> None:
+    (tmp_path / "rig.mo").write_text("model Rig\n  Real x = 1;\n  Real x = 2;\nend Rig;")
+    with pytest.raises(ModelicaError, match=r"rig\.mo:3: syntax error: Duplicate .* \(first declared at line 2\)"):
+        compile_model(f"{tmp_path / 'rig.mo'}:Rig")

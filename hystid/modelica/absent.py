@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hystid.errors import ModelicaError
 from hystid.modelica.lookup import Tree
-from hystid.modelica.reach import reached
+from hystid.modelica.reach import classes, reached
 from hystid.modelica.sources import Source, near, search_path
 
 _OURS = (
@@ -25,7 +25,9 @@ _USES = re.compile(r'\buses\s*\([^)]*?\bModelica\s*\(\s*version\s*=\s*"([^"]+)"'
 
 def refuse_absent_model(name: str, tree: Tree, files: Sequence[Source], libraries: Sequence[Path]) -> None:
     """Raises where the class to compile is nowhere, with near names; with what is missing where that is clear."""
-    if tree.find(name) is not None or any(name.rsplit(".", 1)[-1] in s.classes() for s in files):
+    last = name.rsplit(".", 1)[-1]
+    is_unread = any(classes(source) is None and last in source.classes() for source in files)  # what is wrong is told
+    if tree.find(name) is not None or is_unread:
         return
     where = ", ".join([*(str(f.path) for f in files), *map(str, libraries)]) or "the library HystId"
     raise ModelicaError(f"{where}: there is no class '{name}'{_advice(name, tree, ours=_is_ours(name, tree))}")

@@ -21,9 +21,10 @@ from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
 from hystid.modelica.lookup import Tree, cut
 from hystid.modelica.random_numbers import seeds_of_names
+from hystid.modelica.reach import only_class
 from hystid.modelica.signatures import units_of_functions
 from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
-from hystid.modelica.sources import Source, declaration, only_class, read, read_tree, search_path
+from hystid.modelica.sources import Source, declaration, read, read_tree, search_path
 from hystid.modelica.workarounds.calls_in_when import with_calls_in_algorithms
 from hystid.modelica.workarounds.delay_times import with_real_delays
 from hystid.modelica.workarounds.derivatives_in_loops import with_derivatives_in_branches

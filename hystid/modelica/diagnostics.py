@@ -24,12 +24,14 @@ def located_syntax_error(said: Sequence[tuple[Source, Sequence[str]]]) -> None:
         if ": error:" not in text:
             continue
         place = re.search(r"\[[^\[\]\n]*:(\d+):(\d+)\]", text)
-        what = re.search(r"×\s*(.+)", text) or re.search(
+        pictured = re.search(r"×\s*(?:parse error:\s*)?(.+(?:\n\s*│ .+)*)", text)  # long ones go on in the next line
+        what = pictured or re.search(
             r": error:\s*(?:parse error:\s*)?(.+?)(?:\s*\(line \d+\))?(?:\s*\[[\w-]+\])?$", text
         )
         named = re.search(r"\(line (\d+)\)", text)
         line = named.group(1) if named else place.group(1) if place else "1"
-        raise ModelicaError(f"{source.path}:{line}: syntax error: {_plain(what.group(1) if what else text)}")
+        core = re.sub(r"\s*\n\s*│\s*", " ", what.group(1)) if what else text
+        raise ModelicaError(f"{source.path}:{line}: syntax error: {_plain(core)}")
 
 
 def explain(message: str, name: str, files: Sequence[Source], library: Sequence[Source]) -> ModelicaError:
@@ -178,8 +180,18 @@ def _advice(core: str, sources: Sequence[Source]) -> str:
     return ""
 
 
+# keywords (Modelica specification 3.6, section 2.3.3): none of them is what was meant by a name
+_KEYWORDS = """
+algorithm and annotation block break class connect connector constant constrainedby der discrete each else elseif
+elsewhen encapsulated end enumeration equation expandable extends external false final flow for function if import
+impure initial inner input loop model not operator output outer package parameter partial protected public pure
+record redeclare replaceable return stream then true type when while within
+"""
+_NO_NAMES = frozenset((*_KEYWORDS.split(), "time"))
+
+
 def _identifiers(sources: Sequence[Source]) -> set[str]:
-    return {word for s in sources for word in re.findall(r"[A-Za-z_]\w{2,}", s.plain)} - {"time"}
+    return {word for s in sources for word in re.findall(r"[A-Za-z_]\w{2,}", s.plain)} - _NO_NAMES
 
 
 # Words of a compiler, and those of a Modelica author in their place.
@@ -191,6 +203,8 @@ _WORDS = (
     (r"; unknowns\[.*", ""),
     (r"\s*\(line \d+\)", ""),
     ("`", "'"),
+    (r"unresolved (?:component|type|import|function)[\w ]*: ('[^']+')", r"\1 is not declared"),
+    (r"base class not found: ('[^']+') does not exist", r"there is no class \1"),
 )
 
 

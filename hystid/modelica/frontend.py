@@ -70,7 +70,8 @@ def _one_root(library: Sequence[tuple[Source, Path]]) -> Iterator[Path]:
         return
     with scratch() as stage:
         for source, file in library:
-            copy = stage / file
+            # the front end takes packages that are folders, and passes over one that is a file
+            copy = stage / (file if len(file.parts) > 1 else Path(file.stem, "package.mo"))
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_text(source.text, encoding="utf-8")
         yield stage
@@ -147,7 +148,9 @@ class FrontEnd:
         """The message with the user's files in place of their copies, which go away with the front end."""
         for copy in set(re.findall(rf"{re.escape(self._root)}[\\/]([^:*?\"<>|\n]+\.mo)", message)):
             inside = Path(copy).parts
-            real = (str(s.path) for s in self.library if s.path.parts[-len(inside) :] == inside)
+            alone = (f"{inside[0]}.mo",) if inside[1:] == ("package.mo",) else inside  # a package that is a file
+            ends = {inside, alone}
+            real = (str(s.path) for s in self.library if {s.path.parts[-len(end) :] for end in ends} & ends)
             message = message.replace(str(Path(self._root, copy)), next(real, copy))
         return message
 

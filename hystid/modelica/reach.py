@@ -10,8 +10,10 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 
-from hystid.modelica.sources import Source
+from hystid.errors import ModelicaError
+from hystid.modelica.sources import Source, read
 
 KEYWORD = r"(?:model|block|class|package|function|connector|record|type|operator)"
 _PREFIX = r"(?:redeclare|replaceable|final|inner|outer|partial|encapsulated|expandable|pure|impure)"
@@ -61,6 +63,28 @@ class _Open:
     short: bool = False
     front: int = 0
     tail: int = 0
+
+
+def only_class(path: Path) -> str:
+    """Full name of the only model of a file: of those at its top, or where it holds packages alone, of those in them.
+
+    Raises ModelicaError where there are none or several.
+    """
+    source = read(path)
+    every = classes(source)
+    if every is None and source.classes():
+        return source.classes()[0]  # what is wrong with the text is told when it is compiled
+    models = [c for c in every or () if c.kind in ("model", "block", "class") and not c.short]
+    whole = [c for c in models if "partial" not in source.plain[c.front : c.start].split()] or models
+    top = [c for c in whole if c.parent is None]
+    inside = [c for c in whole if all(outer.kind == "package" for outer in list(c.around())[1:])]
+    within = re.match(r"\s*within\s+([\w.]+)\s*;", source.plain)
+    front = f"{within.group(1)}." if within else ""
+    found = [front + ".".join(reversed([outer.name for outer in c.around()])) for c in top or inside]
+    if len(found) != 1:
+        there = f"its models are {', '.join(found)}" if found else "it declares none"
+        raise ModelicaError(f"{path}: name the model, as {path}:{found[0] if found else 'Class'}; {there}")
+    return found[0]
 
 
 @lru_cache(maxsize=1024)  # several passes ask for it; a text that none of them changed is the same

@@ -16,7 +16,6 @@ from hystid.files import text_of
 
 _KEYWORD = r"(?:model|block|class|package|function|connector|record|type|operator)"
 _CLASS = re.compile(rf"(?<![\w.]){_KEYWORD}\s+([A-Za-z_]\w*)")
-_TOP = re.compile(rf"(?<![\w.])({_KEYWORD[3:-1]})\s+([A-Za-z_]\w*)")
 
 
 def library_folder() -> Path:
@@ -110,22 +109,6 @@ def _nested(source: Source, names: list[str]) -> Declaration | None:
         short = re.compile(r"\s*=[^;]*;").match(source.plain, found.end())
         start, end = found.start(), (short or close or found).end()
     return Declaration(source, start, end)
-
-
-def only_class(path: Path) -> str:
-    """Name of the only model at the top of a file, packages in front. Raises ModelicaError where there are others."""
-    source = read(path)
-    found: list[str] = []
-    at = 0
-    while (match := _TOP.search(source.plain, at)) is not None:
-        declared = _nested(source, [match.group(2)])
-        at = declared.end if declared and declared.end > match.end() else match.end()
-        found += [match.group(2)] if match.group(1) in ("model", "block", "class") else []
-    if len(found) != 1:
-        there = f"its models are {', '.join(found)}" if found else "it declares none at its top"
-        raise ModelicaError(f"{path}: name the model, as {path}:{found[0] if found else 'Class'}; {there}")
-    within = re.match(r"\s*within\s+([\w.]+)\s*;", source.plain)
-    return f"{within.group(1)}.{found[0]}" if within else found[0]
 
 
 def blanked(text: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hystid.errors import UsageError
 from hystid.files import text_of, write_text
-from hystid.modelica.sources import only_class
+from hystid.modelica.reach import only_class
 from hystid.modelica_text import class_texts
 
 CLASS = "Measured"

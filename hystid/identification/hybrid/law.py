@@ -16,7 +16,7 @@ from hystid.errors import NumericalError, UsageError
 from hystid.files import text_of
 from hystid.modelcode import Variable
 from hystid.modelica import compile_model
-from hystid.modelica.sources import only_class
+from hystid.modelica.reach import only_class
 from hystid.recording import Array, Recording
 
 _MASSES = ("m", "mass", "M")
