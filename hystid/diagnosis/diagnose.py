@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from hystid.diagnosis.decide import forms
 from hystid.diagnosis.decide.assumptions import decided
+from hystid.diagnosis.decide.criterion import variance_of_states
 from hystid.diagnosis.decide.possible import possible
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.case import Case, pose
@@ -113,8 +114,8 @@ def _with_errors(problem: Problem, choice: Choice, library: Sequence[Effect]) ->
     named = choice.after is not choice.before
     left_open = forms.left_open(problem, choice.after, library) if named else {}
     problem.forget_columns()  # what follows takes room of its own
-    before = with_robust_errors(problem, choice.before)
-    after = with_robust_errors(problem, choice.after) if named else before
+    before = with_robust_errors(problem, choice.before, variance_of_states(problem, choice.before))
+    after = with_robust_errors(problem, choice.after, variance_of_states(problem, choice.after)) if named else before
     return replace(choice, before=before, after=after, left_open=left_open)
 
 

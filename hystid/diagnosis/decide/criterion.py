@@ -359,6 +359,12 @@ def leaves_noise(problem: Problem, fit: Fit) -> bool:
     return criterion.is_reached(criterion.misfit(fit, criterion.floor))
 
 
+def variance_of_states(problem: Problem, fit: Fit) -> float:
+    """Variance of an average over one state of the motion, in units of the noise, with what a fit leaves there."""
+    criterion = Criterion(problem, fit, 1)
+    return 1.0 + criterion.each * max(criterion.misfit(fit, criterion.floor), 0.0)
+
+
 def zero_probability(share: float) -> float:
     """Probability that a constant force is the zero of a sensor: how far sensors are off (half-normal, ``ZERO``)
     against a preload of any size up to that of the motion.

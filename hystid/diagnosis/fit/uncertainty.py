@@ -28,8 +28,12 @@ _FIRST = 1.5  # bias of the noise that is there over that of the same noise once
 SAME = 1e-9  # relative singular value below which directions are one
 
 
-def with_robust_errors(problem: Problem, fitted: Fit) -> Fit:
-    """The fit with standard errors that are not below those of the rows as they scatter, and not below its bias."""
+def with_robust_errors(problem: Problem, fitted: Fit, variance: float = 1.0) -> Fit:
+    """The fit with standard errors that are not below those of the rows as they scatter, and not below its bias.
+
+    variance: of an average over one state of the motion, in units of the noise: an error of the law comes again
+    wherever the motion does, and more rows do not average it.
+    """
     jacobian = problem.jacobian(fitted.hypothesis, fitted.unknowns)
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
@@ -38,12 +42,13 @@ def with_robust_errors(problem: Problem, fitted: Fit) -> Fit:
     rows = np.array_split(np.arange(len(fitted.residual)), _STRETCHES)
     scores = np.stack([jacobian[r].T @ fitted.residual[r] for r in rows])
     robust = np.diag(inverse @ (scores.T @ scores) @ inverse)
-    plain = np.diag(inverse) * max(fitted.chi2, 1.0)
+    white = np.diag(inverse) * max(fitted.chi2, 1.0)  # what is stated where nothing else is known (Fit.stderr)
+    repeated = np.diag(inverse) * variance
     left_out = [_stretches(problem, each) for each in (_LEFT_OUT, len(problem.parts))]
     told_apart = np.max([_jackknife(jacobian, fitted.residual, parts, inverse) for parts in left_out], axis=0)
     bias = _FIRST * _bias(problem, fitted, scale, inverse, jacobian)
-    variance = np.max([plain, robust, told_apart], axis=0) + bias**2
-    spread = np.sqrt(variance / np.where(plain > 0, plain, 1.0))
+    reached = np.max([white, repeated, robust, told_apart], axis=0) + bias**2
+    spread = np.sqrt(reached / np.where(white > 0, white, 1.0))
     return replace(fitted, covariance=inverse / np.outer(scale, scale) * np.outer(spread, spread))
 
 
