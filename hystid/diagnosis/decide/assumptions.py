@@ -16,10 +16,18 @@ import numpy as np
 from hystid.diagnosis.decide.criterion import DOUBT, NAME, Criterion, Hypothesis, leaves_noise
 from hystid.diagnosis.decide.selection import Choice, choose, choose_among, weigh
 from hystid.diagnosis.decide.unseen import unseen_likelihood
-from hystid.diagnosis.fit.case import Case, at_rest, moved_slowly, never_let_go, recoloured
+from hystid.diagnosis.fit.case import (
+    Case,
+    at_rest,
+    moved_slowly,
+    never_let_go,
+    recoloured,
+    swings_of_the_past,
+    with_the_past,
+)
 from hystid.diagnosis.fit.clipped import below_level, clipped_force
 from hystid.diagnosis.fit.hypothesis import Fit
-from hystid.diagnosis.fit.problem import standing
+from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.model.effects import Effect
@@ -56,6 +64,8 @@ def decided(
         return spared
     if not choice.missing and (stuck := held_at_rest(case)) is not None:
         case, choice = stuck, chosen(stuck, library)
+    if not choice.missing and (longer := _with_the_past(case, choice)) is not None:
+        case, choice = longer, chosen(longer, library)
     case, choice = _cut_off(case, choice, library)
     if case.rested and _is_doubtful(choice):
         case, choice = _moving(case, choice, library, posed(rested=False))
@@ -145,9 +155,25 @@ def _is_doubtful(choice: Choice) -> bool:
 
 def _moving(case: Case, choice: Choice, library: Sequence[Effect], other: Case) -> Decided:
     """With what contacts remember left out, where that makes something unknown less probable: a refit without the law
-    that is missing cannot tell where contacts stood before."""
+    that is missing cannot tell where contacts stood before. Not where the samples that are left out hold a mismatch
+    that no past explains."""
     again = chosen(other, library, known=choice.posterior.likely)
-    return (other, again) if again.posterior.unknown < choice.posterior.unknown else (case, choice)
+    better = again.posterior.unknown < choice.posterior.unknown
+    return (other, again) if better and not _is_a_law(case.problem, other.problem, again.best) else (case, choice)
+
+
+def _with_the_past(case: Case, choice: Choice) -> Case | None:
+    """The case with the samples whose force depends on the time before, None where they hold nothing else."""
+    if not case.complete:
+        return None
+    whole = case.problem.of(case.complete)
+    return with_the_past(case, whole) if _is_a_law(whole, case.problem, choice.best) else None
+
+
+def _is_a_law(whole: Problem, kept: Problem, fitted: Fit) -> bool:
+    """Whether a fit leaves more in the samples that are not kept than a sound structure and its past do."""
+    swings = swings_of_the_past(whole, kept, fitted)
+    return Criterion(whole, standing(whole, fitted.hypothesis), 1).is_more_than_sound(swings)
 
 
 def _accelerated(case: Case, choice: Choice, library: Sequence[Effect], made: Callable[[], Case]) -> Decided:

@@ -50,6 +50,11 @@ _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no loud
 _SECTIONS = 10  # of a recording, the first of which tells most of what was before
 _RESTED = ", and what its contacts remember of the time before bears out that they were at rest"
 _LOUDER = 2.0  # times as much slow noise without a law as beside it: two lines of a spectrum differ by as much
+_BEFORE = "what was before is not recorded"
+_KEPT = (
+    "samples that depend on what was before the recording are used, as if contacts had been at rest: what the model "
+    "leaves in them swings with the motion, and no past does"
+)
 _BEGUN = 3  # times that the beginning, and knocks, are judged again by a refit
 
 
@@ -59,7 +64,8 @@ class Case:
 
     nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. unforced: the force is
     known to be zero. catalogue: what the effects declare of themselves. rested: contacts are taken for at rest before a
-    recording that begins in mid-motion.
+    recording that begins in mid-motion. complete: the recordings with the samples whose force depends on what was
+    before; none where there are no others.
     """
 
     problem: Problem
@@ -75,6 +81,7 @@ class Case:
     unforced: bool = False
     catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
     rested: bool = False
+    complete: tuple[Part, ...] = field(repr=False, default=())
 
 
 def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested: bool = True) -> Case:
@@ -128,10 +135,12 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
         problem, running, kept = problem.of(longer), told_again, tuple(sorted({*kept, *more}))
         again = refit(problem, kept, sized) if more else refit_again(problem, [refitted, *minima])
         refitted, minima, nominal = again
+    remembering = [~_valid(part) & _valid(whole) for part, whole in zip(problem.parts, complete, strict=True)]
     held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
     resting = _begun_at_rest(problem, complete, kept, sized) if rested else None
     if resting is not None:
         problem, (refitted, minima, nominal), begun_so = resting
+        remembering = []
         running = [*(told for told in running if not told.startswith(begun_so)), *(f"{b}{_RESTED}" for b in begun_so)]
     held = beginning(held, baseline, refitted.hypothesis.values)[0]
     every, knocked = problem.parts, None
@@ -163,7 +172,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     return Case(
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
-        catalogue or Catalogue(), resting is not None,
+        catalogue or Catalogue(), resting is not None, _with_beginnings(problem.parts, remembering),
     )  # fmt: skip
 
 
@@ -192,9 +201,50 @@ def _begun_at_rest(
     return tried, found, tuple(f"{problem.parts[i].name} begins in mid-motion" for i in long)
 
 
+def swings_of_the_past(whole: Problem, kept: Problem, fitted: Fit) -> float:
+    """Mean square above the noise of what a fit leaves in the samples that one problem has and another has not, as far
+    as no past explains it; 0 where there are none.
+
+    What contacts keep of the time before stays as long as they stick, and fades, but never swings: in a section it lies
+    between what there is of it in the one before and in the next one.
+    """
+    here = standing(whole, fitted.hypothesis)
+    noise, rows = whole.floor(here), np.split(here.residual, np.cumsum(whole.row_counts())[:-1])
+    total, count = 0.0, 0
+    for i, (part, other) in enumerate(zip(whole.parts, kept.parts, strict=True)):
+        gone = np.rint(whole.reduce.plain(i, (_valid(part) & ~_valid(other)).astype(float))) > 0
+        pieces = [piece for piece in np.array_split(rows[i][gone], _SECTIONS) if len(piece)]
+        means = [*(float(np.mean(piece)) for piece in pieces), 0.0]
+        for k in range(1, len(pieces)):
+            fades = (0.5 * (means[k - 1] - means[k + 1])) ** 2
+            total += len(pieces[k]) * max(float(np.var(pieces[k])) - noise - fades, 0.0)
+            count += len(pieces[k])
+    return total / max(count, 1)
+
+
+def with_the_past(case: Case, problem: Problem) -> Case:
+    """The case with another problem: that with the samples whose force depends on what was before, as if contacts had
+    been at rest."""
+    refitted, minima, nominal = refit_again(problem, [case.refit, *case.minima])
+    told = (*(note for note in case.notes if _BEFORE not in note), _KEPT)
+    return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=told)
+
+
+def _with_beginnings(parts: Sequence[Part], remembering: Sequence[Flags]) -> tuple[Part, ...]:
+    """The parts with the samples valid that were left out for what was before; none where there are none."""
+    if not any(map(np.any, remembering)):
+        return ()
+    pairs = zip(parts, remembering, strict=True)
+    return tuple(replace(part, valid=_valid(part) | flags) for part, flags in pairs)
+
+
+def _valid(part: Part) -> Flags:
+    return np.ones(len(part), dtype=bool) if part.valid is None else part.valid
+
+
 def _count(part: Part) -> int:
     """Samples that say something about the law."""
-    return len(part) if part.valid is None else int(np.count_nonzero(part.valid))
+    return int(np.count_nonzero(_valid(part)))
 
 
 def _by_section(problem: Problem, fitted: Fit) -> list[Array]:
