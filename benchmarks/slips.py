@@ -153,8 +153,21 @@ def _exchanged(a: str, b: str) -> Callable[[Recording], Recording]:
     return lambda r: replace(r, **{a: getattr(r, b), b: getattr(r, a)})
 
 
+def _labels_exchanged(a: str, b: str, sizes: Mapping[str, tuple[str, float]]) -> Callable[[Recording], Recording]:
+    """The numbers of each column under name and unit of the other. sizes: unit of a label, and what it is in SI."""
+
+    def made(r: Recording) -> Recording:
+        held = {one: np.asarray(getattr(r, other)) / sizes[other][1] * sizes[one][1] for one, other in ((a, b), (b, a))}
+        return replace(r, **held, units={**r.units, **{name: sizes[name][0] for name in (a, b)}})
+
+    return made
+
+
 def slips(rotational: bool = False) -> list[Slip]:
-    """The twenty slips, in the units of a linear or of a rotational rig."""
+    """The slips, in the units of a linear or of a rotational rig."""
+    labels = {"F": ("N", 1.0), "x": ("mm", 1e-3), "a": ("g", _G)}
+    if rotational:
+        labels = {"F": ("N.m", 1.0), "x": ("deg", math.pi / 180), "a": ("rev/s2", 2 * math.pi)}
     units = [("a", "g", _G), ("a", "ft/s2", _FOOT), ("a", "mm/s2", 1e-3), ("x", "mm", 1e-3), ("x", "in", _INCH),
              ("F", "kN", 1e3), ("F", "lbf", _LBF)]  # fmt: skip
     if rotational:
@@ -170,6 +183,20 @@ def slips(rotational: bool = False) -> list[Slip]:
     made += [
         Slip("x and a swapped", _exchanged("x", "a"), "swapped_channels", frozenset("xa"), needs="xa"),
         Slip("F and x swapped", _exchanged("F", "x"), "swapped_channels", frozenset("Fx"), needs="Fx"),
+        Slip(
+            "labels of x and a swapped",
+            _labels_exchanged("x", "a", labels),
+            "swapped_channels",
+            frozenset("xa"),
+            needs="xa",
+        ),
+        Slip(
+            "labels of F and x swapped",
+            _labels_exchanged("F", "x", labels),
+            "swapped_channels",
+            frozenset("Fx"),
+            needs="Fx",
+        ),
         Slip("F late", _late, "lag", frozenset("F"), needs="F"),
         Slip("a AC-coupled", _ac_coupled, "filtered", frozenset("a"), needs="a"),
         Slip("v with drift", _integrated, "drift", frozenset("v"), needs="v"),

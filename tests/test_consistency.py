@@ -89,6 +89,28 @@ def test_exchanged_columns_are_named() -> None:
         admit([replace(plain, x=plain.a, a=plain.x)])
 
 
+LABELS = {"F": ("kN", 1e3), "x": ("mm", 1e-3), "v": ("mm/s", 1e-3), "a": ("g", 9.80665)}
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "channels"),
+    [("x", "a", "xva"), ("x", "a", "xa"), ("x", "v", "xva"), ("F", "x", "xa"), ("F", "a", "xa")],
+)
+def test_labels_that_are_exchanged_with_their_units_are_named(one: str, other: str, channels: str) -> None:
+    """As a file shows them: the numbers of a in g stand under x [mm], and are read as mm."""
+    plain = rig()
+    plain = replace(plain, **{name: None for name in "xva" if name not in channels})
+    wrong = {
+        label: plain.channel(held) / LABELS[held][1] * LABELS[label][1] for label, held in ((one, other), (other, one))
+    }
+    read = replace(plain, **wrong, units={name: LABELS[name][0] for name in ("F", *channels)})
+    found = examine([read], MASS).findings
+    assert [(f.slip, set(f.channel.split(" and "))) for f in found] == [("swapped_channels", {one, other})]
+    differ = LABELS[one][1] != LABELS[other][1]  # else the columns may be chosen by name
+    assert ("names and units of these columns are exchanged" in found[0].mend) == differ
+    assert examine([replace(plain, units=read.units)], MASS).findings == []
+
+
 def test_exchanged_columns_are_named_where_noise_hides_the_motion_of_one() -> None:
     """A slow test: the second derivative of the column called x is the noise of an accelerometer of 25 dB."""
     t = np.arange(6000) / 100

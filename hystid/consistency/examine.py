@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 from numbers import Real
@@ -39,6 +39,7 @@ from hystid.consistency.slips import (
     clock_is_likelier,
     doubtful_units,
     explain,
+    label_ratio,
     with_alike,
 )  # fmt: skip
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
@@ -211,14 +212,28 @@ def _exchanged(recording: Recording, compared: Sequence[Pair]) -> Explanation | 
         return None
     for order in permutations(names):
         moves = {held: name for held, name in zip(names, order, strict=True) if held != name}
-        moved = recording.with_channels({name: names[held] for held, name in moves.items()})
-        again = pairs(moved) if moves else []
-        if moves and all(p.is_one_motion and p.coherence > CERTAIN for p in again):
+        for moved, scales in _moved(recording, moves) if moves else ():
+            again = pairs(moved)
+            if not all(p.is_one_motion and p.coherence > CERTAIN for p in again):
+                break
             other = _explanation(_situation(moved, again, None, None))
             if other.sound:
-                slip = Slip("exchanged", tuple(f"{held}={name}" for held, name in moves.items()), PRIOR_SLIP)
-                return replace(other, slips=(slip,))
+                mapped = tuple(f"{held}={name}" for held, name in moves.items())
+                return replace(other, slips=(Slip("exchanged", mapped, PRIOR_SLIP, scales=scales),))
     return None
+
+
+def _moved(recording: Recording, moves: Mapping[str, str]) -> Iterator[tuple[Recording, tuple[tuple[str, float], ...]]]:
+    """The recording with columns exchanged, as they are, and with the units of the labels that went with the names.
+
+    moves: channel -> the one that it holds.
+    """
+    held = recording.channels("Fxva")
+    yield recording.with_channels({name: held[channel] for channel, name in moves.items()}), ()
+    ratios = {c: label_ratio(recording.units, c, name, rotational=recording.rotational) for c, name in moves.items()}
+    if any(ratio != 1.0 for ratio in ratios.values()):
+        scaled = {name: held[channel] / ratios[channel] for channel, name in moves.items()}
+        yield recording.with_channels(scaled), tuple(ratios.items())
 
 
 def _formulas(recording: Recording, compared: Sequence[Pair]) -> dict[tuple[str, str], Formula | None]:
@@ -276,14 +291,15 @@ def _force_for_motion(
         return None
     found = []
     for name in names:
-        moved = recording.with_channels({name: recording.F, "F": names[name]})
-        again = pairs(moved)
-        if not all(p.is_one_motion for p in again):
-            continue
-        other = _explanation(_situation(moved, again, None, None))
-        fits = min(abs(p.correlation) for p in again if name in (p.low, p.high))
-        if other.sound and (other.score - best.score > -PRIOR_SLIP + SURE or not _all_one_motion(compared, name)):
-            found.append((other.score, words.force_exchanged(recording.name, name, fits)))
+        for moved, scales in _moved(recording, {"F": name, name: "F"}):
+            again = pairs(moved)
+            if not all(p.is_one_motion for p in again):
+                break
+            other = _explanation(_situation(moved, again, None, None))
+            fits = min(abs(p.correlation) for p in again if name in (p.low, p.high))
+            if other.sound and (other.score - best.score > -PRIOR_SLIP + SURE or not _all_one_motion(compared, name)):
+                finding = words.force_exchanged(recording.name, name, fits, with_units=bool(scales))
+                found.append((other.score, finding))
     return max(found, key=lambda item: item[0])[1] if found else None
 
 
@@ -298,12 +314,14 @@ def _force_for_x(recording: Recording, mass: float | None) -> Finding | None:
     if x is None or F is None or list(motion(recording)) != ["x"]:
         return None
     largest = float(np.max(np.abs(x - np.median(x))))
-    other = replace(recording, x=F, F=x)
-    here, there = examine_force(recording), examine_force(other)
+    here = examine_force(recording)
+    others = [(examine_force(moved), bool(scales)) for moved, scales in _moved(recording, {"F": "x", "x": "F"})]
+    there = others[0][0]
     if here is None or there is None or recording.rotational:
         return None
-    if mass and _weighs(there, mass) and not _weighs(here, mass, _FAR) and there.share > max(here.share, EXPLAINED):
-        return words.force_exchanged(recording.name, "x", there.share)
+    for other, with_units in others if mass and not _weighs(here, mass, _FAR) else ():
+        if other is not None and mass and _weighs(other, mass) and other.share > max(here.share, EXPLAINED):
+            return words.force_exchanged(recording.name, "x", other.share, with_units=with_units)
     active = 0.5 * here.samples * math.log(max(1 - here.reversed_share, 1e-9) / max(1 - here.share, 1e-9)) < -_CLEAR
     if (active or largest > 1.0) and there.share > max(here.share, 0.5) and float(np.std(F)) < 0.1 and largest > 1.0:
         return words.force_exchanged(recording.name, "x", there.share)

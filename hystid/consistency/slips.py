@@ -58,7 +58,8 @@ class Slip:
     """One statement about a recording.
 
     kind: "unit", "time", "gain", "reversed", "exchanged". channels: those concerned. units: (written, true).
-    factor: by which the numbers of the channel are too large. prior: ln of how often it happens.
+    factor: by which the numbers of the channel are too large. prior: ln of how often it happens. scales: of exchanged
+    columns, by how much each is too large where the units of their labels went with the names.
     """
 
     kind: str
@@ -66,6 +67,7 @@ class Slip:
     prior: float
     factor: float = 1.0
     units: tuple[str, str] = ("", "")
+    scales: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -212,8 +214,24 @@ def _candidates(situation: Situation) -> Iterator[Slip]:
     for order in permutations(present):
         moved = tuple(name for name, other in zip(present, order, strict=True) if name != other)
         if moved:
-            mapped = tuple(f"{a}={b}" for a, b in zip(present, order, strict=True) if a != b)
-            yield Slip("exchanged", mapped, PRIOR_SLIP + (_PRIOR_RARE if len(moved) > 2 else 0.0))
+            pairs = [(a, b) for a, b in zip(present, order, strict=True) if a != b]
+            mapped, prior = tuple(f"{a}={b}" for a, b in pairs), PRIOR_SLIP + (_PRIOR_RARE if len(moved) > 2 else 0.0)
+            yield Slip("exchanged", mapped, prior)
+            scales = tuple((a, label_ratio(situation.written, a, b, rotational=situation.rotational)) for a, b in pairs)
+            if any(ratio != 1.0 for _, ratio in scales):
+                yield Slip("exchanged", mapped, prior, scales=scales)
+
+
+def label_ratio(written: Mapping[str, str], one: str, other: str, *, rotational: bool) -> float:
+    """By how much the numbers of one channel are too large that belong under the label of another: g over mm, in SI."""
+    table, sizes = ANGULAR if rotational else LINEAR, []
+    for name in (one, other):
+        quantity = table[name][0]
+        try:
+            sizes.append(to_si(written.get(name) or quantity, quantity)[0])
+        except UsageError:  # a voltage with a sensitivity is in SI by then
+            sizes.append(1.0)
+    return sizes[0] / sizes[1]
 
 
 def _units(name: str, units: Sequence[str], situation: Situation) -> Iterator[Slip]:
@@ -295,6 +313,8 @@ def _predicted(pair: Pair, slips: Sequence[Slip]) -> tuple[float, float, float]:
     for slip in slips:
         if slip.kind == "exchanged":
             orders |= {a: ORDER[b] for a, b in (item.split("=") for item in slip.channels)}
+            scales = dict(slip.scales)
+            log_gain += math.log(scales.get(pair.high, 1.0) / scales.get(pair.low, 1.0))
         elif slip.kind == "reversed":
             sign *= -1.0 if slip.channels[0] in (pair.low, pair.high) else 1.0
         elif math.isfinite(slip.factor):

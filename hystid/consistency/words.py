@@ -137,6 +137,9 @@ def _reversed(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
     return Finding(name, channel, "swapped_sign", sentence, mend, "refuse", seen, {"reverse": channel})
 
 
+_HEADER = "correct the header: names and units of these columns are exchanged"
+
+
 def _exchanged(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
     moves = dict(item.split("=") for item in slip.channels)
     seen = {f"exponent of {p.high} over {_DERIVATIVES[p.low, p.high]}": p.slope for p in compared}
@@ -145,13 +148,15 @@ def _exchanged(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
     sentence = f"the columns are exchanged: {held} ({p.high} over {_DERIVATIVES[p.low, p.high]} changes with frequency"
     sentence += f" as its power {p.slope:.1f})" if math.isfinite(p.slope_error) else " does not fit otherwise)"
     mend = "choose the columns with " + " ".join(f"--channel {b}=<column of {a}>" for a, b in moves.items())
+    mend = _HEADER if slip.scales else mend
     return Finding(name, " and ".join(moves), "swapped_channels", sentence, mend, "refuse", seen)
 
 
-def force_exchanged(name: str, channel: str, correlation: float) -> Finding:
-    """F holds a channel of the motion, and that channel the force."""
+def force_exchanged(name: str, channel: str, correlation: float, *, with_units: bool = False) -> Finding:
+    """F holds a channel of the motion, and that channel the force. with_units: as the units of their labels say."""
     sentence = f"F and {channel} are exchanged: the column of F moves as {channel} must, that of {channel} does not"
     mend = f"choose the columns with --channel F=<column of {channel}> --channel {channel}=<column of F>"
+    mend = _HEADER if with_units else mend
     return Finding(
         name, f"F and {channel}", "swapped_channels", sentence, mend, "refuse", {"correlation": correlation}
     )  # fmt: skip
