@@ -132,6 +132,13 @@ def content_of(path: Path, error: type[HystidError]) -> bytes:
         raise error(f"{path}: it cannot be read ({problem.strerror}); check its permissions and the disk") from None
 
 
+def file_named(given: object, what: str) -> Path:
+    """The path that a user gave for something. Raises UsageError for what is none."""
+    if not isinstance(given, str | os.PathLike):
+        raise UsageError(f"{what} is a file, and this is of type {type(given).__name__}: give its path")
+    return Path(given)
+
+
 def text_of(path: Path, error: type[HystidError]) -> str:
     """``content_of`` as text (UTF-8)."""
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from hystid.compiled import CompiledModel, slopes_of
 from hystid.errors import FmuError, UsageError
 from hystid.excitation import is_specification, parse
+from hystid.files import file_named
 from hystid.fmu import Driver
 from hystid.processing import add_noise
 from hystid.recording import Array, Recording, read
@@ -30,8 +32,8 @@ def force_of(source: str | Path, dt: float = 1e-4, seed: int = 0) -> Recording:
             parse(text)  # meant as a specification: its sentence helps more than "no such file"
         file = read(text, motion=False)
         return Recording(file.name, file.t, F=file.channel("F"), notes=file.notes, warnings=file.warnings)
-    if not (np.isfinite(dt) and dt > 0):
-        raise UsageError(f"--dt {dt:g}: a time step in s of more than 0 is needed")
+    if not (isinstance(dt, Real) and np.isfinite(dt) and dt > 0):
+        raise UsageError(f"--dt {dt}: a time step in s of more than 0 is needed")
     force = parse(text).force(dt, seed)
     seeded = f" (seed {seed})" if text.startswith("multisine") else ""
     t = dt * np.arange(force.size, dtype=np.float64)
@@ -61,7 +63,7 @@ def simulate(
     0.0111
     """
     force = force if isinstance(force, Recording) else force_of(force, dt, seed)
-    driver = fmu if isinstance(fmu, Driver) else Driver(Path(fmu))
+    driver = fmu if isinstance(fmu, Driver) else Driver(file_named(fmu, "an FMU"))
     check_parameters(driver, parameters or {})
     variables = {variable.name: variable.causality for variable in driver.model.variables}
     if variables.get("F") != "input":

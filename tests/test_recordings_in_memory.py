@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hystid import check, diagnose, identify, prepare
+from hystid import check, diagnose, identify, prepare, read, regress, simulate
 from hystid.errors import HystidError
 from hystid.recording import Recording
 
@@ -67,3 +67,17 @@ def test_a_mass_is_a_number() -> None:
         check([made], mass="2")  # type: ignore[arg-type]  # as a user would write it
     with pytest.raises(HystidError, match="mass must be a number"):
         identify([made], mass="2")  # type: ignore[arg-type]  # the same
+
+
+WRONG_TYPES: dict[str, Callable[[], object]] = {
+    "a recording is a file": lambda: read(3),  # type: ignore[arg-type]
+    "an FMU is a file, and this is of type int": lambda: regress(3),  # type: ignore[arg-type]
+    "an FMU is a file, and this is of type NoneType": lambda: simulate(None, "harmonic:5Hz@1N,1s"),  # type: ignore[arg-type]
+    "--dt a: a time step": lambda: simulate("no.fmu", "harmonic:5Hz@1N,1s", dt="a"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("said", WRONG_TYPES)
+def test_what_is_no_path_and_no_number_is_told_in_a_sentence(said: str) -> None:
+    with pytest.raises(HystidError, match=said):
+        WRONG_TYPES[said]()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import html
 import os
 import re
 import zipfile
@@ -72,6 +73,10 @@ class BuildResult:
     def summary(self) -> str:
         """Path, size, FMI version and platforms in one line."""
         return f"{self.path} ({self.size / 1000:.0f} kB, FMI {self.fmi}.0, {', '.join(self.platforms)})"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the summary, and what changed."""
+        return f"<pre>{html.escape(chr(10).join((self.summary(), *(self.changes or ()))))}</pre>"
 
 
 def build(

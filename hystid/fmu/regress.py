@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.errors import FmuError, UsageError
+from hystid.files import file_named
 from hystid.fmu.compared import SignalResult, Tolerance, compared
 from hystid.fmu.driver import Driver
 from hystid.fmu.kept import Kept
@@ -96,7 +97,7 @@ def regress(
     >>> hystid.regress(fmu).passed
     True
     """
-    path = Path(path)
+    path = file_named(path, "an FMU")
     driver = Driver(path)
     kept = Kept.of(path, Path(reference) if reference is not None else None)
     if update and kept.entry and kept.place != path:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from hystid.errors import RecordingError, UsageError
-from hystid.files import check_regular
+from hystid.files import check_regular, file_named
 from hystid.numeric import Array
 from hystid.recording.apart import BINARY, read_apart
 from hystid.recording.channels import Channels, Wishes, interpret
@@ -68,7 +69,7 @@ def read(
     (200, 1000, -0.002)
     """
     wishes = Wishes(sensitivity or {}, names or {}, units or {}, reverse)
-    found = _read_file(Path(path), _Door(wishes, resample, accept, motion))
+    found = _read_file(file_named(path, "a recording"), _Door(wishes, resample, accept, motion))
     if len(found) > 1:
         listed = ", ".join(recording.name for recording in found)
         raise UsageError(f"{path} holds {len(found)} tests ({listed}): give it where several recordings are taken")
@@ -76,7 +77,7 @@ def read(
 
 
 def read_all(
-    paths: Sequence[str | Path],
+    paths: str | Path | Sequence[str | Path],
     *,
     sensitivity: Mapping[str, str] | None = None,
     names: Mapping[str, str] | None = None,
@@ -99,9 +100,9 @@ def read_all(
     door = _Door(Wishes(sensitivity or {}, names or {}, units or {}, reverse), resample, accept)
     recordings: list[Recording] = []
     refused: list[str] = []
-    for path in paths:
+    for path in [paths] if isinstance(paths, str | PathLike) else paths:
         try:
-            recordings += _read_file(Path(path), door)
+            recordings += _read_file(file_named(path, "a recording"), door)
         except RecordingError as error:
             refused += error.args
     if refused:
