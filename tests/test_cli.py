@@ -181,3 +181,16 @@ def test_warnings_of_recordings_reach_the_user(tmp_path: Path, capsys: pytest.Ca
     write_csv(Recording("gap", late, F=5e4 * x + 2 * np.cos(60 * t), x=x), tmp_path / "gap.csv")
     ReadingOptions().load([tmp_path / "gap.csv"])
     assert "hystid: warning: gap.csv" in capsys.readouterr().err
+
+
+def test_a_model_that_explains_nothing_is_no_success(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A force of noise beside a motion that knows nothing of it."""
+    t = np.arange(2000) * 1e-3
+    force = np.random.default_rng(1).standard_normal(len(t))
+    write_csv(Recording("noise", t, F=force, x=1e-3 * np.sin(44 * t)), tmp_path / "noise.csv")
+    options = ["--mass", "0", "--ensemble", "1", "--layers", "3", "-o", str(tmp_path / "out")]
+    assert run(["identify", str(tmp_path / "noise.csv"), *options]) == 1
+    assert "this model is of no use: the force is as unexplained" in capsys.readouterr().out
+    report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "This model is of no use" in report
+    assert json.loads((tmp_path / "out" / "identification.json").read_text())["failure"]

@@ -19,6 +19,8 @@ from hystid.networks.ensemble import TrainedPair
 from hystid.recording import Recording
 from hystid.results import Result
 
+_TIE = 1.01  # errors whose ratio is below count as the same
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -106,16 +108,18 @@ class Identification(Result, report="identification", json="identification.json"
 
     @property
     def failure(self) -> str:
-        """Why the model is of no use, "" where it is: worse than a linear fit, or than no model at all in closed loop.
+        """Why the model is of no use, "" where it is: worse than a linear fit, or no better than no model at all.
 
-        An NRMSE of 100 % is what a displacement of zero has. Medians over ``judged``; a tie with the linear fit, within
-        one in a hundred, is none: on a linear structure the two are the same.
+        An NRMSE of 100 % is what a constant force has, and a displacement of zero. Medians over ``judged``. A tie with
+        no model counts against it; one with the linear fit does not, as on a linear structure the two are the same.
         """
         force, linear = (
             float(np.median([prediction.force_nrmse for prediction in group]))
             for group in ([c.network for c in self.judged], [c.linear for c in self.judged])
         )
-        if force > 1.01 * linear:
+        if _TIE * force > 1.0:
+            return f"the force is as unexplained ({100 * force:.3g} %) as without any model"
+        if force > _TIE * linear:
             return f"the force is worse ({100 * force:.3g} % unexplained) than a linear fit's ({100 * linear:.3g} %)"
         runs = [np.inf if c.network.diverged else c.network.x_nrmse for c in self.judged]
         free = float(np.median([error for error in runs if error is not None] or [0.0]))
