@@ -19,6 +19,7 @@ static const double ROUNDING = 1e-5; /* most, as part of the step, by which roun
 /* After an event the first look is this part of the step further on. A mass that bounces off a stop is still a rounding
  * error inside it; were the next look at the step's end, where it may have come back, both crossings would be missed. */
 static const double FIRST_LOOK = 1e-6;
+static const double NOTHING = 1e-9; /* size of a state, in its unit, below which its error does not count */
 
 /* Where a step stands: it goes from t by h to exactly t_end; the present left end lies at t + s. */
 typedef struct {
@@ -158,6 +159,27 @@ static int reach(hy_engine *e, const stretch *w, double s)
     for (int i = 0; i < n; i++) e->trial[i] = e->X[i] + h / 6 * (sum[i] + K[i]);
     place(e, end, e->trial);
     return all_finite(e->trial, e->n_free) ? HY_OK : HY_RETRY;
+}
+
+/* Keeps the slopes of the last stage, which the block holds until it is evaluated again. */
+static void note_slopes(hy_engine *e, double h)
+{
+    if (!e->watched || !e->n_free) return;
+    memcpy(e->K, e->data.v + e->model->dx + e->free[0], sizeof(double) * (size_t)e->n_free);
+    e->h_last = h;
+}
+
+/* With the slope at the right end in the place of that of the last stage the weights of the method are those of one of
+ * order three: the two differ by h (K4 - K5) / 6, which costs nothing where the right end is evaluated anyway. */
+double hy_step_error(const hy_engine *e)
+{
+    const double *const x = e->data.v + e->model->x + e->free[0], *const dx = e->data.v + e->model->dx + e->free[0];
+    double most = 0;
+    for (int i = 0; i < e->n_free && e->h_last > 0; i++) {
+        const double size = fmax(fmax(fabs(x[i]), fabs(e->X[i])), NOTHING);
+        most = fmax(most, e->h_last / 6 * fabs(e->K[i] - dx[i]) / size);
+    }
+    return most;
 }
 
 /* As far towards *s as the model gives answers; *s is where it got to. */
@@ -328,9 +350,11 @@ static int quiet_step(hy_engine *e, const stretch *w, int *done)
     outcome = left_end(e);
     if (outcome) return outcome;
     outcome = reach(e, w, w->h);
+    if (!outcome) note_slopes(e, w->h);
     if (!outcome) outcome = hy_settle(e);
     if (!outcome) outcome = hy_crossed(e, &any);
     *done = !outcome && !any;
+    if (!*done) e->h_last = 0;
     if (!*done) place(e, time_at(w, w->s), e->X);
     return HY_OK;
 }
@@ -347,7 +371,10 @@ static int step_with_events(hy_engine *e, stretch w, int stop_at_events)
         wanted = target;
         if (fresh && !sliding) target = fmin(target, w.s + FIRST_LOOK * w.h);
         outcome = left_end(e);
-        if (!outcome && target > w.s) outcome = reach_towards(e, &w, &target);
+        if (!outcome && target > w.s) {
+            outcome = reach_towards(e, &w, &target);
+            if (!outcome) note_slopes(e, target - w.s);
+        }
         if (!outcome) outcome = hy_settle(e);
         if (!outcome) outcome = mark_crossed(e, which, &any);
         if (!outcome && any && !sliding && target > w.s) {
@@ -363,6 +390,7 @@ static int step_with_events(hy_engine *e, stretch w, int stop_at_events)
             e->status->event_pending = 1;
             return HY_EVENT;
         }
+        if (any || timed) e->h_last = 0;
         if (any || timed) outcome = hy_event(e, &changed);
         if (!outcome && any) {
             int unresolved = 0;
@@ -387,6 +415,7 @@ static int step_without_events(hy_engine *e, stretch w)
         outcome = left_end(e);
         if (!outcome) outcome = reach_towards(e, &w, &target);
         if (!outcome && e->n_seeds) memcpy(e->X, e->trial, sizeof(double) * (size_t)e->n_X);
+        if (!outcome) note_slopes(e, target - w.s);
         w.s = target;
     }
     return outcome;
@@ -404,6 +433,7 @@ static int advance(hy_engine *e, double h, int n, int stop_at_events, double *re
     const int events = hy_has_events(e);
     int outcome = HY_OK;
     *reached = t0;
+    e->h_last = 0;
     if (!e->n_X && !events) n = 1; /* nothing to integrate */
     for (int i = 0; i < n && !outcome; i++) {
         stretch w = {t0, h, t0 + h, 0};
