@@ -212,7 +212,10 @@ def _parameters(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
     if d.findings:
         sides = {f"{f.effect}.{name}": value_text(f, name) for f in d.findings for name in f.parameters}
         rows = [[k, sides.get(k, with_error(v.value, v.stderr, v.unit))] for k, v in d.final_values().items()]
-        note = "Baseline and findings, fitted together. These are the values in extended.mo."
+        note = (
+            "Baseline and findings, fitted together. These are the values in extended.mo. The errors are those of the "
+            "fit; what the calibration of the channels leaves open comes on top."
+        )
         page.table(Table("Final parameters", ["parameter", "value ± standard error"], rows, note))
     moved = []
     for name, value in d.refit.items():
