@@ -9,7 +9,7 @@ import fmpy
 import numpy as np
 import pytest
 
-from hystid import build
+from hystid import build, simulate
 
 RIG = """model Rig
   input Real F(unit = "N");
@@ -73,3 +73,10 @@ def test_a_force_that_jumps_at_rest_without_an_event_is_told(tmp_path: Path) -> 
     """The law of PecorariSolodov as published: it comes to rest, and no step is short enough there."""
     fmu = build("HystId.Oscillators.PecorariSolodov", tmp_path / "published.fmu").path
     assert stepped(fmu, 1e-4, 0.5)[1]
+
+
+def test_simulate_tells_it_as_well(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "rig.mo").write_text(RIG.format(damping=3e4))
+    fmu = build(f"{tmp_path / 'rig.mo'}:Rig", tmp_path / "rig.fmu")
+    simulate(fmu, "harmonic:20Hz@80N,0.03s", dt=1e-3)
+    assert "too long for this model" in caplog.text

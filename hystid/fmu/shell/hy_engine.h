@@ -124,7 +124,8 @@ int hy_inputs_changed(hy_engine *e);               /* event iteration where new 
  * completed; the last one is the caller's to complete, who may want to set the inputs of its end first. */
 int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reached);
 int hy_steps_in(const hy_engine *e, double h);     /* how many of the model's own steps an interval h needs */
-double hy_step_error(const hy_engine *e);          /* of the last step, settled: share of the change or size of a state */
+static inline int hy_is_watched(unsigned step) { return (step & 127) < 10; } /* now and then, which costs next to nothing */
+void hy_note_coarse(hy_engine *e);                 /* reports once, of a settled right end, that steps are too long */
 int hy_completed(hy_engine *e);                    /* one step is accepted: sampled memory moves on, if it is time */
 int hy_has_ticks(const hy_engine *e);              /* whether the memory moves on at instants of its own */
 

@@ -9,10 +9,6 @@
 
 static const char *const CATEGORY[] = {"logEvents", "logStatusWarning", "logStatusError"};
 enum { N_CATEGORIES = sizeof CATEGORY / sizeof *CATEGORY };
-/* Share of a state by which a step may be wrong: a vibration of nine steps a period has it, and a decay as fast as the
- * step; of what is slower the method leaves less than a thousandth. */
-static const double COARSE = 0.01;
-enum { IN_A_ROW = 8 }; /* such steps, before they are told */
 
 static void engine_log(void *owner, int level, const char *text)
 {
@@ -311,20 +307,6 @@ static int check_step(hy_instance *c, double t, double h)
     return FMI_OK;
 }
 
-/* Says once that steps are too long, where they have been for a while: a jump is one in a row, what is stiff goes on. */
-static void note_coarse(hy_instance *c)
-{
-    hy_engine *e = &c->engine;
-    const double error = hy_step_error(e);
-    if (e->status->coarse >= IN_A_ROW) return;
-    e->status->coarse = error > COARSE ? e->status->coarse + 1 : 0;
-    if (e->status->coarse == IN_A_ROW)
-        hy_report(e, HY_WARNING,
-                  "steps of %.3g s are too long for this model at t = %.9g s: a state may be off by %.2g of its size; take "
-                  "smaller steps, or Model Exchange with a solver for stiff models",
-                  e->h_last, e->data.v[0], error);
-}
-
 int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, double (*between)(hy_instance *), double *reached,
                int *event)
 {
@@ -335,14 +317,14 @@ int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, double (*
     *event = 0;
     if (check_step(c, t, h)) return FMI_ERROR;
     memcpy(c->backup, e->saved, e->saved_size);
-    e->watched = 1;
+    e->watched = hy_is_watched(c->steps++);
     e->data.v[0] = s->origin = t;
     for (int i = 0; i < s->n_driven; i++) e->driven[i].c[0] = e->data.v[e->driven[i].slot];
     outcome = hy_inputs_changed(e);
     if (!outcome) outcome = advance(c, t, h, stop_at_events, between, reached);
     *event = outcome == HY_EVENT;
     if (*event || !outcome) outcome = hy_settle(e);
-    if (!*event && !outcome) note_coarse(c);
+    if (!*event && !outcome && e->watched) hy_note_coarse(e);
     if (!outcome) outcome = hy_check_values(c);
     if (!outcome) outcome = hy_completed(e);
     if (outcome == HY_RETRY) {
