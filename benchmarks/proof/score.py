@@ -1,4 +1,4 @@
-"""The table of a deck: ``python -m benchmarks.proof.score DIR ... [--json FILE]``.
+"""The table of a deck: ``python -m benchmarks.proof.score DIR ... [--json FILE] [--picture FILE.svg]``.
 
 Every share stands with its count and the interval of Wilson at 95 %.
 """
@@ -8,12 +8,14 @@ from __future__ import annotations
 import argparse
 import json
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from benchmarks.pictures import Panel, write
 
 NAMING = ("missing_physics", "sensor_fault")
 ALARMS = (*NAMING, "unknown_physics")
@@ -115,6 +117,20 @@ def calibration(rated: Iterable[tuple[float, bool]], bins: int = 10) -> tuple[fl
             error += len(inside) / total * abs(said - right)
             out.append({"count": len(inside), "said": said, "right": right})
     return error, out
+
+
+def reliability(rated: Sequence[tuple[float, bool]]) -> Panel:
+    """How often names are right over how sure they are said to be, with intervals of 95 % and the number of names."""
+    error, bins = calibration(rated)
+    panel = Panel(f"{len(rated)} names, calibration error {error:.3f}", "probability as stated", "share that is right")
+    panel.limits = (0.4, 1.05)
+    panel.line([0.5, 1.0], [0.5, 1.0], "linear", "as stated", dash="4 3")
+    for one in bins:
+        count = int(one["count"])
+        low, high = wilson(round(one["right"] * count), count)
+        panel.line([one["said"], one["said"]], [low, high], "published")
+    panel.line([one["said"] for one in bins], [one["right"] for one in bins], "published", "found", dash="dots")
+    return panel
 
 
 def gains(grades: Iterable[Grade]) -> list[tuple[float, bool]]:
@@ -323,9 +339,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--json", type=Path, help="also one line per case: verdict, right by class, exact, wrong names")
+    parser.add_argument("--picture", type=Path, help="also the reliability diagram of the names")
     given = parser.parse_args()
     grades, alone = read(given.folders)
     print(table(grades, alone))
+    if given.picture:
+        panel = reliability([pair for g in grades for pair in g.rated])
+        write(given.picture, "How sure, and how often right", [panel], 1, (460, 340))
     if given.json:
         given.json.write_text(
             "".join(
