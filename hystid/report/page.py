@@ -178,7 +178,8 @@ class Page:
         )
         self._body: list[str] = []
         self._sections: list[str] = []
-        self._head = [f'<p class="kicker">{escape(command)}</p>', f"<h1>{escape(title)}</h1>"]
+        words = " ".join(f"<span>{escape(word)}</span>" for word in command.split())  # no line ends within an option
+        self._head = [f'<p class="kicker">{words}</p>', f"<h1>{escape(title)}</h1>"]
         if subtitle:
             self._head.append(f'<p class="subtitle">{escape(subtitle)}</p>')
         if verdict:
