@@ -183,25 +183,16 @@ def slips(rotational: bool = False) -> list[Slip]:
     made += [
         Slip("x and a swapped", _exchanged("x", "a"), "swapped_channels", frozenset("xa"), needs="xa"),
         Slip("F and x swapped", _exchanged("F", "x"), "swapped_channels", frozenset("Fx"), needs="Fx"),
-        Slip(
-            "labels of x and a swapped",
-            _labels_exchanged("x", "a", labels),
-            "swapped_channels",
-            frozenset("xa"),
-            needs="xa",
-        ),
-        Slip(
-            "labels of F and x swapped",
-            _labels_exchanged("F", "x", labels),
-            "swapped_channels",
-            frozenset("Fx"),
-            needs="Fx",
-        ),
         Slip("F late", _late, "lag", frozenset("F"), needs="F"),
         Slip("a AC-coupled", _ac_coupled, "filtered", frozenset("a"), needs="a"),
         Slip("v with drift", _integrated, "drift", frozenset("v"), needs="v"),
         Slip("x filtered", _filtered, "filtered", frozenset("x"), needs="x"),
     ]
+    for pair in ("xa", "Fx"):
+        change = _labels_exchanged(*pair, labels)
+        made.append(
+            Slip(f"labels of {' and '.join(pair)} swapped", change, "swapped_channels", frozenset(pair), needs=pair)
+        )
     grams = 1e4 if rotational else 1e3
     return [*made, Slip("mass in g", lambda r: r, "wrong_mass", frozenset("m"), mass=grams)]
 

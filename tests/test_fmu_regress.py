@@ -326,3 +326,12 @@ def test_a_rebuild_keeps_the_reference_and_says_what_changed(tmp_path):
         regress(path)
     assert build_afresh("HystId.Forces.Jenkins", path).changes is None
     assert regress(path).passed
+
+
+def test_a_model_without_an_answer_to_the_old_reference_is_built_and_told(tmp_path):
+    """So stiff that the old steps end in no finite number."""
+    path = tmp_path / "linear.fmu"
+    hystid.build("HystId.Oscillators.Linear", path)
+    changes = hystid.build("HystId.Oscillators.Linear", path, parameters={"B": 1e8}).changes
+    assert any("found no answer" in line for line in changes)
+    assert {v.name: v.start for v in Driver(path).model.variables}["B"] == 1e8

@@ -23,7 +23,9 @@ LAWS = "model P parameter Real mu = 1; end P;\nmodel Q extends P; Real y = mu; e
 REFUSED = {
     "syntax": (model("  Real x;\nequation\n  x = = 3;\n"), 4, "unexpected '='"),
     "end name": ("model A\n  Real x;\nequation\n  x = 3;\nend B;\n", 5, "'B'"),
-    "unknown name": (model("  Real speed;\nequation\n  speed = sped;\n"), 4, "'sped' is not .* did you mean 'speed'"),
+    "unknown name": (
+        model("  Real speed;\nequation\n  speed = sped;\n"), 4, "'sped' is not declared; did you mean 'speed'?"
+    ),
     "unknown type": (model("  Foo x;\nequation\n  x = 1;\n"), 2, "'Foo'"),
     "unknown base": (model("  extends Foo;\n"), 2, "'Foo'"),
     "unknown function": (model("  Real x;\nequation\n  x = foo(3);\n"), 4, "'foo'"),

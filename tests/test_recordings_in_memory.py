@@ -69,15 +69,16 @@ def test_a_mass_is_a_number() -> None:
         identify([made], mass="2")  # type: ignore[arg-type]  # the same
 
 
-WRONG_TYPES: dict[str, Callable[[], object]] = {
-    "a recording is a file": lambda: read(3),  # type: ignore[arg-type]
-    "an FMU is a file, and this is of type int": lambda: regress(3),  # type: ignore[arg-type]
-    "an FMU is a file, and this is of type NoneType": lambda: simulate(None, "harmonic:5Hz@1N,1s"),  # type: ignore[arg-type]
-    "--dt a: a time step": lambda: simulate("no.fmu", "harmonic:5Hz@1N,1s", dt="a"),  # type: ignore[arg-type]
+WRONG_TYPES: dict[str, tuple[Callable[[Any], object], Any]] = {
+    "a recording is a file, and this is of type int": (read, 3),
+    "an FMU is a file, and this is of type int": (regress, 3),
+    "an FMU is a file, and this is of type NoneType": (lambda fmu: simulate(fmu, "harmonic:5Hz@1N,1s"), None),
+    "--dt a: a time step": (lambda dt: simulate("no.fmu", "harmonic:5Hz@1N,1s", dt=dt), "a"),
 }
 
 
 @pytest.mark.parametrize("said", WRONG_TYPES)
 def test_what_is_no_path_and_no_number_is_told_in_a_sentence(said: str) -> None:
+    call, given = WRONG_TYPES[said]
     with pytest.raises(HystidError, match=said):
-        WRONG_TYPES[said]()
+        call(given)

@@ -39,7 +39,7 @@ from hystid.consistency.slips import (
     clock_is_likelier,
     doubtful_units,
     explain,
-    label_ratio,
+    label_scales,
     with_alike,
 )  # fmt: skip
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
@@ -230,10 +230,8 @@ def _moved(recording: Recording, moves: Mapping[str, str]) -> Iterator[tuple[Rec
     """
     held = recording.channels("Fxva")
     yield recording.with_channels({name: held[channel] for channel, name in moves.items()}), ()
-    ratios = {c: label_ratio(recording.units, c, name, rotational=recording.rotational) for c, name in moves.items()}
-    if any(ratio != 1.0 for ratio in ratios.values()):
-        scaled = {name: held[channel] / ratios[channel] for channel, name in moves.items()}
-        yield recording.with_channels(scaled), tuple(ratios.items())
+    if scales := label_scales(recording.units, moves, rotational=recording.rotational):
+        yield recording.with_channels({moves[channel]: held[channel] / ratio for channel, ratio in scales}), scales
 
 
 def _formulas(recording: Recording, compared: Sequence[Pair]) -> dict[tuple[str, str], Formula | None]:

@@ -217,21 +217,31 @@ def _candidates(situation: Situation) -> Iterator[Slip]:
             pairs = [(a, b) for a, b in zip(present, order, strict=True) if a != b]
             mapped, prior = tuple(f"{a}={b}" for a, b in pairs), PRIOR_SLIP + (_PRIOR_RARE if len(moved) > 2 else 0.0)
             yield Slip("exchanged", mapped, prior)
-            scales = tuple((a, label_ratio(situation.written, a, b, rotational=situation.rotational)) for a, b in pairs)
-            if any(ratio != 1.0 for _, ratio in scales):
+            if scales := label_scales(situation.written, dict(pairs), rotational=situation.rotational):
                 yield Slip("exchanged", mapped, prior, scales=scales)
 
 
-def label_ratio(written: Mapping[str, str], one: str, other: str, *, rotational: bool) -> float:
-    """By how much the numbers of one channel are too large that belong under the label of another: g over mm, in SI."""
-    table, sizes = ANGULAR if rotational else LINEAR, []
-    for name in (one, other):
-        quantity = table[name][0]
-        try:
-            sizes.append(to_si(written.get(name) or quantity, quantity)[0])
-        except UsageError:  # a voltage with a sensitivity is in SI by then
-            sizes.append(1.0)
-    return sizes[0] / sizes[1]
+def label_scales(
+    written: Mapping[str, str], moves: Mapping[str, str], *, rotational: bool
+) -> tuple[tuple[str, float], ...]:
+    """By how much the numbers of exchanged columns are too large that belong under the label of another: g over mm, in
+    SI; empty where all labels have units of one size.
+
+    written: unit of each label. moves: channel -> the one that it holds.
+    """
+    found = tuple(
+        (one, _size(written, one, rotational) / _size(written, other, rotational)) for one, other in moves.items()
+    )
+    return found if any(ratio != 1.0 for _, ratio in found) else ()
+
+
+def _size(written: Mapping[str, str], name: str, rotational: bool) -> float:
+    """Unit of a label in SI."""
+    quantity = (ANGULAR if rotational else LINEAR)[name][0]
+    try:
+        return to_si(written.get(name) or quantity, quantity)[0]
+    except UsageError:  # a voltage with a sensitivity is in SI by then
+        return 1.0
 
 
 def _units(name: str, units: Sequence[str], situation: Situation) -> Iterator[Slip]:

@@ -136,9 +136,7 @@ static int integrated_row(hy_engine *e, hy_table *t, int row)
         set_row(e, t, row);
         outcome = hy_inputs_changed(e);
     }
-    if (!outcome) outcome = put_row(e, t, row);
-    if (!outcome && e->watched) hy_note_coarse(e);
-    return outcome;
+    return outcome ? outcome : put_row(e, t, row);
 }
 
 /* Integral of a column over the interval after a row; NaN where it may change its sign there. */
@@ -237,10 +235,8 @@ static int shown_rows(hy_engine *e, hy_table *t, hy_mover *move)
 static int integrated_rows(hy_engine *e, hy_table *t)
 {
     int outcome = HY_OK;
-    const int watchable = !e->n_seeds && !e->n_clamped && !any_held(t); /* a held value jumps at the right end */
     for (int row = 1; row < t->rows && !outcome; row++) {
         t->failed_row = row;
-        e->watched = watchable && hy_is_watched((unsigned)row);
         outcome = integrated_row(e, t, row);
     }
     return outcome;
