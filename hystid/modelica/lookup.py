@@ -182,8 +182,7 @@ class Tree:
 
     def _add(self, source: Source, file: Path) -> None:
         found = classes(source) or []
-        within = re.match(r"\s*within\s+([\w.]+)\s*;", source.plain)
-        parent = self._given(within.group(1)) if within else None
+        parent = self._given(source.within) if source.within else None
         for c in (c for c in found if c.parent is None):
             made = _node(c, found, parent, file)
             (parent.inside if parent is not None else self._top)[c.name] = made

@@ -78,8 +78,7 @@ def only_class(path: Path) -> str:
     whole = [c for c in models if "partial" not in source.plain[c.front : c.start].split()] or models
     top = [c for c in whole if c.parent is None]
     inside = [c for c in whole if all(outer.kind == "package" for outer in list(c.around())[1:])]
-    within = re.match(r"\s*within\s+([\w.]+)\s*;", source.plain)
-    front = f"{within.group(1)}." if within else ""
+    front = f"{source.within}." if source.within else ""
     found = [front + ".".join(reversed([outer.name for outer in c.around()])) for c in top or inside]
     if len(found) != 1:
         there = f"its models are {', '.join(found)}" if found else "it declares none"

@@ -47,6 +47,12 @@ class Source:
         """The text with comments and strings blanked."""
         return blanked(self.text)
 
+    @cached_property
+    def within(self) -> str:
+        """Full name of the package that the file says to lie in, "" without."""
+        found = re.match(r"\s*within\s+([\w.]+)\s*;", self.plain)
+        return found.group(1) if found else ""
+
     def line(self, offset: int) -> int:
         """Line number, from 1, of a byte offset."""
         return bisect_right(self._starts, offset)
@@ -90,8 +96,7 @@ class Declaration:
 def declaration(name: str, sources: Sequence[Source]) -> Declaration | None:
     """Where class ``name`` is declared, None where it is not; a file's ``within`` counts as the front of its names."""
     for source in sources:
-        within = re.match(r"\s*within\s+([\w.]+)\s*;", source.plain)
-        prefix = within.group(1) + "." if within else ""
+        prefix = f"{source.within}." if source.within else ""
         if name.startswith(prefix):
             found = _nested(source, name.removeprefix(prefix).split("."))
             if found:

@@ -230,7 +230,7 @@ def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     probable."""
     if not _is_doubtful(choice) or (again := at_rest(case, library)) is None:
         return case, choice
-    if _has_friction(choice):  # the name is known, and its numbers are not what rest would make of them
+    if _has_friction(choice):  # the name is known; rest can only move its numbers
         unseen = unseen_likelihood(again.problem, again.unseen)
         other = choose_among(choice.posterior.likely, again.problem, again.refit, library, unseen)
         other = replace(other, trials=choice.trials)
