@@ -24,8 +24,12 @@ MODELS = Path(__file__).parent / "models"
 HARNESS = """
 #include "hy_model.h"
 struct hy_duhem_methods { int none; }; /* no motion is followed here, and no table run */
+struct hy_path_methods { int none; };
+struct hy_stop_methods { int none; };
 struct hy_strip_methods { int none; };
 const struct hy_duhem_methods hy_duhem_methods = {0};
+const struct hy_path_methods hy_path_methods = {0};
+const struct hy_stop_methods hy_stop_methods = {0};
 const struct hy_strip_methods hy_strip_methods = {0};
 __attribute__((visibility("default"))) int evaluate(hy_data *m)
 { int bad = hy_the_model.parameters(m); return bad ? bad : hy_the_model.evaluate(m); }

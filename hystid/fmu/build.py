@@ -33,8 +33,6 @@ Version = Literal[2, 3]
 _SHELL_C = (
     "hy_engine.c",
     "hy_step.c",
-    "hy_ways.c",
-    "hy_stops.c",
     "hy_table.c",
     "hy_fmi.c",
     "hy_values.c",
@@ -43,9 +41,14 @@ _SHELL_C = (
     "hy_arrays.c",
 )
 _SHELL_H = (
-    "hy_model.h", "hy_engine.h", "hy_ways.h", "hy_stops.h", "hy_strip.h", "hy_table.h", "hy_fmi.h", "fmi_common.h",
+    "hy_model.h", "hy_engine.h", "hy_ways.h", "hy_strip.h", "hy_table.h", "hy_fmi.h", "fmi_common.h",
 )  # fmt: skip
-_METHODS = {"hy_duhem_methods": "hy_duhem.c", "hy_strip_methods": "hy_strip.c"}  # come with models that name them
+_METHODS = {
+    "hy_duhem_methods": "hy_duhem.c",
+    "hy_path_methods": "hy_ways.c",
+    "hy_stop_methods": "hy_stops.c",
+    "hy_strip_methods": "hy_strip.c",
+}  # come with models that name them
 _FMI_H = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),

@@ -124,12 +124,13 @@ def _table(
         f".n_z = {sum(len(r.indicators) for r in model.relations)}, .step = {number(_step(model.flat.experiment))},",
         ".start = hy_start_values,",
         *([f".couples = hy_pairs, .n_couples = {len(pairs)},"] if pairs else []),
-        *([f".stops = hy_sliders, .n_stops = {len(stops)},"] if stops else []),
+        *([f".stops = hy_sliders, .n_stops = {len(stops)}, .stop_methods = &hy_stop_methods,"] if stops else []),
         *(
             [f".duhem = hy_rate_independent, .n_duhem = {len(duhem)}, .duhem_methods = &hy_duhem_methods,"]
             if duhem
             else []
         ),
+        *([".paths = &hy_path_methods,"] if stops or duhem else []),
         *([f".shown = hy_outputs, .n_shown = {len(shown.variables)}, .strips = &hy_strip_methods,"] if shown else []),
         *(f".{name} = hy_{name}," for name in functions),
     ]

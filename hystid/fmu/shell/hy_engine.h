@@ -67,6 +67,14 @@ typedef struct {
  * number of rows before one that has no finite answer. */
 typedef int hy_mover(hy_engine *e, int n, double *const *rows);
 
+/* How springs in series with sliders are moved (hy_stops.c); a model that has some brings it along. */
+struct hy_stop_methods {
+    int (*alone)(const hy_engine *e);    /* whether nothing else is integrated, and no sensitivity is carried */
+    int (*open)(hy_engine *e);           /* that, and their speeds are driven, their limits not negative: asks for paths */
+    hy_mover *move;
+    void (*mark)(hy_engine *e);          /* relations and modes from the present forces and speeds */
+};
+
 /* How rate-independent states are followed (hy_duhem.c); a model that has such states brings it along. */
 struct hy_duhem_methods {
     int (*follows)(const hy_engine *e);  /* whether such states alone are integrated, their speeds driven, no sensitivity */

@@ -35,7 +35,7 @@ typedef struct {
 static int goes_in_lanes(const hy_engine *e, const hy_table *t)
 {
     const hy_model *m = e->model;
-    if (hy_only_stops_are_free(e) || follows_duhem(e)) return 0;
+    if ((m->stop_methods && m->stop_methods->alone(e)) || follows_duhem(e)) return 0;
     return e->n_free && !t->n_seeds && !m->completed_step && !m->next_time_event && !(hy_has_events(e) && any_held(t));
 }
 

@@ -55,7 +55,9 @@ typedef struct {
     int state, slope, speed;
 } hy_duhem_state;
 
+extern const struct hy_stop_methods hy_stop_methods;
 extern const struct hy_duhem_methods hy_duhem_methods;
+extern const struct hy_path_methods hy_path_methods;
 extern const struct hy_strip_methods hy_strip_methods;
 
 typedef struct {
@@ -68,9 +70,11 @@ typedef struct {
     const int (*couples)[2];  /* NULL: any may depend on any */
     int n_stops;
     const hy_stop *stops;     /* NULL unless all relations and discrete states of the model are theirs */
+    const struct hy_stop_methods *stop_methods;
     int n_duhem;
     const hy_duhem_state *duhem; /* NULL where something happens at instants */
     const struct hy_duhem_methods *duhem_methods;
+    const struct hy_path_methods *paths; /* with stops, or such states */
     int n_shown;
     const int *shown;         /* slots of the algebraic variables that show gives, outputs among them */
     double step;              /* default internal step [s] */

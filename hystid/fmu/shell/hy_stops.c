@@ -1,10 +1,13 @@
-#include "hy_stops.h"
-
+/* Springs in series with dry sliders (stop operators) on a given motion, in closed form: between reversals of the motion
+ * the force of such a spring moves with the displacement until it meets its limit (Visintin, Differential Models of
+ * Hysteresis, 1994, III.2). No event has to be located: the speed is a cubic polynomial within a row, and so are its
+ * reversals and the way between them known. */
 #include <stdlib.h>
 
+#include "hy_engine.h"
 #include "hy_ways.h"
 
-int hy_only_stops_are_free(const hy_engine *e)
+static int alone(const hy_engine *e)
 {
     const hy_model *m = e->model;
     return m->n_stops && !e->n_seeds && m->n_x - e->n_clamped == m->n_stops;
@@ -15,11 +18,11 @@ static double *forces_of(const hy_engine *e) { return e->stops; }
 static double *stiffnesses_of(const hy_engine *e) { return e->stops + e->model->n_stops; }
 static double *limits_of(const hy_engine *e) { return e->stops + 2 * e->model->n_stops; }
 
-int hy_open_stops(hy_engine *e)
+static int open_stops(hy_engine *e)
 {
     const int n = e->model->n_stops;
     const double *const v = e->data.v;
-    double *const room = hy_only_stops_are_free(e) ? malloc(3 * sizeof *room * (size_t)n) : NULL;
+    double *const room = alone(e) ? malloc(3 * sizeof *room * (size_t)n) : NULL;
     if (!room) return 0;
     e->stops = room;
     for (int i = 0; i < n; i++) {
@@ -61,7 +64,7 @@ static void run_along(hy_engine *e, int first, int last, int n, double *const *r
     }
 }
 
-int hy_move_stops(hy_engine *e, int n, double *const *rows)
+static int move_stops(hy_engine *e, int n, double *const *rows)
 {
     const hy_stop *const stops = e->model->stops;
     const int count = e->model->n_stops;
@@ -74,7 +77,7 @@ int hy_move_stops(hy_engine *e, int n, double *const *rows)
     return n;
 }
 
-void hy_mark_stops(hy_engine *e)
+static void mark_stops(hy_engine *e)
 {
     double *const v = e->data.v;
     for (int i = 0; i < e->model->n_stops; i++) {
@@ -90,3 +93,5 @@ void hy_mark_stops(hy_engine *e)
     }
     e->status->stale = 1;
 }
+
+const struct hy_stop_methods hy_stop_methods = {alone, open_stops, move_stops, mark_stops};

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "hy_engine.h"
-#include "hy_stops.h"
 #include "hy_strip.h"
 #include "hy_ways.h"
 
@@ -21,7 +20,7 @@ static void note(void *owner, int level, const char *text)
 }
 
 /* Cubic through (0, u0) and (h, u1) with slopes d0 and d1; a line or a constant where the column says so. */
-static void interpolate(const hy_table *t, int column, int row, double *c)
+void hy_interpolate(const hy_table *t, int column, int row, double *c)
 {
     const double *u = t->samples[column] + row;
     const double h = t->dt;
@@ -54,7 +53,7 @@ static void set_row(hy_engine *e, const hy_table *t, int row)
 static void set_polynomials(hy_engine *e, const hy_table *t, int row)
 {
     e->status->origin = row_time(t, row);
-    for (int i = 0; i < t->n_columns; i++) interpolate(t, i, row, e->driven[i].c);
+    for (int i = 0; i < t->n_columns; i++) hy_interpolate(t, i, row, e->driven[i].c);
 }
 
 /* During event iteration at a sample, driven values are that sample's. */
@@ -139,46 +138,6 @@ static int integrated_row(hy_engine *e, hy_table *t, int row)
     return outcome ? outcome : put_row(e, t, row);
 }
 
-/* Integral of a column over the interval after a row; NaN where it may change its sign there. */
-static double way_after(const hy_table *t, int column, int row)
-{
-    const double *const u = t->samples[column] + row, h = t->dt;
-    double bend = 0, early = u[0], late = u[1]; /* early, late: Bernstein coefficients between the two ends */
-    if (t->column_modes[column] == HY_HOLD) return h * u[0];
-    if (t->column_modes[column] == HY_HERMITE) {
-        const double *const d = t->slopes[column] + row;
-        early += h / 3 * d[0];
-        late -= h / 3 * d[1];
-        bend = h / 12 * (d[0] - d[1]);
-    }
-    if ((u[0] >= 0 && early >= 0 && late >= 0 && u[1] >= 0) || (u[0] <= 0 && early <= 0 && late <= 0 && u[1] <= 0))
-        return h * (0.5 * (u[0] + u[1]) + bend);
-    return NAN;
-}
-
-/* How a column leads through the n rows after one. */
-static void set_path(hy_path *p, const hy_table *t, int column, int row, int n)
-{
-    double *way = p->ways, c[4];
-    for (int i = 0; i < n; i++) {
-        const double simple = way_after(t, column, row + i);
-        if (isnan(simple)) {
-            interpolate(t, column, row + i, c);
-            p->n[i] = hy_ways(c, t->dt, way);
-        } else {
-            p->n[i] = 1;
-            *way = simple;
-        }
-        way += p->n[i];
-    }
-}
-
-static void set_paths(hy_engine *e, const hy_table *t, int row, int n)
-{
-    for (int i = 0; i < t->n_columns; i++)
-        if (e->driven[i].path) set_path(e->driven[i].path, t, i, row, n);
-}
-
 /* Of a model without anything to integrate or to locate. */
 static int move_nothing(hy_engine *e, int n, double *const *rows)
 {
@@ -193,8 +152,9 @@ static int follows_duhem(const hy_engine *e) { return e->model->n_duhem && e->mo
 static hy_mover *mover_of(hy_engine *e)
 {
     const struct hy_duhem_methods *const duhem = e->model->duhem_methods;
+    const struct hy_stop_methods *const stops = e->model->stop_methods;
     if (follows_duhem(e)) return (e->duhem = duhem->open(e)) ? duhem->move : NULL;
-    if (hy_open_stops(e)) return hy_move_stops;
+    if (stops && stops->open(e)) return stops->move;
     return !e->n_X && !hy_has_events(e) ? move_nothing : NULL;
 }
 
@@ -204,10 +164,10 @@ static int moved_rows(hy_engine *e, hy_table *t, hy_mover *move)
     int outcome = HY_OK;
     for (int row = 1; row < t->rows && !outcome; row++) {
         t->failed_row = row;
-        set_paths(e, t, row - 1, 1);
+        if (e->paths) e->model->paths->set(e, t, row - 1, 1);
         if (move(e, 1, NULL) < 1) return HY_RETRY;
         set_row(e, t, row);
-        if (e->stops) hy_mark_stops(e);
+        if (e->stops) e->model->stop_methods->mark(e);
         outcome = put_row(e, t, row);
     }
     return outcome;
@@ -221,7 +181,7 @@ static int shown_rows(hy_engine *e, hy_table *t, hy_mover *move)
     int outcome = strips->open(&strip, e);
     for (int row = 1, n; row < t->rows && !outcome; row += n) {
         n = t->rows - row < HY_STRIP ? t->rows - row : HY_STRIP;
-        set_paths(e, t, row - 1, n);
+        if (e->paths) e->model->paths->set(e, t, row - 1, n);
         t->failed_row = row + move(e, n, strip.states);
         if (t->failed_row < row + n)
             outcome = HY_RETRY;
@@ -249,7 +209,7 @@ static int run(hy_engine *e, hy_table *t)
     int outcome = prepare(e, t);
     t->failed_row = 0;
     if (!outcome) outcome = first_row(e, t);
-    if (!outcome && (m->n_stops || m->n_duhem)) outcome = hy_open_paths(e);
+    if (!outcome && m->paths) outcome = m->paths->open(e);
     if (outcome) return outcome;
     move = mover_of(e);
     if (!move)

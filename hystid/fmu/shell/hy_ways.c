@@ -53,7 +53,8 @@ double hy_zero(const double *c, double low, double high)
     return at;
 }
 
-int hy_ways(const double c[4], double h, double ways[HY_MOST_WAYS])
+/* Over s in [0, h] of a cubic; returns how many ways there are, each of one sign. */
+static int ways_of(const double c[4], double h, double ways[HY_MOST_WAYS])
 {
     double edges[4], before = 0;
     const int inner = extremes(c, h, edges + 1);
@@ -71,12 +72,6 @@ int hy_ways(const double c[4], double h, double ways[HY_MOST_WAYS])
     return n;
 }
 
-int hy_open_paths(hy_engine *e)
-{
-    e->paths = malloc(sizeof *e->paths * (size_t)(e->status->n_driven + 1));
-    return e->paths ? HY_OK : HY_ERROR;
-}
-
 int hy_follow(hy_engine *e, int slot)
 {
     hy_driven *const speed = hy_driven_at(e, slot);
@@ -84,3 +79,51 @@ int hy_follow(hy_engine *e, int slot)
     speed->path = e->paths + (speed - e->driven);
     return HY_OK;
 }
+
+/* Integral of a column over the interval after a row; NaN where it may change its sign there. */
+static double way_after(const hy_table *t, int column, int row)
+{
+    const double *const u = t->samples[column] + row, h = t->dt;
+    double bend = 0, early = u[0], late = u[1]; /* early, late: Bernstein coefficients between the two ends */
+    if (t->column_modes[column] == HY_HOLD) return h * u[0];
+    if (t->column_modes[column] == HY_HERMITE) {
+        const double *const d = t->slopes[column] + row;
+        early += h / 3 * d[0];
+        late -= h / 3 * d[1];
+        bend = h / 12 * (d[0] - d[1]);
+    }
+    if ((u[0] >= 0 && early >= 0 && late >= 0 && u[1] >= 0) || (u[0] <= 0 && early <= 0 && late <= 0 && u[1] <= 0))
+        return h * (0.5 * (u[0] + u[1]) + bend);
+    return NAN;
+}
+
+/* How a column leads through the n rows after one. */
+static void set_path(hy_path *p, const hy_table *t, int column, int row, int n)
+{
+    double *way = p->ways, c[4];
+    for (int i = 0; i < n; i++) {
+        const double simple = way_after(t, column, row + i);
+        if (isnan(simple)) {
+            hy_interpolate(t, column, row + i, c);
+            p->n[i] = ways_of(c, t->dt, way);
+        } else {
+            p->n[i] = 1;
+            *way = simple;
+        }
+        way += p->n[i];
+    }
+}
+
+static void set_paths(hy_engine *e, const hy_table *t, int row, int n)
+{
+    for (int i = 0; i < t->n_columns; i++)
+        if (e->driven[i].path) set_path(e->driven[i].path, t, i, row, n);
+}
+
+static int open_paths(hy_engine *e)
+{
+    e->paths = malloc(sizeof *e->paths * (size_t)(e->status->n_driven + 1));
+    return e->paths ? HY_OK : HY_ERROR;
+}
+
+const struct hy_path_methods hy_path_methods = {open_paths, set_paths};

@@ -3,6 +3,7 @@
 #define HY_WAYS_H
 
 #include "hy_engine.h"
+#include "hy_table.h"
 
 enum {
     HY_STRIP = 128,  /* samples that are worked on at a time: those of a dozen variables stay near the processor */
@@ -15,11 +16,13 @@ typedef struct hy_path {
     double ways[HY_STRIP * HY_MOST_WAYS];
 } hy_path;
 
-int hy_open_paths(hy_engine *e);       /* room for the paths of what is driven; not 0: no memory */
-int hy_follow(hy_engine *e, int slot); /* has the path of a driven speed kept from now on; not 0: it is not driven */
+/* A model whose laws follow paths brings them along. */
+struct hy_path_methods {
+    int (*open)(hy_engine *e); /* room for the paths of what is driven; not 0: no memory */
+    void (*set)(hy_engine *e, const hy_table *t, int row, int n); /* of the n rows after one */
+};
 
-/* Over s in [0, h] of a cubic; returns how many ways there are, each of one sign. */
-int hy_ways(const double c[4], double h, double ways[HY_MOST_WAYS]);
+int hy_follow(hy_engine *e, int slot); /* has the path of a driven speed kept from now on; not 0: it is not driven */
 
 /* Where a cubic with such coefficients, monotone over [low, high] with ends of different sign, is 0. */
 double hy_zero(const double *c, double low, double high);
