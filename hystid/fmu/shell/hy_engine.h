@@ -23,6 +23,7 @@ typedef struct {
     int started;       /* 1: initial equations solved since the last change of a start value */
     int event_pending; /* 1: an event was found and not yet handled */
     int chattered;     /* 1: chattering has been reported */
+    int coarse;        /* steps in a row whose error is too large, as many as are counted */
     int n_driven;
     double origin;     /* time origin of the driven polynomials [s] */
     double start_time, stop_time; /* stop_time is INFINITY where none was given */
@@ -58,6 +59,8 @@ typedef struct {
     double *x_before, *z, *z_left;
     int *crossings;    /* how often each indicator crossed zero within the present step; then n_z marks and n_z indices, scratch */
     double *scratch;   /* one allocation behind X ... z_left */
+    int watched;       /* 1: the slopes of the last stage of a step are kept in K */
+    double h_last;     /* length of the step that they belong to [s]; 0: of none, or of one with an event */
     double *stops;     /* of a table whose springs with sliders are moved in closed form, or NULL */
     hy_duhem *duhem;   /* of a table that is run that way, or NULL */
     struct hy_path *paths; /* where driven speeds have theirs, or NULL */
@@ -129,6 +132,8 @@ int hy_inputs_changed(hy_engine *e);               /* event iteration where new 
  * completed; the last one is the caller's to complete, who may want to set the inputs of its end first. */
 int hy_advance(hy_engine *e, double h, int n, int stop_at_events, double *reached);
 int hy_steps_in(const hy_engine *e, double h);     /* how many of the model's own steps an interval h needs */
+static inline int hy_is_watched(unsigned step) { return (step & 127) < 10; } /* now and then, which costs next to nothing */
+void hy_note_coarse(hy_engine *e);                 /* reports once, of a settled right end, that steps are too long */
 int hy_completed(hy_engine *e);                    /* one step is accepted: sampled memory moves on, if it is time */
 int hy_has_ticks(const hy_engine *e);              /* whether the memory moves on at instants of its own */
 

@@ -317,12 +317,14 @@ int hy_do_step(hy_instance *c, double t, double h, int stop_at_events, double (*
     *event = 0;
     if (check_step(c, t, h)) return FMI_ERROR;
     memcpy(c->backup, e->saved, e->saved_size);
+    e->watched = hy_is_watched(c->steps++);
     e->data.v[0] = s->origin = t;
     for (int i = 0; i < s->n_driven; i++) e->driven[i].c[0] = e->data.v[e->driven[i].slot];
     outcome = hy_inputs_changed(e);
     if (!outcome) outcome = advance(c, t, h, stop_at_events, between, reached);
     *event = outcome == HY_EVENT;
     if (*event || !outcome) outcome = hy_settle(e);
+    if (!*event && !outcome && e->watched) hy_note_coarse(e);
     if (!outcome) outcome = hy_check_values(c);
     if (!outcome) outcome = hy_completed(e);
     if (outcome == HY_RETRY) {

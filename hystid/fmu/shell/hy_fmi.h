@@ -47,6 +47,7 @@ struct hy_instance {
     char *name;
     int logging;         /* events are logged too */
     int warned;          /* a warning was logged during the present call */
+    unsigned steps;      /* of the instance, wherever it was set back to: which of them are watched */
     int event_mode_used, early_return_allowed; /* FMI 3 co-simulation */
     hy_logger logger;
     void (*callback)(void); /* the importer's logger, its type known to the FMI version */

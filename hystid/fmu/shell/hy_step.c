@@ -12,6 +12,7 @@ enum {
     MOST_CROSSINGS = 12,  /* of one indicator within one step: faster switching is not resolved by the step */
     MOST_EVENTS = 10000,  /* within one step, of all kinds */
     MOST_HALVINGS = 12,
+    IN_A_ROW = 8, /* steps that are too long, before it is told */
     MOST_TRIALS = 100
 };
 static const double WIDTH = 1e-11; /* of an event's bracket, as part of the step */
@@ -19,6 +20,10 @@ static const double ROUNDING = 1e-5; /* most, as part of the step, by which roun
 /* After an event the first look is this part of the step further on. A mass that bounces off a stop is still a rounding
  * error inside it; were the next look at the step's end, where it may have come back, both crossings would be missed. */
 static const double FIRST_LOOK = 1e-6;
+/* Share of a state by which a step may be wrong: a vibration of nine steps a period has it, and a decay as fast as the
+ * step; of what is slower the method leaves less than a thousandth. */
+static const double COARSE = 0.01;
+static const double NOTHING = 1e-9; /* size of a state, in its unit, below which its error does not count */
 
 /* Where a step stands: it goes from t by h to exactly t_end; the present left end lies at t + s. */
 typedef struct {
@@ -158,6 +163,40 @@ static int reach(hy_engine *e, const stretch *w, double s)
     for (int i = 0; i < n; i++) e->trial[i] = e->X[i] + h / 6 * (sum[i] + K[i]);
     place(e, end, e->trial);
     return all_finite(e->trial, e->n_free) ? HY_OK : HY_RETRY;
+}
+
+/* Keeps the slopes of the last stage, which the block holds until it is evaluated again. */
+static void note_slopes(hy_engine *e, double h)
+{
+    if (!e->n_free) return;
+    memcpy(e->K, e->data.v + e->model->dx + e->free[0], sizeof(double) * (size_t)e->n_free);
+    e->h_last = h;
+}
+
+/* Error of the last step as a share of the states. With the slope at the right end in the place of that of the last stage
+ * the weights of the method are those of one of order three: the two differ by h (K4 - K5) / 6. */
+static double error_of_step(const hy_engine *e)
+{
+    const double *const x = e->data.v + e->model->x + e->free[0], *const dx = e->data.v + e->model->dx + e->free[0];
+    double most = 0;
+    for (int i = 0; i < e->n_free; i++) {
+        const double size = fmax(fmax(fabs(x[i]), fabs(e->X[i])), NOTHING);
+        most = fmax(most, e->h_last / 6 * fabs(e->K[i] - dx[i]) / size);
+    }
+    return most;
+}
+
+/* Steps that have been too long for a while: a jump is one in a row, what is stiff goes on. */
+void hy_note_coarse(hy_engine *e)
+{
+    const double error = e->h_last > 0 ? error_of_step(e) : 0;
+    if (e->status->coarse >= IN_A_ROW) return;
+    e->status->coarse = error > COARSE ? e->status->coarse + 1 : 0;
+    if (e->status->coarse == IN_A_ROW)
+        hy_report(e, HY_WARNING,
+                  "steps of %.3g s are too long for this model at t = %.9g s: a state may be off by %.2g of its size; take "
+                  "smaller steps, or Model Exchange with a solver for stiff models",
+                  e->h_last, e->data.v[0], error);
 }
 
 /* As far towards *s as the model gives answers; *s is where it got to. */
@@ -328,9 +367,11 @@ static int quiet_step(hy_engine *e, const stretch *w, int *done)
     outcome = left_end(e);
     if (outcome) return outcome;
     outcome = reach(e, w, w->h);
+    if (e->watched && !outcome) note_slopes(e, w->h);
     if (!outcome) outcome = hy_settle(e);
     if (!outcome) outcome = hy_crossed(e, &any);
     *done = !outcome && !any;
+    if (!*done) e->h_last = 0;
     if (!*done) place(e, time_at(w, w->s), e->X);
     return HY_OK;
 }
@@ -347,7 +388,10 @@ static int step_with_events(hy_engine *e, stretch w, int stop_at_events)
         wanted = target;
         if (fresh && !sliding) target = fmin(target, w.s + FIRST_LOOK * w.h);
         outcome = left_end(e);
-        if (!outcome && target > w.s) outcome = reach_towards(e, &w, &target);
+        if (!outcome && target > w.s) {
+            outcome = reach_towards(e, &w, &target);
+            if (e->watched && !outcome) note_slopes(e, target - w.s);
+        }
         if (!outcome) outcome = hy_settle(e);
         if (!outcome) outcome = mark_crossed(e, which, &any);
         if (!outcome && any && !sliding && target > w.s) {
@@ -363,6 +407,7 @@ static int step_with_events(hy_engine *e, stretch w, int stop_at_events)
             e->status->event_pending = 1;
             return HY_EVENT;
         }
+        if (any || timed) e->h_last = 0;
         if (any || timed) outcome = hy_event(e, &changed);
         if (!outcome && any) {
             int unresolved = 0;
@@ -387,6 +432,7 @@ static int step_without_events(hy_engine *e, stretch w)
         outcome = left_end(e);
         if (!outcome) outcome = reach_towards(e, &w, &target);
         if (!outcome && e->n_seeds) memcpy(e->X, e->trial, sizeof(double) * (size_t)e->n_X);
+        if (e->watched && !outcome) note_slopes(e, target - w.s);
         w.s = target;
     }
     return outcome;
@@ -404,6 +450,7 @@ static int advance(hy_engine *e, double h, int n, int stop_at_events, double *re
     const int events = hy_has_events(e);
     int outcome = HY_OK;
     *reached = t0;
+    e->h_last = 0;
     if (!e->n_X && !events) n = 1; /* nothing to integrate */
     for (int i = 0; i < n && !outcome; i++) {
         stretch w = {t0, h, t0 + h, 0};

@@ -135,7 +135,9 @@ static int integrated_row(hy_engine *e, hy_table *t, int row)
         set_row(e, t, row);
         outcome = hy_inputs_changed(e);
     }
-    return outcome ? outcome : put_row(e, t, row);
+    if (!outcome) outcome = put_row(e, t, row);
+    if (!outcome && e->watched) hy_note_coarse(e);
+    return outcome;
 }
 
 /* Of a model without anything to integrate or to locate. */
@@ -195,8 +197,10 @@ static int shown_rows(hy_engine *e, hy_table *t, hy_mover *move)
 static int integrated_rows(hy_engine *e, hy_table *t)
 {
     int outcome = HY_OK;
+    const int watchable = !e->n_seeds && !e->n_clamped && !any_held(t); /* a held value jumps at the right end */
     for (int row = 1; row < t->rows && !outcome; row++) {
         t->failed_row = row;
+        e->watched = watchable && hy_is_watched((unsigned)row);
         outcome = integrated_row(e, t, row);
     }
     return outcome;

@@ -39,7 +39,7 @@ __attribute__((visibility("default")))
 #endif
 int hy_run_table(hy_table *table); /* 0, or an outcome of hy_model.h */
 
-/* Coefficients of a column's polynomial in the time since a row, up to the next one. */
-void hy_interpolate(const hy_table *t, int column, int row, double c[4]);
+/* Four coefficients of a column's polynomial in the time since a row, up to the next one. */
+void hy_interpolate(const hy_table *t, int column, int row, double *c);
 
 #endif
