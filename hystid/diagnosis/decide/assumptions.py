@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from hystid.diagnosis.decide.criterion import DOUBT, NAME, Criterion, Hypothesis, leaves_noise
+from hystid.diagnosis.decide.criterion import DOUBT, NAME, ZERO, Criterion, Hypothesis, leaves_noise
 from hystid.diagnosis.decide.selection import Choice, choose, choose_among, weigh
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import (
@@ -21,6 +21,7 @@ from hystid.diagnosis.fit.case import (
     at_rest,
     moved_slowly,
     never_let_go,
+    off_zero,
     recoloured,
     swings_of_the_past,
     with_the_past,
@@ -30,12 +31,16 @@ from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.fit.search import try_fit
+from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.faults import DELAY, SATURATION
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.prepare.rest import held
+from hystid.numeric import Array
 
 Decided = tuple[Case, Choice]
+_PLAINER = 4  # hypotheses of fewer numbers that are looked at with a displacement off its zero
+_USUAL = 1.96  # standard deviations that hold 95 % of a normal distribution
 _RUBBING = 6  # laws with dry friction that are fitted again before a search
 _STUCK = "nothing moves for a while, though the force goes on: something holds the structure that the model has not"
 _MORE_THAN_LATE = "channel {} is left out: moved back, it still leaves what the others do not"
@@ -67,6 +72,7 @@ def decided(
     if not choice.missing and (longer := _with_the_past(case, choice)) is not None:
         case, choice = longer, chosen(longer, library)
     case, choice = _cut_off(case, choice, library)
+    case, choice = _off_zero(case, choice, library)
     if case.rested and _is_doubtful(choice):
         case, choice = _moving(case, choice, library, posed(rested=False))
     coloured = recoloured(case, choice.best) if choice.missing else None
@@ -146,6 +152,51 @@ def chosen(
     which the search may pass by here."""
     unseen = unseen_likelihood(case.problem, case.unseen)
     return choose(case.problem, case.refit, library, progress, minima=case.minima, unseen=unseen, known=known)
+
+
+def _off_zero(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """With the displacement off its zero, where fewer laws then leave as little: a law that is not linear, measured off
+    its zero, looks like that law and another one."""
+    if not choice.missing or not case.problem.sees_x:
+        return case, choice
+    problem, criterion = case.problem, Criterion(case.problem, choice.before, 1)
+    numbers = _numbers(choice)
+    listed = [c.hypothesis for c in choice.posterior.candidates if not c.hypothesis.windowed]
+    plainer = sorted((h for h in listed if h.numbers < numbers), key=lambda h: h.fit.chi2)
+    for fit in (choice.before, *(h.fit for h in plainer[:_PLAINER])):
+        zeros, less = zeros_of_x(problem, fit, ZERO)
+        if not _are_usual(problem, zeros) or less / criterion.rows < 0.5 * criterion.misfit(fit, criterion.floor):
+            continue
+        there = problem.with_zeros(zeros)
+        moved = try_fit(there, fit.hypothesis)
+        if moved is None or not _explains(criterion, choice, criterion.misfit(moved, criterion.floor)):
+            continue
+        zeros = zeros + zeros_of_x(there, moved, ZERO)[0]
+        other = off_zero(case, zeros, moved)
+        again = chosen(other, library, known=choice.posterior.likely)
+        left = criterion.misfit(again.best, criterion.floor)
+        if _are_usual(problem, zeros) and _explains(criterion, choice, left) and _numbers(again) < numbers:
+            return other, again
+    return case, choice
+
+
+def _are_usual(problem: Problem, zeros: Array) -> bool:
+    """Whether a displacement sensor is off these zeros [m] in one case of twenty, or more often."""
+    return all(abs(zero) < _USUAL * ZERO * np.std(part.x) for zero, part in zip(zeros, problem.parts, strict=True))
+
+
+def _explains(criterion: Criterion, choice: Choice, misfit: float) -> bool:
+    """Whether no more is left than a choice leaves, or than a right law does."""
+    left = criterion.misfit(choice.after, choice.floor_after) + criterion.slack if choice.named else -np.inf
+    return misfit < left or criterion.is_settled(misfit, choice.before.chi2 - choice.floor_before)
+
+
+def _numbers(choice: Choice) -> float:
+    """Real parameters of what is named: none where nothing is missing, and without end where no law explains it."""
+    if not choice.missing:
+        return 0
+    named = frozenset(choice.named)
+    return next((c.hypothesis.numbers for c in choice.posterior.candidates if frozenset(c.names) == named), np.inf)
 
 
 def _is_doubtful(choice: Choice) -> bool:

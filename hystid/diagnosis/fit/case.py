@@ -27,6 +27,7 @@ from hystid.diagnosis.fit.periodic import without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest
 from hystid.diagnosis.fit.slow_motion import OCTAVES, runs_of, told_of, with_slow_motion
+from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
 from hystid.diagnosis.model.catalogue import Catalogue
@@ -49,6 +50,8 @@ _LIBRARY = "HystId."
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no louder than all that is left
 _SECTIONS = 10  # of a recording, the first of which tells most of what was before
 _RESTED = ", and what its contacts remember of the time before bears out that they were at rest"
+_OFF_ZERO = "the displacement is taken to be off its zero by {}, as fewer laws then explain as much"
+_NO_ZERO = 0.05  # of the largest zero, below which another one is not told
 _LOUDER = 2.0  # times as much slow noise without a law as beside it: two lines of a spectrum differ by as much
 _BEFORE = "what was before is not recorded"
 _KEPT = (
@@ -353,6 +356,30 @@ def moved_slowly(case: Case) -> Case | None:
         fits = replace(case, refit=refitted, minima=minima, nominal_chi2=nominal)
         found = replace(fits, problem=problem, unseen=unseen, notes=notes)
     return found
+
+
+def off_zero(case: Case, zeros: Sequence[float], law: Fit) -> Case:
+    """The case with the zeros of the displacement [m] taken out of each recording, and of held-out ones those beside
+    which a law leaves least there. law: a fit of the case."""
+    parts = [part.with_zero(zero) for part, zero in zip(case.problem.parts, zeros, strict=True)]
+    shares = [abs(zero) / float(np.std(part.x)) for zero, part in zip(zeros, parts, strict=True)]
+    problem = case.problem.of(parts)
+    start = replace(law, hypothesis=replace(law.hypothesis, terms=case.refit.hypothesis.terms))
+    refitted, minima, nominal = refit_again(problem, [start, case.refit, *case.minima])
+    unseen = case.unseen
+    if unseen:
+        there = case.problem.elsewhere(unseen)
+        found, _ = zeros_of_x(there, standing(there, law.hypothesis.elsewhere()), max(shares), free=False)
+        unseen = tuple(part.with_zero(zero) for part, zero in zip(unseen, found, strict=True))
+    told = _OFF_ZERO.format(
+        ", ".join(
+            f"{1e3 * zero:.3g} mm in {part.name} ({100 * share:.2g} % of its standard deviation)"
+            for zero, part, share in zip(zeros, parts, shares, strict=True)
+            if share > _NO_ZERO * max(shares)
+        )
+    )
+    fits = replace(case, refit=refitted, minima=minima, nominal_chi2=nominal)
+    return replace(fits, problem=problem, unseen=unseen, notes=(*case.notes, told))
 
 
 def _no_force(baseline: Baseline, parts: Sequence[Part]) -> str:

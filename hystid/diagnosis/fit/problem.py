@@ -345,6 +345,13 @@ class Problem:
             )
             for part, (dx, dv, da, di) in ((part, part.jitter[draw]) for part in self.parts)
         ]
+        return self._along(moved)
+
+    def with_zeros(self, zeros: Sequence[float]) -> Problem:
+        """The same problem with the displacement of each part off its zero by less: by these [m]."""
+        return self._along([part.with_zero(zero) for part, zero in zip(self.parts, zeros, strict=True)])
+
+    def _along(self, moved: Sequence[Part]) -> Problem:
         made = self.of(moved)
         made.reduce = self.reduce
         made._reduce_anew()

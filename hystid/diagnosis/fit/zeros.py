@@ -1,4 +1,5 @@
-"""The zero of the displacement sensor: a spring that is measured off its zero looks like a constant force."""
+"""The zero of the displacement sensor: a spring that is measured off its zero looks like a constant force, and one that
+is not linear like another law beside it."""
 
 from __future__ import annotations
 
@@ -6,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hystid.diagnosis.fit.hypothesis import Hypothesis, Term
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.channel_effects import DRIFT, is_constant
+from hystid.numeric import Array
 
 _STEP = 1e-3  # share of the largest displacement by which the law is moved to see its slope
 _STEADY = 1e-6  # relative change of a force that counts as constant
@@ -69,6 +71,28 @@ def zeros_instead(problem: Problem, hypothesis: Hypothesis) -> list[str]:
     """Sentences about constant forces of a hypothesis that the zero of the displacement sensor would explain."""
     found = [zero_of_term(problem, hypothesis, term) for term in hypothesis.terms]
     return [zero.sentence() for zero in found if zero is not None]
+
+
+def zeros_of_x(problem: Problem, fit: Fit, share: float, *, free: bool = True) -> tuple[Array, float]:
+    """Zero of the displacement sensor in each recording [m] beside which a fit leaves least, (recordings,), and the sum
+    of squares that it leaves less then; both to first order.
+
+    share: of the standard deviation of x, by which zeros are usually off: less is more probable. free: whether the
+    parameters of the fit give way.
+    """
+    steps = np.array([share * (float(np.std(part.x)) or 1.0) for part in problem.parts])
+    moved = problem.with_zeros(steps).rows(fit.hypothesis) - fit.residual
+    columns = np.zeros((len(moved), len(steps)))
+    ends = np.cumsum([0, *problem.row_counts()])
+    for i in range(len(steps)):
+        columns[ends[i] : ends[i + 1], i] = moved[ends[i] : ends[i + 1]]
+    rest = fit.residual
+    if free:
+        basis, _ = np.linalg.qr(problem.jacobian(fit.hypothesis, problem.unknowns(fit.hypothesis)))
+        columns, rest = columns - basis @ (basis.T @ columns), rest - basis @ (basis.T @ rest)
+    off = np.linalg.solve(columns.T @ columns + np.eye(len(steps)), -(columns.T @ rest))
+    left = rest + columns @ off
+    return off * steps, float(rest @ rest - left @ left)
 
 
 def _constant(term: Term, forces: list[np.ndarray]) -> float:

@@ -83,6 +83,11 @@ class Part:
         back = slice(self.past, 0, -1)
         return (np.concatenate([x[back], x]), np.concatenate([-v[back], v])) if self.past else (x, v)
 
+    def with_zero(self, zero: float) -> Part:
+        """The same with a displacement whose zero was off by so much [m]."""
+        measured = {name: y - zero if name == "x" else y for name, y in self.measured.items()}
+        return replace(self, x=self.x - zero, measured=measured)
+
     @property
     def first(self) -> float:
         """Lowest visible frequency [rad per sample]."""
