@@ -25,6 +25,7 @@ from hystid.diagnosis.fit.case import (
     recoloured,
     swings_of_the_past,
     with_the_past,
+    with_what_struck,
 )
 from hystid.diagnosis.fit.clipped import below_level, clipped_force
 from hystid.diagnosis.fit.hypothesis import Fit
@@ -71,6 +72,7 @@ def decided(
         case, choice = stuck, chosen(stuck, library)
     if not choice.missing and (longer := _with_the_past(case, choice)) is not None:
         case, choice = longer, chosen(longer, library)
+    case, choice = _struck(case, choice, library)
     case, choice = _cut_off(case, choice, library)
     case, choice = _off_zero(case, choice, library)
     if case.rested and _is_doubtful(choice):
@@ -82,6 +84,16 @@ def decided(
     if integrated and choice.unknown:
         return _accelerated(case, choice, library, partial(posed, "xv"))
     return case, choice
+
+
+def _struck(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """With the samples that were left out for knocks, where a law has a name that leaves noise there as well: a law that
+    acts for a while may strike a few times."""
+    if choice.named or not case.struck:
+        return case, choice
+    whole = with_what_struck(case)
+    again = chosen(whole, library)
+    return (whole, again) if again.named and leaves_noise(whole.problem, again.after) else (case, choice)
 
 
 def _cut_off(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:

@@ -308,7 +308,7 @@ class Criterion:
             for h, p, m, d in zip(found, plain, misfits, moved, strict=True)
         ]
         error = 0.0 if is_noise else max(whole, 0.0) / self.force
-        doubt = -0.5 * error / SOUND**2
+        doubt = -0.5 * error / SOUND**2 if not self.problem.is_held else -math.inf
         nothing = float(np.log(PRIOR["nothing"])) + self.likelihood(whole) + doubt - far
         # What contradicts a law does not contradict that something else is missing.
         spared = [p - min(h.unseen, 0.0) for h, p in zip(found, plain, strict=True)]

@@ -22,7 +22,7 @@ from hystid.diagnosis.fit.colour import (
 )
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.independence import is_noise
-from hystid.diagnosis.fit.knocks import without_knocks
+from hystid.diagnosis.fit.knocks import NO_LAW, without_knocks
 from hystid.diagnosis.fit.periodic import without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest
@@ -68,7 +68,7 @@ class Case:
     nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. unforced: the force is
     known to be zero. catalogue: what the effects declare of themselves. rested: contacts are taken for at rest before a
     recording that begins in mid-motion. complete: the recordings with the samples whose force depends on what was
-    before; none where there are no others.
+    before; none where there are no others. struck: the recordings with the samples that knocks are said to strike, likewise.
     """
 
     problem: Problem
@@ -85,6 +85,7 @@ class Case:
     catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
     rested: bool = False
     complete: tuple[Part, ...] = field(repr=False, default=())
+    struck: tuple[Part, ...] = field(repr=False, default=())
 
 
 def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested: bool = True) -> Case:
@@ -157,8 +158,9 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     if (coloured := _colour(problem, refitted)) is not None:
         problem, held = problem.of(coloured), coloured_alike(held, coloured)
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
+    struck = [replace(p, valid=q.valid) for p, q in zip(problem.parts, every, strict=True)] if knocked else []
     if knocked is not None and not knocked.told:  # they belong to the law, and only the noise was to be seen without
-        problem = problem.of([replace(p, valid=q.valid) for p, q in zip(problem.parts, every, strict=True)])
+        problem, struck = problem.of(struck), []
         refitted, minima, nominal = refit_again(problem, [refitted, *minima])
     if not given.unforced:  # a steady line would hold the motion up: what dies away has none
         refitted = without_periodic_forces(problem, refitted)
@@ -175,7 +177,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     return Case(
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
-        catalogue or Catalogue(), resting is not None, _with_beginnings(problem.parts, remembering),
+        catalogue or Catalogue(), resting is not None, _with_beginnings(problem.parts, remembering), tuple(struck),
     )  # fmt: skip
 
 
@@ -231,6 +233,16 @@ def with_the_past(case: Case, problem: Problem) -> Case:
     refitted, minima, nominal = refit_again(problem, [case.refit, *case.minima])
     told = (*(note for note in case.notes if _BEFORE not in note), _KEPT)
     return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=told)
+
+
+def with_what_struck(case: Case) -> Case:
+    """The case with the samples that were left out for knocks."""
+    problem = case.problem.of(case.struck)
+    refitted, minima, nominal = refit_again(problem, [case.refit, *case.minima])
+    notes = tuple(note for note in case.notes if NO_LAW not in note)
+    return replace(
+        case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes, struck=()
+    )  # fmt: skip
 
 
 def _with_beginnings(parts: Sequence[Part], remembering: Sequence[Flags]) -> tuple[Part, ...]:

@@ -34,6 +34,8 @@ _RARE, _LITTLE = 3.8, 0.05  # standard deviations, and share of the power beyond
 def is_noise(problem: Problem, fitted: Fit) -> bool:
     """Whether the residual of a fit is shown to be independent of x, v, a and h, of the time, and has neither lines nor
     shocks. A residual that is slow beside its recording has few independent samples, and shows nothing."""
+    if problem.is_held:
+        return False
     signals = problem.signals(fitted.hypothesis)
     motion = [
         [problem.reduce.plain(i, column) for column in (s.x, s.v, s.a, s.h, problem.parts[i].t)]
@@ -57,9 +59,12 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     pairs = [(0, 1), (3, 1), (4, 0), (4, 1)]
     floor = problem.reduce.level + problem.reduce.left_open(fitted.residual)
     excess = max(0.0, 1.0 - floor / fitted.chi2)
-    count = int(np.count_nonzero(np.concatenate(sure)))
-    known = (_KNOWN[0] + _KNOWN[1] * excess) * count
-    shown = max(known, _SHOWN * excess * (1.0 - excess) * count)
+    counts = np.array([np.count_nonzero(seen) for seen in sure])
+    known = (_KNOWN[0] + _KNOWN[1] * excess) * float(np.sum(counts))
+    # What is left in one recording alone can show there alone.
+    squares = [float(np.mean(rows**2)) for rows in np.split(fitted.residual, ends)]
+    own = np.array([max(0.0, 1.0 - floor / square) if square else 0.0 for square in squares])
+    shown = max(known, _SHOWN * float(np.sum(own * (1.0 - own) * counts)))
     powers = [(residual**2 - 1.0) * seen for residual, seen in zip(residuals, sure, strict=True)]
 
     def unknown(pair: tuple[int, int]) -> bool:

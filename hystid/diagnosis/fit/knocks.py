@@ -27,6 +27,7 @@ _MOST, _LONGEST = 5, 3  # knocks in a recording, and periods of the quickest mot
 # make of it: what comes more often, or lasts, belongs to the motion
 _STRETCH = 10  # of the longest knock: a stretch of which one knock does not move the median
 _BY_CHANCE = 0.05  # probability at which knocks that do not know the motion come with its largest displacements
+NO_LAW = "a force that no channel shows and the motion does not repeat"  # what a knock is, in its sentence
 _MAD = 0.6745  # median of the absolute value of a normal variable
 
 
@@ -134,6 +135,6 @@ def _sentence(part: Part, knocks: Sequence[Knock]) -> str:
     at = ", ".join(f"{part.t[k.first]:.4g}" for k in knocks)
     many = f"{len(knocks)} knocks" if len(knocks) > 1 else "a knock"
     return (
-        f"{part.name}: {many} at t = {at} s, a force that no channel shows and the motion does not repeat: "
+        f"{part.name}: {many} at t = {at} s, {NO_LAW}: "
         f"{sum(k.last - k.first for k in knocks)} samples are left out"
     )

@@ -66,6 +66,11 @@ class Problem:
         """Whether the displacement is known in all recordings, so that laws of it can be told."""
         return all(part.sees_x for part in self.parts)
 
+    @property
+    def is_held(self) -> bool:
+        """Whether rest counts, which does only where a force swings in it: something holds the structure then."""
+        return any(p.rest is not None and p.valid is not None and bool(np.any(p.rest & p.valid)) for p in self.parts)
+
     def _reduce_anew(self) -> None:
         """Rows of what is reduced once and for all; to be called when the reduction has changed."""
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}

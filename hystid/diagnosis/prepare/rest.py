@@ -26,7 +26,7 @@ _KEPT = 0.5  # of such a period at either end of a stretch, where the contact ta
 
 
 def trimmed(test: Recording) -> Recording:
-    """A recording without the rest after its motion, where that is most of it; its notes say so.
+    """A recording without the rest after its motion and its force, where that is most of it; its notes say so.
 
     Before the motion is smoothed: the rest would be taken for how smooth it is. The rest before the motion stays: it
     says where laws with memory began, and windows of time count from there.
@@ -34,7 +34,8 @@ def trimmed(test: Recording) -> Recording:
     values = next(iter(test.channels("vxa").values()), None)
     if test.quasi_static or values is None or len(test) < 4 * _WINDOW:
         return test
-    moving = np.flatnonzero(_moving(values, noise_level(values)))
+    # a force that swings while nothing moves is held by something, and says so
+    moving = np.flatnonzero(_moving(values, noise_level(values)) | _moving(test.F, noise_level(test.F)))
     if len(moving) == 0:
         return test
     last = min(max((int(moving[-1]) + 2) * _WINDOW, _LEAST), len(values))
