@@ -134,7 +134,4 @@ def _without(part: Part, knocks: Sequence[Knock]) -> Part:
 def _sentence(part: Part, knocks: Sequence[Knock]) -> str:
     at = ", ".join(f"{part.t[k.first]:.4g}" for k in knocks)
     many = f"{len(knocks)} knocks" if len(knocks) > 1 else "a knock"
-    return (
-        f"{part.name}: {many} at t = {at} s, {NO_LAW}: "
-        f"{sum(k.last - k.first for k in knocks)} samples are left out"
-    )
+    return f"{part.name}: {many} at t = {at} s, {NO_LAW}: {sum(k.last - k.first for k in knocks)} samples are left out"
