@@ -139,6 +139,30 @@ def test_a_stop_that_is_there_for_a_second_is_no_knock() -> None:
     assert found.verdict not in CALM
 
 
+def by_hand(seed: int) -> dict[str, Array]:
+    """x, v and a of twelve tones of 0.3 to 1.6 Hz."""
+    rng = np.random.default_rng(seed)
+    omega, phase = 2 * np.pi * rng.uniform(0.3, 1.6, 12), rng.uniform(0, 2 * np.pi, 12)
+    turn = np.outer(np.arange(N) * DT, omega) + phase
+    return {name: 1e-3 * np.sum(np.sin(turn + k * np.pi / 2) * omega**k, axis=1) for k, name in enumerate("xva")}
+
+
+def test_a_play_that_is_there_for_a_second_is_no_knock() -> None:
+    """In slow motion its force is short beside the recording, and strikes once; it is no knock as long as a law explains
+    all of it."""
+    motions, t = [by_hand(seed) for seed in (7, 57, 107)], np.arange(N) * DT
+    forces = [balance(motion) for motion in motions]
+    gap = 0.3 * float(np.std(motions[0]["x"]))
+    forces[0] -= 0.7 * K * np.clip(motions[0]["x"], -gap, gap) * ((t > 2.3) & (t < 3.9))
+    tests = [
+        replace(recorded(motion, force, seed, snr=34.0, name=f"test_{seed}"), a=None)
+        for seed, (motion, force) in enumerate(zip(motions, forces, strict=True), 4)
+    ]
+    found = asked(*tests)
+    assert [finding.effect for finding in found.findings] == ["backlash"]
+    assert not [note for note in found.notes if "knock" in note]
+
+
 def gust(seed: int, share: float) -> Array:
     """White noise that is there for a third of the time."""
     place = np.linspace(0, 1, N)

@@ -277,6 +277,21 @@ def test_what_holds_a_structure_at_rest_is_missing() -> None:
     assert any("nothing moves for a while" in note for note in held.notes)
 
 
+def test_what_holds_a_structure_to_the_end_of_a_recording_is_missing() -> None:
+    """Most of the recording is rest, which is cut off before the motion is smoothed, but not while a force swings."""
+
+    def size(t: np.ndarray) -> np.ndarray:
+        return 1.0 * (t < 1.8)
+
+    def lock(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return 30.0 * np.sin(2 * np.pi * 17 * t) * ((t > 2.3) & (t < 4.5))
+
+    free = diagnose([modulated(size, lambda t, x, v: 0 * t, 0.003)], model=MODEL, parameters=NOMINAL)
+    assert free.verdict in ("agrees", "recalibrated")
+    held = diagnose([modulated(size, lock, 0.003)], model=MODEL, parameters=NOMINAL)
+    assert held.verdict in ("unknown_physics", "missing_physics")
+
+
 def test_a_window_in_a_held_out_recording_may_be_any() -> None:
     """A law that acts in one window of a held-out recording is far off there without a window, and all the time: what
     these leave in the means over the states says nothing of the window."""

@@ -1,8 +1,10 @@
 """The zero of a sensor beside physics that is missing."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from hystid.diagnosis import diagnose
 from hystid.diagnosis.model.channel_effects import force_drifts
@@ -40,6 +42,24 @@ def test_a_zero_of_x_in_each_recording_hides_no_law() -> None:
     leading = next(finding for finding in found.findings if finding.effect in ("two_sided_stop", "backlash"))
     assert leading.confidence > 0.5
     assert {finding.effect for finding in found.findings} - {leading.effect} <= {"preload", "force_drift"}
+
+
+def _cubic(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """A spring that hardens: a tenth of the elastic force at the ends of the loudest motion."""
+    return 0.1 * STIFFNESS * x**3 / (GAP / 0.3) ** 2
+
+
+def test_a_zero_of_x_makes_no_second_law_of_a_spring_that_hardens() -> None:
+    """Measured off its zero, a cubic spring has a square part as well, and is one law all the same."""
+    tests = [recorded(seed, level, _cubic, noise=0.002) for seed, level in enumerate(LEVELS, 1)]
+    tests = [replace(t, x=t.x + side * 0.03 * np.std(t.x)) for t, side in zip(tests, (1, -1, 1), strict=True)]
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
+    (finding,) = found.findings
+    assert finding.effect == "cubic_stiffness"
+    (said,) = (note for note in found.notes if "off its zero" in note)
+    shares = [float(share) for share in re.findall(r"\(([\d.]+) % of its standard deviation\)", said)]
+    # The force of a spring at its zero is known to a few thousandths of its largest one.
+    assert shares == pytest.approx([3.0, 3.0, 3.0], abs=0.3)
 
 
 def test_a_constant_of_each_recording_needs_no_clock_and_is_no_other_of_one() -> None:

@@ -87,8 +87,8 @@ def decided(
 
 
 def _struck(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
-    """With the samples that were left out for knocks, where a law has a name that leaves noise there as well: a law that
-    acts for a while may strike a few times."""
+    """With the samples that were left out for knocks, where a law has a name that leaves noise there as well: what acts
+    for a while may strike a few times."""
     if choice.named or not case.struck:
         return case, choice
     whole = with_what_struck(case)

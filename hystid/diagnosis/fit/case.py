@@ -68,7 +68,8 @@ class Case:
     nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. unforced: the force is
     known to be zero. catalogue: what the effects declare of themselves. rested: contacts are taken for at rest before a
     recording that begins in mid-motion. complete: the recordings with the samples whose force depends on what was
-    before; none where there are no others. struck: the recordings with the samples that knocks are said to strike, likewise.
+    before; none where there are no others. struck: the recordings with the samples that knocks are said to strike,
+    likewise.
     """
 
     problem: Problem
