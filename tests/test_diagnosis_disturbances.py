@@ -148,8 +148,8 @@ def by_hand(seed: int) -> dict[str, Array]:
 
 
 def test_a_play_that_is_there_for_a_second_is_no_knock() -> None:
-    """In slow motion its force is short beside the recording, and strikes once; it is no knock as long as a law explains
-    all of it."""
+    """In slow motion its force is short beside the recording, and strikes once; it is no knock as long as a law
+    explains all of it."""
     motions, t = [by_hand(seed) for seed in (7, 57, 107)], np.arange(N) * DT
     forces = [balance(motion) for motion in motions]
     gap = 0.3 * float(np.std(motions[0]["x"]))

@@ -371,7 +371,7 @@ def moved_slowly(case: Case) -> Case | None:
     return found
 
 
-def off_zero(case: Case, zeros: Sequence[float], law: Fit) -> Case:
+def off_zero(case: Case, zeros: Array, law: Fit) -> Case:
     """The case with the zeros of the displacement [m] taken out of each recording, and of held-out ones those beside
     which a law leaves least there. law: a fit of the case."""
     parts = [part.with_zero(zero) for part, zero in zip(case.problem.parts, zeros, strict=True)]

@@ -352,7 +352,7 @@ class Problem:
         ]
         return self._along(moved)
 
-    def with_zeros(self, zeros: Sequence[float]) -> Problem:
+    def with_zeros(self, zeros: Array) -> Problem:
         """The same problem with the displacement of each part off its zero by less: by these [m]."""
         return self._along([part.with_zero(zero) for part, zero in zip(self.parts, zeros, strict=True)])
 

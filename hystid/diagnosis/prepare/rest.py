@@ -34,8 +34,8 @@ def trimmed(test: Recording) -> Recording:
     values = next(iter(test.channels("vxa").values()), None)
     if test.quasi_static or values is None or len(test) < 4 * _WINDOW:
         return test
-    # a force that swings while nothing moves is held by something, and says so
-    moving = np.flatnonzero(_moving(values, noise_level(values)) | _moving(test.F, noise_level(test.F)))
+    force = values if test.F is None else test.F  # one that swings while nothing moves is held by something
+    moving = np.flatnonzero(_moving(values, noise_level(values)) | _moving(force, noise_level(force)))
     if len(moving) == 0:
         return test
     last = min(max((int(moving[-1]) + 2) * _WINDOW, _LEAST), len(values))
