@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import cached_property
 
 from hystid.diagnosis.decide.criterion import MENTION, SOUND, Criterion, Hypothesis
+from hystid.diagnosis.decide.lawfree import free_curves
 from hystid.diagnosis.decide.part_time import in_windows
 from hystid.diagnosis.decide.trials import (
     Trial,
@@ -377,7 +378,15 @@ class Search:
                 without = criterion.misfit(made, hypothesis.floor)
                 gain = criterion.likelihood(misfit) - criterion.likelihood(without)
                 counts = gain > criterion.price(term.effect.size, misfit)
-                counts = counts and criterion.is_worth_a_name(misfit, without, formed)
+                counts = counts and (
+                    criterion.is_worth_a_name(misfit, without, formed)
+                    or (
+                        criterion.is_settled(misfit, formed)
+                        and criterion.is_no_curve(
+                            misfit, without, term.effect.size, tuple(free_curves(self.problem, made))
+                        )
+                    )
+                )
                 yield self._hypothesis(names, hypothesis.size - term.effect.size, made), counts
 
 
