@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import binom
 
 from hystid.consistency.kinematics import Pair, spectrum
 from hystid.recording import Array
@@ -15,6 +16,9 @@ _FEWEST = 10  # samples at one value from which it is a level
 _OFTEN = 3  # times as often as any other value in the upper half: a coarse converter repeats them all alike
 _DIGITS = 1e-9  # of the level: the same number, written by another program
 BELOW = 8.0  # standard deviations of the noise, over which the samples at a level scatter: four on either side
+_QUIETER = (4.0, 2.0, 1.0)  # times by which the noise may be below what the spectrum shows; the narrowest level counts
+_TOP_OF_A_SINE = 1 / math.sqrt(2)  # share at the top of what stands there or as far again below it
+_CHANCE = 1e-3  # probability at which a sine has as many there
 _TOP = 2 * (1 + math.sqrt(2))  # times as many samples at the top as next below it: twice those of a sine
 _RUN = 3  # samples in a row at a level
 _SECTIONS = 16  # of a recording: motion grows and falls, and most is lost where it is large
@@ -25,7 +29,7 @@ _LONGEST = 0.9  # share of a section at the level: beyond it, nothing tells the 
 class CutOff:
     """Where a channel stops: the value (positive, both ways), and the share of all samples that stand there.
 
-    width: by how much noise behind the level moves them.
+    width: by how much noise behind the level moves them, either way.
     """
 
     value: float
@@ -93,18 +97,20 @@ def _noisy_level(values: Array) -> CutOff | None:
     """Level at which a channel, (n,), stops in front of its noise; None where it goes through all values alike.
 
     At the top of a wave there are more samples than below, and not so many more; and a wave of few samples stands there
-    for one or two of them.
+    for one or two of them. Corners at the level look like noise: it may be quieter than it seems.
     """
-    width, top = BELOW * spectrum(values, 1.0).noise, float(np.max(np.abs(values), initial=0.0))
-    if not 0 < 2 * width < top / 2:
-        return None
-    near = np.abs(values) > top - width
-    count = int(np.count_nonzero(near))
-    below = int(np.count_nonzero(np.abs(values) > top - 2 * width)) - count
-    runs = int(np.count_nonzero(np.diff(near.astype(np.int8), prepend=0) > 0))
-    if count < max(_FEWEST, _TOP * below, _RUN * runs):
-        return None
-    return CutOff(float(np.median(np.abs(values[near]))), count / len(values), width)
+    noise, top = spectrum(values, 1.0).noise, float(np.max(np.abs(values), initial=0.0))
+    for width in (BELOW * noise / quieter for quieter in _QUIETER):
+        if not 0 < 2 * width < top:
+            continue
+        near = np.abs(values) > top - width
+        count = int(np.count_nonzero(near))
+        below = int(np.count_nonzero(np.abs(values) > top - 2 * width)) - count
+        runs = int(np.count_nonzero(np.diff(near.astype(np.int8), prepend=0) > 0))
+        by_chance = float(binom.sf(count - 1, count + below, _TOP_OF_A_SINE))
+        if count >= max(_FEWEST, _TOP * below, _RUN * runs) and by_chance < _CHANCE:
+            return CutOff(float(np.median(np.abs(values[near]))), count / len(values), 0.5 * width)
+    return None
 
 
 def _stands(values: Array, top: float, width: float = 0.0) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
