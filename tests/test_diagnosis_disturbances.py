@@ -202,3 +202,15 @@ def test_hum_of_the_force_channel_alone_is_taken_out_with_a_note() -> None:
     found = asked(recorded(motion, force + hum, 17))
     assert found.verdict in CALM
     assert [note for note in found.notes if "mains" in note]
+
+
+def test_hum_below_half_the_sample_rate_is_taken_out_with_a_note() -> None:
+    """50 Hz at 120 samples a second; noise is far below."""
+    slow = 1e3 / 120  # times slower than the tones, which reach 3.6 Hz then
+    motion = {name: u / slow**k for k, (name, u) in enumerate(tones(16).items())}
+    force = M * motion["a"] + B * motion["v"] + K * motion["x"]
+    hum = 0.01 * float(np.std(force)) * np.sin(2 * np.pi * 50 * np.arange(N) / 120 + 1)
+    test = recorded(motion, force + hum, 17, snr=80.0)
+    found = asked(replace(test, t=np.arange(N) / 120))
+    assert found.verdict in CALM
+    assert [note for note in found.notes if "50 Hz" in note]

@@ -34,7 +34,7 @@ _SECTIONS, _STEADY = 6, 0.6  # of a recording, and the share of a line's power t
 _HARMONICS = 60  # of a sine test, whose distortion is no line of its own
 _DOMINANT = 0.5  # share of the power of the force in one line that makes a sine test
 _WHOLE = 0.9  # of a line of the force (amplitude) that is left where no motion answers it: no model is off by as much
-_HIGHEST = 0.4  # of the rate of the rows: beyond, averaging has taken the line out already
+_HIGHEST = 0.4  # of the rate of averaged rows: beyond, averaging has taken the line out already
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,8 @@ def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> f
         _Spectrum(residual, part.F, part.dt)
         for residual, part in zip(problem.balance(hypothesis), problem.parts, strict=True)
     ]
-    highest = min(_HIGHEST / (part.dt * problem.reduce.block) for part in problem.parts)
+    rate = 0.5 if problem.reduce.block == 1 else _HIGHEST / problem.reduce.block
+    highest = min(rate / part.dt - _FAR / s.length for part, s in zip(problem.parts, spectra, strict=True))
     grid = max(spectra, key=lambda s: s.length)
     lowest = max((_FAR + 1) / s.length for s in spectra)
     frequencies = np.arange(lowest, highest, 0.5 / grid.length)
