@@ -282,14 +282,13 @@ class Criterion:
         return without > self.usual * formed or self.form(misfit, without) > np.log(PRIOR[1] / PRIOR[2])
 
     def is_no_curve(self, misfit: float, without: float, size: int, curves: Sequence[float]) -> bool:
-        """Whether a member of a set explains what no curve over x or v does beside the others, by the odds against a
-        further law: what is wrong with the form of a law is a curve.
+        """Whether a member of a set explains what no wrong form of the others does. Such forms cost nothing: that a
+        right law is off by as much is what ``FORM`` says.
 
         curves: what they take of the mean square that is left without the member. size: parameters of the member.
         """
-        law = self.likelihood(misfit) - self.penalty(size, 1, misfit)
-        free = [self.likelihood(m) - 0.5 * CURVE * self.samples(m) for m in (without - gain for gain in curves)]
-        return law - max([self.likelihood(without), *free]) > math.log(PRIOR[1] / PRIOR[2])
+        least = max(without - max(curves, default=0.0), 0.0)
+        return self.likelihood(misfit) - self.likelihood(least) > self.price(size, misfit)
 
     def with_level(self, found: Sequence[Hypothesis], reached: float) -> Criterion:
         """The same at the level of the noise: what the best hypothesis leaves, as far as the noise may be off, or all

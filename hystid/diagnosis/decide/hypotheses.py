@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import cached_property
 
 from hystid.diagnosis.decide.criterion import MENTION, SOUND, Criterion, Hypothesis
-from hystid.diagnosis.decide.lawfree import free_curves
+from hystid.diagnosis.decide.lawfree import free_curves, wrong_forms
 from hystid.diagnosis.decide.part_time import in_windows
 from hystid.diagnosis.decide.trials import (
     Trial,
@@ -380,14 +380,20 @@ class Search:
                 counts = gain > criterion.price(term.effect.size, misfit)
                 counts = counts and (
                     criterion.is_worth_a_name(misfit, without, formed)
-                    or (
-                        criterion.is_settled(misfit, formed)
-                        and criterion.is_no_curve(
-                            misfit, without, term.effect.size, tuple(free_curves(self.problem, made))
-                        )
-                    )
+                    or self._is_no_form(criterion, made, term.effect.size, (misfit, without, formed))
                 )
                 yield self._hypothesis(names, hypothesis.size - term.effect.size, made), counts
+
+    def _is_no_form(self, criterion: Criterion, rest: Fit, size: int, misfits: tuple[float, float, float]) -> bool:
+        """Whether a member of a set takes, down to what right laws leave, what no form of the others would take.
+
+        rest: the others, fitted without it. misfits: with it, without, and what is left to laws that have a form.
+        """
+        misfit, without, formed = misfits
+        if not criterion.is_settled(misfit, formed):
+            return False
+        curves = [*free_curves(self.problem, rest), *wrong_forms(self.problem, rest)]
+        return criterion.is_no_curve(misfit, without, size, curves)
 
 
 def _is_exact(effect: Effect) -> bool:

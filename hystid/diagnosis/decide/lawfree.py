@@ -6,7 +6,7 @@ explanation, and the answer is that the law is unknown.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,28 @@ _SAME = 1e-6  # relative singular value below which a curve is what the baseline
 
 def free_curves(problem: Problem, baseline: Fit) -> Iterator[float]:
     """Fall of the mean square by a curve over x, and by one over v, of ``CURVE`` coefficients each."""
-    outside = complement(problem, baseline)
-    residual = outside(baseline.residual)
-    for name in ("x", "v"):
-        values = [getattr(part, name) for part in problem.parts]
-        tables = curves(values)
+    ones = [np.ones(len(part)) for part in problem.parts]
+    yield from _falls(problem, baseline, ones, "xv")
+
+
+def wrong_forms(problem: Problem, fit: Fit) -> Iterator[float]:
+    """The same of what may be wrong with the forms of the laws of a fit: each times a curve over x, v or time."""
+    signals = problem.signals(fit.hypothesis)
+    for term in fit.hypothesis.terms:
+        forces = [np.asarray(term.effect.force(signal, term.values)) for signal in signals]
+        yield from _falls(problem, fit, forces, "xvt")
+
+
+def _falls(problem: Problem, fit: Fit, forces: Sequence[Array], names: str) -> Iterator[float]:
+    """Falls of the mean square by forces, (n,) per recording, times a curve over each of some quantities."""
+    outside = complement(problem, fit)
+    residual = outside(fit.residual)
+    for name in names:
+        tables = curves([getattr(part, name) for part in problem.parts])
         if not tables:
             continue
-        columns = np.stack([problem.reduce([table[:, k] for table in tables]) for k in range(CURVE)], axis=1)
+        made = [force[:, None] * table for force, table in zip(forces, tables, strict=True)]
+        columns = np.stack([problem.reduce([table[:, k] for table in made]) for k in range(CURVE)], axis=1)
         norms = np.linalg.norm(columns, axis=0)
         left, size, _ = np.linalg.svd(outside(columns[:, norms > 0] / norms[norms > 0]), full_matrices=False)
         yield float(np.sum((left[:, size > _SAME].T @ residual) ** 2)) / len(residual)
