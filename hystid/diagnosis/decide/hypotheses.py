@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
-from hystid.diagnosis.decide.criterion import MENTION, SOUND, Criterion, Hypothesis
+from hystid.diagnosis.decide.criterion import FORM, MENTION, SOUND, Criterion, Hypothesis
 from hystid.diagnosis.decide.lawfree import free_curves, wrong_forms
 from hystid.diagnosis.decide.part_time import in_windows
 from hystid.diagnosis.decide.trials import (
@@ -390,7 +390,7 @@ class Search:
         rest: the others, fitted without it. misfits: with it, without, and what is left to laws that have a form.
         """
         misfit, without, formed = misfits
-        if not criterion.is_settled(misfit, formed):
+        if not criterion.is_settled(misfit, formed) or without - misfit < FORM**2 * formed:
             return False
         curves = [*free_curves(self.problem, rest), *wrong_forms(self.problem, rest)]
         return criterion.is_no_curve(misfit, without, size, curves)
