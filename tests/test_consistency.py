@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfilt
+from scipy.signal import butter, savgol_filter, sosfilt
 
 from hystid.consistency import admit, examine
 from hystid.consistency.examine import _judged_force
@@ -366,3 +366,17 @@ def test_a_displacement_that_wanders_denies_no_mass() -> None:
     assert not [item for item in examine([integral], MASS).findings if item.slip == "wrong_mass"]
     copy = replace(plain, F=plain.F - MASS * plain.a, v=None)  # the force behind the moving parts, well recorded
     assert [item.slip for item in examine([copy], MASS).findings] == ["wrong_mass"]
+
+
+def test_the_noise_of_a_computed_acceleration_denies_no_mass() -> None:
+    """A user took both derivatives of a displacement of 34 dB by a filter of eleven samples. Two tones on either side
+    of the resonance: inertia is most of the force, and the noise of the acceleration louder than its motion."""
+    rng, t, mass = np.random.default_rng(2), np.arange(3000) / 2300.0, 1.9
+    w, size = 2 * np.pi * 7.3 * np.array([[1.0], [1.7]]), 1.6e-3 * np.array([[1.0], [0.6]])
+    x, v, a = (np.sum(size * w**k * np.sin(w * t + k * np.pi / 2), axis=0) for k in range(3))
+    force = mass * a + 13 * v + 6e3 * x + 2 * np.tanh(v / 2e-3)
+    x, force = (u + 0.02 * np.std(u) * rng.standard_normal(len(u)) for u in (x, force))
+    v, noisy = (savgol_filter(x, 11, 3, deriv=k, delta=1 / 2300) for k in (1, 2))
+    assert np.std(noisy - a) > np.std(a)
+    found = examine([Recording("derived", t, F=force, x=x, v=v, a=noisy)], mass).findings
+    assert not [item for item in found if item.slip == "wrong_mass"]

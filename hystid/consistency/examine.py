@@ -114,6 +114,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     timed = not recording.quasi_static and len(recording) >= _SHORTEST and moves
     kept = {name: kept_size(values) for name, values in motion(recording).items()} if timed else {}
     compared = with_full_sizes(pairs(recording), kept) if timed else []
+    channels = _channels(recording, compared)
     force = examine_force(recording) if len(recording) >= _SHORTEST and moves else None
     inertia = _inertia(recording, force, mass)
     forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
@@ -128,11 +129,15 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
             force = examine_force(mended) if best.slips and len(recording) >= _SHORTEST else force
             findings += _judged_force(mended, force)
             findings += [] if findings else _sizes(mended)
-            if mass and not findings and force is not None and force.denies(mass) and _denied_without_x(mended, mass):
+            computed = [name for name, channel in channels.items() if name in "xva" and not channel.measured]
+            left_out = (["x", "v"], computed)
+            if (
+                mass and not findings and force is not None and force.denies(mass)
+                and all(_denied_without(others, mended, mass) for others in left_out)
+            ):  # fmt: skip
                 findings.append(words.no_inertia(recording, force, mass))
         whole = [p for p in compared if kept[p.low] == kept[p.high] == 1.0]
         findings += channel_faults(recording, compared, whole, best.slips, forms)
-    channels = _channels(recording, compared)
     relations = [
         Relation(p.low, p.high, p.gain, p.error, p.sign, p.lag, p.lag_error, hertz(p.band), p.coherence)
         for p in compared
@@ -372,12 +377,17 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
     return found
 
 
-def _denied_without_x(recording: Recording, mass: float) -> bool:
-    """Whether the force shows no mass by the acceleration alone either: a displacement that wanders, as an integral of
-    it, explains the force worse with the mass than without."""
-    if recording.a is None or (recording.x is None and recording.v is None):
+def _denied_without(others: Sequence[str], recording: Recording, mass: float) -> bool:
+    """Whether the force shows no mass without some channels of the motion either, if any are left.
+
+    By the acceleration alone: a displacement that wanders, as an integral of it, explains the force worse with the mass
+    than without. Without channels that were computed: their noise is not white, and not known to be noise.
+    """
+    x, v, a = (None if name in others else getattr(recording, name) for name in "xva")
+    less = replace(recording, x=x, v=v, a=a)
+    if not motion(less) or len(motion(less)) == len(motion(recording)):
         return True
-    force = examine_force(replace(recording, x=None, v=None))
+    force = examine_force(less)
     return force is None or force.denies(mass)
 
 
