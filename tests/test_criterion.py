@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.decide.criterion import (
@@ -21,14 +22,17 @@ from hystid.diagnosis.decide.criterion import (
     zero_probability,
 )
 from hystid.diagnosis.decide.hypotheses import Search
+from hystid.diagnosis.decide.lawfree import wrong_forms
 from hystid.diagnosis.decide.selection import _class
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_allowed
 from hystid.diagnosis.fit.independence import _cells, _independent
 from hystid.diagnosis.fit.problem import standing
+from hystid.diagnosis.fit.search import scan, try_fit
 from hystid.diagnosis.fit.windowscan import outside
 from hystid.diagnosis.model.library import load_effects
 from hystid.recording import Recording
+from tests.test_diagnosis_windows import posed, recorded
 
 MODEL = "HystId.Oscillators.Linear"
 NOMINAL = {"m": 1.0, "B": 20.0, "Kl": 30000.0}
@@ -404,3 +408,37 @@ def test_what_acts_for_a_part_of_the_time_does_not_move_the_baseline() -> None:
     assert found.choice.before.hypothesis.values["Kl"] > 30300.0
     assert left < 1.05  # unit noise, of which the estimate is known to 5 %
     assert [f.effect for f in found.findings] == ["cubic_stiffness"]
+
+
+def test_a_further_law_counts_where_no_wrong_form_takes_as_much(stiffening: Diagnosis) -> None:
+    """A law that leaves a fifth is far off; what takes a tenth of that beside it may be what is wrong with its form."""
+    criterion, _ = fits(stiffening, 0.0)
+    without = 1e4 * criterion.slack
+    assert not criterion.is_worth_a_name(0.13 * without, without, 25 * without)
+    assert criterion.is_no_form(0.13 * without, without, 2, [0.1 * without])
+    assert not criterion.is_no_form(0.13 * without, without, 2, [0.1 * without, 0.9 * without])
+
+
+@pytest.mark.parametrize("relaxes", [False, True])
+def test_wrong_forms_take_what_is_wrong_with_a_form_and_no_other_law(relaxes: bool) -> None:
+    """Friction that turns over slowly beside the block's tanh: a curve over v knows how. Of a spring that relaxes in
+    10 ms no curve over the state knows, as its force depends on the past."""
+
+    def force(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        turn = v / 0.15
+        if not relaxes:
+            return 8.0 * turn / (1 + np.abs(turn) ** 1.3) ** (1 / 1.3)
+        fades = float(np.exp(-(t[1] - t[0]) / 0.01))
+        return 8.0 * np.tanh(turn) + lfilter([0.5e4], [1.0, -fades], np.diff(x, prepend=x[0]))
+
+    tests = [recorded(seed, level, force, noise=0.001) for seed, level in enumerate((60.0, 45.0, 30.0), 1)]
+    case, library = posed(tests)
+    friction = next(effect for effect in library if effect.id == "coulomb_friction" and not effect.form)
+    (start, *_) = scan(case.problem, case.refit, [friction])
+    fit = try_fit(case.problem, replace(case.refit.hypothesis, terms=(start.term,)), 60)
+    assert fit is not None
+    left = fit.chi2 - case.problem.floor(fit)
+    assert left > 0.5
+    share = max(wrong_forms(case.problem, fit)) / left
+    # Eight coefficients follow any smooth curve to some per cent; a relaxation is in quadrature with the motion.
+    assert share < 0.1 if relaxes else share > 0.9

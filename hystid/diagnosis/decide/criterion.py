@@ -281,7 +281,7 @@ class Criterion:
             return False
         return without > self.usual * formed or self.form(misfit, without) > np.log(PRIOR[1] / PRIOR[2])
 
-    def is_no_curve(self, misfit: float, without: float, size: int, curves: Sequence[float]) -> bool:
+    def is_no_form(self, misfit: float, without: float, size: int, curves: Sequence[float]) -> bool:
         """Whether a member of a set explains what no wrong form of the others does. Such forms cost nothing: that a
         right law is off by as much is what ``FORM`` says.
 

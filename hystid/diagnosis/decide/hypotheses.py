@@ -393,7 +393,7 @@ class Search:
         if not criterion.is_settled(misfit, formed) or without - misfit < FORM**2 * formed:
             return False
         curves = [*free_curves(self.problem, rest), *wrong_forms(self.problem, rest)]
-        return criterion.is_no_curve(misfit, without, size, curves)
+        return criterion.is_no_form(misfit, without, size, curves)
 
 
 def _is_exact(effect: Effect) -> bool:
