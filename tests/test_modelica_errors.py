@@ -30,6 +30,14 @@ REFUSED = {
     "unknown base": (model("  extends Foo;\n"), 2, "'Foo'"),
     "unknown function": (model("  Real x;\nequation\n  x = foo(3);\n"), 4, "'foo'"),
     "unknown modifier": (model("  Real x(foo = 3);\nequation\n  x = 1;\n"), 2, "unknown modifier 'foo'"),
+    "number of an enumeration": (
+        model(
+            "  type G = enumeration(low, high);\n  G g(start = G.low, fixed = true);\n  Integer k;\nequation\n"
+            "  when time > 1 then\n    g = G.high;\n  end when;\n  k = Integer(g);\n"
+        ),
+        9,
+        r"an enumeration that changes has no Integer\(\) here: declare constant Integer",
+    ),
     "unbalanced": (
         model("  Real x;\n  Real y;\nequation\n  x = 1;\n"), 3, r"no equations for 1 unknown \(y\), 1 too few",
     ),

@@ -104,6 +104,7 @@ _CONSTRUCTS = (
     (r"model algorithm", r"(?<!initial )\balgorithm\b"),
     (r"branches have mismatched", r"(?m)^\s*if\b"),
     (r"unbalanced", r"\bstream\b"),
+    (r"found Enumeration", r"(?<![\w.])Integer\s*\("),
     (r"[Cc]lock|previous", r"\b(?:Clock|previous|hold|subSample)\s*\("),
 )
 
@@ -159,6 +160,11 @@ _ADVICE = (
     ),
     (r"not a discrete coordinate", "; assign the whole array, u = {...}, or name its elements as scalars"),
     (r"dependency cycle", "; break the loop with pre()"),
+    (
+        r"found Enumeration",
+        "; an enumeration that changes has no Integer() here: declare constant Integer numbers[3] = {1, 2, 3}, one for "
+        "each of its names, and write numbers[e]",
+    ),
 )
 
 
@@ -200,6 +206,7 @@ _WORDS = (
     (r"unevaluable array dimensions for (\S+): .*?\[Expression\((.*?)\)\].*", r"the size \2 of \1 is open"),
     (r".*initial algorithm [`']for[`'] range.*", "the range of a loop in an initial algorithm is open"),
     (r"unsupported Flat semantic owner ", "not supported: "),
+    (r".*expected a numeric expression, found Enumeration.*", "an enumeration stands where a number has to"),
     (r"; unknowns\[.*", ""),
     (r"\s*\(line \d+\)", ""),
     ("`", "'"),
