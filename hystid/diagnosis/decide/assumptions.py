@@ -77,9 +77,7 @@ def decided(
     case, choice = _off_zero(case, choice, library)
     if case.rested and _is_doubtful(choice):
         case, choice = _moving(case, choice, library, posed(rested=False))
-    coloured = recoloured(case, choice.best) if choice.missing else None
-    if coloured is not None:
-        case, choice = coloured, chosen(coloured, library, known=choice.posterior.likely)
+    case, choice = _coloured(case, choice, library)
     case, choice = _held(*_sound(case, choice, library), library)
     if integrated and choice.unknown:
         return _accelerated(case, choice, library, partial(posed, "xv"))
@@ -209,6 +207,17 @@ def _numbers(choice: Choice) -> float:
         return 0
     named = frozenset(choice.named)
     return next((c.hypothesis.numbers for c in choice.posterior.candidates if frozenset(c.names) == named), np.inf)
+
+
+def _coloured(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """With the colour of the noise as it is beside the law that fits best. Not where a law that left noise leaves more
+    than noise then: the colour that was measured beside it is not that of the noise either."""
+    coloured = recoloured(case, choice.best) if choice.missing else None
+    if coloured is None:
+        return case, choice
+    again = chosen(coloured, library, known=choice.posterior.likely)
+    is_worse = leaves_noise(case.problem, choice.best) and not leaves_noise(coloured.problem, again.best)
+    return (case, choice) if is_worse else (coloured, again)
 
 
 def _is_doubtful(choice: Choice) -> bool:
