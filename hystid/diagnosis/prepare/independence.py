@@ -70,16 +70,19 @@ def measurements(recording: Recording, doubtful: Collection[str] = "xva") -> Mea
     return MeasuredChannels(left, tuple(name for name in known if name not in computed), computed)
 
 
-def measured_alike(recordings: Sequence[Recording]) -> list[MeasuredChannels]:
+def measured_alike(recordings: Sequence[Recording], deciding: int | None = None) -> list[MeasuredChannels]:
     """The same for recordings of one rig: what was computed in half of those that hold it was computed in all of them,
     as a recording may be too short, or too quiet, to show it; in fewer, in none. No recording loses its last
-    channel."""
+    channel.
+
+    deciding: number of recordings, the first ones, that decide; the others follow. All without it.
+    """
     each = [measurements(recording) for recording in recordings]
-    held = Counter(name for recording in recordings for name in recording.channels("xva"))
-    votes = Counter(name for channels in each for name in channels.computed)
-    why = {name: reason for channels in each for name, reason in channels.computed.items()}
+    held = Counter(name for recording in recordings[:deciding] for name in recording.channels("xva"))
+    votes = Counter(name for channels in each[:deciding] for name in channels.computed)
+    why = {name: reason for channels in reversed(each) for name, reason in channels.computed.items()}
     common = [name for name in votes if 2 * votes[name] >= held[name]]
-    if set(votes) - set(common):
+    if set(why) - set(common):
         each = [measurements(recording, common) for recording in recordings]
     found = []
     for channels in each:

@@ -73,7 +73,7 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
     read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
     tests, unseen, given = _with_decays(read.tests, read.unseen, given)
     clipped = stopped(tests)
-    measured = _measured_only([*_bounded(tests), *_bounded(unseen)])
+    measured = _measured_only([*_bounded(tests), *_bounded(unseen)], len(tests))
     largest = max((float(np.std(test.F)) for test in measured if test.F is not None), default=0.0)
     tests, unseen = (
         [_with_noise(test, i, largest) for i, test in enumerate(where_white(group))]
@@ -116,10 +116,11 @@ def _bounded(tests: list[Recording]) -> list[Recording]:
     return [prepare(test, decimate=factor) for test in tests] if factor > 1 else tests
 
 
-def _measured_only(tests: Sequence[Recording]) -> list[Recording]:
-    """Recordings without the channels that were computed from others, and notes of what was left out."""
+def _measured_only(tests: Sequence[Recording], deciding: int) -> list[Recording]:
+    """Recordings without the channels that were computed from others, and notes of what was left out; the first ones
+    decide, so that what is held out changes nothing."""
     taken = []
-    for channels in measured_alike(tests):
+    for channels in measured_alike(tests, deciding):
         name = channels.recording.name
         told = [f"{name}: {channel} left out, {why}" for channel, why in channels.computed.items()]
         taken.append(replace(channels.recording, notes=(*channels.recording.notes, *told)))
