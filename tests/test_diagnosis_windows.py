@@ -292,6 +292,39 @@ def test_what_holds_a_structure_to_the_end_of_a_recording_is_missing() -> None:
     assert held.verdict in ("unknown_physics", "missing_physics")
 
 
+RUBS = """model Rubs
+  input Real F(unit = "N");
+  parameter Real m(unit = "kg") = 2;
+  parameter Real B(unit = "N.s/m") = 15;
+  parameter Real Kl(unit = "N/m") = 4.8e4;
+  parameter Real Fc(unit = "N", min = 0) = 5;
+  output Real x(unit = "m", start = 0, fixed = true);
+  output Real v(unit = "m/s", start = 0, fixed = true);
+  output Real R(unit = "N");
+equation
+  der(x) = v;
+  m*der(v) = F - R;
+  R = Kl*x + B*v + Fc*tanh(v/1e-4);
+end Rubs;
+"""
+
+
+def test_a_model_that_rubs_may_hold_a_force_at_rest(tmp_path: Path) -> None:
+    """What friction holds at rest follows from no velocity that is measured: nothing is missing beside a model that has
+    the friction, however the force swings."""
+
+    def size(t: np.ndarray) -> np.ndarray:
+        return 1.0 * ((t < 2.0) | (t > 3.5))
+
+    def rub(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        held = 3.0 * np.sin(2 * np.pi * 17 * t) * ((t > 2.1) & (t < 3.4))
+        return 5.0 * np.tanh(v / 1e-4) + held
+
+    (tmp_path / "rubs.mo").write_text(RUBS)
+    found = diagnose([modulated(size, rub, 0.003)], model=f"{tmp_path / 'rubs.mo'}:Rubs", parameters={"m": 2.0})
+    assert found.verdict in ("consistent", "recalibrated")
+
+
 def test_a_window_in_a_held_out_recording_may_be_any() -> None:
     """A law that acts in one window of a held-out recording is far off there without a window, and all the time: what
     these leave in the means over the states says nothing of the window."""

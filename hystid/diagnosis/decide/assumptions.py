@@ -132,15 +132,21 @@ def held_at_rest(case: Case) -> Case | None:
     pairs = zip(case.problem.parts, still, strict=True)
     parts = [p if p.valid is None else replace(p, valid=p.valid | rest) for p, rest in pairs]
     problem = case.problem.of(parts)
+    if case.problem.weighed_by:  # a law that turns with the velocity may hold any force there
+        problem.distrust(*case.problem.weighed_by)
     criterion = Criterion(problem, standing(problem, case.refit.hypothesis), 1)
     count, swing, first = 0, 0.0, 0
     for i, flags in enumerate(still):
         number = np.cumsum(np.diff(flags, prepend=False) & flags) * flags
         inside = problem.reduce.plain(i, number.astype(float))
-        rows = criterion.baseline.residual[first : first + len(inside)]
+        rows, sure = (
+            every[first : first + len(inside)] for every in (criterion.baseline.residual, problem.reduce.sure())
+        )
         first += len(inside)
         for k in range(1, int(np.max(inside, initial=0)) + 1):
-            stretch = rows[inside == k]
+            stretch = rows[(inside == k) & sure]
+            if not len(stretch):
+                continue
             count += len(stretch)
             swing += len(stretch) * float(np.var(stretch))
     if not count or not criterion.is_more_than_sound(swing / count - criterion.floor):
