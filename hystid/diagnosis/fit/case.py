@@ -51,6 +51,7 @@ _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no loud
 _SECTIONS = 10  # of a recording, the first of which tells most of what was before
 _RESTED = ", and what its contacts remember of the time before bears out that they were at rest"
 _OFF_ZERO = "the displacement is taken to be off its zero by {}, as fewer laws then explain as much"
+_FRACTION = 1e-4  # m, from which zeros are told in mm
 _NO_ZERO = 0.05  # of the largest zero, below which another one is not told
 _LOUDER = 2.0  # times as much slow noise without a law as beside it: two lines of a spectrum differ by as much
 _BEFORE = "what was before is not recorded"
@@ -384,9 +385,10 @@ def off_zero(case: Case, zeros: Array, law: Fit) -> Case:
         there = case.problem.elsewhere(unseen)
         found, _ = zeros_of_x(there, standing(there, law.hypothesis.elsewhere()), max(shares), free=False)
         unseen = tuple(part.with_zero(zero) for part, zero in zip(unseen, found, strict=True))
+    scale, unit = (1e3, "mm") if np.max(np.abs(zeros)) >= _FRACTION else (1e6, "µm")
     told = _OFF_ZERO.format(
         ", ".join(
-            f"{1e3 * zero:.3g} mm in {part.name} ({100 * share:.2g} % of its standard deviation)"
+            f"{scale * zero:.3g} {unit} in {part.name} ({100 * share:.2g} % of its standard deviation)"
             for zero, part, share in zip(zeros, parts, shares, strict=True)
             if share > _NO_ZERO * max(shares)
         )
