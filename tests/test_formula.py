@@ -61,7 +61,7 @@ def test_what_was_computed_in_one_recording_was_computed_in_all() -> None:
     assert "in the other recordings" in together[2].computed["a"]
 
 
-def test_what_is_held_out_does_not_say_what_was_computed() -> None:
+def test_what_is_held_out_does_not_say_what_was_measured() -> None:
     derived, measured = [smoothed(rig(seed)) for seed in (1, 2)], [rig(seed) for seed in (3, 4, 5)]
     found = measured_alike([*derived, *measured], len(derived))
     assert all(channels.measured == ("x",) for channels in found)

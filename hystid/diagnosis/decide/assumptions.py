@@ -32,17 +32,20 @@ from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.fit.search import try_fit
+from hystid.diagnosis.fit.slow_motion import Runs, runs_of
 from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.faults import DELAY, SATURATION
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.prepare.rest import held
-from hystid.numeric import Array
+from hystid.diagnosis.prepare.segments import Part
+from hystid.numeric import Array, Flags, stretches
 
 Decided = tuple[Case, Choice]
 _PLAINER = 4  # hypotheses of fewer numbers that are looked at with a displacement off its zero
 _USUAL = 1.96  # standard deviations that hold 95 % of a normal distribution
 _RUBBING = 6  # laws with dry friction that are fitted again before a search
+_SEEN = 3.0  # standard deviations of the noise of a channel, from which a motion at rest would be seen
 _STUCK = "nothing moves for a while, though the force goes on: something holds the structure that the model has not"
 _MORE_THAN_LATE = "channel {} is left out: moved back, it still leaves what the others do not"
 _INTEGRATED = (
@@ -125,8 +128,10 @@ def _cut_off(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
 
 def held_at_rest(case: Case) -> Case | None:
     """The case with the stretches at rest, None where no force swings there: one that does, while nothing moves, is
-    held by something that the model has not. A force that stays says where a contact stopped, and nothing else."""
-    still = [held(part) for part in case.problem.parts]
+    held by something that the model has not. A force that stays says where a contact stopped, and nothing else; one
+    under which the model moves by less than the noise says nothing."""
+    runs = runs_of(case.baseline, case.refit)
+    still = [_shows(part, held(part), runs) for part in case.problem.parts]
     if not any(map(np.any, still)):
         return None
     pairs = zip(case.problem.parts, still, strict=True)
@@ -155,6 +160,22 @@ def held_at_rest(case: Case) -> Case | None:
     names = " and ".join(part.name for part, rest in zip(parts, still, strict=True) if np.any(rest))
     notes = (*case.notes, f"{names}: {_STUCK}")
     return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes)
+
+
+def _shows(part: Part, rest: Flags, runs: Runs) -> Flags:
+    """Stretches at rest, (n,), in which a free run of the model moves by more than the noise of some channel."""
+    run = runs(part) if np.any(rest) else None
+    if run is None:
+        return np.zeros(len(part), dtype=bool)
+    moved, shown = {"x": run}, np.zeros(len(part), dtype=bool)
+    moved["v"] = np.gradient(moved["x"], part.dt)
+    moved["a"] = np.gradient(moved["v"], part.dt)
+    for first, last in stretches(rest):
+        inside = slice(first, last)
+        shown[inside] = any(
+            np.std(moved[name][inside]) > _SEEN * part.noise[name] for name in part.measured if name in moved
+        )
+    return shown
 
 
 def chosen(

@@ -380,7 +380,10 @@ class Search:
                 counts = gain > criterion.price(term.effect.size, misfit)
                 counts = counts and (
                     criterion.is_worth_a_name(misfit, without, formed)
-                    or self._is_no_form(criterion, made, term.effect.size, (misfit, without, formed))
+                    or (
+                        not _is_exact(term.effect)
+                        and self._is_no_form(criterion, made, term.effect.size, (misfit, without, formed))
+                    )
                 )
                 yield self._hypothesis(names, hypothesis.size - term.effect.size, made), counts
 

@@ -14,7 +14,6 @@ other channel is exact as a sum, a measured one is nearer to the integral.
 from __future__ import annotations
 
 import itertools
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -75,13 +74,12 @@ def measured_alike(recordings: Sequence[Recording], deciding: int | None = None)
     as a recording may be too short, or too quiet, to show it; in fewer, in none. No recording loses its last
     channel.
 
-    deciding: number of recordings, the first ones, that decide; the others follow. All without it.
+    deciding: number of recordings, the first ones, of which half are enough as well: what is held out may show that a
+    channel was computed, and not that it was measured.
     """
     each = [measurements(recording) for recording in recordings]
-    held = Counter(name for recording in recordings[:deciding] for name in recording.channels("xva"))
-    votes = Counter(name for channels in each[:deciding] for name in channels.computed)
     why = {name: reason for channels in reversed(each) for name, reason in channels.computed.items()}
-    common = [name for name in votes if 2 * votes[name] >= held[name]]
+    common = [name for name in why if _in_half(name, each) or _in_half(name, each[:deciding])]
     if set(why) - set(common):
         each = [measurements(recording, common) for recording in recordings]
     found = []
@@ -94,6 +92,12 @@ def measured_alike(recordings: Sequence[Recording], deciding: int | None = None)
                 channels = MeasuredChannels(without, left, told)
         found.append(channels)
     return found
+
+
+def _in_half(name: str, each: Sequence[MeasuredChannels]) -> bool:
+    """Whether a channel was computed in half of the recordings that hold it."""
+    computed = sum(name in channels.computed for channels in each)
+    return computed > 0 and computed >= sum(name in channels.measured for channels in each)
 
 
 def _related(low: Array, high: Array, orders: tuple[int, int], dt: float) -> str:

@@ -117,8 +117,8 @@ def _bounded(tests: list[Recording]) -> list[Recording]:
 
 
 def _measured_only(tests: Sequence[Recording], deciding: int) -> list[Recording]:
-    """Recordings without the channels that were computed from others, and notes of what was left out; the first ones
-    decide, so that what is held out changes nothing."""
+    """Recordings without the channels that were computed from others, and notes of what was left out. deciding: number
+    of recordings that are not held out."""
     taken = []
     for channels in measured_alike(tests, deciding):
         name = channels.recording.name
