@@ -292,6 +292,19 @@ def test_what_holds_a_structure_to_the_end_of_a_recording_is_missing() -> None:
     assert held.verdict in ("unknown_physics", "missing_physics")
 
 
+def test_a_motion_that_is_hidden_in_the_noise_is_no_rest() -> None:
+    """For 1.5 s the motion is smaller than the noise of its channel, and the force, which is quieter, is seen."""
+
+    def size(t: np.ndarray) -> np.ndarray:
+        return np.where((t < 2.0) | (t > 3.5), 1.0, 0.006)
+
+    clean, rng = modulated(size, lambda t, x, v: 0 * t, 0.0), np.random.default_rng(2)
+    x, F = (u + share * np.std(u) * rng.standard_normal(len(u)) for u, share in ((clean.x, 0.01), (clean.F, 0.001)))
+    found = diagnose([Recording("quiet", clean.t, F=F, x=x)], model=MODEL, parameters=NOMINAL)
+    assert found.verdict in ("consistent", "recalibrated")
+    assert not any("nothing moves for a while" in note for note in found.notes)
+
+
 RUBS = """model Rubs
   input Real F(unit = "N");
   parameter Real m(unit = "kg") = 2;
