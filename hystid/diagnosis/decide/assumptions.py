@@ -43,6 +43,7 @@ from hystid.numeric import Array, Flags, stretches
 
 Decided = tuple[Case, Choice]
 _PLAINER = 4  # hypotheses of fewer numbers that are looked at with a displacement off its zero
+_PROMISED = 0.5  # share of what a fit leaves that zeros must take, to first order, to be worth a fit
 _USUAL = 1.96  # standard deviations that hold 95 % of a normal distribution
 _RUBBING = 6  # laws with dry friction that are fitted again before a search
 _SEEN = 3.0  # standard deviations of the noise of a channel, from which a motion at rest would be seen
@@ -202,7 +203,7 @@ def _off_zero(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     plainer = sorted((h for h in listed if h.numbers < numbers), key=lambda h: h.fit.chi2)
     for fit in (choice.before, *(h.fit for h in plainer[:_PLAINER])):
         zeros, less = zeros_of_x(problem, fit, ZERO)
-        if not _are_usual(problem, zeros) or less / criterion.rows < 0.5 * criterion.misfit(fit, criterion.floor):
+        if not _are_usual(problem, zeros) or less / criterion.rows < _PROMISED * criterion.misfit(fit, criterion.floor):
             continue
         there = problem.with_zeros(zeros)
         moved = try_fit(there, fit.hypothesis)
