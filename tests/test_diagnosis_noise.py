@@ -34,6 +34,26 @@ def test_the_floor_is_what_a_healthy_refit_leaves(tmp_path: Path, family: str, v
     assert choice.before.chi2 == pytest.approx(choice.floor_before, abs=0.06)
 
 
+@pytest.mark.parametrize("names", ["x", "xv"])
+@pytest.mark.parametrize(
+    ("motion", "force", "tones"), [(34, 60, (17.0, 26.3)), (40, 80, (8.0, 16.0)), (30, 46, (12.0, 40.0))]
+)
+def test_noise_of_the_displacement_is_no_physics_however_quiet_the_force(
+    names: str, motion: float, force: float, tones: tuple[float, float]
+) -> None:
+    """The stiffness turns noise of the displacement into a force, far above the noise of a good load cell."""
+    t, rng = np.arange(6000) * 1e-3, np.random.default_rng(9)
+    omega = 2 * np.pi * np.array(tones)[:, None]
+    swings = 1e-3 * np.array([[1.0], [0.6]]) * np.exp(1j * (omega * t + [[0.0], [1.0]]))
+    x, v, a = (np.sum((1j * omega) ** order * swings, axis=0).imag for order in range(3))
+    exact = {"F": 2.0 * a + 20.0 * v + 5e4 * x, "x": x, "v": v}
+    level = {"F": 10 ** (-force / 20), "x": 10 ** (-motion / 20), "v": 10 ** (-motion / 20)}
+    noisy = {n: exact[n] + level[n] * np.std(exact[n]) * rng.standard_normal(len(t)) for n in ["F", *names]}
+    given = {"m": 2.0, "B": 15.0, "Kl": 4.8e4}
+    found = diagnose([Recording("two tones", t, **noisy)], model="HystId.Oscillators.Linear", parameters=given)
+    assert found.findings == () and found.verdict == "recalibrated"
+
+
 def test_coloured_noise_is_no_mismatch(tmp_path: Path) -> None:
     place, _ = case(tmp_path, spec("decoy", ("coloured_noise",), LINEAR), 73)
     found = run(place)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import diagnose
@@ -198,8 +199,11 @@ end Stiffened;
 """
 
 
-def accelerometer(rig: CompiledModel, level: float, cubic: float, seed: int) -> Recording:
-    """A slider that yields under a broad random force is pushed from place to place; F and a alone, 34 dB of noise."""
+def accelerometer(rig: CompiledModel, level: float, cubic: float, seed: int, wander: float = 0.0) -> Recording:
+    """A slider that yields under a broad random force is pushed from place to place; F and a alone, 34 dB of noise.
+
+    wander: size of noise of the amplifier below 5 Hz, over the acceleration.
+    """
     dt, rng = 1 / 1600, np.random.default_rng(seed)
     t = dt * np.arange(6000)
     tones = zip(rng.uniform(2, 60, 80), rng.uniform(0, 6, 80), strict=True)
@@ -208,26 +212,32 @@ def accelerometer(rig: CompiledModel, level: float, cubic: float, seed: int) -> 
     given = {"m": 20.0, "B": 146.0, "Kl": 2.7e5, "Ks": 3.15e5, "fc": 207.0, "k3": cubic}
     a = rig.simulate({"F": F}, dt, parameters=given, outputs=("a",), interpolation="cubic")["a"]
     F, a = (u + 0.02 * np.std(u) * rng.standard_normal(len(t)) for u in (F, a))
-    return Recording(f"quake_{seed}", t, F=F, a=a)
+    slow = lfilter([1.0], [1.0, -np.exp(-2 * np.pi * 2.0 * dt)], rng.standard_normal(len(t)))
+    return Recording(f"quake_{seed}", t, F=F, a=a + wander * np.std(a) / np.std(slow) * slow)
 
 
-@pytest.mark.parametrize(("level", "cubic"), [(150.0, 0.0), (400.0, 0.0), (900.0, 8e10)])
+@pytest.mark.parametrize(
+    ("level", "cubic", "wander"), [(150.0, 0.0, 0.0), (400.0, 0.0, 0.0), (150.0, 0.0, 0.02), (900.0, 8e10, 0.0)]
+)
 def test_an_accelerometer_alone_knows_where_a_slider_stands_by_the_force(
-    tmp_path: Path, level: float, cubic: float
+    tmp_path: Path, level: float, cubic: float, wander: float
 ) -> None:
-    """Permanent sets are slow, and twice integrated noise drowns them; the measured force tells them by the law.
+    """Permanent sets are slow, and twice integrated noise of an amplifier drowns them; the measured force tells them by
+    the law.
 
     Without them the law missed by more than its noise, and a sound rig was alarmed. 3 %: a few standard errors of the
     limit force and of the slider's stiffness at 34 dB."""
     (tmp_path / "rig.mo").write_text(STIFFENED)
     rig = CompiledModel(compile_model(f"{tmp_path / 'rig.mo'}:Stiffened"))
     given = {"m": 20.0, "B": 120.0, "Kl": 2.4e5, "Ks": 3.6e5, "fc": 240.0}
-    found = diagnose([accelerometer(rig, level, cubic, seed) for seed in (1, 2)], model=JENKINS, parameters=given)
+    recordings = [accelerometer(rig, level, cubic, seed, wander) for seed in (1, 2)]
+    found = diagnose(recordings, model=JENKINS, parameters=given)
     values = found.final_values()
     if cubic:
         assert [finding.effect for finding in found.findings] == ["cubic_stiffness"]
     else:
-        assert any("is what the model does under the measured force" in note for note in found.notes)
+        told = any("is what the model does under the measured force" in note for note in found.notes)
+        assert told == (wander > 0)  # white noise of 34 dB does not hide them
         assert found.findings == ()
         assert found.verdict == "recalibrated"
     assert values["fc"].value == pytest.approx(207.0, rel=0.03)

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from hystid.errors import UsageError
 from hystid.smoothing.noise import louder_for_a_while
-from hystid.smoothing.smoother import Roughness, smooth
+from hystid.smoothing.smoother import Roughness, error_of_x, smooth
 
 
 def _dense(
@@ -109,6 +109,24 @@ def test_a_gap_is_bridged_by_the_other_channels() -> None:
     gap = {**true, "a": np.where(np.abs(true["a"]) > 0.9 * np.max(true["a"]), np.nan, true["a"])}
     found = smooth(gap, noise, dt)
     assert np.std(found.a - true["a"]) < 0.02 * np.std(true["a"])
+
+
+@pytest.mark.parametrize("names", ["x", "xv", "xva"])
+def test_the_spectrum_of_what_noise_leaves_is_that_of_smoothed_noise(names: str) -> None:
+    rng, n = np.random.default_rng(6), 8192
+    dt, noise = 1e-3, {"x": 1.0, "v": 300.0, "a": 1e5}
+    given, roughness = {name: noise[name] for name in names}, Roughness(3, 1e-4)
+    expected = error_of_x(given, dt, roughness)
+    power = np.zeros(n // 4 + 1)
+    for _ in range(8):
+        drawn = {name: level * rng.standard_normal(n) for name, level in given.items()}
+        left = smooth(drawn, given, dt, roughness).x[n // 4 : -n // 4]
+        power += np.abs(np.fft.rfft(left * np.hanning(n // 2))) ** 2 / np.sum(np.hanning(n // 2) ** 2) / 8
+    for low, high in ((0.002, 0.02), (0.02, 0.1), (0.1, 0.2)):  # cycles per sample
+        seen = power[int(low * n // 2) : int(high * n // 2)]
+        told = np.interp(np.linspace(2 * low, 2 * high, len(seen)), np.linspace(0, 1, len(expected)), expected**2)
+        # 8 spectra of 70 lines and more, of which two beside each other are about one: 6 % of scatter
+        assert np.mean(seen) == pytest.approx(np.mean(told), rel=0.2)
 
 
 def test_no_channel_is_refused() -> None:

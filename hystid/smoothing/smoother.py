@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 from scipy.fft import dct, idct
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
-from scipy.signal import coherence, welch
+from scipy.signal import coherence, spectrogram, welch
 
 from hystid.errors import UsageError
 from hystid.numeric import Array
@@ -30,9 +31,11 @@ _CLEAR = 10.0  # power of the motion over that of the noise at the lowest freque
 _DROWNED = 0.5  # of the lowest frequency: noise is as large as the motion there (white in a, power over f^4 in x)
 _TAPER = 0.8  # of the frequency of a cut, from which on it begins to let motion pass
 _COMMON = 0.5  # coherence with the force below which most of the power is not motion, but noise
+_STEADY = 0.5  # of the mean power of noise in sections of a recording, which half of them reach; 0.9 in the mean
 _SECTIONS = 8  # of a recording, for the coherence: 15 half overlapping spectra, which share 0.1 by chance
 _BLOCK = 100_000  # samples smoothed at a time, with an overlap far beyond the smoother's memory: bounds the memory
 _OVERLAP = 2_000
+_RESPONSE = 4096  # samples of an impulse response: beyond the memory of the smoother
 _ONE = 0.1  # noises of x by which x and the integral of v may differ
 _LOUDER = (4.0, 16.0, 64.0, 256.0)  # power of the noise over that of its level, where they differ by more
 
@@ -134,6 +137,20 @@ def smooth(
     return Smoothed(x, v, a, (float(error[0]), float(error[1]), float(error[2])), chosen)
 
 
+def error_of_x(noise: Mapping[str, float], dt: float, roughness: Roughness) -> Array:
+    """What white noise of the channels leaves in the smoothed x, over frequencies from 0 to pi per sample [m], (m,):
+    square root of its power, of which a white noise of standard deviation 1 has 1 everywhere.
+
+    noise: standard deviations of the channels that are smoothed jointly, away from the ends of a recording.
+    """
+    power = np.zeros(_RESPONSE // 2 + 1)
+    for one in noise:
+        impulse = {name: np.zeros(_RESPONSE) for name in noise}
+        impulse[one][_RESPONSE // 2] = noise[one]
+        power += np.abs(np.fft.rfft(smooth(impulse, noise, dt, roughness).x)) ** 2
+    return np.sqrt(power)
+
+
 def _above(column: Array, cut: float) -> Array:
     """A column without what is slower than ``cut`` [rad per sample]; its mirror image continues it."""
     if not cut:
@@ -173,21 +190,26 @@ def _incoherent(values: Array, force: Array, dt: float) -> float:
 
     A structure under force moves less and less quickly towards low frequencies. Where the spectrum of v or a rises
     again below the motion, and shares nothing with the force, that is noise of an amplifier or of the ground. Twice
-    integrated it would be a wandering displacement larger than the motion.
+    integrated it would be a wandering displacement larger than the motion. It is there all the time: what rings for a
+    while, or comes with an earthquake, shares little with the force of that time, and is motion all the same.
     """
     section = len(values) // _SECTIONS
     if section < 2 * _SECTIONS:
         return 0.0
-    frequency, power = welch(values, fs=1.0 / dt, nperseg=section)
+    frequency, _, power_of = spectrogram(values, 1.0 / dt, "hann", section, section // 2, detrend="constant")
+    power = np.mean(power_of, axis=1)
+    steady = np.median(uniform_filter1d(power_of / power[:, None], 3, axis=0), axis=1) > _STEADY
     _, common = coherence(values, force, fs=1.0 / dt, nperseg=section)
     power[0] = 0.0  # the mean was taken out
     top = int(np.argmax(power))
     least = 1 + int(np.argmin(power[1 : top + 1])) if top > 1 else top
-    rises = np.flatnonzero((common[1:least] < _CLEAR / (1 + _CLEAR)) & (power[1:least] > power[least]))
-    if len(rises) == 0:
+    noisy = (common < _CLEAR / (1 + _CLEAR)) & (power > power[least]) & steady
+    rises = np.flatnonzero(noisy[1:least])
+    if len(rises) == 0 or rises[-1] == 0:  # ends of a section leave power of any motion in the slowest line
         return 0.0
     above = int(rises[-1]) + 2
-    while above < top and common[above] < _COMMON:
+    # noise is nowhere louder than at slower motion: what is, is motion, as the lines that a law that is not linear adds
+    while above < top and common[above] < _COMMON and power[above] < _CLEAR * power[least]:
         above += 1
     return float(frequency[above])
 

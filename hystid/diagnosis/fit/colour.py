@@ -8,8 +8,9 @@ motion is taken out, and then the force balance is whitened by it (generalised l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,7 @@ class _Residual:
     """What a fit leaves of the longest stretch of a recording that has no gaps, in units of the white noise.
 
     residual: (n,); x, v: motion there; moved: what draws of the noise of the motion do to the force.
+    followed: see ``Reduction.followed_at``.
     """
 
     part: Part
@@ -85,6 +87,7 @@ class _Residual:
     x: Array
     v: Array
     moved: tuple[Array, ...]
+    followed: Callable[[Array], Array]
 
 
 def _seen(problem: Problem, fitted: Fit) -> list[_Residual]:
@@ -98,7 +101,8 @@ def _seen(problem: Problem, fitted: Fit) -> list[_Residual]:
         longest = int(np.argmax(np.bincount(runs.ravel(), minlength=2)[1:])) + 1 if count else 0
         at = slice(*(np.flatnonzero(runs == longest)[[0, -1]] + [0, 1])) if count else slice(0, 0)
         draws = tuple((draw[i] * sure)[at] for draw in moved)
-        found.append(_Residual(part, (residuals[i] * sure)[at], part.x[at], part.v[at], draws))
+        followed = partial(problem.reduce.followed_at, i)
+        found.append(_Residual(part, (residuals[i] * sure)[at], part.x[at], part.v[at], draws, followed))
     return found
 
 
@@ -130,8 +134,9 @@ def _below(seen: _Residual) -> tuple[Array, Array, Array]:
         u = u - known @ np.linalg.lstsq(known, u, rcond=None)[0]
         return np.asarray(block * np.abs(np.fft.rfft(u * window)[_FIRST:last]) ** 2 / float(window @ window))
 
-    white = 1 + float(np.mean([lines(noise) for noise in noises]))
-    return np.arange(_FIRST, last) / (rows * block), lines(left) / white, np.full(last - _FIRST, part.dt)
+    frequency = np.arange(_FIRST, last) / (rows * block)
+    white = 1 + float(np.mean(np.mean([lines(noise) for noise in noises], axis=0) - seen.followed(frequency)))
+    return frequency, lines(left) / white, np.full(last - _FIRST, part.dt)
 
 
 def _above_all(seen: Sequence[_Residual]) -> tuple[float, float]:

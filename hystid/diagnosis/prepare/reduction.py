@@ -5,7 +5,7 @@ Whatever is done to the balance (whitening, block averages, weights) is done to 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -31,9 +31,9 @@ _JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a r
 class Reduction:
     """Turns columns over the samples of all parts into weighted rows with unit noise.
 
-    Each part: whitening where the acceleration had to be derived (its noise then grows with frequency) or the
-    displacement to be integrated (its noise then grows towards low frequencies), trimming of the ends that this
-    disturbs, block averages, division by the noise level.
+    Each part: whitening where the acceleration had to be derived (its noise then grows with frequency, and that of the
+    displacement is in the restoring force as well) or the displacement to be integrated (its noise then grows towards
+    low frequencies), trimming of the ends that this disturbs, block averages, division by the noise level.
     """
 
     def __init__(self, parts: Sequence[Part], mass: float) -> None:
@@ -42,9 +42,11 @@ class Reduction:
         self.block = max(1, min(total // ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
         self._trust: Array | None = None
         self._open = np.zeros(1)  # variance that rows have as nobody knows where a law stands
+        slopes = _slopes(parts, mass)
         stiffness = _stiffness(parts, mass)
-        self._filters = [_Filter.of(part, _whitening(part, mass, stiffness), mass) for part in parts]
-        self._trims = [_trim(len(p), f.response, p.first) for p, f in zip(self.parts, self._filters, strict=True)]
+        self._filters = [_Filter.of(part, _whitening(part, mass, stiffness, slopes), mass) for part in parts]
+        self._followed = [_followed(p, f.response, slopes) for p, f in zip(self.parts, self._filters, strict=True)]
+        self._trims = [_trim(p, f.response) for p, f in zip(self.parts, self._filters, strict=True)]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
         self._kept = [self._stretches(i, total) for i in range(len(self.parts))]
         self._taken = [None if kept is None else _places(kept) for kept in self._kept]
@@ -149,8 +151,23 @@ class Reduction:
     @property
     def level(self) -> float:
         """Mean square of rows that hold noise alone."""
-        seen = float(np.average([self._seen(part) for part in self.parts], weights=[len(part) for part in self.parts]))
-        return seen if self._trust is None else seen * float(np.mean(self._trust**2))
+        return self._overall(self._seen)
+
+    @property
+    def followed(self) -> float:
+        """Share of it that noise of the motion makes through the restoring force, as far as the whitening knows."""
+        cycles = np.linspace(0.0, 0.5 / self.block, 2049)[1:]
+        return self._overall(lambda i: float(np.mean(self.followed_at(i, cycles))))
+
+    def followed_at(self, index: int, cycles: Array) -> Array:
+        """The same of one part at frequencies [cycles per sample]."""
+        shares = self._followed[index]
+        return np.asarray(np.interp(2 * cycles, np.linspace(0.0, 1.0, len(shares)), shares))
+
+    def _overall(self, share: Callable[[int], float]) -> float:
+        """A share of the noise of all parts, where it is known of each."""
+        mean = float(np.average([share(i) for i in range(len(self.parts))], weights=[len(part) for part in self.parts]))
+        return mean if self._trust is None else mean * float(np.mean(self._trust**2))
 
     def left_open(self, rows: Array) -> float:
         """Mean square of rows (rows,) that says nothing, as nobody knows where a law stands: as little as they show. A
@@ -159,9 +176,9 @@ class Reduction:
         shown, most = rows**2 - weight, np.where(sure, self._open, 1.0 - weight)
         return sum(float(np.clip(np.mean(shown * one), 0.0, np.mean(most * one))) for one in (sure, ~sure))
 
-    def _seen(self, part: Part) -> float:
+    def _seen(self, index: int) -> float:
         """Share of the band of the rows in which the motion of a part can be seen."""
-        return float(np.mean(part.seen(np.linspace(0.0, np.pi / self.block, 2049)[1:])))
+        return float(np.mean(self.parts[index].seen(np.linspace(0.0, np.pi / self.block, 2049)[1:])))
 
     def used(self, index: int) -> Flags:
         """Samples of one part of which rows are made, (n,), where all of them are taken."""
@@ -261,7 +278,7 @@ class _Filter:
 def _local(part: Part, response: Array | None, mass: float) -> tuple[Array | None, bool]:
     """The step of a filter that takes the noise of a derivative, None for none, and whether there is another one, which
     spreads what is not valid far. That noise cancels over time: it must stay whole until it is filtered."""
-    spreads = response is not None and (bool(part.lowest) or any(part.colour))
+    spreads = response is not None and (bool(part.lowest) or any(part.colour) or "x" in part.noise)
     if response is None or part.inertia_order == 0 or mass == 0.0:
         return None, spreads
     omega = np.pi * np.arange(len(response)) / (len(response) - 1)
@@ -307,8 +324,12 @@ def _louder_balance(part: Part, mass: float) -> Array | None:
     return np.asarray(np.sqrt(squares))
 
 
-def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
-    """Frequency response that makes the noise of the balance white; None where it is white already."""
+def _whitening(part: Part, mass: float, stiffness: float, slopes: tuple[float, float]) -> Array | None:
+    """Frequency response that makes the noise of the balance white; None where it is white already.
+
+    slopes: see ``_slopes``. At a resonance noise of the motion cancels between inertia and restoring force. This is
+    left alone: it would take a filter that rings.
+    """
     derived = part.inertia_order > 0 and mass != 0.0
     coloured = any(part.colour) and not part.lowest
     if not derived and not part.lowest and not coloured:
@@ -317,7 +338,7 @@ def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
     omega = 2 * np.pi * np.arange(n // 2 + 1) / n
     power = np.ones_like(omega)
     if derived:
-        power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2
+        power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2 + _restoring(part, slopes, omega)
     if coloured:
         power /= colouring(len(part), part.colour) ** 2
     if part.lowest:
@@ -327,6 +348,23 @@ def _whitening(part: Part, mass: float, stiffness: float) -> Array | None:
         power += (stiffness * drift / part.balance_noise(mass)) ** 2
         return np.asarray(np.sqrt(high / (1.0 + high) / power))
     return np.asarray(1.0 / np.sqrt(power))
+
+
+def _restoring(part: Part, slopes: tuple[float, float], omega: Array) -> Array:
+    """Power that noise of the displacement makes through the restoring force over that of the force channel, at angular
+    frequencies [rad per sample]; 0 where the displacement was not measured."""
+    if "x" not in part.noise:
+        return np.zeros_like(omega)
+    error = np.interp(omega, np.linspace(0, np.pi, len(part.error_of_x)), part.error_of_x)
+    return np.asarray((np.hypot(slopes[0], slopes[1] * omega / part.dt) * error / part.noise["F"]) ** 2)
+
+
+def _followed(part: Part, response: Array | None, slopes: tuple[float, float]) -> Array:
+    """The same after whitening, at equal steps of the frequency from 0 to half of the sample rate."""
+    if response is None or part.inertia_order == 0:
+        return np.zeros(2)
+    white = response / (colouring(len(part), part.colour) if any(part.colour) and not part.lowest else 1.0)
+    return np.asarray(_restoring(part, slopes, np.linspace(0, np.pi, len(response))) * white**2)
 
 
 def colouring(samples: int, colour: tuple[float, float]) -> Array:
@@ -341,8 +379,12 @@ def longest_trim(samples: int) -> int:
     return samples // 8
 
 
-def _trim(samples: int, response: Array | None, first: float) -> int:
-    """Samples at either end that derivation and whitening disturb: what happens at an end decays with the corners."""
+def _trim(part: Part, response: Array | None) -> int:
+    """Samples at either end that derivation and whitening disturb: what happens at an end decays with the corners.
+
+    Where the acceleration alone was measured, so do place and speed at the end, which nobody knows.
+    """
+    samples, first = len(part), part.first * (1.0 if "v" in part.noise else BELOW["a"])
     least, most = max(len(FIRST) // 2 + 1, samples // 200), longest_trim(samples)
     if response is None:
         return least
@@ -357,6 +399,18 @@ def _stiffness(parts: Sequence[Part], mass: float) -> float:
     x = np.concatenate([part.x for part in parts])
     power = float(x @ x)
     return abs(float(x @ force)) / power if power > 0 else 0.0
+
+
+def _slopes(parts: Sequence[Part], mass: float) -> tuple[float, float]:
+    """Slopes of the restoring force over the displacement [N/m] and the velocity [N.s/m], for the size of what errors
+    of these do."""
+    force = np.concatenate([part.F - mass * part.a for part in parts])
+    motion = np.stack([np.concatenate([getattr(part, name) for part in parts]) for name in ("x", "v")])
+    size = np.sqrt(np.mean(motion**2, axis=1))
+    known = size > 0
+    found = np.zeros(2)
+    found[known] = np.linalg.lstsq((motion[known] / size[known, None]).T, force, rcond=None)[0] / size[known]
+    return float(found[0]), float(found[1])
 
 
 def _response(weights: Array, omega: Array) -> Array:

@@ -21,7 +21,7 @@ from hystid.numeric import Array
 from hystid.numeric import Flags as Flags
 from hystid.recording import Recording
 from hystid.smoothing.noise import SECTIONS, between_samples, louder_for_a_while, noise_level, steps
-from hystid.smoothing.smoother import Smoothed, smooth
+from hystid.smoothing.smoother import Smoothed, error_of_x, smooth
 
 Single = NDArray[np.float32]
 _SLOWEST, _QUICKEST = 0.01, 0.99  # shares of the power of the velocity below the slowest and the quickest motion
@@ -48,6 +48,8 @@ class Part:
     colour: power of the noise of all channels over its white part, times the frequency [cycles per sample], and times
     its square: 1/f noise, and a wandering zero. pace: samples in the time of one of the first recording.
     rest: samples that are not valid for nothing but that nothing moves there.
+    error_of_x: what noise leaves in x, over frequencies from 0 to pi per sample [m], (m,); white noise of standard
+    deviation 1 has 1 everywhere.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia; in single
     precision, as they are many.
     """
@@ -74,6 +76,7 @@ class Part:
     pace: float = 1.0
     louder: Mapping[str, Array] = field(repr=False, default_factory=dict)
     rest: Flags | None = field(repr=False, default=None)
+    error_of_x: Array = field(repr=False, default_factory=lambda: np.zeros(2))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -175,6 +178,7 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
         channels, valid, motion.roughness.lowest, 0, not recording.quasi_static,
         {name: column for name, column in recording.extra.items() if len(column) == len(F)},
         _jitter(measured, noise, dt, motion, (seed, louder)), louder=louder,
+        error_of_x=error_of_x({name: noise[name] for name in measured}, dt, motion.roughness),
     )  # fmt: skip
 
 
@@ -225,8 +229,9 @@ def _without_stops(
 def _inertia(measured: dict[str, Array], dt: float, motion: Smoothed) -> tuple[Array, int]:
     """Acceleration without smoothing, and how many derivatives it took.
 
-    Noise of a derivative cancels over time, but for what a cut leaves at an end, which whitening would spread far. So
-    at the ends the noise goes on as its mirror image, like the columns that are whitened.
+    Noise of a derivative cancels over time, but for what a cut leaves at an end, which whitening would spread far. The
+    columns that are whitened go on as their mirror image. So does the noise of x: its second derivative then does
+    likewise. That of v goes on as its mirror image of the other sign, for the same reason.
     """
     if "a" in measured:
         return measured["a"], 0
@@ -234,6 +239,8 @@ def _inertia(measured: dict[str, Array], dt: float, motion: Smoothed) -> tuple[A
     found = stencil(measured[name], weights) / dt**order
     width = len(weights) // 2
     noise = np.pad(measured[name] - getattr(motion, name), width, mode="symmetric")
+    if order == 1:
+        noise[:width], noise[-width:] = -noise[:width], -noise[-width:]
     mirrored = motion.a + np.convolve(noise, weights[::-1], mode="valid") / dt**order
     found[:width], found[-width:] = mirrored[:width], mirrored[-width:]
     return found, order

@@ -10,6 +10,7 @@ import numpy as np
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.decide.answer import Answer, refit_values
+from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.windows import for_recording, has_own_windows
 from hystid.diagnosis.model.adapters import is_fmu
@@ -27,8 +28,8 @@ from hystid.fmu.ssp import Connection, write_ssp
 from hystid.modelica_text import compile_text
 from hystid.numeric import Array
 
+_BALANCE = 1.3  # rise of the balance's mean square up to which an output-error fit agrees with the measured forces
 _LONGEST = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
-_BALANCE = 1.3  # rise of the balance's mean square beyond which an output-error fit contradicts the measured forces
 Run = list[tuple[Array | None, float | None]]
 
 
@@ -118,8 +119,11 @@ def _output_error(answer: Answer, skeleton: Skeleton, model: CompiledModel) -> t
         return answer, ()
     rows = problem.rows(found.hypothesis)
     chi2 = float(rows @ rows) / max(1, len(rows) - len(fit.unknowns))
-    if chi2 > _BALANCE * fit.chi2:
-        return answer, ()
+    whole = answer.choice.before.chi2 - answer.choice.floor_before
+    criterion = Criterion(problem, answer.choice.before, 1)
+    # noise of the motion draws the balance's parameters away, to where less is left than at the right ones
+    if chi2 > _BALANCE * fit.chi2 and not criterion.is_settled(chi2 - answer.choice.floor_after, whole):
+        return answer, ()  # measured forces contradict it: it leaves more of them than a right law does by its form
     covariance = _of_the_run(found.covariance, fit) / max(chi2, 1.0)  # by which standard errors are scaled
     after = replace(fit, hypothesis=found.hypothesis, residual=rows, chi2=chi2, covariance=covariance)
     told = (
