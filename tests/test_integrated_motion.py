@@ -10,9 +10,12 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfilt
 
 from hystid import build, diagnose, simulate
+from hystid.compiled import CompiledModel
+from hystid.modelica import compile_model
 from hystid.recording import Recording
 
 RIG = "HystId.Oscillators.Jenkins"  # 1 kg; 28 Hz while it sticks
+LINEAR = "HystId.Oscillators.Linear"
 GIVEN = {"m": 1.0, "B": 12.0, "Kl": 1.1e4, "Ks": 2.2e4, "fc": 9.0}
 
 
@@ -47,3 +50,39 @@ def test_a_displacement_that_lost_its_slow_motion_is_no_physics(
     assert answer.verdict in ("consistent", "recalibrated"), answer.headline
     for sentence in told:
         assert any(sentence in note for note in answer.notes), answer.notes
+
+
+def without_x(force: str, names: str, noise: dict[str, float], seed: int) -> Recording:
+    """A sound rig of 8 Hz and 0.6 % of damping, at rest before: two tones and their sidebands, or an earthquake.
+
+    noise: standard deviations over those of the channels.
+    """
+    rng, dt = np.random.default_rng(seed), 2e-3
+    t = np.arange(5000) * dt
+    F = np.sin(2 * np.pi * 10.5 * t) * (1 + 0.7 * np.sin(2 * np.pi * 0.4 * t))
+    if force == "earthquake":
+        waves = zip(rng.uniform(0.8, 9, 60), rng.uniform(0, 6, 60), strict=True)
+        F = np.sum([np.sin(2 * np.pi * f * t + phase) for f, phase in waves], axis=0) * t * np.exp(-t / 1.2)
+    rig = CompiledModel(compile_model(LINEAR))
+    given = {"m": 2.0, "B": 1.2, "Kl": 5000.0}
+    exact = {"F": F, **rig.simulate({"F": F}, dt, parameters=given, outputs=("v", "a"), interpolation="cubic")}
+    noisy = {n: exact[n] + noise[n] * np.std(exact[n]) * rng.standard_normal(len(t)) for n in ["F", *names]}
+    return Recording(force, t, **noisy)
+
+
+@pytest.mark.parametrize(
+    ("force", "names", "noise", "seed"),
+    [
+        ("tones", "v", {"F": 3e-3, "v": 2e-3}, 2),
+        ("tones", "v", {"F": 3e-4, "v": 5e-2}, 1),
+        ("tones", "a", {"F": 3e-3, "a": 2e-2}, 1),
+        ("tones", "va", {"F": 3e-3, "v": 2e-3, "a": 1e-2}, 2),
+        ("earthquake", "va", {"F": 3e-3, "v": 2e-3, "a": 1e-2}, 1),
+    ],
+)
+def test_a_sound_rig_without_x_is_sound(force: str, names: str, noise: dict[str, float], seed: int) -> None:
+    """Free vibration after the start shares nothing with the force, and is motion; what the ends of a recording do to
+    an integral, or to the noise of a derivative, is no physics."""
+    given = {"m": 2.0, "B": 1.8, "Kl": 5900.0}
+    found = diagnose(without_x(force, names, noise, seed), model=LINEAR, parameters=given)
+    assert found.findings == () and found.verdict == "recalibrated"
