@@ -263,15 +263,11 @@ def _moving(case: Case, choice: Choice, library: Sequence[Effect], other: Case) 
 
 
 def _with_the_past(case: Case, choice: Choice) -> Case | None:
-    """The case with the samples whose force depends on the time before, None where they hold nothing else, whether
-    contacts moved before the recording as they do in it, or were at rest."""
+    """The case with the samples whose force depends on the time before, None where they hold nothing else."""
     if not case.complete:
         return None
-    moved, rested = case.complete, [replace(part, past=0) for part in case.complete]
-    wholes = [case.problem.of(parts) for parts in (moved, rested)]
-    if not all(_is_a_law(whole, case.problem, choice.best) for whole in wholes):
-        return None
-    return with_the_past(case, min(wholes, key=lambda whole: standing(whole, choice.best.hypothesis).chi2))
+    whole = case.problem.of(case.complete)
+    return with_the_past(case, whole) if _is_a_law(whole, case.problem, choice.best) else None
 
 
 def _is_a_law(whole: Problem, kept: Problem, fitted: Fit) -> bool:

@@ -56,8 +56,8 @@ _NO_ZERO = 0.05  # of the largest zero, below which another one is not told
 _LOUDER = 2.0  # times as much slow noise without a law as beside it: two lines of a spectrum differ by as much
 _BEFORE = "what was before is not recorded"
 _KEPT = (
-    "samples that depend on what was before the recording are used, as if contacts had {}: what the model leaves in "
-    "them swings with the motion, and no past does"
+    "samples that depend on what was before the recording are used, as if it had moved as after its start: what the "
+    "model leaves in them swings with the motion, and no past does"
 )
 _BEGUN = 3  # times that the beginning, and knocks, are judged again by a refit
 
@@ -230,11 +230,10 @@ def swings_of_the_past(whole: Problem, kept: Problem, fitted: Fit) -> float:
 
 
 def with_the_past(case: Case, problem: Problem) -> Case:
-    """The case with another problem: that with the samples whose force depends on what was before, with the past that
-    its parts say."""
+    """The case with another problem: that with the samples whose force depends on what was before, with the motion run
+    backwards before them."""
     refitted, minima, nominal = refit_again(problem, [case.refit, *case.minima])
-    past = "moved before as they do in it" if any(part.past for part in problem.parts) else "been at rest"
-    told = (*(note for note in case.notes if _BEFORE not in note), _KEPT.format(past))
+    told = (*(note for note in case.notes if _BEFORE not in note), _KEPT)
     return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=told)
 
 
@@ -306,29 +305,20 @@ def recoloured(case: Case, law: Fit) -> Case | None:
     """The case with the colour of its noise measured beside a law that explains what the baseline leaves; None where
     it is about the same there.
 
-    What moves the structure slowly, or not at all, may have been taken for noise as long as no law explained it, and
-    noise may not have been seen as long as more was left.
+    What moves the structure slowly, or not at all, may have been taken for noise as long as no law explained it.
     """
     problem = case.problem
-    known = _is_coloured(problem.parts)
-    if not known and law.chi2 < problem.floor(law) + NOISE_ERROR:
+    if not any(any(part.colour) for part in problem.parts):
         return None
     white = problem.of(fainter(problem.parts, problem.parts, 0.0))
     parts = _colour(white, refit_again(white, [law])[0]) or white.parts
-    if not known and not _is_coloured(parts):
-        return None
     louder = slow_power(problem.parts) / slow_power(parts)
-    if known and louder < _LOUDER and law.chi2 >= problem.floor(law) - NOISE_ERROR:
+    if louder < _LOUDER and law.chi2 >= problem.floor(law) - NOISE_ERROR:
         return None
     again = problem.of(parts)
     refitted, minima, nominal = refit_again(again, [case.refit, *case.minima])
     unseen = tuple(coloured_alike(case.unseen, parts))
     return replace(case, problem=again, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=unseen)
-
-
-def _is_coloured(parts: Sequence[Part]) -> bool:
-    """Whether noise of some part is known to be louder at low frequencies."""
-    return any(any(part.colour) for part in parts)
 
 
 def at_rest(case: Case, effects: Sequence[Effect]) -> Case | None:

@@ -43,10 +43,10 @@ class Reduction:
         self._trust: Array | None = None
         self._open = np.zeros(1)  # variance that rows have as nobody knows where a law stands
         slopes = _slopes(parts, mass)
-        stiffness = _stiffness(parts, mass)
-        self._filters = [_Filter.of(part, _whitening(part, mass, stiffness, slopes), mass) for part in parts]
-        self._followed = [_followed(p, f.response, slopes) for p, f in zip(self.parts, self._filters, strict=True)]
-        self._trims = [_trim(p, f.response) for p, f in zip(self.parts, self._filters, strict=True)]
+        self._filters = [_Filter.of(part, _whitening(part, mass, slopes), mass) for part in parts]
+        pairs = list(zip(self.parts, self._filters, strict=True))
+        self._followed = [_followed(p, f.response, mass, slopes) for p, f in pairs]
+        self._trims = [_trim(p, f.response) for p, f in pairs]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
         self._kept = [self._stretches(i, total) for i in range(len(self.parts))]
         self._taken = [None if kept is None else _places(kept) for kept in self._kept]
@@ -151,22 +151,24 @@ class Reduction:
     @property
     def level(self) -> float:
         """Mean square of rows that hold noise alone."""
-        return self._overall(self._seen)
+        return self._overall(lambda i, cycles: self.parts[i].seen(2 * np.pi * cycles))
 
     @property
     def followed(self) -> float:
         """Share of it that noise of the motion makes through the restoring force, as far as the whitening knows."""
-        cycles = np.linspace(0.0, 0.5 / self.block, 2049)[1:]
-        return self._overall(lambda i: float(np.mean(self.followed_at(i, cycles))))
+        return self._overall(self.followed_at)
 
     def followed_at(self, index: int, cycles: Array) -> Array:
         """The same of one part at frequencies [cycles per sample]."""
         shares = self._followed[index]
         return np.asarray(np.interp(2 * cycles, np.linspace(0.0, 1.0, len(shares)), shares))
 
-    def _overall(self, share: Callable[[int], float]) -> float:
-        """A share of the noise of all parts, where it is known of each."""
-        mean = float(np.average([share(i) for i in range(len(self.parts))], weights=[len(part) for part in self.parts]))
+    def _overall(self, share: Callable[[int, Array], Array]) -> float:
+        """Mean over the band of the rows of a share of the noise that is known of each part at frequencies [cycles per
+        sample]."""
+        cycles = np.linspace(0.0, 0.5 / self.block, 2049)[1:]
+        shares = [float(np.mean(share(i, cycles))) for i in range(len(self.parts))]
+        mean = float(np.average(shares, weights=[len(part) for part in self.parts]))
         return mean if self._trust is None else mean * float(np.mean(self._trust**2))
 
     def left_open(self, rows: Array) -> float:
@@ -175,10 +177,6 @@ class Reduction:
         sure, weight = self.sure(), 1.0 if self._trust is None else self._trust**2
         shown, most = rows**2 - weight, np.where(sure, self._open, 1.0 - weight)
         return sum(float(np.clip(np.mean(shown * one), 0.0, np.mean(most * one))) for one in (sure, ~sure))
-
-    def _seen(self, index: int) -> float:
-        """Share of the band of the rows in which the motion of a part can be seen."""
-        return float(np.mean(self.parts[index].seen(np.linspace(0.0, np.pi / self.block, 2049)[1:])))
 
     def used(self, index: int) -> Flags:
         """Samples of one part of which rows are made, (n,), where all of them are taken."""
@@ -279,7 +277,7 @@ def _local(part: Part, response: Array | None, mass: float) -> tuple[Array | Non
     """The step of a filter that takes the noise of a derivative, None for none, and whether there is another one, which
     spreads what is not valid far. That noise cancels over time: it must stay whole until it is filtered."""
     spreads = response is not None and (bool(part.lowest) or any(part.colour) or "x" in part.noise)
-    if response is None or part.inertia_order == 0 or mass == 0.0:
+    if response is None or not _is_derived(part, mass):
         return None, spreads
     omega = np.pi * np.arange(len(response)) / (len(response) - 1)
     noise = mass * _derived_noise(part, omega) / part.noise["F"]
@@ -324,13 +322,18 @@ def _louder_balance(part: Part, mass: float) -> Array | None:
     return np.asarray(np.sqrt(squares))
 
 
-def _whitening(part: Part, mass: float, stiffness: float, slopes: tuple[float, float]) -> Array | None:
+def _is_derived(part: Part, mass: float) -> bool:
+    """Whether the balance holds an acceleration that was not measured."""
+    return part.inertia_order > 0 and mass != 0.0
+
+
+def _whitening(part: Part, mass: float, slopes: tuple[float, float]) -> Array | None:
     """Frequency response that makes the noise of the balance white; None where it is white already.
 
     slopes: see ``_slopes``. At a resonance noise of the motion cancels between inertia and restoring force. This is
     left alone: it would take a filter that rings.
     """
-    derived = part.inertia_order > 0 and mass != 0.0
+    derived = _is_derived(part, mass)
     coloured = any(part.colour) and not part.lowest
     if not derived and not part.lowest and not coloured:
         return None
@@ -345,7 +348,7 @@ def _whitening(part: Part, mass: float, stiffness: float, slopes: tuple[float, f
         turn = omega**2 + (BELOW["v" if "v" in part.noise else "a"] * part.first) ** 2
         high = (omega / part.first) ** 8
         drift = part.noise["v"] * part.dt / np.sqrt(turn) if "v" in part.noise else part.noise["a"] * part.dt**2 / turn
-        power += (stiffness * drift / part.balance_noise(mass)) ** 2
+        power += (slopes[0] * drift / part.balance_noise(mass)) ** 2
         return np.asarray(np.sqrt(high / (1.0 + high) / power))
     return np.asarray(1.0 / np.sqrt(power))
 
@@ -359,11 +362,11 @@ def _restoring(part: Part, slopes: tuple[float, float], omega: Array) -> Array:
     return np.asarray((np.hypot(slopes[0], slopes[1] * omega / part.dt) * error / part.noise["F"]) ** 2)
 
 
-def _followed(part: Part, response: Array | None, slopes: tuple[float, float]) -> Array:
+def _followed(part: Part, response: Array | None, mass: float, slopes: tuple[float, float]) -> Array:
     """The same after whitening, at equal steps of the frequency from 0 to half of the sample rate."""
-    if response is None or part.inertia_order == 0:
+    if response is None or "x" not in part.noise or not _is_derived(part, mass):
         return np.zeros(2)
-    white = response / (colouring(len(part), part.colour) if any(part.colour) and not part.lowest else 1.0)
+    white = response / colouring(len(part), part.colour) if any(part.colour) else response
     return np.asarray(_restoring(part, slopes, np.linspace(0, np.pi, len(response))) * white**2)
 
 
@@ -391,14 +394,6 @@ def _trim(part: Part, response: Array | None) -> int:
     high = np.flatnonzero(response > 0.7 * np.max(response))[-1] * np.pi / (len(response) - 1)
     slow = min(high, first) if first else high
     return int(np.clip(_DECAY / slow, least, most)) if slow > 0 else most
-
-
-def _stiffness(parts: Sequence[Part], mass: float) -> float:
-    """Slope of the restoring force over the displacement [N/m], for the size of what an error of the latter does."""
-    force = np.concatenate([part.F - mass * part.inertia for part in parts])
-    x = np.concatenate([part.x for part in parts])
-    power = float(x @ x)
-    return abs(float(x @ force)) / power if power > 0 else 0.0
 
 
 def _slopes(parts: Sequence[Part], mass: float) -> tuple[float, float]:

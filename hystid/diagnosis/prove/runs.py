@@ -28,8 +28,8 @@ from hystid.fmu.ssp import Connection, write_ssp
 from hystid.modelica_text import compile_text
 from hystid.numeric import Array
 
-_BALANCE = 1.3  # rise of the balance's mean square up to which an output-error fit agrees with the measured forces
 _LONGEST = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
+_BALANCE = 1.3  # rise of the balance's mean square up to which an output-error fit agrees with the measured forces
 Run = list[tuple[Array | None, float | None]]
 
 

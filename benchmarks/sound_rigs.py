@@ -1,0 +1,81 @@
+"""Sound linear rigs, each channel with a noise of its own: is anything said to be missing?
+
+    python -m benchmarks.sound_rigs --seed S --cases N [--channels v a va]
+
+Rigs, forces and motion are those of the proof (``benchmarks.proof``), whose decks draw one noise level for all
+channels and nearly always have x. Here any of x, v and a are recorded, and each channel and the force have 26 to 80 dB
+of noise, or in one case of five none, and 16 or 24 bit or no steps. Prints each case that is not calm, and the counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+
+import numpy as np
+
+from benchmarks.proof.excitation import FORCES, force
+from benchmarks.proof.motion import drive
+from benchmarks.proof.rig import draw_rig, nominal
+from hystid import diagnose
+from hystid.errors import HystidError
+from hystid.recording import Recording
+
+CHANNELS = ("x", "v", "a", "xv", "xa", "va", "xva")
+_LOUDEST, _QUIETEST = 26.0, 80.0  # dB
+_NOISE_FREE = 0.2  # share of the cases
+_FINE = 8  # steps of the simulation per sample at least
+_TOP = 3.0  # highest frequency of the force over the natural one
+
+
+def sound_rig(seed: int, channels: str = "") -> tuple[Recording, dict[str, float], str]:
+    """A recording, what its user believes of the rig, and what it is, in words. channels: "" for any."""
+    rng = np.random.default_rng(seed)
+    rig = draw_rig("Linear", rng)
+    rate, periods = rng.uniform(25, 80) * rig.f0, rng.uniform(15, 150)
+    t = np.arange(0.0, periods / rig.f0, 0.5 / (_FINE * rate))  # half steps
+    kind = str(rng.choice(FORCES))
+    shape = force(kind, t, rig.f0, _TOP * rig.f0, rng)
+    shape = shape[: 2 * ((len(shape) - 1) // 2) + 1]
+    unit = drive(rig.terms(), rig.mass, 2 * t[1], shape)
+    motion = drive(rig.terms(), rig.mass, 2 * t[1], shape * rig.X / np.max(np.abs(unit.x))).every(_FINE)
+    recorded = channels or str(rng.choice(CHANNELS))
+    noise_free, bits = rng.random() < _NOISE_FREE, int(rng.choice([0, 16, 24]))
+    columns, levels = {}, []
+    for name in ("F", *recorded):
+        y, snr = getattr(motion, name), rng.uniform(_LOUDEST, _QUIETEST)
+        if not noise_free:
+            y = y + 10 ** (-snr / 20) * np.std(y) * rng.standard_normal(len(y))
+            levels.append(f"{name} {snr:.0f} dB")
+        step = 4 * np.max(np.abs(y)) / 2**bits
+        columns[name] = np.round(y / step) * step if bits else y
+    words = f"{kind}, {recorded}, {', '.join(levels) or 'no noise'}, {bits} bit, {len(motion.t)} samples"
+    return Recording(f"rig {seed}", motion.t, **columns), nominal(rig, rng, far=False), words
+
+
+def main() -> None:
+    """See the module's text."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, required=True, help="of the first case")
+    parser.add_argument("--cases", type=int, required=True)
+    parser.add_argument("--channels", nargs="*", choices=CHANNELS, default=[""], help="each case with each of these")
+    given = parser.parse_args()
+    counts: Counter[str] = Counter()
+    for channels in given.channels:
+        for seed in range(given.seed, given.seed + given.cases):
+            recording, believed, words = sound_rig(seed, channels)
+            try:
+                found = diagnose(recording, model="HystId.Oscillators.Linear", parameters=believed)
+            except HystidError as error:
+                said, verdict = str(error), "refused"
+            else:
+                said = ", ".join(f"{f.effect} {f.confidence:.2f}" for f in found.findings) or found.headline
+                verdict = "refused" if found.verdict == "not_applicable" else found.verdict
+            counts["calm" if verdict in ("consistent", "recalibrated") else verdict] += 1
+            if verdict not in ("consistent", "recalibrated"):
+                print(f"rig {seed} ({words}): {verdict}: {said}", flush=True)
+    print(", ".join(f"{verdict}: {count}" for verdict, count in sorted(counts.items())))
+
+
+if __name__ == "__main__":
+    main()
