@@ -64,7 +64,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     hidden = tuple(name for name in choice.untestable if name not in named)
     diagnosis = Diagnosis(
         verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
-        listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case), unknown,
+        listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case, choice), unknown,
         tuple(dict.fromkeys(said)),
         {"lags": case.consistency, "delay": last.delay, "mass_error": last.mass_error},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
@@ -148,10 +148,17 @@ def _noise(case: Case) -> float:
     return float(np.mean([part.balance_noise(case.baseline.mass) for part in case.problem.parts]))
 
 
-def _floor(case: Case) -> float:
-    """Share of the force that is noise: NRMSE that a perfect model would reach."""
-    mass = case.baseline.mass
-    shares = [p.balance_noise(mass) / float(np.std(p.F - mass * p.a)) for p in case.problem.parts]
+def _floor(case: Case, choice: Choice) -> float:
+    """Share of the force that is noise: NRMSE that a perfect model would reach. Noise of the motion is in the inertia
+    and, through the law, in the restoring force."""
+    mass, drawn = case.baseline.mass, case.problem.moved(choice.after.hypothesis)
+    shares = []
+    for i, part in enumerate(case.problem.parts):
+        inertia = 3 if part.inertia_order == 0 else 2  # as measured, or smoothed: see Problem.balance_shown
+        errors = [moved[i] + mass * draw[inertia] for moved, draw in zip(drawn, part.jitter, strict=True)]
+        seen = [error - part.slow(error) if part.lowest else error for error in errors]
+        noise = np.sqrt(part.noise["F"] ** 2 + np.mean(np.square(seen)))
+        shares.append(float(noise / np.std(part.F - mass * part.a)))
     return float(np.mean(shares))
 
 
