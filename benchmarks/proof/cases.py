@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.proof.chain import UNITS, Chain, draw_chain, levels, record
+from benchmarks.proof.chain import UNITS, Chain, draw_chain, levels, record, sensors_of_their_own
 from benchmarks.proof.decoys import CALM, DECOYS, Decoy
 from benchmarks.proof.effects import NEEDS_HYSTERESIS, PHYSICS, TIME_LAWS, Concealed, Rng, draw, windowed
 from benchmarks.proof.fairness import judge
@@ -90,7 +90,7 @@ def make(kind: str, seed: int, number: int, **fixed: Any) -> Case:
     """Case ``number`` of a seed, the same on every machine.
 
     ``fixed``: "effect" (an id, a stranger or a decoy), "snr", "model", "channels", "holdout" (one of ``plan.HOLDOUTS``
-    or "all"), to draw less at random; "fair_at": dB at which the case would still be fair.
+    or "all"), to draw less at random; "sensors": "own" for any channels, each with its noise; "fair_at": dB at which the case would still be fair.
     """
     text = f"{kind}:{seed}:{number}:{sorted(fixed.items())}"
     rng = np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big"))
@@ -113,6 +113,8 @@ def _draw(kind: str, name: str, rng: Rng, fixed: dict[str, Any]) -> Case:
         model = str(rng.choice(MODELS[1:]))
     rig = draw_rig(model, rng)
     chain = _chain(kind, effects, rig, rng, fixed)
+    if fixed.get("sensors") == "own" and not chain.fault:
+        chain = sensors_of_their_own(chain, rng)
     tests = plan_training(rig, rng)
     if "x" not in chain.channels and {"hand", "decay"} & {test.kind for test in tests}:
         raise Unfit("no displacement where it alone tells where the test began")
@@ -157,6 +159,7 @@ def _draw(kind: str, name: str, rng: Rng, fixed: dict[str, Any]) -> Case:
         "true_baseline": rig.parameters,
         "snr": chain.snr,
         "chain": chain.style,
+        **({"apart": chain.apart, "decimated": chain.decimated} if chain.apart else {}),
         "channels": list(training[0]),
         "derived": chain.derive,
         "recordings": [
@@ -334,14 +337,19 @@ def _fault_force(rig: Rig, motion: Motion, chain: Chain) -> Array:
 def _noise_of_R(rig: Rig, motions: Sequence[Motion], tests: Sequence[Test], chain: Chain) -> float:
     """rms noise of F - m a [N] per sample; where a is not measured, of the part of x'' in the band of the motion."""
     level = levels(list(motions))
-    relative = 10 ** (-chain.snr / 20) if chain.snr is not None else 0.0
-    if chain.bits:
-        relative = float(np.hypot(relative, 2.5 * 3 / 2**chain.bits / np.sqrt(12)))
-    a = level.rms["a"]
-    if "a" not in chain.channels:
-        band = 2.5 * rig.f0
-        a = level.rms["x"] * (2 * np.pi * band) ** 2 * np.sqrt(2 * band / tests[0].rate / 5)
-    return relative * float(np.hypot(level.rms["F"], rig.mass * a))
+    bits = 2.5 * 3 / 2**chain.bits / np.sqrt(12) if chain.bits else 0.0
+
+    def noise_of(c: str) -> float:
+        relative = 10 ** (-(chain.snr + chain.apart.get(c, 0.0)) / 20) if chain.snr is not None else 0.0
+        return level.rms[c] * float(np.hypot(relative, bits))
+
+    if "a" in chain.channels:
+        a = noise_of("a")
+    else:
+        band, order = 2.5 * rig.f0, 2 if "x" in chain.channels else 1
+        share_of_band = np.sqrt(2 * band / tests[0].rate / (2 * order + 1))
+        a = noise_of("v" if order == 1 else "x") * (2 * np.pi * band) ** order * share_of_band
+    return float(np.hypot(noise_of("F"), rig.mass * a))
 
 
 def _oracle(columns: dict[str, Array], clean: dict[str, Array], rig: Rig, chain: Chain) -> float | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -18,7 +18,8 @@ UNITS = {"t": "s", "F": "N", "x": "m", "v": "m/s", "a": "m/s2"}
 class Chain:
     """A recorder with its sensors. Sizes of noise, zero and range are those of the channel's rms in the loudest test.
 
-    ``snr``: dB or None (no noise). ``pink``: share of the noise power that falls as 1/f. ``bits``: 0 for none.
+    ``snr``: dB or None (no noise). ``apart``: dB of each channel beyond that. ``decimated``: corner of the digital
+    filter over the sampling rate, behind which the noise falls too; 0 for none. ``pink``: share of the noise power that falls as 1/f. ``bits``: 0 for none.
     ``filter``: corner of the anti-alias filter over the sampling rate, the same on all channels; 0 for none.
     ``coupling``: corner of the AC-coupled accelerometer [Hz]; ``slowest``: below this [Hz] nothing of interest happens
     (users who integrate cut there). ``gain``, ``zero``, ``drift``: per channel.
@@ -29,6 +30,8 @@ class Chain:
     style: str
     snr: float | None
     channels: str = "Fxva"
+    apart: dict[str, float] = field(default_factory=dict)
+    decimated: float = 0.0
     pink: float = 0.0
     bits: int = 0
     filter: float = 0.0
@@ -66,6 +69,22 @@ def draw_chain(snr: float | None, f0: float, rng: Rng, style: str | None = None)
         coupling=f0 * rng.uniform(0.003, 0.01) if "a" in channels and "x" in channels and rng.random() < 0.5 else 0.0,
         slowest=0.05 * f0,
         derive=derive,
+    )
+
+
+# Channels of motion that are recorded where not all are, besides what is derived from them.
+MOTION = ("x", "v", "a", "xv", "xa", "va", "xva")
+
+
+def sensors_of_their_own(chain: Chain, rng: Rng) -> Chain:
+    """The chain with any channels of motion, each sensor with a noise of its own; one recorder in three decimates."""
+    return replace(
+        chain,
+        channels="F" + str(rng.choice(MOTION)),
+        derive=None,
+        coupling=0.0,
+        apart={c: rng.uniform(-8, 30) for c in "Fxva"},
+        decimated=rng.uniform(0.3, 0.45) if rng.random() < 1 / 3 else 0.0,
     )
 
 
@@ -123,16 +142,20 @@ def _sensed(y: Array, c: str, chain: Chain, level: Levels, rng: Rng, noisy: bool
         elif name == "saturation":
             y = np.clip(y, -size * level.peak[c], size * level.peak[c])
     if noisy and chain.snr is not None:
-        y = y + level.rms[c] * 10 ** (-chain.snr / 20) * noise(len(y), chain.pink, rng)
+        loudness = 10 ** (-(chain.snr + chain.apart.get(c, 0.0)) / 20)
+        y = y + level.rms[c] * loudness * noise(len(y), chain.pink, rng, chain.decimated)
     if chain.bits:
         step = 2.5 * level.peak[c] / 2**chain.bits
         y = np.round(y / step) * step
     return y
 
 
-def noise(n: int, pink: float, rng: Rng) -> Array:
-    """White noise of rms 1, of which the share ``pink`` of the power falls as 1/f."""
+def noise(n: int, pink: float, rng: Rng, decimated: float = 0.0) -> Array:
+    """White noise of rms 1, of which the share ``pink`` of the power falls as 1/f; white up to ``decimated`` alone."""
     white = rng.standard_normal(n)
+    if decimated:
+        white = sosfiltfilt(butter(5, 2 * decimated, output="sos"), white)
+        white /= np.std(white)
     spectrum = np.fft.rfft(rng.standard_normal(n))
     spectrum[0] = 0
     spectrum[1:] /= np.sqrt(np.arange(1, len(spectrum)))

@@ -55,6 +55,7 @@ def main() -> None:
     parser.add_argument("--kind", nargs="*", choices=KINDS, default=[], help="default: a mix of all")
     parser.add_argument("--snr", help="dB for every case, or 'none'")
     parser.add_argument("--holdout", choices=HOLDOUTS, help="the one kind of held-out recording")
+    parser.add_argument("--sensors", choices=("own",), help="any channels of motion, each with a noise of its own")
     parser.add_argument(
         "--ask", choices=("keep", "drop", "both"), default="keep", help="with held-out recordings, without, or both"
     )
@@ -67,6 +68,8 @@ def main() -> None:
         fixed["snr"] = None if given.snr == "none" else float(given.snr)
     if given.holdout:
         fixed["holdout"] = given.holdout
+    if given.sensors:
+        fixed["sensors"] = given.sensors
     given.out.mkdir(parents=True, exist_ok=True)
     results = given.out / "results.jsonl"
     done = (
