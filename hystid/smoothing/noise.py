@@ -23,6 +23,11 @@ _UNRESOLVED = 0.02  # of a difference of sixth order: the sum over a haversine o
 # it in the median, and some nine samples share that
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
+_FINE_BANDS = np.linspace(0.4, 0.98, 13)
+_SHELF, _BEYOND, _STEEP = 3, 1.3, 4.0  # bands of noise before a filter; what is moved falls less by there, in power
+_CORNER = 1.1  # what the corner of a filter takes from the last of them, besides chance
+_LINES = 10  # of the spectrum in each band at least, whose median is known to 40 % then
+_SMALL = 0.05  # share of the power of a channel that noise of 13 dB is
 _SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
 _APART = 0.9  # the estimates differ by 6 % by chance (8,000 samples); only a clear difference counts
 _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from rounding in a text file
@@ -34,13 +39,14 @@ def noise_level(channel: Array) -> float:
 
     The lower of two estimates, as each can only be raised by the signal: the median absolute sixth difference (Huber's
     idea, blind to single jumps), and the median of the periodogram in the quietest part of the upper half of the band.
-    White noise is assumed; noise that falls with frequency is underestimated.
+    Where a filter has taken that end away, both see what is left there, and the noise before it counts.
     """
     floor = _RESOLUTION * float(np.std(channel))
     if len(channel) < 64:
         return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
     differences, spectrum = _by_differences(channel), _by_spectrum(channel)
-    return max(floor, _by_steps(channel), differences if differences < _APART * spectrum else spectrum)
+    lower = differences if differences < _APART * spectrum else spectrum
+    return max(floor, _by_steps(channel), lower, filtered_beyond(channel)[1])
 
 
 def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
@@ -134,6 +140,36 @@ def _by_spectrum(channel: Array) -> float:
     alike = min(levels) * (1.0 + 3.0 * _SPREAD / np.sqrt(len(bands[0])))
     quiet = np.concatenate([band for band, level in zip(bands, levels, strict=True) if level <= alike])
     return float(np.sqrt(np.median(quiet) / np.log(2.0)))  # the median of an exponential variable is ln 2 of its mean
+
+
+def filtered_beyond(channel: Array) -> tuple[float, float]:
+    """Frequency [cycles per sample] at which a filter ends the white noise of a channel (n,), and the level of that
+    noise (its unit); 0.5 and 0 where none does well below half the sample rate.
+
+    Such noise is flat up to a corner, and falls more steeply than a motion does. It is a small part of the channel, and
+    there all the time: a force that is as loud at all frequencies up to its highest is most of it, an impact is brief.
+    """
+    window = np.hanning(len(channel))
+    lines = np.fft.rfft((channel - np.mean(channel)) * window)
+    power = np.abs(lines) ** 2 / np.sum(window**2)
+    edges = (_FINE_BANDS * (len(power) - 1)).astype(int)
+    if (fewest := int(np.min(np.diff(edges)))) < _LINES:
+        return 0.5, 0.0
+    level = np.array([float(np.median(power[low:high])) for low, high in pairwise(edges)])
+    chance = 4.0 * _SPREAD / np.sqrt(fewest)
+    for last in range(len(level) - 1, _SHELF - 1, -1):
+        shelf = level[last - _SHELF : last]
+        beyond = level[last : int(np.searchsorted(_FINE_BANDS, _BEYOND * _FINE_BANDS[last], "right"))]
+        if np.max(shelf) > (_CORNER + chance) * np.min(shelf) or np.min(shelf) < _STEEP * (1 + chance) * np.min(beyond):
+            continue
+        first, end = edges[last - _SHELF], edges[last]
+        in_band = np.fft.irfft(np.concatenate([np.zeros(first), lines[first:end]]), len(channel))
+        inside = window > 0.5
+        steady = float(np.median(np.abs(in_band[inside] / window[inside]))) / 0.6745
+        found = steady * np.sqrt((len(power) - 1) / (end - first))
+        if found**2 < _SMALL * float(np.var(channel)):
+            return 0.5 * float(_FINE_BANDS[last]), float(found)
+    return 0.5, 0.0
 
 
 def is_noise_free(values: Array, spread: float = 0.0) -> bool:
