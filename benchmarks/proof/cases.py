@@ -90,7 +90,8 @@ def make(kind: str, seed: int, number: int, **fixed: Any) -> Case:
     """Case ``number`` of a seed, the same on every machine.
 
     ``fixed``: "effect" (an id, a stranger or a decoy), "snr", "model", "channels", "holdout" (one of ``plan.HOLDOUTS``
-    or "all"), to draw less at random; "sensors": "own" for any channels, each with its noise; "fair_at": dB at which the case would still be fair.
+    or "all"), to draw less at random; "sensors": "own" for any channels, each with its noise; "fair_at": dB at which
+    the case would still be fair.
     """
     text = f"{kind}:{seed}:{number}:{sorted(fixed.items())}"
     rng = np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big"))

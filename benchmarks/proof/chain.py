@@ -19,10 +19,10 @@ class Chain:
     """A recorder with its sensors. Sizes of noise, zero and range are those of the channel's rms in the loudest test.
 
     ``snr``: dB or None (no noise). ``apart``: dB of each channel beyond that. ``decimated``: corner of the digital
-    filter over the sampling rate, behind which the noise falls too; 0 for none. ``pink``: share of the noise power that falls as 1/f. ``bits``: 0 for none.
-    ``filter``: corner of the anti-alias filter over the sampling rate, the same on all channels; 0 for none.
-    ``coupling``: corner of the AC-coupled accelerometer [Hz]; ``slowest``: below this [Hz] nothing of interest happens
-    (users who integrate cut there). ``gain``, ``zero``, ``drift``: per channel.
+    filter over the sampling rate, behind which the noise falls too; 0 for none. ``pink``: share of the noise power that
+    falls as 1/f. ``bits``: 0 for none. ``filter``: corner of the anti-alias filter over the sampling rate, the same on
+    all channels; 0 for none. ``coupling``: corner of the AC-coupled accelerometer [Hz]; ``slowest``: below this [Hz]
+    nothing of interest happens (users who integrate cut there). ``gain``, ``zero``, ``drift``: per channel.
     ``fault``: {"delay"|"gain"|"drift"|"saturation": (channel, size)}.
     ``derive``: how users get v and a; None where all channels are measured.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -24,8 +25,12 @@ _UNRESOLVED = 0.02  # of a difference of sixth order: the sum over a haversine o
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
 _FINE_BANDS = np.linspace(0.4, 0.98, 13)
-_SHELF, _BEYOND, _STEEP = 3, 1.3, 4.0  # bands of noise before a filter; what is moved falls less by there, in power
+_SHELF, _BEYOND, _STEEP = 3, 1.3, 3.0  # bands of noise before a filter, and its fall up to so much higher: the power
+# of what a mass moves falls by 2.9 there, and is nowhere flat before
 _CORNER = 1.1  # what the corner of a filter takes from the last of them, besides chance
+_PARTS, _CHANCE = 8, 4.5  # of a recording, in which noise is as loud but for chance: its power has a relative standard
+# error of the root of one over the lines of the spectrum in a part, and eight of them differ by so many
+_STEPS = 1000  # of an integral over frequency
 _LINES = 10  # of the spectrum in each band at least, whose median is known to 40 % then
 _SMALL = 0.05  # share of the power of a channel that noise of 13 dB is
 _SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
@@ -151,25 +156,48 @@ def filtered_beyond(channel: Array) -> tuple[float, float]:
     """
     window = np.hanning(len(channel))
     lines = np.fft.rfft((channel - np.mean(channel)) * window)
-    power = np.abs(lines) ** 2 / np.sum(window**2)
-    edges = (_FINE_BANDS * (len(power) - 1)).astype(int)
-    if (fewest := int(np.min(np.diff(edges)))) < _LINES:
+    edges = (_FINE_BANDS * (len(lines) - 1)).astype(int)
+    if np.min(np.diff(edges)) < _LINES:
         return 0.5, 0.0
+    middle = window > 0.5
+    for last in _ends_of_shelves(np.abs(lines) ** 2, edges):
+        first, end = edges[last - _SHELF], edges[last]
+        inside = np.fft.irfft(np.concatenate([np.zeros(first), lines[first:end]]), len(channel))[middle]
+        inside = inside / window[middle]
+        if not _is_steady(inside, end - first):
+            continue
+        share = (end - first) / (len(lines) - 1)
+        level = min(float(np.std(inside)) / np.sqrt(share), _at_most(channel, end / (len(lines) - 1)))
+        if level**2 < _SMALL * float(np.var(channel)):
+            return 0.5 * float(_FINE_BANDS[last]), level
+    return 0.5, 0.0
+
+
+def _ends_of_shelves(power: Array, edges: NDArray[np.intp]) -> Iterator[int]:
+    """Bands, from the highest down, before which a spectrum is flat, and from which on it falls steeply."""
     level = np.array([float(np.median(power[low:high])) for low, high in pairwise(edges)])
-    chance = 4.0 * _SPREAD / np.sqrt(fewest)
+    chance = _SPREAD / np.sqrt(np.min(np.diff(edges)))
     for last in range(len(level) - 1, _SHELF - 1, -1):
         shelf = level[last - _SHELF : last]
         beyond = level[last : int(np.searchsorted(_FINE_BANDS, _BEYOND * _FINE_BANDS[last], "right"))]
-        if np.max(shelf) > (_CORNER + chance) * np.min(shelf) or np.min(shelf) < _STEEP * (1 + chance) * np.min(beyond):
-            continue
-        first, end = edges[last - _SHELF], edges[last]
-        in_band = np.fft.irfft(np.concatenate([np.zeros(first), lines[first:end]]), len(channel))
-        inside = window > 0.5
-        steady = float(np.median(np.abs(in_band[inside] / window[inside]))) / 0.6745
-        found = steady * np.sqrt((len(power) - 1) / (end - first))
-        if found**2 < _SMALL * float(np.var(channel)):
-            return 0.5 * float(_FINE_BANDS[last]), float(found)
-    return 0.5, 0.0
+        flat = np.max(shelf) < (_CORNER + 4 * chance) * np.min(shelf)
+        if flat and np.median(shelf) > _STEEP * (1 + 2 * chance) * np.min(beyond):
+            yield last
+
+
+def _is_steady(in_band: Array, lines: int) -> bool:
+    """Whether a channel in a band of so many lines of its spectrum, over half of it, is as noise: as loud all the time,
+    but for chance, and without shocks."""
+    loudness = [float(np.mean(part**2)) for part in np.array_split(in_band, _PARTS)]
+    kurtosis = float(np.mean(in_band**4) / np.mean(in_band**2) ** 2)
+    return float(np.ptp(np.log(loudness))) < _CHANCE * np.sqrt(2 * _PARTS / lines) and kurtosis < _SHOCKS
+
+
+def _at_most(channel: Array, corner: float) -> float:
+    """Level of white noise below a corner [of half the sample rate] that differences of sixth order allow."""
+    kept = (2 * np.sin(0.5 * np.pi * np.linspace(0, 1, _STEPS))) ** (2 * _DIFFERENCES)
+    share = np.sum(kept[: int(corner * _STEPS)]) / np.sum(kept)
+    return _by_differences(channel) / float(np.sqrt(share))
 
 
 def is_noise_free(values: Array, spread: float = 0.0) -> bool:
