@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.prepare.segments import prepare_part
@@ -23,6 +24,38 @@ def test_noise_level_has_no_bias(n: int) -> None:
     found = [noise_level(signal + 0.02 * rng.standard_normal(n)) ** 2 for _ in range(60)]
     # One estimate of the variance scatters by 4 % (8,000 samples) to 9 % (2,000); the mean of 60 by an eighth of that.
     assert np.mean(found) == pytest.approx(0.02**2, rel=0.03)
+
+
+def decimated(values: np.ndarray, corner: float) -> np.ndarray:
+    """What a digital filter of a recorder leaves of white noise; corner in cycles per sample."""
+    return np.asarray(sosfiltfilt(butter(5, 2 * corner, output="sos"), values))
+
+
+@pytest.mark.parametrize("corner", [0.33, 0.38, 0.43])
+@pytest.mark.parametrize("step", [0.0, 5e-4])
+def test_noise_is_read_before_the_filter_that_ends_it(corner: float, step: float) -> None:
+    rng, t = np.random.default_rng(1), np.arange(4000) * 1e-3
+    found = []
+    for _ in range(20):
+        channel = np.sin(40 * t) + 0.3 * np.sin(170 * t + 1) + 0.02 * decimated(rng.standard_normal(len(t)), corner)
+        found.append(noise_level(np.round(channel / step) * step if step else channel))
+    # The corner may take a tenth of the power of the last band of three, and chance a tenth in 300 lines.
+    assert np.median(found) == pytest.approx(0.02, rel=0.1) and np.min(found) > 0.8 * 0.02
+
+
+@pytest.mark.parametrize("what", ["shaker", "knocks", "friction", "resonance"])
+def test_a_motion_that_ends_steeply_is_no_noise_before_a_filter(what: str) -> None:
+    rng, t = np.random.default_rng(2), np.arange(6000) * 1e-3
+    band = decimated(rng.standard_normal(len(t)), 0.38)
+    slow = np.sin(2 * np.pi * 5 * t)
+    channel = {
+        "shaker": band,
+        "knocks": slow + 0.3 * decimated(np.where(rng.random(len(t)) < 0.01, 1.0, 0.0), 0.38),
+        "friction": slow + decimated(0.3 * np.sign(np.cos(2 * np.pi * 4.7 * t)), 0.38),
+        "resonance": lfilter([1.0], np.poly(0.995 * np.exp([0.3j, -0.3j])).real, band),
+    }[what]
+    found = noise_level(channel + 1e-3 * rng.standard_normal(len(t)), [band])
+    assert found == pytest.approx(1e-3, rel=0.2)
 
 
 @pytest.mark.parametrize(("family", "variant", "seed"), [(LINEAR, "standard", 71), (JENKINS, "x_and_F", 72)])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
+from scipy.signal import coherence
 from scipy.special import binom
 
 from hystid.numeric import Array
@@ -24,12 +25,14 @@ _UNRESOLVED = 0.02  # of a difference of sixth order: the sum over a haversine o
 # it in the median, and some nine samples share that
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
-_FINE_BANDS = np.linspace(0.4, 0.98, 13)
+_FINE_BANDS = np.linspace(0.3, 0.98, 15)
 _SHELF, _BEYOND, _STEEP = 3, 1.3, 3.0  # bands of noise before a filter, and its fall up to so much higher: the power
 # of what a mass moves falls by 2.9 there, and is nowhere flat before
 _CORNER = 1.1  # what the corner of a filter takes from the last of them, besides chance
-_PARTS, _CHANCE = 8, 4.5  # of a recording, in which noise is as loud but for chance: its power has a relative standard
+_PARTS, _CHANCE = 8, 5.0  # of a recording, in which noise is as loud but for chance: its power has a relative standard
 # error of the root of one over the lines of the spectrum in a part, and eight of them differ by so many
+_MOTION = 0.5  # coherence of what is motion for the most part; noise shares a tenth in so many parts by chance
+_BRIEF = 1.25  # standard deviation over that by the median: four standard errors for the fewest lines
 _STEPS = 1000  # of an integral over frequency
 _LINES = 10  # of the spectrum in each band at least, whose median is known to 40 % then
 _SMALL = 0.05  # share of the power of a channel that noise of 13 dB is
@@ -39,19 +42,20 @@ _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from ro
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 
 
-def noise_level(channel: Array) -> float:
+def noise_level(channel: Array, others: Sequence[Array] = ()) -> float:
     """Standard deviation of the white noise on a channel (its unit).
 
     The lower of two estimates, as each can only be raised by the signal: the median absolute sixth difference (Huber's
     idea, blind to single jumps), and the median of the periodogram in the quietest part of the upper half of the band.
-    Where a filter has taken that end away, both see what is left there, and the noise before it counts.
+    Where a filter has taken that end away, both see what is left there, and the noise before it counts. others: of
+    other sensors of the same recording, which share motion and no noise.
     """
     floor = _RESOLUTION * float(np.std(channel))
     if len(channel) < 64:
         return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
     differences, spectrum = _by_differences(channel), _by_spectrum(channel)
     lower = differences if differences < _APART * spectrum else spectrum
-    return max(floor, _by_steps(channel), lower, filtered_beyond(channel)[1])
+    return max(floor, _by_steps(channel), lower, filtered_beyond(channel, others)[1])
 
 
 def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
@@ -147,12 +151,13 @@ def _by_spectrum(channel: Array) -> float:
     return float(np.sqrt(np.median(quiet) / np.log(2.0)))  # the median of an exponential variable is ln 2 of its mean
 
 
-def filtered_beyond(channel: Array) -> tuple[float, float]:
+def filtered_beyond(channel: Array, others: Sequence[Array] = ()) -> tuple[float, float]:
     """Frequency [cycles per sample] at which a filter ends the white noise of a channel (n,), and the level of that
     noise (its unit); 0.5 and 0 where none does well below half the sample rate.
 
     Such noise is flat up to a corner, and falls more steeply than a motion does. It is a small part of the channel, and
     there all the time: a force that is as loud at all frequencies up to its highest is most of it, an impact is brief.
+    What ``others`` share with it is motion.
     """
     window = np.hanning(len(channel))
     lines = np.fft.rfft((channel - np.mean(channel)) * window)
@@ -165,6 +170,8 @@ def filtered_beyond(channel: Array) -> tuple[float, float]:
         inside = np.fft.irfft(np.concatenate([np.zeros(first), lines[first:end]]), len(channel))[middle]
         inside = inside / window[middle]
         if not _is_steady(inside, end - first):
+            continue
+        if any(_shared(channel, other, _FINE_BANDS[[last - _SHELF, last]]) > _MOTION for other in others):
             continue
         share = (end - first) / (len(lines) - 1)
         level = min(float(np.std(inside)) / np.sqrt(share), _at_most(channel, end / (len(lines) - 1)))
@@ -189,8 +196,15 @@ def _is_steady(in_band: Array, lines: int) -> bool:
     """Whether a channel in a band of so many lines of its spectrum, over half of it, is as noise: as loud all the time,
     but for chance, and without shocks."""
     loudness = [float(np.mean(part**2)) for part in np.array_split(in_band, _PARTS)]
-    kurtosis = float(np.mean(in_band**4) / np.mean(in_band**2) ** 2)
-    return float(np.ptp(np.log(loudness))) < _CHANCE * np.sqrt(2 * _PARTS / lines) and kurtosis < _SHOCKS
+    often = float(np.median(np.abs(in_band))) / 0.6745
+    return float(np.ptp(np.log(loudness))) < _CHANCE * np.sqrt(2 * _PARTS / lines) and np.std(in_band) < _BRIEF * often
+
+
+def _shared(one: Array, other: Array, band: Array) -> float:
+    """Mean coherence of two channels in a band [of half the sample rate]."""
+    _, common = coherence(one, other, nperseg=len(one) // _PARTS)
+    first, end = (band * len(common)).astype(int)
+    return float(np.mean(common[first:end]))
 
 
 def _at_most(channel: Array, corner: float) -> float:

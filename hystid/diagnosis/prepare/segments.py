@@ -167,7 +167,8 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     channels = {**measured, "F": F}
     # what is integrated does not know slow motion better than integration allows, however quiet it is
     limited = frozenset("F" if "x" in measured else channels)
-    noise = {name: _at_least(name in limited, noise_level(values), values) for name, values in channels.items()}
+    others = {name: [F] if name != "F" else list(measured.values()) for name in channels}
+    noise = {n: _at_least(n in limited, noise_level(y, others[n]), y) for n, y in channels.items()}
     louder = _louder(channels, noise, limited)
     gapped, valid = _without_stops(channels, noise, stopped or {})
     seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
