@@ -55,7 +55,7 @@ def noise_level(channel: Array, others: Sequence[Array] = ()) -> float:
         return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
     differences, spectrum = _by_differences(channel), _by_spectrum(channel)
     lower = differences if differences < _APART * spectrum else spectrum
-    return max(floor, _by_steps(channel), lower, filtered_beyond(channel, others)[1])
+    return float(max(floor, _by_steps(channel), lower, filtered_beyond(channel, others)[1]))
 
 
 def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
