@@ -16,6 +16,8 @@ from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.tell.locate import where_term
 from hystid.diagnosis.tell.result import Diagnosis, Finding, Where
 
+_FEW = 0.05  # share of the samples in which a law may not be known without a word
+
 
 def findings(answer: Answer) -> tuple[Finding, ...]:
     """Everything that was found, strongest first."""
@@ -106,12 +108,23 @@ def headline(diagnosis: Diagnosis) -> str:
         needed = ["its parameters are refitted"] if diagnosis.verdict == "recalibrated" else []
         needed += [f"{' and '.join(line.told() for line in diagnosis.lines)} is taken out"] if diagnosis.lines else []
         once = f" once {' and '.join(needed)}" if needed else ""
-        return f"The model agrees with the recordings down to their noise{once}"
+        return f"The model agrees with the recordings down to their noise{once}{_where_known(diagnosis)}"
     named = " and ".join(_told(finding) for finding in diagnosis.findings)
     if diagnosis.unknown is not None:
         rest = f"something is missing that no effect of the library explains: {diagnosis.unknown.text}"
         return f"{named}; beside it, {rest}" if named else rest[:1].upper() + rest[1:]
     return f"{named}; {_better(diagnosis)}"
+
+
+def _where_known(diagnosis: Diagnosis) -> str:
+    """Where a law jumps with the sign of the velocity, slow samples say little, and a fit proves nothing there."""
+    sure = 1.0 if diagnosis.problem is None else float(np.mean(diagnosis.problem.reduce.sure()))
+    if sure > 1.0 - _FEW:
+        return ""
+    return (
+        f", in {100 * sure:.0f} % of the samples; in the others the velocity is too small to tell the force of a law "
+        "that jumps with its sign"
+    )
 
 
 def _told(finding: Finding) -> str:
