@@ -21,6 +21,7 @@ _MOST = 0.5  # share of a recording: a longer rest is cut off, or told
 _LOUDER = 1.0 + 5.0 / np.sqrt(
     2 * _WINDOW
 )  # times its noise that a channel at rest shows in a window: five standard errors
+_STRAYS = 3.0  # times its noise that a channel at rest shows in the long run: 1/f noise of the same power doubles it
 _PERIODS = 2.0  # of the quickest motion: a reversal stands still for less
 _KEPT = 0.5  # of such a period at either end of a stretch, where the contact takes hold and lets go
 
@@ -49,13 +50,15 @@ def trimmed(test: Recording) -> Recording:
 
 
 def resting(part: Part) -> Flags:
-    """Samples of stretches at rest, (n,), but for their ends."""
+    """Samples of stretches at rest, (n,), but for their ends. What moves more slowly than noise shows within a window
+    strays over the stretch, and does not rest."""
     name = next(name for name in "vxa" if name in part.measured)
     moving = _moving(part.measured[name], part.noise[name])
     period = 1 / (part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))
     found = np.zeros(len(part), dtype=bool)
     for first, last in stretches(~np.repeat(moving, _WINDOW)):
-        if last - first > max(_PERIODS * period, 4 * _WINDOW):
+        strays = np.std(part.measured[name][first:last]) > _STRAYS * part.noise[name]
+        if last - first > max(_PERIODS * period, 4 * _WINDOW) and not strays:
             edge = max(int(_KEPT * period), _WINDOW)
             found[first + edge : last - edge] = True
     return found

@@ -173,7 +173,7 @@ EXPORT double hy_smooth(long n, const double *channels, const double *r, const d
         if (predicted) predicted[k] = ahead;
         if (frozen) memcpy(now.m, ahead.m, sizeof now.m);
         else now = ahead;
-        for (int c = 0; c < 3; c++) {
+        for (int c = 0; c < 3 && c < ORDER; c++) {
             double measured = channels[c * n + k];
             if (isfinite(r[c]) && isfinite(measured))
                 likelihood += frozen ? correct(&now, c, measured, &by[c])
