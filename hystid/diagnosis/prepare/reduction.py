@@ -327,28 +327,21 @@ def _is_derived(part: Part, mass: float) -> bool:
     return part.inertia_order > 0 and mass != 0.0
 
 
-def _follows(part: Part, mass: float) -> bool:
-    """Whether noise of the displacement stands in the balance beside no noise of a measured acceleration."""
-    return "x" in part.noise and (part.inertia_order > 0 or mass == 0.0)
-
-
 def _whitening(part: Part, mass: float, slopes: tuple[float, float]) -> Array | None:
     """Frequency response that makes the noise of the balance white; None where it is white already.
 
     slopes: see ``_slopes``. At a resonance noise of the motion cancels between inertia and restoring force. This is
     left alone: it would take a filter that rings.
     """
-    derived, coloured = _is_derived(part, mass), any(part.colour) and not part.lowest
-    follows = _follows(part, mass)
-    if not follows and not derived and not part.lowest and not coloured:
+    derived = _is_derived(part, mass)
+    coloured = any(part.colour) and not part.lowest
+    if not derived and not part.lowest and not coloured:
         return None
     n = 2 * quick_length(len(part))
     omega = 2 * np.pi * np.arange(n // 2 + 1) / n
     power = np.ones_like(omega)
     if derived:
-        power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2
-    if follows:
-        power += _restoring(part, slopes, omega)
+        power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2 + _restoring(part, slopes, omega)
     if coloured:
         power /= colouring(len(part), part.colour) ** 2
     if part.lowest:
@@ -371,7 +364,7 @@ def _restoring(part: Part, slopes: tuple[float, float], omega: Array) -> Array:
 
 def _followed(part: Part, response: Array | None, mass: float, slopes: tuple[float, float]) -> Array:
     """The same after whitening, at equal steps of the frequency from 0 to half of the sample rate."""
-    if response is None or not _follows(part, mass):
+    if response is None or "x" not in part.noise or not _is_derived(part, mass):
         return np.zeros(2)
     white = response / colouring(len(part), part.colour) if any(part.colour) else response
     return np.asarray(_restoring(part, slopes, np.linspace(0, np.pi, len(response))) * white**2)
