@@ -197,7 +197,8 @@ def _is_steady(in_band: Array, lines: int) -> bool:
     but for chance, and without shocks."""
     loudness = [float(np.mean(part**2)) for part in np.array_split(in_band, _PARTS)]
     often = float(np.median(np.abs(in_band))) / 0.6745
-    return float(np.ptp(np.log(loudness))) < _CHANCE * np.sqrt(2 * _PARTS / lines) and np.std(in_band) < _BRIEF * often
+    even = float(np.ptp(np.log(loudness))) < _CHANCE * np.sqrt(2 * _PARTS / lines)
+    return even and float(np.std(in_band)) < _BRIEF * often
 
 
 def _shared(one: Array, other: Array, band: Array) -> float:
