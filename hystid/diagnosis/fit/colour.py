@@ -31,7 +31,6 @@ _POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of thei
 _FIRST = 3  # line of the spectrum from which the polynomial and the window leave it alone
 _BELOW = 0.5  # share of the lowest frequency of the motion below which the window leaks nothing of it
 _ABOVE = 2.0  # times the highest frequency of the motion, from which the spectrum holds little but noise
-_TOP = 0.49  # cycles per sample: up to half the sample rate
 _FEWEST, _MANY = 10, 200  # lines from which a colour can be told, and bounded
 _ROUNDS = 20  # of reweighting
 _NOTHING = 1e-9  # share of the noise that is none: bounds of a search must lie apart
@@ -163,7 +162,7 @@ def _above_all(seen: Sequence[_Residual]) -> tuple[float, float]:
 def _above(seen: _Residual) -> tuple[Array, Array]:
     """Lines of the spectrum above the motion: frequency [cycles per sample], and power over that of white noise."""
     count = len(seen.residual)
-    ends = min(_TOP, *(filtered_beyond(values)[0] for values in seen.part.measured.values()))
+    ends = 0.98 * min(filtered_beyond(values)[0] for values in seen.part.measured.values())
     first, last = (int(share * count) for share in (_ABOVE * band(seen.part)[1] * seen.part.dt, ends))
     first = max(first, _FIRST)
     if seen.part.lowest or last <= first:

@@ -1,8 +1,9 @@
 /* Kalman filter and Rauch-Tung-Striebel smoother of one motion seen through up to three channels.
  *
  * State: x and its derivatives in units of the sample time (v dt, a dt^2, ...), ORDER of them, the last one driven by white
- * noise. Channels measure the first three of them (two where ORDER is 2) with variances r[0..2]; an infinite variance means that there is no such channel,
- * a value that is not finite that the channel has a gap there. Noise may be louder for a while.
+ * noise. Channels measure the first three of them (two where ORDER is 2) with variances r[0..2]; an infinite variance means
+ * that there is no such channel, a value that is not finite that the channel has a gap there. Noise may be louder for a
+ * while.
  * A belief is a mean (ORDER) followed by a covariance (ORDER x ORDER, row by row).
  */
 #include <math.h>
