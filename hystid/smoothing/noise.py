@@ -26,8 +26,9 @@ _UNRESOLVED = 0.02  # of a difference of sixth order: the sum over a haversine o
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
 _FINE_BANDS = np.linspace(0.3, 0.98, 15)
-_SHELF, _BEYOND, _STEEP = 3, 1.3, 3.0  # bands of noise before a filter, and its fall up to so much higher: the power
-# of what a mass moves falls by 2.9 there, and is nowhere flat before
+_SHELF, _STEEP = 3, 3.0  # bands of noise before a filter, and its fall in power at least
+_ORDER = 12  # power of the frequency by which noise falls behind a filter of sixth order: what a mass moves falls by 4,
+# and by 6 where a force jumps
 _CORNER = 1.1  # what the corner of a filter takes from the last of them, besides chance
 _PARTS, _CHANCE = 8, 5.0  # of a recording, in which noise is as loud but for chance: its power has a relative standard
 # error of the root of one over the lines of the spectrum in a part, and eight of them differ by so many
@@ -186,9 +187,10 @@ def _ends_of_shelves(power: Array, edges: NDArray[np.intp]) -> Iterator[int]:
     chance = _SPREAD / np.sqrt(np.min(np.diff(edges)))
     for last in range(len(level) - 1, _SHELF - 1, -1):
         shelf = level[last - _SHELF : last]
-        beyond = level[last : int(np.searchsorted(_FINE_BANDS, _BEYOND * _FINE_BANDS[last], "right"))]
+        middle = 0.5 * (_FINE_BANDS[last:-1] + _FINE_BANDS[last + 1 :])
+        least = np.minimum(1 / _STEEP, (_FINE_BANDS[last] / middle) ** _ORDER)
         flat = np.max(shelf) < (_CORNER + 4 * chance) * np.min(shelf)
-        if flat and np.median(shelf) > _STEEP * (1 + 2 * chance) * np.min(beyond):
+        if flat and np.any(level[last:] * (1 + 2 * chance) < least * np.median(shelf)):
             yield last
 
 
