@@ -38,7 +38,7 @@ def test_noise_is_read_before_the_filter_that_ends_it(corner: float, step: float
     found = []
     for _ in range(20):
         channel = np.sin(40 * t) + 0.3 * np.sin(170 * t + 1) + 0.02 * decimated(rng.standard_normal(len(t)), corner)
-        found.append(noise_level(np.round(channel / step) * step if step else channel))
+        found.append(noise_level(np.round(channel / step) * step if step else channel, [np.zeros(len(t))]))
     # The corner may take a tenth of the power of the last band of three, and chance a tenth in 300 lines.
     assert np.median(found) == pytest.approx(0.02, rel=0.1) and np.min(found) > 0.8 * 0.02
 

@@ -204,7 +204,9 @@ def _is_steady(in_band: Array, lines: int) -> bool:
 
 
 def _shared(one: Array, other: Array, band: Array) -> float:
-    """Mean coherence of two channels in a band [of half the sample rate]."""
+    """Mean coherence of two channels in a band [of half the sample rate]; 0 where one of them is constant."""
+    if np.ptp(other) == 0:
+        return 0.0
     _, common = coherence(one, other, nperseg=len(one) // _PARTS)
     first, end = (band * len(common)).astype(int)
     return float(np.mean(common[first:end]))
