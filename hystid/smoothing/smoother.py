@@ -8,7 +8,7 @@ its level, are chosen by likelihood. Rauch, Tung and Striebel (1965), AIAA Journ
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -25,7 +25,6 @@ from hystid.toolchain import shared_library
 
 CHANNELS = ("x", "v", "a")
 ORDERS = (3, 4, 5)
-ABRUPT = (2, *ORDERS)  # of a motion that is prescribed to something without a mass, and may turn at once
 _LIKELIHOOD_SAMPLES = 4000  # enough to choose one number; keeps a record of a million samples cheap
 BELOW = {"v": 0.1, "a": 0.3}  # corner over the lowest visible frequency: the motion itself changes by 1 % at most
 _CLEAR = 10.0  # power of the motion over that of the noise at the lowest frequency that counts
@@ -97,15 +96,13 @@ def smooth(
     roughness: Roughness | None = None,
     louder: Mapping[str, Array] | None = None,
     force: Array | None = None,
-    orders: Sequence[int] = ORDERS,
 ) -> Smoothed:
     """Smooth the measured channels of one motion jointly.
 
     channels: any of x [m], v [m/s], a [m/s2], shape (n,) each, at least one; NaN marks a gap. noise: their standard
     deviations, > 0.
     dt: sample time [s]. roughness: None for the most likely one. louder: noise of a channel over ``noise``, (n,), where
-    it is not 1 throughout. force: what drives the motion (n,), where it is known. orders: derivatives of x that may be
-    white noise; ``ABRUPT`` where x may turn at once and no acceleration is measured, which is then the slope of v.
+    it is not 1 throughout. force: what drives the motion (n,), where it is known.
     Without x, the position would drift away as an integrated measurement does: below the lowest frequency of the motion
     it is held at zero (a pseudo measurement x = 0, of the size that gives a corner there).
     Raises UsageError when there is no channel of a motion.
@@ -123,15 +120,15 @@ def smooth(
         variance[0] = variance[2] / (BELOW["a"] * lowest * dt) ** 4
     # what holds x at zero is no measurement, and says nothing about how rough the motion is
     measured = np.where([name in channels for name in CHANNELS], variance, np.inf)
-    chosen = roughness or replace(_likely(replace(seen, variance=measured), orders), lowest=lowest, cut=cut)
-    motion, spread = _smoothed(seen, chosen)
+    chosen = roughness or replace(_likely(replace(seen, variance=measured)), lowest=lowest, cut=cut)
+    motion, spread = _in_blocks(seen, chosen)
     parted = roughness is None and "x" in channels and len(channels) > 1  # one channel cannot drift away from another
     for times in _LOUDER if parted else ():
         if _wander(motion) < _ONE * np.sqrt(variance[0]):
             break
-        likely = _likely(replace(seen, variance=times * variance), orders)
+        likely = _likely(replace(seen, variance=times * variance))
         chosen = replace(likely, level=likely.level / times, lowest=lowest)  # their ratio decides what is smoothed
-        motion, spread = _smoothed(seen, chosen)
+        motion, spread = _in_blocks(seen, chosen)
     unit = np.array([1.0, dt, dt * dt])
     x, v, a = (np.ascontiguousarray(column) for column in (motion / unit).T)
     x = _above(x, cut * dt)
@@ -228,7 +225,7 @@ def _scaled(channels: Mapping[str, Array], noise: Mapping[str, float], dt: float
     return _Seen(table, variance, factors)
 
 
-def _likely(seen: _Seen, orders: Sequence[int]) -> Roughness:
+def _likely(seen: _Seen) -> Roughness:
     """The most likely roughness, from the ``_LIKELIHOOD_SAMPLES`` samples in which most moves: a long rest would be
     taken for how smooth the motion is."""
     samples = min(_LIKELIHOOD_SAMPLES, seen.table.shape[1])
@@ -236,7 +233,7 @@ def _likely(seen: _Seen, orders: Sequence[int]) -> Roughness:
     power = np.cumsum(np.nan_to_num(seen.table[row] - np.nanmean(seen.table[row])) ** 2)
     first = int(np.argmax(power[samples - 1 :] - np.concatenate([[0.0], power[:-samples]])))
     part = seen.within(slice(first, first + samples))
-    found = [_likely_level(part, order) for order in orders]
+    found = [_likely_level(part, order) for order in ORDERS]
     return min(found, key=lambda item: item[0])[1]
 
 
@@ -261,20 +258,8 @@ def _upper_level(part: _Seen, order: int) -> float:
     return float(np.log(np.nanmean(difference**2) + part.variance[row] + 1e-300)) + 3.0
 
 
-def _smoothed(seen: _Seen, roughness: Roughness) -> tuple[Array, Array]:
-    """Smoothed x, v, a (n, 3) in units of the sample time, and their variances in the middle of the record.
-
-    Where x turns at once, smoothing rounds each turn off, always alike. What it leaves there of the channels is
-    smoothed and added ("twicing", Tukey 1977, Exploratory Data Analysis): little of that error is left.
-    """
-    motion, spread = _in_blocks(seen, roughness)
-    if roughness.order < min(ORDERS):
-        motion += _in_blocks(replace(seen, table=seen.table - motion.T), roughness)[0]
-    return motion, spread
-
-
 def _in_blocks(seen: _Seen, roughness: Roughness) -> tuple[Array, Array]:
-    """The same by the smoother alone."""
+    """Smoothed x, v, a (n, 3) in units of the sample time, and their variances in the middle of the record."""
     n = seen.table.shape[1]
     motion = np.empty((n, 3))
     spread = np.zeros(3)
@@ -283,13 +268,8 @@ def _in_blocks(seen: _Seen, roughness: Roughness) -> tuple[Array, Array]:
         low, high = max(0, first - _OVERLAP), min(n, first + _BLOCK + _OVERLAP)
         _, beliefs = _run(seen.within(slice(low, high)), roughness, keep=True)
         last = min(n, first + _BLOCK)
-        states = min(order, 3)
-        motion[first:last, :states] = beliefs[first - low : last - low, :states]
-        middle = beliefs[(high - low) // 2, order:].reshape(order, order)
-        spread[:states] = np.diag(middle)[:states]
-        if states < 3:
-            motion[first:last, 2] = np.gradient(motion[first:last, 1])
-            spread[2] = roughness.level
+        motion[first:last] = beliefs[first - low : last - low, :3]
+        spread = beliefs[(high - low) // 2, [order, 2 * order + 1, 3 * order + 2]]
     return motion, spread
 
 
@@ -316,8 +296,7 @@ def _start(seen: _Seen, order: int) -> Array:
     """Belief before the first sample: measured states near their first value, the others wide but finite."""
     mean, spread = np.zeros(order), np.full(order, np.nan)
     first, over_time = seen.sizes
-    states = min(order, 3)
-    mean[:3], spread[:3] = first[:states], (100.0 * (over_time + seen.variance))[:states]
+    mean[:3], spread[:3] = first, 100.0 * (over_time + seen.variance)
     spread = np.where(np.isfinite(spread), spread, np.nanmax(spread))
     return np.concatenate([mean, np.diag(spread).ravel()])
 

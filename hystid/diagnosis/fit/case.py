@@ -102,12 +102,11 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     still = any(test.quasi_static for test in tests)
     sensors = chain.examined(tests, unseen, taken.clipped)
     tests, unseen = sensors.tests, sensors.unseen
+    parts = [prepare_part(test, seed, sensors.stopped) for seed, test in enumerate(tests)]
     code, runs = _compiled(model, given.values)
     named, fixed, free = (_with_mass(names, code) for names in (given.values, given.fixed, given.free))
     whole = {v.name for v in code.variables if v.type != "Real"}
     values = {name: given.values[key] for name, key in named.items() if name not in whole}
-    massless = timeless or values.get("m") == 0.0
-    parts = [prepare_part(test, seed, sensors.stopped, massless=massless) for seed, test in enumerate(tests)]
     weighed = "m" in values and "m" not in free and "m" not in fixed
     rate_law = not baseline_of(model, code, values, frozenset(fixed), model=runs).reads_x()
     parts, hidden = without_x(parts) if rate_law else visible(parts, values.get("m", 0.0))
@@ -143,8 +142,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
         again = refit(problem, kept, sized) if more else refit_again(problem, [refitted, *minima])
         refitted, minima, nominal = again
     remembering = [~_valid(part) & _valid(whole) for part, whole in zip(problem.parts, complete, strict=True)]
-    held = [prepare_part(test, 100 + i, massless=massless) for i, test in enumerate(unseen)]
-    held = [replace(part, pace=parts[0].dt / part.dt) for part in held]
+    held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
     resting = _begun_at_rest(problem, complete, kept, sized) if rested else None
     if resting is not None:
         problem, (refitted, minima, nominal), begun_so = resting

@@ -21,7 +21,7 @@ from hystid.numeric import Array
 from hystid.numeric import Flags as Flags
 from hystid.recording import Recording
 from hystid.smoothing.noise import SECTIONS, between_samples, louder_for_a_while, noise_level, steps
-from hystid.smoothing.smoother import ABRUPT, ORDERS, Smoothed, error_of_x, smooth
+from hystid.smoothing.smoother import Smoothed, error_of_x, smooth
 
 Single = NDArray[np.float32]
 _SLOWEST, _QUICKEST = 0.01, 0.99  # shares of the power of the velocity below the slowest and the quickest motion
@@ -157,13 +157,10 @@ class Part:
         return self.noise["F"]
 
 
-def prepare_part(
-    recording: Recording, seed: int = 0, stopped: Mapping[str, float] | None = None, *, massless: bool = False
-) -> Part:
+def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, float] | None = None) -> Part:
     """Noise levels, smoothing and the unbiased acceleration of one recording; needs F and one of x, v, a.
 
-    stopped: channels that stop at a level; samples there count as missing. massless: nothing that moves has a mass, so
-    that the motion may turn at once.
+    stopped: channels that stop at a level; samples there count as missing.
     """
     F, dt = recording.channel("F"), recording.dt
     measured = measured_motion(recording)
@@ -175,8 +172,7 @@ def prepare_part(
     louder = _louder(channels, noise, limited)
     gapped, valid = _without_stops(channels, noise, stopped or {})
     seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
-    abrupt = massless and "a" not in measured
-    motion = smooth(seen, noise, dt, None, _of_motion(louder), force, ABRUPT if abrupt else ORDERS)
+    motion = smooth(seen, noise, dt, None, _of_motion(louder), force)
     inertia, order = _inertia(measured, dt, motion)
     return Part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,

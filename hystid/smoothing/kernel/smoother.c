@@ -1,9 +1,8 @@
 /* Kalman filter and Rauch-Tung-Striebel smoother of one motion seen through up to three channels.
  *
  * State: x and its derivatives in units of the sample time (v dt, a dt^2, ...), ORDER of them, the last one driven by white
- * noise. Channels measure the first three of them (two where ORDER is 2) with variances r[0..2]; an infinite variance means
- * that there is no such channel, a value that is not finite that the channel has a gap there. Noise may be louder for a
- * while.
+ * noise. Channels measure the first three with variances r[0..2]; an infinite variance means that there is no such channel,
+ * a value that is not finite that the channel has a gap there. Noise may be louder for a while.
  * A belief is a mean (ORDER) followed by a covariance (ORDER x ORDER, row by row).
  */
 #include <math.h>
@@ -174,7 +173,7 @@ EXPORT double hy_smooth(long n, const double *channels, const double *r, const d
         if (predicted) predicted[k] = ahead;
         if (frozen) memcpy(now.m, ahead.m, sizeof now.m);
         else now = ahead;
-        for (int c = 0; c < 3 && c < ORDER; c++) {
+        for (int c = 0; c < 3; c++) {
             double measured = channels[c * n + k];
             if (isfinite(r[c]) && isfinite(measured))
                 likelihood += frozen ? correct(&now, c, measured, &by[c])
