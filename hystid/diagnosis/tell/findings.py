@@ -117,13 +117,13 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def _where_known(diagnosis: Diagnosis) -> str:
-    """Where a law jumps with the sign of the velocity, slow samples say little, and a fit proves nothing there."""
+    """In how many samples a fit proves something: where noise of the motion moves the force of a law by more than that
+    of its channel, or nobody knows on which side of a jump it stands, it does not."""
     sure = 1.0 if diagnosis.problem is None else float(np.mean(diagnosis.problem.reduce.sure()))
     if sure > 1.0 - _FEW:
         return ""
     return (
-        f", in {100 * sure:.0f} % of the samples; in the others the velocity is too small to tell the force of a law "
-        "that jumps with its sign"
+        f", in {100 * sure:.0f} % of the samples; in the others the motion is not known well enough to tell its force"
     )
 
 
