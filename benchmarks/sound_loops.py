@@ -11,7 +11,6 @@ filter of the recorder, and 12, 16 or 24 bit or no steps. Prints each case that 
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -20,8 +19,7 @@ from benchmarks.proof.chain import noise
 from benchmarks.proof.effects import Rng
 from benchmarks.proof.motion import Array, follow
 from benchmarks.proof.rig import draw_rig, nominal
-from hystid import diagnose
-from hystid.errors import HystidError
+from benchmarks.sound_rigs import Case, ask
 from hystid.recording import Recording
 
 MODELS = ("Linear", "Jenkins", "BoucWen", "Iwan")
@@ -56,8 +54,8 @@ def prescribed(rng: Rng) -> tuple[str, Array, Array]:
     return f"{kind}, {envelope}", t, x / np.max(np.abs(x))
 
 
-def sound_loop(seed: int) -> tuple[Recording, str, dict[str, float], str]:
-    """A recording, the model and what its user believes of it, and what it is, in words."""
+def sound_loop(seed: int) -> Case:
+    """A specimen of any of ``MODELS``."""
     rng = np.random.default_rng(seed)
     model = str(rng.choice(MODELS))
     rig = draw_rig(model, rng)
@@ -89,21 +87,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, required=True, help="of the first case")
     parser.add_argument("--cases", type=int, required=True)
     given = parser.parse_args()
-    counts: Counter[str] = Counter()
-    for seed in range(given.seed, given.seed + given.cases):
-        recording, model, believed, words = sound_loop(seed)
-        try:
-            found = diagnose(recording, model=model, parameters=believed)
-        except HystidError as error:
-            said, verdict = str(error), "refused"
-        else:
-            said = ", ".join(f"{f.effect} {f.confidence:.2f}" for f in found.findings) or found.headline
-            verdict = "refused" if found.verdict == "not_applicable" else found.verdict
-        calm = verdict in ("consistent", "recalibrated")
-        counts["calm" if calm else verdict] += 1
-        if not calm:
-            print(f"loop {seed} ({words}): {verdict}: {said}", flush=True)
-    print(", ".join(f"{verdict}: {count}" for verdict, count in sorted(counts.items())))
+    ask(map(sound_loop, range(given.seed, given.seed + given.cases)))
 
 
 if __name__ == "__main__":

@@ -11,9 +11,12 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from collections.abc import Iterable
 
 import numpy as np
 
+from benchmarks.proof.chain import MOTION
+from benchmarks.proof.decoys import CALM
 from benchmarks.proof.excitation import FORCES, force
 from benchmarks.proof.motion import drive
 from benchmarks.proof.rig import draw_rig, nominal
@@ -21,15 +24,15 @@ from hystid import diagnose
 from hystid.errors import HystidError
 from hystid.recording import Recording
 
-CHANNELS = ("x", "v", "a", "xv", "xa", "va", "xva")
+Case = tuple[Recording, str, dict[str, float], str]  # with its model, what its user believes, and what it is, in words
 _LOUDEST, _QUIETEST = 26.0, 80.0  # dB
 _NOISE_FREE = 0.2  # share of the cases
 _FINE = 8  # steps of the simulation per sample at least
 _TOP = 3.0  # highest frequency of the force over the natural one
 
 
-def sound_rig(seed: int, channels: str = "") -> tuple[Recording, dict[str, float], str]:
-    """A recording, what its user believes of the rig, and what it is, in words. channels: "" for any."""
+def sound_rig(seed: int, channels: str = "") -> Case:
+    """A linear rig. channels: "" for any."""
     rng = np.random.default_rng(seed)
     rig = draw_rig("Linear", rng)
     rate, periods = rng.uniform(25, 80) * rig.f0, rng.uniform(15, 150)
@@ -39,7 +42,7 @@ def sound_rig(seed: int, channels: str = "") -> tuple[Recording, dict[str, float
     shape = shape[: 2 * ((len(shape) - 1) // 2) + 1]
     unit = drive(rig.terms(), rig.mass, 2 * t[1], shape)
     motion = drive(rig.terms(), rig.mass, 2 * t[1], shape * rig.X / np.max(np.abs(unit.x))).every(_FINE)
-    recorded = channels or str(rng.choice(CHANNELS))
+    recorded = channels or str(rng.choice(MOTION))
     noise_free, bits = rng.random() < _NOISE_FREE, int(rng.choice([0, 16, 24]))
     columns, levels = {}, []
     for name in ("F", *recorded):
@@ -50,7 +53,26 @@ def sound_rig(seed: int, channels: str = "") -> tuple[Recording, dict[str, float
         step = 4 * np.max(np.abs(y)) / 2**bits
         columns[name] = np.round(y / step) * step if bits else y
     words = f"{kind}, {recorded}, {', '.join(levels) or 'no noise'}, {bits} bit, {len(motion.t)} samples"
-    return Recording(f"rig {seed}", motion.t, **columns), nominal(rig, rng, far=False), words
+    believed = nominal(rig, rng, far=False)
+    return Recording(f"rig {seed}", motion.t, **columns), "HystId.Oscillators.Linear", believed, words
+
+
+def ask(cases: Iterable[Case]) -> None:
+    """Diagnose each case; prints those that are not calm, and the counts."""
+    counts: Counter[str] = Counter()
+    for recording, model, believed, words in cases:
+        try:
+            found = diagnose(recording, model=model, parameters=believed)
+        except HystidError as error:
+            said, verdict = str(error), "refused"
+        else:
+            said = ", ".join(f"{f.effect} {f.confidence:.2f}" for f in found.findings) or found.headline
+            verdict = "refused" if found.verdict == "not_applicable" else found.verdict
+        calm = verdict in CALM
+        counts["calm" if calm else verdict] += 1
+        if not calm:
+            print(f"{recording.name} ({words}): {verdict}: {said}", flush=True)
+    print(", ".join(f"{verdict}: {count}" for verdict, count in sorted(counts.items())))
 
 
 def main() -> None:
@@ -58,23 +80,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True, help="of the first case")
     parser.add_argument("--cases", type=int, required=True)
-    parser.add_argument("--channels", nargs="*", choices=CHANNELS, default=[""], help="each case with each of these")
+    parser.add_argument("--channels", nargs="*", choices=MOTION, default=[""], help="each case with each of these")
     given = parser.parse_args()
-    counts: Counter[str] = Counter()
-    for channels in given.channels:
-        for seed in range(given.seed, given.seed + given.cases):
-            recording, believed, words = sound_rig(seed, channels)
-            try:
-                found = diagnose(recording, model="HystId.Oscillators.Linear", parameters=believed)
-            except HystidError as error:
-                said, verdict = str(error), "refused"
-            else:
-                said = ", ".join(f"{f.effect} {f.confidence:.2f}" for f in found.findings) or found.headline
-                verdict = "refused" if found.verdict == "not_applicable" else found.verdict
-            counts["calm" if verdict in ("consistent", "recalibrated") else verdict] += 1
-            if verdict not in ("consistent", "recalibrated"):
-                print(f"rig {seed} ({words}): {verdict}: {said}", flush=True)
-    print(", ".join(f"{verdict}: {count}" for verdict, count in sorted(counts.items())))
+    seeds = range(given.seed, given.seed + given.cases)
+    ask(sound_rig(seed, channels) for channels in given.channels for seed in seeds)
 
 
 if __name__ == "__main__":

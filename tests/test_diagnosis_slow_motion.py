@@ -20,6 +20,7 @@ from hystid.diagnosis.prepare.rest import resting
 from hystid.diagnosis.prepare.segments import prepare_part
 from hystid.modelica import compile_model
 from hystid.recording import Recording
+from tests.test_diagnosis_noise import decimated
 
 Array = NDArray[np.float64]
 PECORARI, JENKINS = "HystId.Oscillators.PecorariSolodov", "HystId.Oscillators.Jenkins"
@@ -275,3 +276,25 @@ def test_what_moves_slowly_beside_its_noise_is_not_at_rest() -> None:
     ]
     assert np.mean(resting(parts[0])) < 0.05
     assert np.mean(resting(parts[1])[t > 41.0]) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("corner", "decibel"), [(0.32, {"F": 54, "x": 34}), (0.36, {"F": 40, "x": 40}), (0.40, {"F": 30, "x": 57})]
+)
+def test_noise_that_a_recorder_filters_is_no_physics(corner: float, decibel: dict[str, float]) -> None:
+    """Jenkins' element moved by hand. Read behind the filter, the noise would be that of 16 bit, far below."""
+    recordings = []
+    for seed in (1, 2):
+        t, x, v, a = by_hand(seed, size=1e-4)
+        held, f = np.empty(len(x)), 0.0
+        for i, step in enumerate(np.diff(x, prepend=x[0])):
+            held[i] = f = min(max(f + 2e4 * step, -0.6), 0.6)
+        exact = {"F": RIG["m"] * a + RIG["B"] * v + RIG["Kl"] * x + held, "x": x}
+        rng, measured = np.random.default_rng(seed), {}
+        for name, u in exact.items():
+            noise = 10 ** (-decibel[name] / 20) * np.std(u) * decimated(rng.standard_normal(len(u)), corner)
+            bit = 2.5 * np.max(np.abs(u)) / 2**16
+            measured[name] = np.round((u + noise) / bit) * bit
+        recordings.append(Recording(f"hand_{seed}", t, **measured))
+    found = diagnose(recordings, model=JENKINS, parameters={**RIG, "Ks": 2.2e4, "fc": 0.55})
+    assert found.verdict in CALM and not found.findings

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from benchmarks import invariance
 from benchmarks import real_answers as real
 from benchmarks.proof.cases import KINDS, make, write
-from benchmarks.proof.chain import Chain, levels, noise, record
+from benchmarks.proof.chain import Chain, levels, noise, record, with_own_noise
 from benchmarks.proof.effects import PHYSICS, draw
 from benchmarks.proof.excitation import FORCES, force
 from benchmarks.proof.motion import BASELINE, Term, drive, follow
@@ -159,6 +159,18 @@ def test_noise_has_its_level_and_colour() -> None:
     assert np.std(pink) == pytest.approx(1, abs=0.01)
     power = np.abs(np.fft.rfft(pink)) ** 2
     assert power[:10_000].sum() > power[50_000:].sum()
+    filtered = np.abs(np.fft.rfft(noise(200_000, 0.0, rng, decimated=0.3))) ** 2
+    assert filtered[:50_000].mean() > 1e4 * filtered[90_000:].mean()
+
+
+def test_each_sensor_may_have_a_noise_of_its_own() -> None:
+    n, h = 4000, 1e-4
+    motion = drive(LINEAR, M, h, swept(half_grid(n, h), 10.0))
+    chain = with_own_noise(Chain("laboratory", 34.0), np.random.default_rng(3))
+    columns, clean = record(motion, 2, chain, levels([motion]), np.random.default_rng(0))
+    for c in chain.channels:
+        expected = 10 ** (-(34.0 + chain.quieter[c]) / 20) * np.sqrt(np.mean(getattr(motion, c) ** 2))
+        assert np.std(columns[c] - clean[c]) == pytest.approx(expected, rel=0.1)  # 1/sqrt(2 n) = 0.016
 
 
 def test_recorder_without_faults_gives_the_samples_back() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.proof.chain import UNITS, Chain, draw_chain, levels, record, sensors_of_their_own
+from benchmarks.proof.chain import UNITS, Chain, draw_chain, levels, record, with_own_noise
 from benchmarks.proof.decoys import CALM, DECOYS, Decoy
 from benchmarks.proof.effects import NEEDS_HYSTERESIS, PHYSICS, TIME_LAWS, Concealed, Rng, draw, windowed
 from benchmarks.proof.fairness import judge
@@ -115,7 +115,7 @@ def _draw(kind: str, name: str, rng: Rng, fixed: dict[str, Any]) -> Case:
     rig = draw_rig(model, rng)
     chain = _chain(kind, effects, rig, rng, fixed)
     if fixed.get("sensors") == "own" and not chain.fault:
-        chain = sensors_of_their_own(chain, rng)
+        chain = with_own_noise(chain, rng)
     tests = plan_training(rig, rng)
     if "x" not in chain.channels and {"hand", "decay"} & {test.kind for test in tests}:
         raise Unfit("no displacement where it alone tells where the test began")
@@ -160,7 +160,8 @@ def _draw(kind: str, name: str, rng: Rng, fixed: dict[str, Any]) -> Case:
         "true_baseline": rig.parameters,
         "snr": chain.snr,
         "chain": chain.style,
-        **({"apart": chain.apart, "decimated": chain.decimated} if chain.apart else {}),
+        "quieter": chain.quieter,
+        "decimated": chain.decimated,
         "channels": list(training[0]),
         "derived": chain.derive,
         "recordings": [
@@ -341,7 +342,7 @@ def _noise_of_R(rig: Rig, motions: Sequence[Motion], tests: Sequence[Test], chai
     bits = 2.5 * 3 / 2**chain.bits / np.sqrt(12) if chain.bits else 0.0
 
     def noise_of(c: str) -> float:
-        relative = 10 ** (-(chain.snr + chain.apart.get(c, 0.0)) / 20) if chain.snr is not None else 0.0
+        relative = 10 ** (-(chain.snr + chain.quieter.get(c, 0.0)) / 20) if chain.snr is not None else 0.0
         return level.rms[c] * float(np.hypot(relative, bits))
 
     if "a" in chain.channels:

@@ -18,7 +18,7 @@ UNITS = {"t": "s", "F": "N", "x": "m", "v": "m/s", "a": "m/s2"}
 class Chain:
     """A recorder with its sensors. Sizes of noise, zero and range are those of the channel's rms in the loudest test.
 
-    ``snr``: dB or None (no noise). ``apart``: dB of each channel beyond that. ``decimated``: corner of the digital
+    ``snr``: dB or None (no noise). ``quieter``: dB by which each channel is quieter. ``decimated``: corner of a digital
     filter over the sampling rate, behind which the noise falls too; 0 for none. ``pink``: share of the noise power that
     falls as 1/f. ``bits``: 0 for none. ``filter``: corner of the anti-alias filter over the sampling rate, the same on
     all channels; 0 for none. ``coupling``: corner of the AC-coupled accelerometer [Hz]; ``slowest``: below this [Hz]
@@ -30,7 +30,7 @@ class Chain:
     style: str
     snr: float | None
     channels: str = "Fxva"
-    apart: dict[str, float] = field(default_factory=dict)
+    quieter: dict[str, float] = field(default_factory=dict)
     decimated: float = 0.0
     pink: float = 0.0
     bits: int = 0
@@ -76,14 +76,14 @@ def draw_chain(snr: float | None, f0: float, rng: Rng, style: str | None = None)
 MOTION = ("x", "v", "a", "xv", "xa", "va", "xva")
 
 
-def sensors_of_their_own(chain: Chain, rng: Rng) -> Chain:
+def with_own_noise(chain: Chain, rng: Rng) -> Chain:
     """The chain with any channels of motion, each sensor with a noise of its own; one recorder in three decimates."""
     return replace(
         chain,
         channels="F" + str(rng.choice(MOTION)),
         derive=None,
         coupling=0.0,
-        apart={c: rng.uniform(-8, 30) for c in "Fxva"},
+        quieter={c: rng.uniform(-8, 30) for c in "Fxva"},
         decimated=rng.uniform(0.3, 0.45) if rng.random() < 1 / 3 else 0.0,
     )
 
@@ -142,7 +142,7 @@ def _sensed(y: Array, c: str, chain: Chain, level: Levels, rng: Rng, noisy: bool
         elif name == "saturation":
             y = np.clip(y, -size * level.peak[c], size * level.peak[c])
     if noisy and chain.snr is not None:
-        loudness = 10 ** (-(chain.snr + chain.apart.get(c, 0.0)) / 20)
+        loudness = 10 ** (-(chain.snr + chain.quieter.get(c, 0.0)) / 20)
         y = y + level.rms[c] * loudness * noise(len(y), chain.pink, rng, chain.decimated)
     if chain.bits:
         step = 2.5 * level.peak[c] / 2**chain.bits

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import coherence
-from scipy.special import binom
+from scipy.special import betainc, binom
 
 from hystid.numeric import Array
 
@@ -25,16 +25,15 @@ _UNRESOLVED = 0.02  # of a difference of sixth order: the sum over a haversine o
 # it in the median, and some nine samples share that
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
-_FINE_BANDS = np.linspace(0.3, 0.98, 15)
+_FINE_BANDS = np.linspace(0.3, 0.98, 15)  # of the Nyquist frequency: where a filter may end the noise
 _SHELF, _STEEP = 3, 3.0  # bands of noise before a filter, and its fall in power at least
 _ORDER = 12  # power of the frequency by which noise falls behind a filter of sixth order: what a mass moves falls by 4,
 # and by 6 where a force jumps
 _CORNER = 1.1  # what the corner of a filter takes from the last of them, besides chance
-_PARTS, _CHANCE = 8, 5.0  # of a recording, in which noise is as loud but for chance: its power has a relative standard
-# error of the root of one over the lines of the spectrum in a part, and eight of them differ by so many
+_PARTS, _CHANCE = 8, 5.0  # of a recording, in which noise is as loud but for chance: standard errors by which eight
+# differ at most in 99 of 100 recordings (studentized range)
 _MOTION = 0.5  # coherence of what is motion for the most part; noise shares a tenth in so many parts by chance
-_BRIEF = 1.25  # standard deviation over that by the median: four standard errors for the fewest lines
-_STEPS = 1000  # of an integral over frequency
+_BRIEF = 3.7  # four standard errors of a standard deviation over that by the median, times the root of the lines
 _LINES = 10  # of the spectrum in each band at least, whose median is known to 40 % then
 _SMALL = 0.05  # share of the power of a channel that noise of 13 dB is
 _SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
@@ -200,7 +199,7 @@ def _is_steady(in_band: Array, lines: int) -> bool:
     loudness = [float(np.mean(part**2)) for part in np.array_split(in_band, _PARTS)]
     often = float(np.median(np.abs(in_band))) / 0.6745
     even = float(np.ptp(np.log(loudness))) < _CHANCE * np.sqrt(2 * _PARTS / lines)
-    return even and float(np.std(in_band)) < _BRIEF * often
+    return even and float(np.std(in_band)) < float(1 + _BRIEF / np.sqrt(lines)) * often
 
 
 def _shared(one: Array, other: Array, band: Array) -> float:
@@ -214,9 +213,8 @@ def _shared(one: Array, other: Array, band: Array) -> float:
 
 def _at_most(channel: Array, corner: float) -> float:
     """Level of white noise below a corner [of half the sample rate] that differences of sixth order allow."""
-    kept = (2 * np.sin(0.5 * np.pi * np.linspace(0, 1, _STEPS))) ** (2 * _DIFFERENCES)
-    share = np.sum(kept[: int(corner * _STEPS)]) / np.sum(kept)
-    return _by_differences(channel) / float(np.sqrt(share))
+    below = betainc(_DIFFERENCES + 0.5, 0.5, np.sin(0.5 * np.pi * corner) ** 2)  # of the power of such differences
+    return _by_differences(channel) / float(np.sqrt(below))
 
 
 def is_noise_free(values: Array, spread: float = 0.0) -> bool:

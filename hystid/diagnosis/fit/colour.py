@@ -23,7 +23,6 @@ from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.prepare.filtering import filtered
 from hystid.diagnosis.prepare.reduction import ROWS, colouring
 from hystid.diagnosis.prepare.segments import Part, band
-from hystid.smoothing.noise import filtered_beyond
 
 Array = NDArray[np.float64]
 NOISE_ERROR = 0.05  # relative error of the noise power that is estimated from a recording
@@ -162,7 +161,7 @@ def _above_all(seen: Sequence[_Residual]) -> tuple[float, float]:
 def _above(seen: _Residual) -> tuple[Array, Array]:
     """Lines of the spectrum above the motion: frequency [cycles per sample], and power over that of white noise."""
     count = len(seen.residual)
-    ends = 0.98 * min(filtered_beyond(values)[0] for values in seen.part.measured.values())
+    ends = 0.98 * seen.part.noise_ends()
     first, last = (int(share * count) for share in (_ABOVE * band(seen.part)[1] * seen.part.dt, ends))
     first = max(first, _FIRST)
     if seen.part.lowest or last <= first:

@@ -20,7 +20,7 @@ from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.numeric import Array
 from hystid.numeric import Flags as Flags
 from hystid.recording import Recording
-from hystid.smoothing.noise import SECTIONS, between_samples, louder_for_a_while, noise_level, steps
+from hystid.smoothing.noise import SECTIONS, between_samples, filtered_beyond, louder_for_a_while, noise_level, steps
 from hystid.smoothing.smoother import Smoothed, error_of_x, smooth
 
 Single = NDArray[np.float32]
@@ -135,6 +135,10 @@ class Part:
         below = 2 * np.pi * np.arange(len(power)) / len(self) < 0.9 * self.first
         return float(np.sum(power[below]) / max(float(np.sum(power)), float(np.sum(ringing)), 1e-300))
 
+    def noise_ends(self) -> float:
+        """Frequency [cycles per sample] up to which the noise of all channels is white."""
+        return min(filtered_beyond(y, _others(name, self.measured))[0] for name, y in self.measured.items())
+
     def velocity_error(self) -> Array:
         """Standard error of the velocity [m/s], (n,): rms of its draws over all samples, or over sections where noise
         is louder for a while. A few draws hold too few independent errors to tell more."""
@@ -167,8 +171,7 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     channels = {**measured, "F": F}
     # what is integrated does not know slow motion better than integration allows, however quiet it is
     limited = frozenset("F" if "x" in measured else channels)
-    others = {name: [F] if name != "F" else list(measured.values()) for name in channels}
-    noise = {n: _at_least(n in limited, noise_level(y, others[n]), y) for n, y in channels.items()}
+    noise = {n: _at_least(n in limited, noise_level(y, _others(n, channels)), y) for n, y in channels.items()}
     louder = _louder(channels, noise, limited)
     gapped, valid = _without_stops(channels, noise, stopped or {})
     seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
@@ -181,6 +184,11 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
         _jitter(measured, noise, dt, motion, (seed, louder)), louder=louder,
         error_of_x=error_of_x({name: noise[name] for name in measured}, dt, motion.roughness),
     )  # fmt: skip
+
+
+def _others(name: str, channels: Mapping[str, Array]) -> list[Array]:
+    """The force beside a channel of the motion, and these beside the force: sensors that share motion and no noise."""
+    return [values for other, values in channels.items() if (other == "F") != (name == "F")]
 
 
 def _at_least(limited: bool, level: float, values: Array) -> float:

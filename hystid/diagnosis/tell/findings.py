@@ -16,8 +16,6 @@ from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.tell.locate import where_term
 from hystid.diagnosis.tell.result import Diagnosis, Finding, Where
 
-_FEW = 0.05  # share of the samples in which a law may not be known without a word
-
 
 def findings(answer: Answer) -> tuple[Finding, ...]:
     """Everything that was found, strongest first."""
@@ -119,12 +117,9 @@ def headline(diagnosis: Diagnosis) -> str:
 def _where_known(diagnosis: Diagnosis) -> str:
     """In how many samples a fit proves something: where noise of the motion moves the force of a law by more than that
     of its channel, or nobody knows on which side of a jump it stands, it does not."""
-    sure = 1.0 if diagnosis.problem is None else float(np.mean(diagnosis.problem.reduce.sure()))
-    if sure > 1.0 - _FEW:
-        return ""
-    return (
-        f", in {100 * sure:.0f} % of the samples; in the others the motion is not known well enough to tell its force"
-    )
+    percent = 100 if diagnosis.problem is None else round(100 * float(np.mean(diagnosis.problem.reduce.sure())))
+    others = "in the others the motion is not known well enough to tell its force"
+    return f", in {percent} % of the samples; {others}" if percent < 100 else ""
 
 
 def _told(finding: Finding) -> str:
