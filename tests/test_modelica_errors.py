@@ -32,11 +32,11 @@ REFUSED = {
     "unknown modifier": (model("  Real x(foo = 3);\nequation\n  x = 1;\n"), 2, "unknown modifier 'foo'"),
     "number of an enumeration": (
         model(
-            "  type G = enumeration(low, high);\n  G g(start = G.low, fixed = true);\n  Integer k;\nequation\n"
-            "  when time > 1 then\n    g = G.high;\n  end when;\n  k = Integer(g);\n"
+            "  type G = enumeration(low, high);\n  parameter G g = G.low;\n  Integer k;\nequation\n"
+            "  k = Integer(if time > 1 then G.high else g);\n"
         ),
-        9,
-        r"an enumeration that changes has no Integer\(\) here: declare constant Integer",
+        6,
+        r"an enumeration stands where a number has to; write Integer\(e\), where e is the name of a variable",
     ),
     "unbalanced": (
         model("  Real x;\n  Real y;\nequation\n  x = 1;\n"), 3, r"no equations for 1 unknown \(y\), 1 too few",

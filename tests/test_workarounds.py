@@ -293,6 +293,33 @@ equation
 end A;""",
         "twice.y", 4.0, "discrete coordinate exactly once",
     ),
+    "enumeration_numbers": (
+        """
+model A
+  type Gear = enumeration(low, mid "in the middle, of three", high);
+  type Choice = Gear;
+  function ratio
+    input Gear g;
+    output Real i;
+  algorithm
+    i := 2*Integer(g);
+  end ratio;
+  partial model Box
+    Gear g = if time < 0.5 then Gear.mid else Gear.high;
+  end Box;
+  model Shifted
+    extends Box;
+    Choice before(start = Gear.low, fixed = true);
+  equation
+    when time > 0.7 then
+      before = g;
+    end when;
+  end Shifted;
+  Shifted s[2];
+  Real y = 100*ratio(s[1].g) + 10*Integer(pre(s[2].before)) + Integer(Gear.mid);
+end A;""",
+        "y", 632.0, "an enumeration stands where a number has to",
+    ),
     "values_of_elements": (
         """
 model Spring

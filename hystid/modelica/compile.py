@@ -34,6 +34,7 @@ from hystid.modelica.workarounds.dropped_modifiers import (
     refuse_undecided,
     with_acting_modifiers,
 )
+from hystid.modelica.workarounds.enumeration_numbers import with_numbers_of_enumerations
 from hystid.modelica.workarounds.external_functions import with_plain_externals
 from hystid.modelica.workarounds.function_bindings import with_counted_bindings
 from hystid.modelica.workarounds.function_bodies import with_readable_functions
@@ -133,6 +134,7 @@ def flat_from_text(
     acting = with_acting_modifiers(name, with_limits_kept(name, with_separate_packages(name, everything)))
     acting = with_carried_algorithms([with_calls_in_algorithms(source) for source in acting])
     acting = with_named_values(with_separate_elements(with_functions_apart(acting)))
+    acting = with_numbers_of_enumerations(acting)
     texts = with_counted_bindings(with_plain_samples([_in_words_that_it_takes(source) for source in acting]))
     places = [file for _, file in placed]
     flat = flatten(name, texts[: len(files)], list(zip(texts[len(files) :], places, strict=True)), structure or {})

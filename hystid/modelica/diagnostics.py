@@ -162,8 +162,7 @@ _ADVICE = (
     (r"dependency cycle", "; break the loop with pre()"),
     (
         r"found Enumeration",
-        "; an enumeration that changes has no Integer() here: declare constant Integer numbers[3] = {1, 2, 3}, one for "
-        "each of its names, and write numbers[e]",
+        "; write Integer(e), where e is the name of a variable or of a parameter",
     ),
 )
 

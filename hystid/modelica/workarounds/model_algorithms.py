@@ -31,6 +31,7 @@ _TARGET = re.compile(r"\s*([A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*)\s*(\[)?")
 _RANGE = re.compile(r"(\w+)\s+in\s+[^:{}]+(?::\s*(?:(-)[^:{}]*|\d+)\s*)?:[^:{}]+", re.DOTALL)
 _OUTER = ("model", "block", "class")
 _PREFIXES = frozenset(("input", "output", "flow", "stream", "discrete"))
+_BASE = re.compile(r"\s*=?\s*(?:(?:input|output)\s+)?([A-Za-z_][\w.]*)")  # of a short class
 _BUILT_IN = ("Real", "Integer", "Boolean", "String")
 
 
@@ -86,6 +87,25 @@ class Types:
             return self.of(".".join(rest), inner) if inner is not None else ("Real", False, False)
         return self.built_in(clause), bool(clause.sizes), "discrete" in clause.prefixes
 
+    def items(self, name: str, owner: Class, depth: int = 0) -> int:
+        """How many literals the enumeration of a variable (also a component's) or of a literal has; 0 without one."""
+        first, _, rest = re.sub(r"\s", "", name).partition(".")
+        clause = self.declared(first, owner)
+        if clause is None:
+            made = self._class(name.rpartition(".")[0], owner)
+        else:
+            made = self._class(clause.target, clause.owner)
+        if rest and clause is not None and made is not None and depth < 20:
+            return self.items(rest, made, depth + 1)
+        while made is not None and made.short and depth < 20:
+            plain, depth = made.source.plain, depth + 1
+            base = _BASE.match(plain, made.body, made.end)
+            if base is not None and base[1] == "enumeration":
+                listed = next_mark(plain, base.end(), made.end, ";")
+                return plain.count(",", base.end(), listed) + 1
+            made = None if base is None else self._class(base[1], made)
+        return 0
+
     def member(self, name: str, clause: Clause) -> Clause | None:
         """The declaration of a name in the type of a component."""
         inner = self._class(clause.target, clause.owner)
@@ -125,8 +145,7 @@ class Types:
         made = self._class(name, scope) if depth < 20 else None
         if made is None or not made.short:
             return "Real"
-        plain = made.source.plain
-        base = re.compile(r"\s*=?\s*(?:(?:input|output)\s+)?([A-Za-z_][\w.]*)").match(plain, made.body, made.end)
+        base = _BASE.match(made.source.plain, made.body, made.end)
         if base is None or base[1] == "enumeration":
             return "Integer" if base else "Real"
         return self._built_in(base[1], made, depth + 1)
