@@ -86,7 +86,7 @@ def declared(place: Path) -> Semantics:
         ("needs = {\"tide\"}", "needs knows 'time'.*not 'tide'"),
         ("needs = \"time\"", "a list in braces"),
         ("lasting = 1", "lasting is true or false"),
-        ("becomes = {End(law = \"impact\", of = k)}", "End says one of above, below, at and over"),
+        ("becomes = {End(law = \"impact\", of = k)}", "End says one of above, below, at, over and one_sided"),
         ("becomes = {End(law = \"impact\", of = k, above = 1, per = \"mile\")}", "per knows 'stroke'.*not 'mile'"),
         ("becomes = {End(of = k, above = 1)}", "End must say 'law'"),
         ("becomes = {Start(law = \"impact\")}", r"a list of End\(...\)"),
@@ -150,6 +150,23 @@ def test_a_parameter_is_a_threshold_only_where_it_is_declared(tmp_path: Path) ->
         assert are_reached(problem_of(x), fit) is reached
         within = Fit(Hypothesis({}, (Term(effect, {**values, gap: 0.5e-3}),)), np.zeros(1), 1.0)
         assert are_reached(problem_of(x), within)
+
+
+def test_two_stops_are_two_where_the_motion_reaches_both(effects: list[Effect]) -> None:
+    """A fit that moves one of them out of the way is a one-sided contact."""
+    swing = 1e-3 * np.sin(np.linspace(0, 60, 4000))
+    for effect in (e for e in effects if e.id == "two_sided_stop"):
+        lean = {"lean": 0.0} if any(shape.name == "lean" for shape in effect.shapes) else {}
+
+        def reached(x: np.ndarray, effect: Effect = effect, **changed: float) -> bool:
+            values = {"k": 1e4, "gap": 0.6e-3, **changed}
+            return are_reached(problem_of(x), Fit(Hypothesis({}, (Term(effect, values),)), np.zeros(1), 1.0))
+
+        assert reached(swing, **lean)
+        assert not reached(swing + 0.5e-3, **lean)
+        if lean:  # the stops stand at 0.15 mm and 1.05 mm, and at 0.45 mm and 0.75 mm
+            assert not reached(swing, lean=-0.75)
+            assert reached(swing, lean=-0.25)
 
 
 def test_every_law_of_the_library_has_a_name_and_an_experiment(effects: list[Effect], catalogue: Catalogue) -> None:

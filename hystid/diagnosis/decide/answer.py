@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -20,7 +20,7 @@ from hystid.diagnosis.fit.windows import Windowed, edges, has_own_windows, term_
 from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.model.channel_effects import DRIFT, NUISANCES, ChannelEffect, is_constant
-from hystid.diagnosis.model.semantics import Semantics
+from hystid.diagnosis.model.semantics import End, Semantics
 from hystid.diagnosis.prepare.faults import Fault
 
 Array = NDArray[np.float64]
@@ -70,10 +70,15 @@ class Answer:
         term = self.term(name)
         if term is None or (is_mass(term.effect) and not self.baseline.mass):  # no mass that a gain could scale
             return name
-        for end in term.effect.semantics.becomes:
-            if end.fit == "renamed" and is_reached(self.problem, term, end):
+        for end in self.ends(term):
+            if end.fit == "renamed":
                 return end.law
         return GAIN if is_mass(term.effect) and self._gain_is_nearer() else name
+
+    def ends(self, term: Term) -> Iterator[End]:
+        """Ends of its parameters that a named law has come to."""
+        signals = self.problem.signals(self.choice.after.hypothesis)
+        return (e for e in term.effect.semantics.becomes if is_reached(self.problem, term, e, signals))
 
     def _is_constant(self) -> bool:
         """Whether the named drift of the force channel is next to nothing but a constant per recording."""

@@ -18,6 +18,7 @@ from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.diagnosis.model.effects import Signals
 from hystid.diagnosis.model.semantics import End
 
+TOUCHED = 4  # samples of some recording beyond the threshold of a law that does not act short of it
 _MASSIVE = 0.99  # of the mass that an effect may take away: what is left moves
 _AT = 0.98  # of the end of the range that is tried: fits that want more end there
 _FEW = 4.0  # samples at full speed that a length must span to be resolved,
@@ -36,11 +37,13 @@ def is_itself(problem: Problem, term: Term, signals: Sequence[Signals]) -> bool:
     return not any(is_reached(problem, term, end, signals) for end in refused)
 
 
-def is_reached(problem: Problem, term: Term, end: End, signals: Sequence[Signals] = ()) -> bool:
-    """Whether a fitted law has come to an end of a parameter. signals: what the effect sees, where forces decide."""
+def is_reached(problem: Problem, term: Term, end: End, signals: Sequence[Signals]) -> bool:
+    """Whether a fitted law has come to an end of a parameter. signals: what the effect sees."""
     if end.unless == "hysteresis" and problem.baseline.has_h:
         return False
     value = term.values[end.of]
+    if end.one_sided:
+        return not _acts_both_ways(term, signals)
     if end.over:
         return (end.below is None or value < end.below) and not _carries(term, end, signals)
     if end.at:
@@ -72,6 +75,13 @@ def _unit(problem: Problem, per: str) -> float:
         return min(_FEW * path, _SMALL * stroke)
     tops = {"stroke": problem.scales.x, "speed": problem.scales.v}
     return float(tops[per][-1]) if per else 1.0
+
+
+def _acts_both_ways(term: Term, signals: Sequence[Signals]) -> bool:
+    """Whether the force of a law has either sign. Of two stops the motion may reach one alone, while the fit has moved
+    the other one out of its way."""
+    forces = term.effect.forces(signals, term.values)
+    return all(max(np.count_nonzero(way * f > 0) for f in forces) >= TOUCHED for way in (1, -1))
 
 
 def _carries(term: Term, end: End, signals: Sequence[Signals]) -> bool:

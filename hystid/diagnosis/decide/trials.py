@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hystid.diagnosis.decide.limits import is_itself
+from hystid.diagnosis.decide.limits import TOUCHED, is_itself
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
 from hystid.diagnosis.fit.problem import DELAY_LIMIT, MASS_TOLERANCE, Problem, standing
 from hystid.diagnosis.fit.search import (
@@ -34,7 +34,6 @@ _CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share o
 LAST = 60  # iterations for what is named
 _MOVING = 6.0  # standard errors (of white noise) beyond which a recording drifts: real ones show 15 and more
 _REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold, where a law acts short of it
-_TOUCHED = 4  # samples of some recording beyond the threshold of a law that does not act short of it
 _SLIDES = 0.25  # of the largest speed, within which dry friction must have turned; rigs turn within 0.05
 DELAY = "channel_delay"
 
@@ -112,7 +111,7 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
             side = term.values.get(said.switch, 0.0)
             beyond = [(side * p.x if side else np.abs(p.x)) > term.values[said.threshold] for p in problem.parts]
             if max(np.mean(flags) for flags in beyond) < _REACHED and (
-                said.width or max(map(np.count_nonzero, beyond)) < _TOUCHED
+                said.width or max(map(np.count_nonzero, beyond)) < TOUCHED
             ):
                 return False
         if term.values.get(said.transition, 0.0) > _SLIDES * problem.scales.v[-1] or not is_itself(

@@ -31,9 +31,9 @@ class End:
 
     law: id of that law, "" where the baseline has it. of: the parameter. The end is reached from ``above`` or up to
     ``below``, in units of ``per``; at the "top" or "bottom" of the range that is tried (``at``); or where the force
-    of the parameter outweighs that of another one (``over``), with ``below`` only where the parameter is less. unless:
-    "hysteresis" for a model that has some. fit: such a fit is "refused", is "renamed", or is "equivalent" to the other
-    law.
+    of the parameter outweighs that of another one (``over``), with ``below`` only where the parameter is less; or where
+    the block never acts both ways (``one_sided``). unless: "hysteresis" for a model that has some. fit: such a fit is
+    "refused", is "renamed", or is "equivalent" to the other law.
     """
 
     law: str
@@ -42,6 +42,7 @@ class End:
     below: float | None = None
     at: str = ""
     over: str = ""
+    one_sided: bool = False
     per: str = ""
     unless: str = ""
     fit: str = "refused"
@@ -190,7 +191,7 @@ def _record(key: str, entry: Entry, item: Any, parameters: Mapping[str, Variable
         elif word in ("above", "below"):
             found[word] = _plain(word, one, float)
         else:
-            found[word] = _plain(word, one, bool if word == "steered" else str)
+            found[word] = _plain(word, one, bool if word in ("steered", "one_sided") else str)
     for word in ("law", *{"becomes": ("of",), "tells": ("experiment",)}.get(key, ())):
         if word not in found:
             _refuse(item, f"{name} must say '{word}'")
@@ -202,9 +203,9 @@ def _record(key: str, entry: Entry, item: Any, parameters: Mapping[str, Variable
 
 
 def _check_end(item: Record, end: End) -> None:
-    said = [end.above is not None, end.below is not None and not end.over, bool(end.at), bool(end.over)]
+    said = [end.above is not None, end.below is not None and not end.over, bool(end.at), bool(end.over), end.one_sided]
     if sum(said) != 1:
-        _refuse(item, "End says one of above, below, at and over")
+        _refuse(item, "End says one of above, below, at, over and one_sided")
     known = {"per": MEASURES, "fit": FITS, "at": ("", "top", "bottom"), "unless": ("", "hysteresis")}
     for word, options in known.items():
         _one_of(word, item.entries.get(word, Entry("", item.place)), getattr(end, word), options)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from hystid.diagnosis.decide.answer import GAIN, Answer, describe
-from hystid.diagnosis.decide.limits import is_reached
 from hystid.diagnosis.decide.trials import DELAY
 from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.model.semantics import Semantics
@@ -80,8 +79,7 @@ def _equivalents(name: str, answer: Answer) -> tuple[str, ...]:
 def _not_told(answer: Answer, name: str) -> tuple[str, ...]:
     """Laws to which these recordings do not tell the difference: a length below what they resolve, for example."""
     term = answer.term(name)
-    ends = term.effect.semantics.becomes if term is not None else ()
-    return tuple(e.law for e in ends if e.fit == "equivalent" and term and is_reached(answer.problem, term, e))
+    return () if term is None else tuple(end.law for end in answer.ends(term) if end.fit == "equivalent")
 
 
 def _fault_finding(answer: Answer, fault: Fault) -> Finding:

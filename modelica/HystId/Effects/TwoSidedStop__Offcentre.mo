@@ -11,5 +11,6 @@ equation
   f = k*d;
   annotation(Documentation(info = "<html><p>An off-centre clearance adds even harmonics.</p></html>"),
     __HystId_effect(
-      threshold = gap));
+      threshold = gap,
+      becomes = {End(law = "contact_loss", of = gap, one_sided = true)}));
 end TwoSidedStop__Offcentre;

@@ -12,5 +12,6 @@ equation
   f = k*d*sqrt(abs(d)/d_ref);
   annotation(Documentation(info = "<html><p>Hertz contact on both sides of an off-centre clearance.</p></html>"),
     __HystId_effect(
-      threshold = gap));
+      threshold = gap,
+      becomes = {End(law = "contact_loss", of = gap, one_sided = true)}));
 end TwoSidedStop__OffcentreHertz;
