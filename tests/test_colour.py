@@ -12,6 +12,7 @@ from hystid.diagnosis.fit.colour import coloured_alike
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import take
+from hystid.diagnosis.prepare.reduction import colouring
 from hystid.recording import Recording
 
 Array = NDArray[np.float64]
@@ -58,6 +59,25 @@ def test_the_colour_of_noise_is_measured_and_the_refit_leaves_its_floor() -> Non
     assert pink / at + red / at**2 == pytest.approx(0.05 / at, rel=0.5)
     # 0.12: the floor rests on a noise level that holds a part of the 1/f noise, here a tenth
     assert case.refit.chi2 == pytest.approx(case.problem.floor(case.refit), abs=0.12)
+
+
+@pytest.mark.parametrize("first", [0, 10, 20])
+def test_faint_colour_is_measured_where_the_noise_above_the_motion_does_not_show_it(first: int) -> None:
+    pink, red = posed(*[rig(first + k, 0.01) for k in range(3)]).problem.parts[0].colour
+    # As above; at the upper end of the motion it adds a tenth to the noise, no more than that is known there.
+    at = 5 * DT
+    assert pink / at + red / at**2 == pytest.approx(0.01 / at, rel=0.5)
+
+
+def test_the_mean_of_1_f_noise_is_as_little_known_as_its_zero_is_old() -> None:
+    """Ten seconds of noise that has gone on for an hour."""
+    rng, n, dt, pink = np.random.default_rng(5), 500, 0.02, 0.02
+    part = posed(rig(1, 0.0)).problem.parts[0]
+    part = replace(part, t=np.arange(n) * dt, dt=dt, colour=(pink, 0.0), since=3600.0)
+    hours = [noise(rng, pink, int(3600 / dt)) for _ in range(60)]
+    means = np.array([(one - np.mean(one)).reshape(-1, n).mean(axis=1) for one in hours])
+    # The slowest of its lines scatter most: of 60 hours the variance of a mean is known to a twentieth.
+    assert colouring(part)[0] ** -2 == pytest.approx(n * np.mean(means**2), rel=0.15)
 
 
 @pytest.mark.parametrize("pink", [0.0, 0.05])

@@ -46,8 +46,9 @@ def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
         return None
     lowest = min(band(part)[0] * part.dt for part in problem.parts)
     slope, error = _above_all(seen)
-    pink, red = _fitted(frequency, power, dt, slope + 2 * error if slope > 2 * error else 0.0, lowest)
-    return [_coloured(part, (pink, red * part.dt)) for part in problem.parts] if pink or red else None
+    pink, red = _fitted(frequency, power, dt, max(slope + 2 * error, 0.0), lowest)
+    since = _lasted(problem.parts)
+    return [_coloured(part, (pink, red * part.dt), since) for part in problem.parts] if pink or red else None
 
 
 def with_colour_above(problem: Problem, fitted: Fit) -> list[Part] | None:
@@ -57,12 +58,14 @@ def with_colour_above(problem: Problem, fitted: Fit) -> list[Part] | None:
     no quieter than noise.
     """
     slope, error = _above_all(_seen(problem, fitted))
-    return [_coloured(part, (slope, 0.0)) for part in problem.parts] if slope > 2 * error else None
+    since = _lasted(problem.parts)
+    return [_coloured(part, (slope, 0.0), since) for part in problem.parts] if slope > 2 * error else None
 
 
 def fainter(parts: Sequence[Part], seen: Sequence[Part], share: float) -> list[Part]:
     """Parts with a share of the colour that was seen."""
-    return [_coloured(p, (share * q.colour[0], share * q.colour[1])) for p, q in zip(parts, seen, strict=True)]
+    colours = [(share * q.colour[0], share * q.colour[1]) for q in seen]
+    return [_coloured(p, c, q.since) for p, c, q in zip(parts, colours, seen, strict=True)]
 
 
 def slow_power(parts: Sequence[Part]) -> float:
@@ -106,11 +109,17 @@ def _seen(problem: Problem, fitted: Fit) -> list[_Residual]:
     return found
 
 
-def _coloured(part: Part, colour: tuple[float, float]) -> Part:
+def _coloured(part: Part, colour: tuple[float, float], since: float) -> Part:
     """A part with the colour of its noise, and so the draws of what noise does to its motion."""
-    response = colouring(len(part), part.colour) / colouring(len(part), colour)
+    made = replace(part, colour=colour, since=since)
+    response = colouring(part) / colouring(made)
     jitter = tuple(tuple(filtered(u.astype(float), response).astype(np.float32) for u in draw) for draw in part.jitter)
-    return replace(part, colour=colour, jitter=jitter)
+    return replace(made, jitter=jitter)
+
+
+def _lasted(parts: Sequence[Part]) -> float:
+    """Time that all recordings took together [s]: the zeros of their sensors are no younger."""
+    return sum(len(part) * part.dt for part in parts)
 
 
 def _below(seen: _Residual) -> tuple[Array, Array, Array]:
@@ -196,4 +205,4 @@ def _fitted(frequency: Array, power: Array, dt: Array, most: float, lowest: floa
 def coloured_alike(parts: Sequence[Part], like: Sequence[Part]) -> list[Part]:
     """Further recordings of the same sensors, with the colour of their noise."""
     pink, red = like[0].colour
-    return [_coloured(part, (pink, red * part.dt / like[0].dt)) for part in parts]
+    return [_coloured(part, (pink, red * part.dt / like[0].dt), like[0].since) for part in parts]

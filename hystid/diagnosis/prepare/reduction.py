@@ -343,7 +343,7 @@ def _whitening(part: Part, mass: float, slopes: tuple[float, float]) -> Array | 
     if derived:
         power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2 + _restoring(part, slopes, omega)
     if coloured:
-        power /= colouring(len(part), part.colour) ** 2
+        power /= colouring(part) ** 2
     if part.lowest:
         turn = omega**2 + (BELOW["v" if "v" in part.noise else "a"] * part.first) ** 2
         high = (omega / part.first) ** 8
@@ -366,15 +366,21 @@ def _followed(part: Part, response: Array | None, mass: float, slopes: tuple[flo
     """The same after whitening, at equal steps of the frequency from 0 to half of the sample rate."""
     if response is None or "x" not in part.noise or not _is_derived(part, mass):
         return np.zeros(2)
-    white = response / colouring(len(part), part.colour) if any(part.colour) else response
+    white = response / colouring(part) if any(part.colour) else response
     return np.asarray(_restoring(part, slopes, np.linspace(0, np.pi, len(response))) * white**2)
 
 
-def colouring(samples: int, colour: tuple[float, float]) -> Array:
-    """Frequency response that makes noise of this colour white."""
-    n = 2 * quick_length(samples)
+def colouring(part: Part) -> Array:
+    """Frequency response that makes its noise white.
+
+    1/f noise goes on below the lowest line, as long as the zero of the sensors is old: its density there, over the
+    width of a line, stands in the mean.
+    """
+    n = 2 * quick_length(len(part))
     cycles = np.maximum(np.arange(n // 2 + 1), 1) / n
-    return np.asarray(1 / np.sqrt(1 + colour[0] / cycles + colour[1] / cycles**2))
+    power = 1 + part.colour[0] / cycles + part.colour[1] / cycles**2
+    power[0] += part.colour[0] * n * max(np.log(max(part.since, part.dt) / (n * part.dt)) - 1, 0)
+    return np.asarray(1 / np.sqrt(power))
 
 
 def longest_trim(samples: int) -> int:

@@ -46,7 +46,8 @@ class Part:
     timed: whether time was measured; else it only numbers the samples. extra: further columns of the file, (n,) each.
     sees_x: whether the displacement is known at all frequencies that matter.
     colour: power of the noise of all channels over its white part, times the frequency [cycles per sample], and times
-    its square: 1/f noise, and a wandering zero. pace: samples in the time of one of the first recording.
+    its square: 1/f noise, and a wandering zero. since: age of the zeros of the sensors, at least [s].
+    pace: samples in the time of one of the first recording.
     rest: samples that are not valid for nothing but that nothing moves there.
     error_of_x: what noise leaves in x, over frequencies from 0 to pi per sample [m], (m,); white noise of standard
     deviation 1 has 1 everywhere.
@@ -73,6 +74,7 @@ class Part:
     jitter: tuple[tuple[Single, ...], ...] = field(repr=False, default=())
     sees_x: bool = True
     colour: tuple[float, float] = (0.0, 0.0)
+    since: float = 0.0
     pace: float = 1.0
     louder: Mapping[str, Array] = field(repr=False, default_factory=dict)
     rest: Flags | None = field(repr=False, default=None)
