@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis import diagnose
 from hystid.diagnosis.fit.case import Case, pose, recoloured
-from hystid.diagnosis.fit.colour import coloured_alike
+from hystid.diagnosis.fit.colour import _above_all, _seen, coloured_alike
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import take
@@ -67,6 +67,15 @@ def test_faint_colour_is_measured_where_the_noise_above_the_motion_does_not_show
     # As above; at the upper end of the motion it adds a tenth to the noise, no more than that is known there.
     at = 5 * DT
     assert pink / at + red / at**2 == pytest.approx(0.01 / at, rel=0.5)
+
+
+def test_noise_levels_of_recordings_are_no_colour() -> None:
+    """A recording whose motion ends later shows quicker noise alone; that it is quieter there is no slope."""
+    case = posed(rig(1, 0.02), rig(2, 0.02))
+    one, other = _seen(case.problem, case.refit)
+    later = replace(other, part=replace(other.part, v=np.gradient(np.sin(0.6 * np.arange(N)))))
+    quieter = replace(later, residual=0.3 * later.residual)
+    assert _above_all([one, quieter]) == pytest.approx(_above_all([one, later]))
 
 
 def test_the_mean_of_1_f_noise_is_as_little_known_as_its_zero_is_old() -> None:

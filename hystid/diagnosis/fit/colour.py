@@ -151,14 +151,14 @@ def _below(seen: _Residual) -> tuple[Array, Array, Array]:
 def _above_all(seen: Sequence[_Residual]) -> tuple[float, float]:
     """Coefficient of 1/f in the noise above the motion, and its standard error; 0 where none is seen there.
 
-    What moves the structure there adds to it.
+    What moves the structure there adds to it. Noise levels differ from recording to recording.
     """
-    found = [_above(one) for one in seen]
-    frequency, power = (np.concatenate(columns) for columns in zip(*found, strict=True))
-    if len(power) < _MANY:
+    found = [(frequency, power / np.mean(power)) for frequency, power in map(_above, seen) if len(power)]
+    if sum(len(power) for _, power in found) < _MANY:
         return 0.0, 0.0
+    frequency, power = (np.concatenate(columns) for columns in zip(*found, strict=True))
     shapes = np.column_stack([np.ones_like(frequency), 1 / frequency])
-    expected = np.full_like(power, float(np.mean(power)))
+    expected = np.ones_like(power)
     for _ in range(_ROUNDS):
         weighted = shapes / expected[:, None]
         level, slope = np.linalg.lstsq(weighted, power / expected, rcond=None)[0]
