@@ -38,7 +38,9 @@ _NOTHING = 1e-9  # share of the noise that is none: bounds of a search must lie 
 def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
     """The parts of a problem with the colour of their noise; None where it is white as far as can be seen.
 
-    One colour for all channels and recordings, relative to their white noise: they come from the same amplifiers.
+    One colour for all channels and recordings, relative to their white noise: they come from the same amplifiers. As
+    far as 1/f noise shows above the motion it is believed below it; where it may be there and does not show, it is
+    believed as it is below, or not at all: what is louder than that is no noise.
     """
     seen = _seen(problem, fitted)
     frequency, power, dt = (np.concatenate(columns) for columns in zip(*map(_below, seen), strict=True))
@@ -46,7 +48,10 @@ def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
         return None
     lowest = min(band(part)[0] * part.dt for part in problem.parts)
     slope, error = _above_all(seen)
-    pink, red = _fitted(frequency, power, dt, max(slope + 2 * error, 0.0), lowest)
+    is_seen, most = slope > 2 * error, slope + 2 * error
+    pink, red = _fitted(frequency, power, dt, most if is_seen else np.inf, lowest)
+    if pink > most:
+        return None
     since = _lasted(problem.parts)
     return [_coloured(part, (pink, red * part.dt), since) for part in problem.parts] if pink or red else None
 
@@ -81,7 +86,8 @@ def slow_power(parts: Sequence[Part]) -> float:
 class _Residual:
     """What a fit leaves of the longest stretch of a recording that has no gaps, in units of the white noise.
 
-    residual: (n,); x, v: motion there; moved: what draws of the noise of the motion do to the force.
+    residual: (n,); x, v: motion there; moved: what draws of the noise of the motion do to the force; inertial: what
+    they do to that of inertia.
     followed: see ``Reduction.followed_at``.
     """
 
@@ -90,6 +96,7 @@ class _Residual:
     x: Array
     v: Array
     moved: tuple[Array, ...]
+    inertial: tuple[Array, ...]
     followed: Callable[[Array], Array]
 
 
@@ -97,15 +104,18 @@ def _seen(problem: Problem, fitted: Fit) -> list[_Residual]:
     """The residuals of all parts; where a law is not sure of a sample, as where it jumps, little of it counts."""
     residuals = problem.reduce.whitened(problem.balance(fitted.hypothesis))
     moved = [problem.reduce.whitened(draw) for draw in problem.moved(fitted.hypothesis)]
+    mass = problem.baseline.mass
+    shaken = [[mass * part.jitter[draw][3].astype(float) for part in problem.parts] for draw in range(len(moved))]
+    inertial = [problem.reduce.whitened(draw) for draw in shaken]
     found = []
     for i, part in enumerate(problem.parts):
         sure = problem.reduce.trusted(i)
         runs, count = label(sure > 0)
         longest = int(np.argmax(np.bincount(runs.ravel(), minlength=2)[1:])) + 1 if count else 0
         at = slice(*(np.flatnonzero(runs == longest)[[0, -1]] + [0, 1])) if count else slice(0, 0)
-        draws = tuple((draw[i] * sure)[at] for draw in moved)
+        draws, inertias = (tuple((draw[i] * sure)[at] for draw in kind) for kind in (moved, inertial))
         followed = partial(problem.reduce.followed_at, i)
-        found.append(_Residual(part, (residuals[i] * sure)[at], part.x[at], part.v[at], draws, followed))
+        found.append(_Residual(part, (residuals[i] * sure)[at], part.x[at], part.v[at], draws, inertias, followed))
     return found
 
 
@@ -153,11 +163,11 @@ def _above_all(seen: Sequence[_Residual]) -> tuple[float, float]:
 
     What moves the structure there adds to it. Noise levels differ from recording to recording.
     """
-    found = [(frequency, power / np.mean(power)) for frequency, power in map(_above, seen) if len(power)]
-    if sum(len(power) for _, power in found) < _MANY:
+    found = [(frequency, power / np.mean(power), white) for frequency, power, white in map(_above, seen) if len(power)]
+    if sum(len(power) for _, power, _ in found) < _MANY:
         return 0.0, 0.0
-    frequency, power = (np.concatenate(columns) for columns in zip(*found, strict=True))
-    shapes = np.column_stack([np.ones_like(frequency), 1 / frequency])
+    frequency, power, white = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    shapes = np.column_stack([white, 1 / frequency])
     expected = np.ones_like(power)
     for _ in range(_ROUNDS):
         weighted = shapes / expected[:, None]
@@ -167,17 +177,26 @@ def _above_all(seen: Sequence[_Residual]) -> tuple[float, float]:
     return (float(slope / level), error / float(level)) if level > 0 else (0.0, 0.0)
 
 
-def _above(seen: _Residual) -> tuple[Array, Array]:
-    """Lines of the spectrum above the motion: frequency [cycles per sample], and power over that of white noise."""
+def _above(seen: _Residual) -> tuple[Array, Array, Array]:
+    """Lines of the spectrum above the motion: frequency [cycles per sample], power, and that of white noise: next to
+    the motion noise of the displacement takes away from that of inertia, as a spring does beyond its resonance.
+    """
     count = len(seen.residual)
     ends = 0.98 * seen.part.noise_ends()
     first, last = (int(share * count) for share in (_ABOVE * band(seen.part)[1] * seen.part.dt, ends))
     first = max(first, _FIRST)
     if seen.part.lowest or last <= first:
-        return np.empty(0), np.empty(0)
+        return np.empty(0), np.empty(0), np.empty(0)
     window = np.hanning(count)
-    power = np.abs(np.fft.rfft(seen.residual * window)[first:last]) ** 2 / float(window @ window)
-    return np.arange(first, last) / count, np.asarray(power)
+
+    def lines(u: Array) -> NDArray[np.complex128]:
+        return np.asarray(np.fft.rfft(u * window)[first:last] / np.linalg.norm(window))
+
+    frequency, drawn = np.arange(first, last) / count, zip(seen.moved, seen.inertial, strict=True)
+    added = np.mean([(np.conj(a) * (a + 2 * b)).real for a, b in ((lines(u), lines(w)) for u, w in drawn)], axis=0)
+    shape = frequency**-2
+    white = 1 + shape * (added @ shape) / (shape @ shape)
+    return frequency, np.abs(lines(seen.residual)) ** 2, np.maximum(white, 0.0)
 
 
 def _fitted(frequency: Array, power: Array, dt: Array, most: float, lowest: float) -> tuple[float, float]:
