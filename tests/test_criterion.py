@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,7 @@ from scipy.signal import lfilter
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.decide.criterion import (
     ACCURACY,
+    SOUND,
     ZERO,
     Candidate,
     Criterion,
@@ -110,6 +112,26 @@ def test_probabilities_add_up_to_one(stiffening: Diagnosis) -> None:
     assert [f.effect for f in stiffening.findings] == ["cubic_stiffness"]
     assert stiffening.findings[0].confidence > 0.9
     assert stiffening.findings[0].explained > 0.9
+
+
+def test_a_noise_level_that_is_off_is_no_unknown_law(stiffening: Diagnosis) -> None:
+    criterion, _ = fits(stiffening, 0.0)
+    loud, quiet = copy(criterion), copy(criterion)
+    loud.force, quiet.force = 1.0, 1e9  # in units of the noise
+    assert criterion.doubt(0.0, 0.0) == 0.0
+    # A level that is off by one, two and three standard deviations, and a force too weak to show a wrong form.
+    for off in (1.0, 2.0, 3.0):
+        assert loud.doubt(off * loud.slack, 0.0) == pytest.approx(0.5 * off**2, rel=0.01)
+    # What stands in the means over the states is no noise, whatever its level.
+    assert loud.doubt(loud.slack, loud.slack) == pytest.approx(0.5 * loud.slack / SOUND**2)
+    louder = loud.at(loud.slack)
+    # The same misfit beside what better laws leave, if the level is off by a standard deviation with them as well.
+    assert louder.doubt(louder.slack, 0.0) == pytest.approx(0.5 * (2**2 - 1), rel=0.1)
+    # Where noise is nothing beside the force, what is left is a wrong form or an unknown law.
+    sound = SOUND**2 * quiet.force
+    assert quiet.doubt(4 * sound, 0.0) == pytest.approx(0.5 * 4, rel=0.01)
+    found = [criterion.doubt(misfit, 0.0) for misfit in np.linspace(0.0, 1.0, 50)]
+    assert np.all(np.diff(found) > 0)
 
 
 def test_noise_that_a_law_is_said_to_add_explains_nothing(stiffening: Diagnosis) -> None:

@@ -245,6 +245,14 @@ class Criterion:
         """Whether a misfit is beyond the noise, as well as that is known, and the model error of a sound structure."""
         return misfit > self.slack + SOUND**2 * self.force
 
+    def doubt(self, misfit: float, standing: float) -> float:
+        """What it costs that a misfit is that of a sound structure (half-normal, ``SOUND``) and of noise whose level is
+        off (normal, ``NOISE_ERROR``), in the cheapest shares. standing: part of it in which noise averages out."""
+        misfit, sound = max(misfit, 0.0), SOUND**2 * self.force
+        open_, level = self.slack, max(self.level, 0.0)
+        noise = float(np.clip(open_**2 / (2 * sound) - level, 0.0, misfit - max(standing, 0.0)))
+        return 0.5 * ((misfit - noise) / sound + noise * (noise + 2 * level) / open_**2)
+
     @property
     def slack(self) -> float:
         """Mean square that a wrong noise level feigns."""
@@ -316,8 +324,8 @@ class Criterion:
             p + self.form(m, whole, exact=h.exact, laws=h.laws) + self.prior(len(h.names), windowed=h.windowed) - d
             for h, p, m, d in zip(found, plain, misfits, moved, strict=True)
         ]
-        error = 0.0 if is_noise else max(whole, 0.0) / self.force
-        doubt = -0.5 * error / SOUND**2 if not self.problem.is_held else -math.inf
+        doubt = 0.0 if is_noise else -self.doubt(whole, self._standing(self.baseline, self.floor))
+        doubt = -math.inf if self.problem.is_held else doubt
         nothing = float(np.log(PRIOR["nothing"])) + self.likelihood(whole) + doubt - far
         # What contradicts a law does not contradict that something else is missing.
         spared = [p - min(h.unseen, 0.0) for h, p in zip(found, plain, strict=True)]
