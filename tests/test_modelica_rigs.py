@@ -397,6 +397,37 @@ end A;"""
     np.testing.assert_array_equal(got["b"], t + 1)
 
 
+def test_counters_of_a_loop_over_variables_stay_numbers(run: Run) -> None:
+    """Insertion sort: which elements a round moves is known, whether it runs is not. Written out with counters that are
+    expressions of all rounds before, this took minutes."""
+    text = """
+function sorted
+  input Real v[:];
+  output Real s[size(v, 1)] = v;
+protected
+  Integer j;
+  Real held;
+algorithm
+  for i in 2:size(v, 1) loop
+    held := s[i];
+    j := i - 1;
+    while j > 0 and s[max(j, 1)] > held loop
+      s[j + 1] := s[j];
+      j := j - 1;
+    end while;
+    s[j + 1] := held;
+  end for;
+end sorted;
+model A
+  Real v[5] = {sin((k + 2)*time + k) for k in 1:5};
+  Real s[5] = sorted(v);
+end A;"""
+    names = [f"{name}[{k}]" for name in "vs" for k in range(1, 6)]
+    got = run(text, " ".join(names), stop=6.0, dt=0.1)
+    v, s = np.split(np.array([got[name] for name in names]), 2)
+    np.testing.assert_array_equal(s, np.sort(v, axis=0))
+
+
 def test_a_vector_may_be_read_at_a_place_that_changes(run: Run) -> None:
     text = """
 model A

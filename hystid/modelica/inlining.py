@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -181,24 +182,26 @@ class Call:
         self.expander.refuse(f"a while-loop takes more than {_WHILE_LIMIT} steps, which cannot be written out")
 
     def _unrolled(self, condition: Expr, body: tuple[Statement, ...], test: Ref) -> None:
-        """Rounds while a condition on variables holds; where it still does after the last, no number is the answer."""
-        active = condition
+        """Rounds while a condition on variables holds; where it still does after the last, no number is the answer.
+
+        Each round takes what the one before it leaves where it runs: what is a number there, as a counter, stays one.
+        """
+        rounds: list[tuple[Expr, dict[str, Value]]] = []
         for _ in range(self._rounds(body, test)):
-            before = self.values
-            self.values = {k: _where(v, active, ONE) for k, v in before.items()}
-            self._undecided.append(active)
+            rounds.append((condition, self.values))
+            self.values = {k: _where(v, condition, ONE) for k, v in self.values.items()}
+            self._undecided.append(condition)
             self._statements(body[1:])
             self._assign(body[0])
+            condition = self.expander.scalar(test, self.values)
+            if condition == ZERO:
+                break
+        else:
+            for name in {n for n in assigned(body) if n in self.values and n != test.name}:
+                self.values[name] = mapped(partial(_endless, condition), self.values[name])
+        for taken, before in reversed(rounds):
             self._undecided.pop()
-            goes_on = self.expander.scalar(test, self.values)
-            self.values = {k: merge(active, self.values.get(k, v), v) for k, v in before.items()}
-            active = op("and", active, goes_on)
-            if active == ZERO:
-                return
-        changed = {name for name in assigned(body) if name in self.values and name != test.name}
-        for name in changed:
-            endless = mapped(lambda e: e if is_unset(e) else op("if", active, NO_NUMBER, e), self.values[name])
-            self.values[name] = endless
+            self.values = {k: merge(taken, self.values.get(k, v), v) for k, v in before.items()}
 
     def _rounds(self, body: tuple[Statement, ...], test: Ref) -> int:
         """How many rounds are written out: those to the end of what is counted, if one is in sight."""
@@ -234,6 +237,11 @@ _RUN: dict[str, Callable[[Call, Statement], None]] = {
     "assert": lambda call, s: call.check(s),
     "reinit": lambda call, s: call.renew(s),
 }
+
+
+def _endless(goes_on: Expr, value: Expr) -> Expr:
+    """A value after the last round, where a loop would go on."""
+    return value if is_unset(value) else op("if", goes_on, NO_NUMBER, value)
 
 
 def _where(value: Value, condition: Expr, holds: Num) -> Value:
