@@ -18,7 +18,6 @@ from hystid.diagnosis.fit.colour import (
     fainter,
     slow_power,
     with_colour,
-    with_colour_above,
 )
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.independence import is_noise
@@ -288,16 +287,15 @@ def _colour(problem: Problem, refitted: Fit) -> list[Part] | None:
     """
     if not problem.timed:
         return None
-    below = with_colour(problem, refitted)
-    if below is not None:
-        below = with_colour(problem, refit_again(problem.of(below), [refitted])[0])
-    seen = below or with_colour_above(problem, refitted)
+    seen, is_below = with_colour(problem, refitted)
+    if is_below and seen is not None:
+        seen, _ = with_colour(problem, refit_again(problem.of(seen), [refitted])[0])
     for share in _SHARES if seen is not None else ():
         parts = fainter(problem.parts, seen or (), share)
         coloured = problem.of(parts)
         again = refit_again(coloured, [refitted])[0]
         if again.chi2 >= coloured.floor(again) - NOISE_ERROR:
-            return parts if below is not None or is_noise(coloured, again) else None
+            return parts if is_below or is_noise(coloured, again) else None
     return None
 
 

@@ -35,36 +35,28 @@ _ROUNDS = 20  # of reweighting
 _NOTHING = 1e-9  # share of the noise that is none: bounds of a search must lie apart
 
 
-def with_colour(problem: Problem, fitted: Fit) -> list[Part] | None:
-    """The parts of a problem with the colour of their noise; None where it is white as far as can be seen.
+def with_colour(problem: Problem, fitted: Fit) -> tuple[list[Part] | None, bool]:
+    """The parts of a problem with the colour of their noise, None where it is white as far as can be seen; and whether
+    it was looked for below the motion.
 
     One colour for all channels and recordings, relative to their white noise: they come from the same amplifiers. As
     far as 1/f noise shows above the motion it is believed below it; where it may be there and does not show, it is
-    believed as it is below, or not at all: what is louder than that is no noise.
+    believed as it is below, or not at all: what is louder than that is no noise. A motion that leaves nothing below it
+    leaves what is above: there the structure may be moved, too, and the caller has to see that what is left then
+    follows no motion, and is no quieter than noise.
     """
-    seen = _seen(problem, fitted)
+    seen, since = _seen(problem, fitted), _lasted(problem.parts)
     frequency, power, dt = (np.concatenate(columns) for columns in zip(*map(_below, seen), strict=True))
-    if len(power) < _FEWEST:
-        return None
-    lowest = min(band(part)[0] * part.dt for part in problem.parts)
     slope, error = _above_all(seen)
-    is_seen, most = slope > 2 * error, slope + 2 * error
-    pink, red = _fitted(frequency, power, dt, most if is_seen else np.inf, lowest)
-    if pink > most:
-        return None
-    since = _lasted(problem.parts)
-    return [_coloured(part, (pink, red * part.dt), since) for part in problem.parts] if pink or red else None
-
-
-def with_colour_above(problem: Problem, fitted: Fit) -> list[Part] | None:
-    """The same by what is above the motion, where that fills the recordings and leaves nothing below it.
-
-    What moves the structure may be there too: the caller has to see that what is left then follows no motion, and is
-    no quieter than noise.
-    """
-    slope, error = _above_all(_seen(problem, fitted))
-    since = _lasted(problem.parts)
-    return [_coloured(part, (slope, 0.0), since) for part in problem.parts] if slope > 2 * error else None
+    is_seen, most, is_below = slope > 2 * error, slope + 2 * error, len(power) >= _FEWEST
+    if is_below:
+        lowest = min(band(part)[0] * part.dt for part in problem.parts)
+        pink, red = _fitted(frequency, power, dt, most if is_seen else np.inf, lowest)
+    else:
+        pink, red = slope if is_seen else 0.0, 0.0
+    if pink > most or not (pink or red):
+        return None, is_below
+    return [_coloured(part, (pink, red * part.dt), since) for part in problem.parts], is_below
 
 
 def fainter(parts: Sequence[Part], seen: Sequence[Part], share: float) -> list[Part]:
