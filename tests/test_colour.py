@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis import diagnose
 from hystid.diagnosis.fit.case import Case, pose, recoloured
-from hystid.diagnosis.fit.colour import _above_all, _seen, coloured_alike, fainter
+from hystid.diagnosis.fit.colour import _above_all, _fitted, _seen, coloured_alike, fainter
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import take
@@ -67,6 +67,17 @@ def test_faint_colour_is_measured_where_the_noise_above_the_motion_does_not_show
     # As above; at the upper end of the motion it adds a tenth to the noise, no more than that is known there.
     at = 5 * DT
     assert pink / at + red / at**2 == pytest.approx(0.01 / at, rel=0.5)
+
+
+@pytest.mark.parametrize("most", [np.inf, 0.5])
+@pytest.mark.parametrize("steep", [1.0, 2.0, 3.0])
+def test_a_zero_that_wanders_adds_no_more_than_1_f_noise_where_the_motion_is(steep: float, most: float) -> None:
+    """However steep the spectrum below the motion is: slow forces that no law explains yet are steep."""
+    frequency, lowest = np.arange(3, 60) / 6000, 0.015
+    power = 1 + 40 * (frequency[0] / frequency) ** steep * np.random.default_rng(3).exponential(size=len(frequency))
+    pink, red = _fitted(frequency, power, np.full_like(frequency, DT), most, lowest)
+    assert 0 < pink <= most
+    assert 0 <= red * DT / lowest**2 <= pink / lowest * (1 + 1e-9)
 
 
 def test_colour_is_read_above_the_motion_without_a_bias() -> None:

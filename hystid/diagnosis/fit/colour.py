@@ -198,19 +198,20 @@ def _fitted(frequency: Array, power: Array, dt: Array, most: float, lowest: floa
     lowest: frequency of the motion [cycles per sample], from which on 1/f^2 may add no more than 1/f: what is slow in a
     force that nobody has modelled must not pass for noise of the motion's own frequencies.
     """
-    shapes = np.column_stack([1 / frequency, dt / frequency**2])
+    pink, reddest = 1 / frequency, lowest / float(np.max(dt))
+    shapes = np.column_stack([pink, pink + reddest * dt / frequency**2])  # with none of 1/f^2, and with all that may be
     size = np.linalg.norm(shapes, axis=0)
-    coefficients = np.zeros(2)
+    shares = np.zeros(2)
     for _ in range(_ROUNDS):
-        expected = 1 + shapes @ coefficients
+        expected = 1 + shapes @ shares
         scaled, over = shapes / size / expected[:, None], (power - 1) / expected
-        highest = size * [most, coefficients[0] * lowest / float(np.max(dt))]
-        coefficients = lsq_linear(scaled, over, (0, np.maximum(highest, _NOTHING))).x / size
-    expected = 1 + shapes @ coefficients
+        shares = lsq_linear(scaled, over, (0, np.maximum(most * size, _NOTHING))).x / size
+    shares = np.where(shares * size > _NOTHING, shares, 0.0) * min(1.0, most / max(float(np.sum(shares)), _NOTHING))
+    expected = 1 + shapes @ shares
     gain = float(np.sum(power - power / expected - np.log(expected)))
-    counted = np.where(coefficients * size > _NOTHING, coefficients, 0.0)
-    worth = gain > 0.5 * np.count_nonzero(counted) * np.log(len(power))
-    return (float(counted[0]), float(counted[1])) if worth else (0.0, 0.0)
+    numbers = 2 if shares[1] else 1
+    worth = gain > 0.5 * numbers * np.log(len(power))
+    return (float(np.sum(shares)), float(reddest * shares[1])) if worth else (0.0, 0.0)
 
 
 def coloured_alike(parts: Sequence[Part], like: Sequence[Part]) -> list[Part]:
