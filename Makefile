@@ -25,7 +25,7 @@ demo: install    ## the virtual experiment end to end: Modelica to diagnosis, in
 test: install    ## all tests
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup
 
-concealed: install ## blind benchmark of the diagnosis on fresh cases (about an hour), writes docs/concealed.md
+concealed: install ## blind benchmark of the diagnosis on fresh cases (about an hour), writes docs/concealed-first.md
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
 	-$(BIN)/python examples/lab_case.py -o build/concealed/lab_case
 	$(BIN)/python -m benchmarks.concealed.score --cases 153 --hard 80 --without-truth --rivals --jobs 2 -o build/concealed --doc

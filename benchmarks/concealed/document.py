@@ -1,4 +1,4 @@
-"""``docs/concealed.md`` from graded cases: a pure function of results."""
+"""``docs/concealed-first.md`` from graded cases: a pure function of results."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from benchmarks.concealed.summary import Figure, confusion, figures, hard_figure
 from hystid.files import write_text
 
 INTRODUCTION = """\
-# Physics concealed, then looked for
+# Physics concealed by the first generator
 
 A virtual rig with its own laws and its own integrator (`benchmarks/concealed/laws.c`: no code shared with the
 diagnosis or with the Modelica library, and mostly other forms of the effects than the library fits with) is run

@@ -2,7 +2,7 @@
 
 The deck is generated case by case where it is not there yet, every case is diagnosed in a process of its own with one
 thread and a limit of processor time, on a copy of what it may see, and the answer is graded against the sealed truth.
-Interrupted runs go on where they stopped. ``--doc`` writes ``docs/concealed.md``.
+Interrupted runs go on where they stopped. ``--doc`` writes ``docs/concealed-first.md``.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--without-truth", action="store_true", help="single effects once more, their ids taken away")
     parser.add_argument("--rivals", action="store_true", help="other methods on the same deck (needs the extra bench)")
-    parser.add_argument("--doc", action="store_true", help="write docs/concealed.md")
+    parser.add_argument("--doc", action="store_true", help="write docs/concealed-first.md")
     parser.add_argument("--note", default="", help="a sentence for the head of the page")
     parser.add_argument("-o", dest="folder", type=Path, default=Path("concealed"))
     return parser
@@ -150,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(table(figures(standard)))
     print("\n".join(_told(g) for g in (*standard, *hard) if complaint(g) or g.notes))
     if chosen.doc:
-        write_document(ROOT / "docs" / "concealed.md", seed, standard, hard, folder, chosen.note)
+        write_document(ROOT / "docs" / "concealed-first.md", seed, standard, hard, folder, chosen.note)
 
 
 def _store(file: Path, seed: int, standard: Sequence[Grade], hard: Sequence[Grade]) -> None:
