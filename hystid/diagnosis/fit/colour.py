@@ -32,7 +32,6 @@ _BELOW = 0.5  # share of the lowest frequency of the motion below which the wind
 _ABOVE = 2.0  # times the highest frequency of the motion, from which the spectrum holds little but noise
 _FEWEST, _MANY = 10, 200  # lines from which a colour can be told, and bounded
 _ROUNDS = 20  # of reweighting
-_NOTHING = 1e-9  # share of the noise that is none: bounds of a search must lie apart
 
 
 def with_colour(problem: Problem, fitted: Fit) -> tuple[list[Part] | None, bool]:
@@ -205,8 +204,9 @@ def _fitted(frequency: Array, power: Array, dt: Array, most: float, lowest: floa
     for _ in range(_ROUNDS):
         expected = 1 + shapes @ shares
         scaled, over = shapes / size / expected[:, None], (power - 1) / expected
-        shares = lsq_linear(scaled, over, (0, np.maximum(most * size, _NOTHING))).x / size
-    shares = np.where(shares * size > _NOTHING, shares, 0.0) * min(1.0, most / max(float(np.sum(shares)), _NOTHING))
+        shares = lsq_linear(scaled, over, (0, most * size), method="bvls").x / size
+    if np.sum(shares) > most:
+        shares *= most / np.sum(shares)
     expected = 1 + shapes @ shares
     gain = float(np.sum(power - power / expected - np.log(expected)))
     numbers = 2 if shares[1] else 1

@@ -91,20 +91,15 @@ class Types:
         """How many literals the enumeration of a variable (also a component's) or of a literal has; 0 without one."""
         first, _, rest = re.sub(r"\s", "", name).partition(".")
         clause = self.declared(first, owner)
-        if clause is None:
-            made = self._class(name.rpartition(".")[0], owner)
-        else:
-            made = self._class(clause.target, clause.owner)
-        if rest and clause is not None and made is not None and depth < 20:
-            return self.items(rest, made, depth + 1)
-        while made is not None and made.short and depth < 20:
-            plain, depth = made.source.plain, depth + 1
-            base = _BASE.match(plain, made.body, made.end)
-            if base is not None and base[1] == "enumeration":
-                listed = next_mark(plain, base.end(), made.end, ";")
-                return plain.count(",", base.end(), listed) + 1
-            made = None if base is None else self._class(base[1], made)
-        return 0
+        inner = self._class(clause.target, clause.owner) if clause is not None and rest else None
+        if inner is not None and depth < 20:
+            return self.items(rest, inner, depth + 1)
+        typed, scope = (name.rpartition(".")[0], owner) if clause is None else (clause.target, clause.owner)
+        root, made = self._root(typed, scope)
+        if root != "enumeration" or made is None:
+            return 0
+        plain, opening = made.source.plain, made.source.plain.index("(", made.body)
+        return plain.count(",", opening, closing(plain, opening)) + 1
 
     def member(self, name: str, clause: Clause) -> Clause | None:
         """The declaration of a name in the type of a component."""
@@ -137,18 +132,21 @@ class Types:
 
     def built_in(self, clause: Clause) -> str:
         """The predefined type of a component."""
-        return self._built_in(clause.target, clause.owner)
+        root, _ = self._root(clause.target, clause.owner)
+        return "Integer" if root == "enumeration" else root or "Real"
 
-    def _built_in(self, name: str, scope: Class, depth: int = 0) -> str:
-        if name in _BUILT_IN:
-            return name
-        made = self._class(name, scope) if depth < 20 else None
-        if made is None or not made.short:
-            return "Real"
-        base = _BASE.match(made.source.plain, made.body, made.end)
-        if base is None or base[1] == "enumeration":
-            return "Integer" if base else "Real"
-        return self._built_in(base[1], made, depth + 1)
+    def _root(self, name: str, scope: Class) -> tuple[str, Class | None]:
+        """What a type is in the end, a predefined one or "enumeration" ("" for neither), and the class that says so."""
+        made: Class | None = None
+        for _ in range(20):
+            if name in (*_BUILT_IN, "enumeration"):
+                return name, made
+            made = self._class(name, made or scope)
+            base = _BASE.match(made.source.plain, made.body, made.end) if made is not None and made.short else None
+            if base is None:
+                break
+            name = base[1]
+        return "", None
 
 
 class _Writer:
