@@ -1,10 +1,14 @@
 """What contacts keep of the time before a recording, beside a law that is missing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hystid.diagnosis import diagnose
+from hystid.diagnosis.fit.case import swings_of_the_past
 from hystid.recording import Recording
+from tests.test_diagnosis_windows import posed, recorded
 
 GIVEN = {"m": 2.0, "B": 6.0, "Kl": 2500.0, "Ks": 5000.0, "fc": 6.0}
 
@@ -46,3 +50,17 @@ def test_what_no_past_explains_is_not_left_out_with_the_past() -> None:
     found = diagnose(Recording("by_hand", t, **noisy), model="HystId.Oscillators.Jenkins", parameters=GIVEN)
     assert found.verdict in {"missing_physics", "unknown_physics"}  # the slider's force is still in these samples
     assert any("no past does" in note for note in found.notes)
+
+
+def test_noise_alone_does_not_swing() -> None:
+    """What is left where contacts still remember is noise, in ten sections of thirty samples: what their variances
+    have above that of the noise is made up for by what others have below."""
+    swings = []
+    for seed in range(16):
+        case, _ = posed([recorded(seed, 1.0, lambda t, x, v: 0 * x)])
+        part = case.problem.parts[0]
+        later = np.arange(len(part)) >= 300
+        kept = case.problem.of([replace(part, valid=later)])
+        swings.append(swings_of_the_past(case.problem, kept, case.refit))
+    error = np.sqrt(2 / 270) / np.sqrt(len(swings))  # of their mean: the variance of 270 normal values, 16 times
+    assert np.mean(swings) < 3 * error

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis import Diagnosis, diagnose
-from hystid.diagnosis.fit.knocks import _knocks
+from hystid.diagnosis.fit.knocks import _knocks, without_knocks
+from hystid.diagnosis.fit.problem import standing
 from hystid.diagnosis.prepare.segments import prepare_part
 from hystid.recording import Recording
 from hystid.smoothing.noise import louder_for_a_while
+from tests.test_diagnosis_windows import posed, rig
 
 Array = np.ndarray
 DT, N = 1e-3, 5000
@@ -214,3 +216,11 @@ def test_hum_below_half_the_sample_rate_is_taken_out_with_a_note() -> None:
     found = asked(replace(test, t=np.arange(N) / 120))
     assert found.verdict in CALM
     assert [note for note in found.notes if "50 Hz" in note]
+
+
+def test_a_recording_of_which_no_sample_is_left_has_no_knocks() -> None:
+    """It came to rest before the filters had settled."""
+    case, _ = posed([rig((0.0, 0.0), 0.0, seed, 1.0) for seed in (1, 2)])
+    driven, released = case.problem.parts
+    problem = case.problem.of([driven, replace(released, valid=np.zeros(len(released), dtype=bool))])
+    assert without_knocks(problem, standing(problem, case.refit.hypothesis)) is None

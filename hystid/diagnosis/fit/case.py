@@ -222,8 +222,9 @@ def swings_of_the_past(whole: Problem, kept: Problem, fitted: Fit) -> float:
         pieces = [piece for piece in np.array_split(rows[i][gone], _SECTIONS) if len(piece)]
         means = [*(float(np.mean(piece)) for piece in pieces), 0.0]
         for k in range(1, len(pieces)):
+            above = float(np.var(pieces[k])) - noise
             fades = (0.5 * (means[k - 1] - means[k + 1])) ** 2
-            total += len(pieces[k]) * max(float(np.var(pieces[k])) - noise - fades, 0.0)
+            total += len(pieces[k]) * (above - min(fades, max(above, 0.0)))  # below the noise too: else noise adds up
             count += len(pieces[k])
     return total / max(count, 1)
 

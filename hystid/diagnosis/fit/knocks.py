@@ -68,6 +68,8 @@ def _knocks(part: Part, residual: Array, used: Flags) -> list[Knock]:
 
     residual: in units of the white noise, (n,). used: samples that a fit uses, (n,).
     """
+    if not np.any(used):
+        return []
     width = max(int(1 / (_WIDTH * part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))), 2)
     mean = np.convolve(residual, np.ones(width) / width, mode="same")
     usual = _usual(np.abs(mean), used, _STRETCH * _LONGEST * _WIDTH * width)
