@@ -211,7 +211,7 @@ class Answer:
             total = [f + np.abs(term.effect.force(s, term.values)) for f, s in zip(total, signals, strict=True)]
         if DELAY in self.choice.named:
             total = [
-                f + np.abs(p.F - problem.force_at(i, hypothesis.delay))
+                f + np.abs(p.F - problem.parts[i].force_advanced(hypothesis.delay))
                 for i, (f, p) in enumerate(zip(total, problem.parts, strict=True))
             ]
         for fault in self.faults:

@@ -20,7 +20,7 @@ from hystid.diagnosis.fit.velocity_sign import Law, bends, turns_at_once, unsure
 from hystid.diagnosis.model.baseline import Baseline, Held
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.memory import Memory
-from hystid.diagnosis.prepare.differences import Advanced
+from hystid.diagnosis.prepare.differences import interpolated
 from hystid.diagnosis.prepare.reduction import Reduction
 from hystid.diagnosis.prepare.segments import DRAWS, Part
 from hystid.errors import NumericalError
@@ -45,8 +45,6 @@ class Problem:
         self.scales = scales
         self.reduce = Reduction(parts, baseline.mass)
         self._ready: list[dict[tuple[CompiledModel, int], Motion]] = [{} for _ in self.parts]  # motions for the effects
-        self._shifted: dict[tuple[int, float], Array] = {}
-        self._movable: dict[int, Advanced] = {}
         self._held = [self._hold(p, p.x, p.v) for p in self.parts]
         self._laws, self._forces, self._per_unit = (Memory(most) for most in _KEPT)
         self._last: tuple[Hypothesis, list[Array]] | None = None
@@ -196,7 +194,10 @@ class Problem:
         """
         change = hypothesis.mass() - self.baseline.mass
         return [
-            self.force_at(i, hypothesis.delay) - self.baseline.mass * part.inertia - change * part.a - force
+            self.force_at(i, hypothesis.delay, force + hypothesis.mass() * part.a)
+            - self.baseline.mass * part.inertia
+            - change * part.a
+            - force
             for i, (part, force) in enumerate(zip(self.parts, self.predicted(hypothesis), strict=True))
         ]
 
@@ -208,23 +209,17 @@ class Problem:
         """
         mass = hypothesis.mass()
         shown = [
-            self.force_at(i, hypothesis.delay) - mass * part.shown_acceleration - force
+            self.force_at(i, hypothesis.delay, force + mass * part.a) - mass * part.shown_acceleration - force
             for i, (part, force) in enumerate(zip(self.parts, self.predicted(hypothesis), strict=True))
         ]
         return [one - part.slow(one) if part.lowest else one for part, one in zip(self.parts, shown, strict=True)]
 
-    def force_at(self, index: int, delay: float) -> Array:
-        """Measured force, moved earlier by a number of samples of the first recording."""
+    def force_at(self, index: int, delay: float, predicted: Array) -> Array:
+        """Measured force, moved earlier by a number of samples of the first recording, of which the predicted force
+        moves and the noise stays: noise that moves against that of the motion would show a delay by chance."""
         if delay == 0.0:
             return self.parts[index].F
-        key = (index, round(delay, 6))
-        if key not in self._shifted:
-            if len(self._shifted) > 6 * len(self.parts):
-                self._shifted.clear()
-            if index not in self._movable:
-                self._movable[index] = Advanced(self.parts[index].F)
-            self._shifted[key] = self._movable[index](delay * self.parts[index].pace)
-        return self._shifted[key]
+        return self.parts[index].F + predicted - interpolated(predicted, -delay * self.parts[index].pace)
 
     def floor(self, fitted: Fit) -> float:
         """Mean square that noise alone leaves of a fit: that of the balance, and what noise of the motion makes of the
