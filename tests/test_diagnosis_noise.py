@@ -9,11 +9,13 @@ import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from hystid.diagnosis import Diagnosis, diagnose
+from hystid.diagnosis.fit.problem import standing
 from hystid.diagnosis.prepare.segments import prepare_part
 from hystid.recording import Recording, read_all
 from hystid.smoothing.noise import noise_level
 from hystid.smoothing.smoother import smooth
 from tests.test_diagnosis import JENKINS, LINEAR, case, run, spec
+from tests.test_diagnosis_windows import DAMPING, FS, MASS, STIFFNESS, posed
 
 
 @pytest.mark.parametrize("n", [2000, 8000])
@@ -158,3 +160,26 @@ def test_an_acceleration_without_noise_knows_slow_motion_no_better_than_integrat
         part = prepare_part(Recording("bursts", t, 2.0 * a, **motion))
         name, values = next(iter(motion.items()))
         assert part.noise[name] >= 4.9e-4 * np.std(values)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_shows_no_delay(seed: int) -> None:
+    """In a motion of 1 Hz at 1 kHz, a delay of half a sample is 3 mrad, which the velocity's force shows by a share of
+    its noise. The sum of squares is then a parabola of the delay. Noise of the force that is moved against that of the
+    acceleration would correlate with it by chance, and raise and lower the sum by the square root of twice the number
+    of samples, 90."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(4000) / FS
+    w = 2 * np.pi
+    x, v, a = 1e-3 * np.sin(w * t), 1e-3 * w * np.cos(w * t), -1e-3 * w**2 * np.sin(w * t)
+    F = MASS * a + DAMPING * v + STIFFNESS * x
+    level = 0.05 * np.std(F)
+    sizes = {"F": level, "x": level / STIFFNESS, "a": level / MASS}
+    channels = {k: u + sizes[k] * rng.standard_normal(len(t)) for k, u in {"F": F, "x": x, "a": a}.items()}
+    tests = [Recording("slow", t, **channels)]
+    case, _ = posed(tests)
+    problem, hypothesis = case.problem, case.refit.hypothesis
+    delays = np.linspace(-0.5, 0.5, 9)
+    sums = [float(np.sum(standing(problem, replace(hypothesis, delay=d)).residual ** 2)) for d in delays]
+    beside = np.array(sums) - np.polynomial.Polynomial.fit(delays, sums, 2)(delays)
+    assert np.max(np.abs(beside)) < 0.5  # less than any choice turns on
