@@ -24,7 +24,6 @@ from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import SHORTEST, Taken, take
 from hystid.diagnosis.prepare.refused import NotDiagnosable
-from hystid.diagnosis.prove.standing import stands
 from hystid.diagnosis.prove.unchanged import unchanged
 from hystid.diagnosis.tell.conclude import conclude, free_run_only
 from hystid.diagnosis.tell.result import Diagnosis
@@ -82,7 +81,6 @@ def diagnose(
                 library, untestable = possible(everything, case, exclude)
                 every = _every(step, max(1, len(library) // 70))
                 case, choice = decided(case, library, every, posed, integrated=taken.integrated)
-                case, choice = stands(case, choice, library)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:

@@ -24,6 +24,7 @@ from hystid.diagnosis.fit.case import (
     off_zero,
     recoloured,
     swings_of_the_past,
+    unseen_along,
     with_the_past,
     with_what_struck,
 )
@@ -32,7 +33,7 @@ from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.fit.search import try_fit
-from hystid.diagnosis.fit.slow_motion import Runs, runs_of
+from hystid.diagnosis.fit.slow_motion import Runs, is_blind, led_by, runs_of
 from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.faults import DELAY, SATURATION
@@ -43,6 +44,7 @@ from hystid.numeric import Array, Flags, stretches
 
 Decided = tuple[Case, Choice]
 _PLAINER = 4  # hypotheses of fewer numbers that are looked at with a displacement off its zero
+_LEADING, _SLOW = 4, 3  # hypotheses whose slow motion is looked at, and rounds of it
 _PROMISED = 0.5  # share of what a fit leaves that zeros must take, to first order, to be worth a fit
 _USUAL = 1.96  # standard deviations that hold 95 % of a normal distribution
 _RUBBING = 6  # laws with dry friction that are fitted again before a search
@@ -82,10 +84,11 @@ def decided(
     if case.rested and _is_doubtful(choice):
         case, choice = _moving(case, choice, library, posed(rested=False))
     case, choice = _coloured(case, choice, library)
+    case, choice = _slowly(case, choice, library)
     case, choice = _held(*_sound(case, choice, library), library)
     if integrated and choice.unknown:
-        return _accelerated(case, choice, library, partial(posed, "xv"))
-    return case, choice
+        case, choice = _accelerated(case, choice, library, partial(posed, "xv"))
+    return _stands(case, choice, library)
 
 
 def _struck(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
@@ -308,16 +311,55 @@ def _without_late(case: Case, choice: Choice, library: Sequence[Effect], posed: 
     return (whole, again) if leaves_noise(other.problem, again.best) else None
 
 
-def _sound(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
-    """With what no channel shows as the law has it, where nothing is missing then: slow motion, and what contacts keep
-    of the time before."""
-    for other_case in (moved_slowly, partial(never_let_go, fit=choice.best)) if choice.missing else ():
-        again = other_case(case)
-        if again is not None and leaves_noise(again.problem, again.refit):
-            other = chosen(again, library)
-            if not other.missing:
-                return again, other
+def _slowly(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """With slow motion that no channel shows as the baseline has it, where nothing is missing then; or as a law has it
+    that leaves less with it, and is not alone with noise without."""
+    if not choice.missing:
+        return case, choice
+    if (sound := _sound_with(moved_slowly(case, [choice.before]), library)) is not None:
+        return sound
+    for _ in range(_SLOW):
+        if not choice.missing or leaves_noise(case.problem, choice.best):
+            break
+        likely = [c.hypothesis.fit for c in choice.posterior.candidates[:_LEADING]]
+        moved = moved_slowly(case, [choice.before, *likely])
+        again = chosen(moved, library, known=choice.posterior.likely) if moved is not None else choice
+        if moved is None or again.best.chi2 >= choice.best.chi2:
+            break
+        case, choice = moved, again
     return case, choice
+
+
+def _stands(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """With slow motion that no channel shows as the named law does it.
+
+    What is named, and how surely, stays, but for sets: one of a set may have made up for that motion.
+    """
+    led = led_by(case.problem, choice.after) if choice.named and is_blind(case.problem) else None
+    before = try_fit(led.problem, choice.before.hypothesis, 25) if led is not None else None
+    if led is None or before is None:
+        return case, choice
+    told = case.notes if led.told() in case.notes else (*case.notes, led.told())
+    here = replace(case, problem=led.problem, notes=told, unseen=unseen_along(case, led.fit, led.octaves))
+    made = replace(choice, before=before, after=led.fit)
+    if len(made.named) > 1:
+        again = chosen(replace(here, refit=before, minima=()), library)
+        made = again if again.named else made
+    return here, made
+
+
+def _sound(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """With what contacts keep of the time before as the law has it, where nothing is missing then."""
+    kept = never_let_go(case, choice.best) if choice.missing else None
+    return _sound_with(kept, library) or (case, choice)
+
+
+def _sound_with(case: Case | None, library: Sequence[Effect]) -> Decided | None:
+    """A case and its selection where nothing is missing in it; else None."""
+    if case is None or not leaves_noise(case.problem, case.refit):
+        return None
+    choice = chosen(case, library)
+    return None if choice.missing else (case, choice)
 
 
 def _rubs(fit: Fit) -> bool:

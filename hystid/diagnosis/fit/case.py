@@ -25,7 +25,7 @@ from hystid.diagnosis.fit.knocks import NO_LAW, without_knocks
 from hystid.diagnosis.fit.periodic import without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest
-from hystid.diagnosis.fit.slow_motion import OCTAVES, runs_of, told_of, with_slow_motion
+from hystid.diagnosis.fit.slow_motion import along, is_blind, led_by
 from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
@@ -350,25 +350,29 @@ def never_let_go(case: Case, fit: Fit) -> Case | None:
     return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes)
 
 
-def moved_slowly(case: Case) -> Case | None:
-    """The case with slow motion that no channel shows as the law does it under the measured force, as far above the
-    lowest visible frequency as the law fits better; None where that is nowhere, or where a law has no memory."""
-    blind = any(part.lowest for part in case.problem.parts)
-    if case.baseline.memoryless or not case.baseline.mass or not blind:
+def moved_slowly(case: Case, laws: Sequence[Fit]) -> Case | None:
+    """The case with slow motion that no channel shows as that law does it, of some, which leaves least then; None where
+    each of them leaves less without."""
+    if not is_blind(case.problem):
         return None
-    found = None
-    for octaves in range(OCTAVES):
-        last = found or case
-        moved = with_slow_motion(case.problem.parts, runs_of(case.baseline, last.refit), octaves)
-        problem = case.problem.of(moved)
-        refitted, minima, nominal = refit_again(problem, [last.refit, *last.minima])
-        if refitted.chi2 >= last.refit.chi2:
-            break
-        unseen = tuple(with_slow_motion(case.unseen, runs_of(case.baseline, refitted), octaves))
-        notes = (*case.notes, told_of(moved, octaves))
-        fits = replace(case, refit=refitted, minima=minima, nominal_chi2=nominal)
-        found = replace(fits, problem=problem, unseen=unseen, notes=notes)
-    return found
+    found = [led for law in laws if (led := led_by(case.problem, law)) is not None]
+    if not found:
+        return None
+    best = min(found, key=lambda led: led.fit.chi2)
+    start = replace(best.fit, hypothesis=replace(best.fit.hypothesis, terms=case.refit.hypothesis.terms))
+    refitted, minima, nominal = refit_again(best.problem, [start, case.refit, *case.minima])
+    notes = (*case.notes, best.told())
+    moved = replace(case, problem=best.problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes)
+    return replace(moved, unseen=unseen_along(case, best.fit, best.octaves))
+
+
+def unseen_along(case: Case, law: Fit, octaves: int) -> tuple[Part, ...]:
+    """Held-out recordings with the slow motion of a law."""
+    if not case.unseen:
+        return ()
+    there = case.problem.elsewhere(case.unseen)
+    elsewhere = replace(law, hypothesis=law.hypothesis.elsewhere())
+    return tuple(along(there, there, elsewhere, octaves).parts)
 
 
 def off_zero(case: Case, zeros: Array, law: Fit) -> Case:
