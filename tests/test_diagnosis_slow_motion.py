@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 from hystid.compiled import CompiledModel
@@ -298,3 +299,43 @@ def test_noise_that_a_recorder_filters_is_no_physics(corner: float, decibel: dic
         recordings.append(Recording(f"hand_{seed}", t, **measured))
     found = diagnose(recordings, model=JENKINS, parameters={**RIG, "Ks": 2.2e4, "fc": 0.55})
     assert found.verdict in CALM and not found.findings
+
+
+def accelerations(gap: float, stiffness: float, seed: int) -> Recording:
+    """A mass of 1 kg on 10 kN/m that meets a further spring beyond a gap, under 25 lines from 6 to 30 Hz: the force and
+    the acceleration alone, with noise of a hundredth. The spring pushes the structure to its other side, which no
+    acceleration shows. By scipy's DOP853."""
+    rng, omega, t = np.random.default_rng(seed), 2 * np.pi * np.linspace(6, 30, 25), np.arange(6000) * DT
+    phase = rng.uniform(0, 2 * np.pi, 25)
+
+    def force(time: float | Array) -> Array:
+        return np.asarray(12 * np.sum(np.cos(np.multiply.outer(time, omega) + phase), axis=-1))
+
+    def rate(time: float, state: Array) -> list[float]:
+        x, v = state
+        return [v, float(force(time)) - 6.0 * v - 1e4 * x - stiffness * max(x - gap, 0.0)]
+
+    run = solve_ivp(rate, (0.0, t[-1]), [0.0, 0.0], "DOP853", t, rtol=1e-8, atol=1e-10, max_step=2e-3)
+    F = force(t)
+    a = F - 6.0 * run.y[1] - 1e4 * run.y[0] - stiffness * np.maximum(run.y[0] - gap, 0.0)
+    noisy = [u + 0.01 * np.std(u) * rng.standard_normal(len(u)) for u in (F, a)]
+    return Recording("blind", t, F=noisy[0], a=noisy[1])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4])
+def test_the_law_that_is_found_leads_the_motion_that_no_channel_shows(seed: int) -> None:
+    """Where the structure stands decides where a spring of one side begins. Without the slow motion that this spring
+    itself leads to, the gap was read as 4.5 mm."""
+    gap, stiffness = 1.5e-3, 8e3
+    answer = diagnose(
+        accelerations(gap, stiffness, seed),
+        model="HystId.Oscillators.Linear",
+        parameters={"m": 1.0, "B": 6.0, "Kl": 1e4},
+    )
+    (finding,) = answer.findings
+    assert finding.effect == "contact_loss"
+    assert any("motion below" in note for note in answer.notes)
+    for name, truth in (("gap", gap), ("k", stiffness)):
+        found = finding.parameters[name]
+        assert abs(found.value - truth) < 3 * found.stderr  # one in 400 lies beyond
+        assert found.stderr < 0.05 * truth

@@ -45,7 +45,7 @@ from hystid.numeric import Array, Flags, stretches
 Decided = tuple[Case, Choice]
 _PLAINER = 4  # hypotheses of fewer numbers that are looked at with a displacement off its zero
 _LEADING, _SLOW = 4, 3  # hypotheses whose slow motion is looked at, and rounds of it
-_PROMISED = 0.5  # share of what a fit leaves that zeros must take, to first order, to be worth a fit
+_PROMISED = 0.5  # share of what a fit leaves that zeros, or slow motion, must take to be worth a search
 _USUAL = 1.96  # standard deviations that hold 95 % of a normal distribution
 _RUBBING = 6  # laws with dry friction that are fitted again before a search
 _SEEN = 3.0  # standard deviations of the noise of a channel, from which a motion at rest would be seen
@@ -313,7 +313,7 @@ def _without_late(case: Case, choice: Choice, library: Sequence[Effect], posed: 
 
 def _slowly(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     """With slow motion that no channel shows as the baseline has it, where nothing is missing then; or as a law has it
-    that leaves less with it, and is not alone with noise without."""
+    that left more than noise, and leaves much less then."""
     if not choice.missing:
         return case, choice
     if (sound := _sound_with(moved_slowly(case, [choice.before]), library)) is not None:
@@ -321,12 +321,13 @@ def _slowly(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     for _ in range(_SLOW):
         if not choice.missing or leaves_noise(case.problem, choice.best):
             break
-        likely = [c.hypothesis.fit for c in choice.posterior.candidates[:_LEADING]]
-        moved = moved_slowly(case, [choice.before, *likely])
-        again = chosen(moved, library, known=choice.posterior.likely) if moved is not None else choice
-        if moved is None or again.best.chi2 >= choice.best.chi2:
+        leading = [c.hypothesis for c in choice.posterior.candidates[:_LEADING]]
+        left, floor = choice.best.chi2, case.problem.floor(choice.best)
+        laws = [choice.before, *(h.fit for h in leading)]
+        moved = moved_slowly(case, laws, left - _PROMISED * (left - floor))
+        if moved is None:
             break
-        case, choice = moved, again
+        case, choice = moved, chosen(moved, library, known=leading)
     return case, choice
 
 
@@ -335,7 +336,7 @@ def _stands(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
 
     What is named, and how surely, stays, but for sets: one of a set may have made up for that motion.
     """
-    led = led_by(case.problem, choice.after) if choice.named and is_blind(case.problem) else None
+    led = led_by(case.problem, [choice.after]) if choice.named and is_blind(case.problem) else None
     before = try_fit(led.problem, choice.before.hypothesis, 25) if led is not None else None
     if led is None or before is None:
         return case, choice
@@ -343,7 +344,7 @@ def _stands(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     here = replace(case, problem=led.problem, notes=told, unseen=unseen_along(case, led.fit, led.octaves))
     made = replace(choice, before=before, after=led.fit)
     if len(made.named) > 1:
-        again = chosen(replace(here, refit=before, minima=()), library)
+        again = chosen(replace(here, refit=before, minima=()), library, known=choice.posterior.likely)
         made = again if again.named else made
     return here, made
 

@@ -350,15 +350,12 @@ def never_let_go(case: Case, fit: Fit) -> Case | None:
     return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes)
 
 
-def moved_slowly(case: Case, laws: Sequence[Fit]) -> Case | None:
+def moved_slowly(case: Case, laws: Sequence[Fit], most: float = np.inf) -> Case | None:
     """The case with slow motion that no channel shows as that law does it, of some, which leaves least then; None where
-    each of them leaves less without."""
-    if not is_blind(case.problem):
+    each of them leaves less without, or that one leaves more than some mean square."""
+    best = led_by(case.problem, laws) if is_blind(case.problem) else None
+    if best is None or best.fit.chi2 > most:
         return None
-    found = [led for law in laws if (led := led_by(case.problem, law)) is not None]
-    if not found:
-        return None
-    best = min(found, key=lambda led: led.fit.chi2)
     start = replace(best.fit, hypothesis=replace(best.fit.hypothesis, terms=case.refit.hypothesis.terms))
     refitted, minima, nominal = refit_again(best.problem, [start, case.refit, *case.minima])
     notes = (*case.notes, best.told())

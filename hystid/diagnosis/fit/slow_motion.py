@@ -7,7 +7,7 @@ far.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,8 +22,10 @@ from hystid.numeric import Array
 
 _OCTAVES = 4  # above the lowest visible frequency in which noise may hide the motion: it falls by 12 dB in each
 _TIMES = 3  # that the forces of effects are taken along the motion that they lead to, between two fits
-_ROUNDS = 6  # of fits to the motion of the fit before
-_SETTLED = 0.01  # share of its mean square by which a fit must fall for another round
+_TURNS = 10  # of fits to the motion of the fit before
+_SETTLED = (
+    0.01  # share of the displacement by which it moves in a last turn, and of its mean square by which a fit rises
+)
 Runs = Callable[[Part], Array | None]  # displacement (n,) of a free run under the measured force, where it is finite
 
 
@@ -47,29 +49,69 @@ def is_blind(problem: Problem) -> bool:
     return bool(problem.baseline.mass) and any(part.lowest for part in problem.parts)
 
 
-def led_by(problem: Problem, law: Fit) -> Led | None:
-    """The problem with the slow motion of a law, which is fitted to it again; None where the law leaves less without.
+def led_by(problem: Problem, laws: Sequence[Fit]) -> Led | None:
+    """The problem with the slow motion of that law, of some, which leaves least then, fitted to it again; None where
+    each of them leaves less without.
 
-    Law and motion are found in turns. A right law leads to the motion that it fits better; another one to motion that
-    no channel shows either, but that bends its force in another way.
+    Law and motion are found in turns, until the motion stays. A right law leads to the motion that it fits better;
+    another one to motion that no channel shows either, but that bends its force in another way.
     """
-    here, found = problem, None
-    fit = law
-    for _ in range(_ROUNDS):
-        best: Led | None = None
-        for octaves in range(_OCTAVES):
-            there = along(problem, here, fit, octaves)
-            made = try_fit(there, fit.hypothesis)
-            if made is None or made.chi2 >= (best.fit if best is not None else fit).chi2:
-                break
-            best = Led(there, made, octaves)
-        if best is None:
+    first = [led for law in laws if (led := _turn(problem, problem, law)) is not None]
+    led = min(first, key=lambda led: led.fit.chi2, default=None)
+    if led is None or not led.fit.hypothesis.terms:
+        return led
+    before: tuple[Problem, Problem] | None = None
+    for _ in range(_TURNS):
+        to = along(problem, led.problem, led.fit, led.octaves)
+        there = to if before is None else _mixed(led.problem, to, *before)
+        made = try_fit(there, led.fit.hypothesis)
+        if made is None or made.chi2 > (1 + _SETTLED) * led.fit.chi2:
             break
-        settled = best.fit.chi2 > (1 - _SETTLED) * fit.chi2
-        found, here, fit = best, best.problem, best.fit
-        if settled:
+        before, far = (led.problem, to), _apart(there, led.problem)
+        led = Led(there, made, led.octaves)
+        if np.linalg.norm(far) < _SETTLED * np.linalg.norm(_places(there)):
             break
-    return found
+    return led
+
+
+def _mixed(at: Problem, to: Problem, at_before: Problem, to_before: Problem) -> Problem:
+    """Motion between two turns, from which the next one would move least if all moved alike (Anderson 1965)."""
+    step, further = _apart(to, at), _apart(to, at) - _apart(to_before, at_before)
+    share = float(further @ step) / (float(further @ further) or 1.0)
+    parts = [
+        replace(new, x=new.x - share * (new.x - old.x), v=new.v - share * (new.v - old.v))
+        for new, old in zip(to.parts, to_before.parts, strict=True)
+    ]
+    return _of(to, parts)
+
+
+def _places(problem: Problem) -> Array:
+    """Displacement of all recordings [m], one after the other."""
+    return np.concatenate([part.x for part in problem.parts])
+
+
+def _apart(one: Problem, other: Problem) -> Array:
+    return _places(one) - _places(other)
+
+
+def _of(problem: Problem, parts: Sequence[Part]) -> Problem:
+    """The same problem on other motion, with the rows weighed down that are weighed down there."""
+    made = problem.of(parts)
+    if problem.weighed_by:
+        made.distrust(*problem.weighed_by)
+    return made
+
+
+def _turn(problem: Problem, known: Problem, law: Fit) -> Led | None:
+    """The slow motion of a law and its fit there, as many octaves up as it leaves less; None where it does not."""
+    best: Led | None = None
+    for octaves in range(_OCTAVES):
+        there = along(problem, known, law, octaves)
+        made = try_fit(there, law.hypothesis)
+        if made is None or made.chi2 >= (best.fit if best is not None else law).chi2:
+            break
+        best = Led(there, made, octaves)
+    return best
 
 
 def along(problem: Problem, known: Problem, law: Fit, octaves: int) -> Problem:
@@ -83,9 +125,7 @@ def along(problem: Problem, known: Problem, law: Fit, octaves: int) -> Problem:
         parts = [replace(part, F=part.F - f) for part, f in zip(problem.parts, forces, strict=True)]
         runs = runs_of(problem.baseline, law)
         moved = [_led(part, runs(_begun(part)), octaves) if part.lowest else part for part in parts]
-        known = problem.of([replace(part, F=own.F) for part, own in zip(moved, problem.parts, strict=True)])
-        if problem.weighed_by:
-            known.distrust(*problem.weighed_by)
+        known = _of(problem, [replace(part, F=own.F) for part, own in zip(moved, problem.parts, strict=True)])
     return known
 
 
