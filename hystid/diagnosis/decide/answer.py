@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from hystid.diagnosis.decide.limits import is_reached
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.decide.trials import DELAY
+from hystid.diagnosis.fit.extended import own_texts
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.value import Value
@@ -190,13 +190,8 @@ class Answer:
         return told
 
     def own_blocks(self) -> dict[str, str]:
-        """Texts of blocks that are not of the library: the file must be complete in itself."""
-        found = {}
-        for term, _ in self.terms():
-            file, _, name = term.effect.class_name.rpartition(":")
-            if file:
-                found[name] = Path(file).read_text(encoding="utf-8")
-        return found
+        """Texts of blocks that are not of the library, by class name."""
+        return own_texts(term for term, _ in self.terms())
 
     def acting(self) -> list[Array] | None:
         """Force of everything that was named, per recording [N]; None where nothing was."""

@@ -25,7 +25,8 @@ from hystid.diagnosis.fit.knocks import NO_LAW, without_knocks
 from hystid.diagnosis.fit.periodic import without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest
-from hystid.diagnosis.fit.slow_motion import along, is_blind, led_by
+from hystid.diagnosis.fit.slow_motion import Led, is_blind, led_by, settled_along
+from hystid.diagnosis.fit.windows import for_recording
 from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
 from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
@@ -360,16 +361,16 @@ def moved_slowly(case: Case, laws: Sequence[Fit], most: float = np.inf) -> Case 
     refitted, minima, nominal = refit_again(best.problem, [start, case.refit, *case.minima])
     notes = (*case.notes, best.told())
     moved = replace(case, problem=best.problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes)
-    return replace(moved, unseen=unseen_along(case, best.fit, best.octaves))
+    return replace(moved, unseen=unseen_along(case, best))
 
 
-def unseen_along(case: Case, law: Fit, octaves: int) -> tuple[Part, ...]:
+def unseen_along(case: Case, led: Led) -> tuple[Part, ...]:
     """Held-out recordings with the slow motion of a law."""
     if not case.unseen:
         return ()
     there = case.problem.elsewhere(case.unseen)
-    elsewhere = replace(law, hypothesis=law.hypothesis.elsewhere())
-    return tuple(along(there, there, elsewhere, octaves).parts)
+    elsewhere = replace(led.fit, hypothesis=for_recording(led.fit.hypothesis.elsewhere()))
+    return tuple(settled_along(there, elsewhere, led.octaves, led.model).parts)
 
 
 def off_zero(case: Case, zeros: Array, law: Fit) -> Case:

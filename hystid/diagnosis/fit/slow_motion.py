@@ -8,35 +8,36 @@ far.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hystid.compiled import CompiledModel
+from hystid.diagnosis.fit.extended import compiled_with, settings_of, skeleton_of
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_fit
+from hystid.diagnosis.fit.windows import for_recording
 from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.freerun import free_run
 from hystid.diagnosis.prepare.segments import Part
 from hystid.numeric import Array
 
 _OCTAVES = 4  # above the lowest visible frequency in which noise may hide the motion: it falls by 12 dB in each
-_TIMES = 3  # that the forces of effects are taken along the motion that they lead to, between two fits
 _TURNS = 10  # of fits to the motion of the fit before
-_SETTLED = (
-    0.01  # share of the displacement by which it moves in a last turn, and of its mean square by which a fit rises
-)
+_SETTLED = 0.01  # share of the displacement by which the last turn moves it, and by which a fit may get worse
 Runs = Callable[[Part], Array | None]  # displacement (n,) of a free run under the measured force, where it is finite
 
 
 @dataclass(frozen=True)
 class Led:
     """A problem whose slow motion is that of a law, and the law as fitted there. octaves: how far above the lowest
-    visible frequency the motion is that of the law, as noise is loud there."""
+    visible frequency the motion is that of the law, as noise is loud there. model: as in ``along``."""
 
     problem: Problem
     fit: Fit
     octaves: int
+    model: CompiledModel | None = field(repr=False)
 
     def told(self) -> str:
         """What was done, as a sentence."""
@@ -56,22 +57,37 @@ def led_by(problem: Problem, laws: Sequence[Fit]) -> Led | None:
     Law and motion are found in turns, until the motion stays. A right law leads to the motion that it fits better;
     another one to motion that no channel shows either, but that bends its force in another way.
     """
-    first = [led for law in laws if (led := _turn(problem, problem, law)) is not None]
+    first = [led for law in laws if (led := _first(problem, law, None)) is not None]
+    if not first:
+        skeleton = skeleton_of(problem.baseline)
+        models = [(law, model) for law in laws if (model := compiled_with(skeleton, law.hypothesis)) is not None]
+        first = [led for law, model in models if (led := _first(problem, law, model)) is not None]
     led = min(first, key=lambda led: led.fit.chi2, default=None)
     if led is None or not led.fit.hypothesis.terms:
         return led
     before: tuple[Problem, Problem] | None = None
     for _ in range(_TURNS):
-        to = along(problem, led.problem, led.fit, led.octaves)
+        to = along(problem, led.problem, led.fit, led.octaves, led.model)
         there = to if before is None else _mixed(led.problem, to, *before)
         made = try_fit(there, led.fit.hypothesis)
         if made is None or made.chi2 > (1 + _SETTLED) * led.fit.chi2:
             break
         before, far = (led.problem, to), _apart(there, led.problem)
-        led = Led(there, made, led.octaves)
+        led = replace(led, problem=there, fit=made)
         if np.linalg.norm(far) < _SETTLED * np.linalg.norm(_places(there)):
             break
     return led
+
+
+def settled_along(problem: Problem, law: Fit, octaves: int, model: CompiledModel | None) -> Problem:
+    """The problem with the slow motion of a law that is known, until it stays."""
+    known = problem
+    for _ in range(_TURNS):
+        to = along(problem, known, law, octaves, model)
+        far, known = _apart(to, known), to
+        if np.linalg.norm(far) < _SETTLED * np.linalg.norm(_places(to)):
+            break
+    return known
 
 
 def _mixed(at: Problem, to: Problem, at_before: Problem, to_before: Problem) -> Problem:
@@ -102,31 +118,33 @@ def _of(problem: Problem, parts: Sequence[Part]) -> Problem:
     return made
 
 
-def _turn(problem: Problem, known: Problem, law: Fit) -> Led | None:
+def _first(problem: Problem, law: Fit, model: CompiledModel | None) -> Led | None:
     """The slow motion of a law and its fit there, as many octaves up as it leaves less; None where it does not."""
-    best: Led | None = None
+    known, best, fit = problem, None, law
     for octaves in range(_OCTAVES):
-        there = along(problem, known, law, octaves)
-        made = try_fit(there, law.hypothesis)
-        if made is None or made.chi2 >= (best.fit if best is not None else law).chi2:
+        there = along(problem, known, fit, octaves, model)
+        made = try_fit(there, fit.hypothesis)
+        if made is None or made.chi2 >= fit.chi2:
             break
-        best = Led(there, made, octaves)
+        known, best, fit = there, Led(there, made, octaves, model), made
     return best
 
 
-def along(problem: Problem, known: Problem, law: Fit, octaves: int) -> Problem:
-    """The problem with the slow motion of a law. known: the same with the motion that is known so far.
+def along(problem: Problem, known: Problem, law: Fit, octaves: int, model: CompiledModel | None) -> Problem:
+    """The problem with the slow motion of a law.
 
-    The baseline runs free under the measured force less that of the effects, along the motion that is known so far, and
-    again along that to which they lead (Picard).
+    model: the baseline with its effects runs under the measured force. Without one the baseline runs alone, under what
+    the effects leave of that force along the motion that is known so far (Picard): that needs no law of the effects
+    that is right already where the structure is not seen, but effects that are weak beside the baseline.
     """
-    for _ in range(_TIMES if law.hypothesis.terms else 1):
-        forces = effect_forces(known, law)
-        parts = [replace(part, F=part.F - f) for part, f in zip(problem.parts, forces, strict=True)]
-        runs = runs_of(problem.baseline, law)
-        moved = [_led(part, runs(_begun(part)), octaves) if part.lowest else part for part in parts]
-        known = _of(problem, [replace(part, F=own.F) for part, own in zip(moved, problem.parts, strict=True)])
-    return known
+    forces = effect_forces(known, law) if model is None else [np.zeros(len(part)) for part in problem.parts]
+    moved = [
+        _led(part, _run(problem.baseline, law, model, i)(_begun(replace(part, F=part.F - force))), octaves)
+        if part.lowest
+        else part
+        for i, (part, force) in enumerate(zip(problem.parts, forces, strict=True))
+    ]
+    return _of(problem, [replace(part, F=own.F) for part, own in zip(moved, problem.parts, strict=True)])
 
 
 def effect_forces(problem: Problem, law: Fit) -> list[Array]:
@@ -140,6 +158,13 @@ def runs_of(baseline: Baseline, fit: Fit) -> Runs:
     """Free runs of a baseline with the parameters of a fit."""
     values, delay = baseline.settings(fit.hypothesis.parameters()), fit.hypothesis.delay
     return lambda part: free_run(baseline.model, part, values, delay)
+
+
+def _run(baseline: Baseline, law: Fit, model: CompiledModel | None, index: int) -> Runs:
+    if model is None:
+        return runs_of(baseline, law)
+    values = settings_of(skeleton_of(baseline), for_recording(law.hypothesis, index))
+    return lambda part: free_run(model, part, values, law.hypothesis.delay)
 
 
 def _begun(part: Part) -> Part:

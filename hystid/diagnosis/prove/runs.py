@@ -11,13 +11,11 @@ import numpy as np
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.decide.answer import Answer, refit_values
 from hystid.diagnosis.decide.criterion import Criterion
+from hystid.diagnosis.fit.extended import CLASS, Skeleton, extended_model, settings_of
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.windows import for_recording, has_own_windows
-from hystid.diagnosis.model.adapters import is_fmu
-from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.freerun import diverges, error, errors
 from hystid.diagnosis.prepare.segments import Part
-from hystid.diagnosis.prove.extended import CLASS, Kind, Skeleton, extended_model, settings_of
 from hystid.diagnosis.prove.output_error import output_error_fit
 from hystid.errors import FmuError, NumericalError
 from hystid.files import scratch
@@ -139,14 +137,6 @@ def _of_the_run(covariance: Array, fit: Fit) -> Array:
     known = fit.covariance if fit.covariance is not None else np.full_like(covariance, np.nan)
     kept = np.where(np.outer(~moved, ~moved), known * max(fit.chi2, 1.0), 0.0)
     return np.asarray(np.where(np.outer(moved, moved), covariance, kept))
-
-
-def skeleton_of(baseline: Baseline) -> Skeleton:
-    """What the written model is built around."""
-    file, _, _ = baseline.name.rpartition(":")
-    text = Path(file).read_text(encoding="utf-8") if file.endswith(".mo") else ""
-    kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if baseline.takes_effects else "wraps"
-    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text, baseline.has_h)
 
 
 def written(answer: Answer, skeleton: Skeleton) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from hystid.diagnosis.decide.answer import Answer, Verdict, refit_values
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.case import Case
+from hystid.diagnosis.fit.extended import skeleton_of
 from hystid.diagnosis.fit.periodic import periodic_forces
 from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.fit.zeros import zeros_instead
@@ -19,7 +20,7 @@ from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.resonances import resonances, several_masses
 from hystid.diagnosis.prepare.rest import resting
 from hystid.diagnosis.prepare.segments import Part, prepare_part
-from hystid.diagnosis.prove.runs import Run, Runs, free_runs, skeleton_of
+from hystid.diagnosis.prove.runs import Run, Runs, free_runs
 from hystid.diagnosis.tell import locate
 from hystid.diagnosis.tell.advice import next_experiment
 from hystid.diagnosis.tell.dependence import dependences

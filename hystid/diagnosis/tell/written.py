@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from hystid.diagnosis.fit.extended import CLASS
 from hystid.diagnosis.model.adapters import is_fmu
-from hystid.diagnosis.prove.extended import CLASS
 from hystid.diagnosis.prove.runs import write_beside
 from hystid.diagnosis.tell.result import Diagnosis, Traces
 from hystid.diagnosis.tell.turned import turned_model

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, nan
 from pathlib import Path
 from typing import Literal
 
+from hystid.compiled import CompiledModel
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Term, is_source
 from hystid.diagnosis.fit.value import Value
-from hystid.diagnosis.fit.windows import WINDOW, window_names
+from hystid.diagnosis.fit.windows import WINDOW, for_recording, window_names
+from hystid.diagnosis.model.adapters import is_fmu
+from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.channel_effects import ChannelEffect
-from hystid.modelica_text import class_texts, modifiers
+from hystid.modelica_text import class_texts, compile_text, modifiers
 
 CLASS = "Extended"
 _WINDOW = "Window"  # ending of the instance that lets an effect act for a part of the time
@@ -36,6 +39,34 @@ class Skeleton:
     inner_mass: float = 0.0
     text: str = ""
     has_h: bool = True
+
+
+def skeleton_of(baseline: Baseline) -> Skeleton:
+    """What the written model is built around."""
+    file, _, _ = baseline.name.rpartition(":")
+    text = Path(file).read_text(encoding="utf-8") if file.endswith(".mo") else ""
+    kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if baseline.takes_effects else "wraps"
+    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text, baseline.has_h)
+
+
+def compiled_with(baseline: Skeleton, hypothesis: Hypothesis) -> CompiledModel | None:
+    """The baseline with the effects of a hypothesis, whose parameters are ``settings_of``; None where it has none, or
+    the baseline is a binary that cannot be extended."""
+    terms = [t for t in for_recording(hypothesis).terms if not isinstance(t.effect, ChannelEffect)]
+    if baseline.kind == "fmu" or not terms:
+        return None
+    refit, *laws = (
+        {name: Value(float(value), nan, "") for name, value in values.items()}
+        for values in (hypothesis.parameters(), *(term.values for term in terms))
+    )
+    text = extended_model(baseline, refit, list(zip(terms, laws, strict=True)), own=own_texts(terms))
+    return CompiledModel(compile_text(text, CLASS))
+
+
+def own_texts(terms: Iterable[Term]) -> dict[str, str]:
+    """Texts of blocks that are not of the library, by class name: the file must be complete in itself."""
+    places = [term.effect.class_name.rpartition(":") for term in terms]
+    return {name: Path(file).read_text(encoding="utf-8") for file, _, name in places if file}
 
 
 def extended_model(
