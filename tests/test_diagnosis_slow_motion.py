@@ -12,10 +12,13 @@ from scipy.signal import lfilter
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import diagnose
-from hystid.diagnosis.fit.case import scales_of
+from hystid.diagnosis.fit.case import pose, scales_of
 from hystid.diagnosis.fit.hypothesis import Hypothesis
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.baseline import baseline_of
+from hystid.diagnosis.model.freerun import error
+from hystid.diagnosis.prepare.given import given_parameters
+from hystid.diagnosis.prepare.recordings import take
 from hystid.diagnosis.prepare.reduction import Reduction
 from hystid.diagnosis.prepare.rest import resting
 from hystid.diagnosis.prepare.segments import prepare_part
@@ -339,3 +342,15 @@ def test_the_law_that_is_found_leads_the_motion_that_no_channel_shows(seed: int)
         found = finding.parameters[name]
         assert abs(found.value - truth) < 3 * found.stderr  # one in 400 lies beyond
         assert found.stderr < 0.05 * truth
+
+
+def test_a_free_run_is_judged_by_motion_that_a_channel_shows() -> None:
+    """A place that nobody measured is no error of the model, and an error of what was measured still is one."""
+    given = given_parameters({"m": 1.0, "B": 6.0, "Kl": 1e4})
+    part = pose(take([accelerations(1.5e-3, 8e3, 1)], (), given), "HystId.Oscillators.Linear").problem.parts[0]
+    slow = 1e-3 * (1 + np.sin(2 * np.pi * 0.2 * part.t))
+    assert part.first_Hz > 0.4
+    assert error(part.x + slow, part) == pytest.approx(
+        0.0, abs=0.01
+    )  # of 1 mm, a hundredth of the motion leaks through
+    assert error(1.1 * part.x, part) == pytest.approx(0.1)
