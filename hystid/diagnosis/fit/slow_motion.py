@@ -59,9 +59,9 @@ def led_by(problem: Problem, laws: Sequence[Fit]) -> Led | None:
     """
     first = [led for law in laws if (led := _first(problem, law, None)) is not None]
     if not first:
-        skeleton = skeleton_of(problem.baseline)
-        models = [(law, model) for law in laws if (model := compiled_with(skeleton, law.hypothesis)) is not None]
-        first = [led for law, model in models if (led := _first(problem, law, model)) is not None]
+        law = min(laws, key=lambda law: law.chi2)
+        model = compiled_with(skeleton_of(problem.baseline), law.hypothesis)
+        first = [led] if model is not None and (led := _first(problem, law, model)) is not None else []
     led = min(first, key=lambda led: led.fit.chi2, default=None)
     if led is None or not led.fit.hypothesis.terms:
         return led
