@@ -209,12 +209,14 @@ def _begun_at_rest(
 
 
 def swings_of_the_past(whole: Problem, kept: Problem, fitted: Fit) -> float:
-    """Mean square above the noise of what a fit leaves in the samples that one problem has and another has not, as far
-    as no past explains it; 0 where there are none.
+    """Mean square of what a fit leaves in the samples that one problem has and another has not, above what it leaves
+    elsewhere, as far as no past explains it; 0 where there are none.
 
     What contacts keep of the time before stays as long as they stick, and fades, but never swings: in a section it lies
-    between what there is of it in the one before and in the next one.
+    between what there is of it in the one before and in the next one. A filter against slow noise would make it swing,
+    and is left away; slow noise is then in every section of the same length.
     """
+    whole = whole.of(fainter(whole.parts, whole.parts, 0.0))
     here = standing(whole, fitted.hypothesis)
     noise, rows = whole.floor(here), np.split(here.residual, np.cumsum(whole.row_counts())[:-1])
     total, count = 0.0, 0
@@ -222,12 +224,19 @@ def swings_of_the_past(whole: Problem, kept: Problem, fitted: Fit) -> float:
         gone = np.rint(whole.reduce.plain(i, (_valid(part) & ~_valid(other)).astype(float))) > 0
         pieces = [piece for piece in np.array_split(rows[i][gone], _SECTIONS) if len(piece)]
         means = [*(float(np.mean(piece)) for piece in pieces), 0.0]
+        usual = max(noise, _within(rows[i][~gone], max(map(len, pieces), default=1)))
         for k in range(1, len(pieces)):
-            above = float(np.var(pieces[k])) - noise
+            above = float(np.var(pieces[k])) - usual
             fades = (0.5 * (means[k - 1] - means[k + 1])) ** 2
             total += len(pieces[k]) * (above - min(fades, max(above, 0.0)))  # below the noise too: else noise adds up
             count += len(pieces[k])
     return total / max(count, 1)
+
+
+def _within(rows: Array, length: int) -> float:
+    """Mean variance of rows in sections of some length."""
+    sections = np.array_split(rows, max(len(rows) // length, 1))
+    return float(np.mean([np.var(section) for section in sections])) if len(rows) else 0.0
 
 
 def with_the_past(case: Case, problem: Problem) -> Case:

@@ -36,7 +36,7 @@ def fit(
     start: Hypothesis,
     *,
     iterations: int = 25,
-    incumbent: float = 0.0,
+    incumbent: float | None = None,
     most: bool = False,
     kept: Flags | None = None,
     last: bool = False,
@@ -44,7 +44,7 @@ def fit(
     """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
 
     incumbent: mean square that another hypothesis has reached; this one is given up when it cannot come
-    near at its pace.
+    near at its pace. 0: it need not come closer than such a step. None: it goes on to its end.
     most: whether amplitudes keep to the largest values that their blocks allow. kept: rows that count, all without it;
     last: whether the last effect alone moves.
     Ends when an accepted step lowers the sum of squares by less than ``_SMALL`` of it twice in a row. The
@@ -72,7 +72,7 @@ def fit(
         gain = 1.0 - taken.cost / cost
         here, rows, cost, damping = taken.there, taken.rows, taken.cost, taken.damping
         small = small + 1 if gain < _SMALL else 0
-        if done > 2 and gain < _PACE * (1.0 - incumbent * len(rows) / cost):
+        if done > 2 and incumbent is not None and gain < _PACE * (1.0 - incumbent * len(rows) / cost):
             break
         if small == 2 or gain < 1e-8:
             break

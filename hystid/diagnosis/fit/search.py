@@ -176,7 +176,7 @@ def try_fit(
         made = fit(problem, start, iterations=iterations, incumbent=incumbent, kept=kept, last=last)
         if is_allowed(made.hypothesis):
             return made
-        return fit(problem, made.hypothesis, iterations=iterations, most=True, kept=kept, last=last)
+        return fit(problem, made.hypothesis, iterations=iterations, incumbent=0.0, most=True, kept=kept, last=last)
     except (NumericalError, np.linalg.LinAlgError):
         return None
 
