@@ -340,8 +340,7 @@ def _stands(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     before = try_fit(led.problem, choice.before.hypothesis, 25) if led is not None else None
     if led is None or before is None:
         return case, choice
-    told = case.notes if led.told() in case.notes else (*case.notes, led.told())
-    here = replace(case, problem=led.problem, notes=told, unseen=unseen_along(case, led))
+    here = replace(case, problem=led.problem, notes=led.told(case.notes), unseen=unseen_along(case, led))
     made = replace(choice, before=before, after=led.fit)
     if len(made.named) > 1:
         again = chosen(replace(here, refit=before, minima=()), library, known=choice.posterior.likely)

@@ -368,9 +368,10 @@ def moved_slowly(case: Case, laws: Sequence[Fit], most: float = np.inf) -> Case 
         return None
     start = replace(best.fit, hypothesis=replace(best.fit.hypothesis, terms=case.refit.hypothesis.terms))
     refitted, minima, nominal = refit_again(best.problem, [start, case.refit, *case.minima])
-    notes = (*case.notes, best.told())
-    moved = replace(case, problem=best.problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes)
-    return replace(moved, unseen=unseen_along(case, best))
+    return replace(
+        case, problem=best.problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=best.told(case.notes),
+        unseen=unseen_along(case, best),
+    )  # fmt: skip
 
 
 def unseen_along(case: Case, led: Led) -> tuple[Part, ...]:

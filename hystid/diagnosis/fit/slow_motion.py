@@ -26,6 +26,7 @@ from hystid.numeric import Array
 _OCTAVES = 4  # above the lowest visible frequency in which noise may hide the motion: it falls by 12 dB in each
 _TURNS = 10  # of fits to the motion of the fit before
 _SETTLED = 0.01  # share of the displacement by which the last turn moves it, and by which a fit may get worse
+_TOLD = "x was not measured: motion"
 Runs = Callable[[Part], Array | None]  # displacement (n,) of a free run under the measured force, where it is finite
 
 
@@ -39,10 +40,11 @@ class Led:
     octaves: int
     model: CompiledModel | None = field(repr=False)
 
-    def told(self) -> str:
-        """What was done, as a sentence."""
+    def told(self, notes: Sequence[str]) -> tuple[str, ...]:
+        """Notes with a sentence about the motion, and without one about other motion."""
         below = 2**self.octaves * max(part.first_Hz for part in self.problem.parts if part.lowest)
-        return f"x was not measured: motion below {below:.2g} Hz is what the model does under the measured force"
+        others = (note for note in notes if not note.startswith(_TOLD))
+        return *others, f"{_TOLD} below {below:.2g} Hz is what the model does under the measured force"
 
 
 def is_blind(problem: Problem) -> bool:
