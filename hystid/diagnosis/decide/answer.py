@@ -206,8 +206,7 @@ class Answer:
             total = [f + np.abs(term.effect.force(s, term.values)) for f, s in zip(total, signals, strict=True)]
         if DELAY in self.choice.named:
             total = [
-                f + np.abs(p.F - problem.parts[i].force_advanced(hypothesis.delay))
-                for i, (f, p) in enumerate(zip(total, problem.parts, strict=True))
+                f + np.abs(p.F - p.force_advanced(hypothesis.delay)) for f, p in zip(total, problem.parts, strict=True)
             ]
         for fault in self.faults:
             feigned = self._feigned(fault)

@@ -33,7 +33,7 @@ from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.fit.search import try_fit
-from hystid.diagnosis.fit.slow_motion import Runs, is_blind, led_by, runs_of
+from hystid.diagnosis.fit.slow_motion import Runs, lacks_slow_motion, runs_of, slow_motion_of
 from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.faults import DELAY, SATURATION
@@ -44,7 +44,7 @@ from hystid.numeric import Array, Flags, stretches
 
 Decided = tuple[Case, Choice]
 _PLAINER = 4  # hypotheses of fewer numbers that are looked at with a displacement off its zero
-_LEADING, _SLOW = 4, 3  # hypotheses whose slow motion is looked at, and rounds of it
+_LEADING, _ROUNDS = 4, 3  # hypotheses whose slow motion is looked at, and rounds of it
 _PROMISED = 0.5  # share of what a fit leaves that zeros, or slow motion, must take to be worth a search
 _USUAL = 1.96  # standard deviations that hold 95 % of a normal distribution
 _RUBBING = 6  # laws with dry friction that are fitted again before a search
@@ -140,9 +140,7 @@ def held_at_rest(case: Case) -> Case | None:
         return None
     pairs = zip(case.problem.parts, still, strict=True)
     parts = [p if p.valid is None else replace(p, valid=p.valid | rest) for p, rest in pairs]
-    problem = case.problem.of(parts)
-    if case.problem.weighed_by:  # a law that turns with the velocity may hold any force there
-        problem.distrust(*case.problem.weighed_by)
+    problem = case.problem.weighed(parts)  # a law that turns with the velocity may hold any force there
     criterion = Criterion(problem, standing(problem, case.refit.hypothesis), 1)
     count, swing, first = 0, 0.0, 0
     for i, flags in enumerate(still):
@@ -318,7 +316,7 @@ def _slowly(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
         return case, choice
     if (sound := _sound_with(moved_slowly(case, [choice.before]), library)) is not None:
         return sound
-    for _ in range(_SLOW):
+    for _ in range(_ROUNDS):
         if not choice.missing or leaves_noise(case.problem, choice.best):
             break
         leading = [c.hypothesis for c in choice.posterior.candidates[:_LEADING]]
@@ -336,12 +334,12 @@ def _stands(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
 
     What is named, and how surely, stays, but for sets: one of a set may have made up for that motion.
     """
-    led = led_by(case.problem, [choice.after]) if choice.named and is_blind(case.problem) else None
-    before = try_fit(led.problem, choice.before.hypothesis, 25) if led is not None else None
-    if led is None or before is None:
+    found = slow_motion_of(case.problem, [choice.after]) if choice.named and lacks_slow_motion(case.problem) else None
+    before = try_fit(found.problem, choice.before.hypothesis, 25) if found is not None else None
+    if found is None or before is None:
         return case, choice
-    here = replace(case, problem=led.problem, notes=led.told(case.notes), unseen=unseen_along(case, led))
-    made = replace(choice, before=before, after=led.fit)
+    here = replace(case, problem=found.problem, notes=found.told(case.notes), unseen=unseen_along(case, found))
+    made = replace(choice, before=before, after=found.fit)
     if len(made.named) > 1:
         again = chosen(replace(here, refit=before, minima=()), library, known=choice.posterior.likely)
         made = again if again.named else made

@@ -20,7 +20,7 @@ from hystid.diagnosis.model.semantics import End
 
 TOUCHED = 4  # samples of some recording beyond the threshold of a law that does not act short of it
 _MASSIVE = 0.99  # of the mass that an effect may take away: what is left moves
-END = 0.98  # of the end of the range that is tried: fits that want more end there
+AT_END = 0.98  # of the end of the range that is tried: fits that want more end there
 _FEW = 4.0  # samples at full speed that a length must span to be resolved,
 _SMALL = 0.02  # or else this share of the stroke
 
@@ -49,7 +49,7 @@ def is_reached(problem: Problem, term: Term, end: End, signals: Sequence[Signals
     if end.at:
         shape = next(shape for shape in term.effect.shapes if shape.name == end.of)
         low, high = term.effect.bounds(shape, problem.scales)
-        return value >= END * high if end.at == "top" else value <= low / END
+        return value >= AT_END * high if end.at == "top" else value <= low / AT_END
     unit = _unit(problem, end.per)
     return value >= end.above * unit if end.above is not None else value < (end.below or 0.0) * unit
 

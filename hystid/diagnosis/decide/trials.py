@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hystid.diagnosis.decide.limits import END, TOUCHED, is_itself
+from hystid.diagnosis.decide.limits import AT_END, TOUCHED, is_itself
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
 from hystid.diagnosis.fit.problem import DELAY_LIMIT, LATE_LIMIT, MASS_TOLERANCE, Problem, standing
 from hystid.diagnosis.fit.search import (
@@ -102,7 +102,7 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
     """Whether the motion goes beyond every threshold, dry friction slides, and each law is what its name says: the tail
     of a contact that is never reached feigns a preload, and friction that turns over most of the speeds is a damper by
     another name. Beside a law, a delay ends short of the longest that is tried: else the two make up for each other."""
-    if fit.hypothesis.terms and abs(fit.hypothesis.delay) >= END * LATE_LIMIT:
+    if fit.hypothesis.terms and abs(fit.hypothesis.delay) >= AT_END * LATE_LIMIT:
         return False
     signals = problem.signals(fit.hypothesis)
     for number, term in enumerate(fit.hypothesis.terms):

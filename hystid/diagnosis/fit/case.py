@@ -25,7 +25,7 @@ from hystid.diagnosis.fit.knocks import NO_LAW, without_knocks
 from hystid.diagnosis.fit.periodic import without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest
-from hystid.diagnosis.fit.slow_motion import Led, is_blind, led_by, settled_along
+from hystid.diagnosis.fit.slow_motion import SlowMotion, lacks_slow_motion, settled_along, slow_motion_of
 from hystid.diagnosis.fit.windows import for_recording
 from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
@@ -333,9 +333,7 @@ def recoloured(case: Case, law: Fit) -> Case | None:
 def at_rest(case: Case, effects: Sequence[Effect]) -> Case | None:
     """The case with the rows weighed down in which dry friction that was left out may hold the structure; None where
     there are none."""
-    problem = case.problem.of(case.problem.parts)
-    if case.problem.weighed_by:
-        problem.distrust(*case.problem.weighed_by)
+    problem = case.problem.weighed(case.problem.parts)
     found = refit_at_rest(problem, [case.refit, *case.minima], effects)
     if found is None:
         return None
@@ -363,7 +361,7 @@ def never_let_go(case: Case, fit: Fit) -> Case | None:
 def moved_slowly(case: Case, laws: Sequence[Fit], most: float = np.inf) -> Case | None:
     """The case with slow motion that no channel shows as that law does it, of some, which leaves least then; None where
     each of them leaves less without, or that one leaves more than some mean square."""
-    best = led_by(case.problem, laws) if is_blind(case.problem) else None
+    best = slow_motion_of(case.problem, laws) if lacks_slow_motion(case.problem) else None
     if best is None or best.fit.chi2 > most:
         return None
     start = replace(best.fit, hypothesis=replace(best.fit.hypothesis, terms=case.refit.hypothesis.terms))
@@ -374,13 +372,13 @@ def moved_slowly(case: Case, laws: Sequence[Fit], most: float = np.inf) -> Case 
     )  # fmt: skip
 
 
-def unseen_along(case: Case, led: Led) -> tuple[Part, ...]:
+def unseen_along(case: Case, found: SlowMotion) -> tuple[Part, ...]:
     """Held-out recordings with the slow motion of a law."""
     if not case.unseen:
         return ()
     there = case.problem.elsewhere(case.unseen)
-    elsewhere = replace(led.fit, hypothesis=for_recording(led.fit.hypothesis.elsewhere()))
-    return tuple(settled_along(there, elsewhere, led.octaves, led.model).parts)
+    elsewhere = replace(found.fit, hypothesis=for_recording(found.fit.hypothesis.elsewhere()))
+    return tuple(settled_along(there, elsewhere, found.octaves, found.model).parts)
 
 
 def off_zero(case: Case, zeros: Array, law: Fit) -> Case:

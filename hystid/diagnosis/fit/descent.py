@@ -44,7 +44,7 @@ def fit(
     """Levenberg-Marquardt from one start. A step that leaves the finite numbers is refused, never taken.
 
     incumbent: mean square that another hypothesis has reached; this one is given up when it cannot come
-    near at its pace. 0: it need not come closer than such a step. None: it goes on to its end.
+    near at its pace. 0: a step that gains less than ``_PACE`` ends it. None: it runs to its end.
     most: whether amplitudes keep to the largest values that their blocks allow. kept: rows that count, all without it;
     last: whether the last effect alone moves.
     Ends when an accepted step lowers the sum of squares by less than ``_SMALL`` of it twice in a row. The

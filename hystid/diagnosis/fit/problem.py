@@ -330,6 +330,13 @@ class Problem:
         """The same problem on other recordings."""
         return Problem(parts, self.baseline, self.scales)
 
+    def weighed(self, parts: Sequence[Part]) -> Problem:
+        """The same problem on other parts, with the rows weighed down in which the same fits jump there."""
+        made = self.of(parts)
+        if self.weighed_by:
+            made.distrust(*self.weighed_by)
+        return made
+
     def elsewhere(self, parts: Sequence[Part]) -> Problem:
         """The same problem on recordings that no fit sees. Where a law jumps, nobody knows there either on which side
         it stands."""

@@ -31,7 +31,7 @@ Runs = Callable[[Part], Array | None]  # displacement (n,) of a free run under t
 
 
 @dataclass(frozen=True)
-class Led:
+class SlowMotion:
     """A problem whose slow motion is that of a law, and the law as fitted there. octaves: how far above the lowest
     visible frequency the motion is that of the law, as noise is loud there. model: as in ``along``."""
 
@@ -47,38 +47,37 @@ class Led:
         return *others, f"{_TOLD} below {below:.2g} Hz is what the model does under the measured force"
 
 
-def is_blind(problem: Problem) -> bool:
+def lacks_slow_motion(problem: Problem) -> bool:
     """Whether a structure moves under the measured force in a way that no channel shows."""
     return bool(problem.baseline.mass) and any(part.lowest for part in problem.parts)
 
 
-def led_by(problem: Problem, laws: Sequence[Fit]) -> Led | None:
+def slow_motion_of(problem: Problem, laws: Sequence[Fit]) -> SlowMotion | None:
     """The problem with the slow motion of that law, of some, which leaves least then, fitted to it again; None where
     each of them leaves less without.
 
-    Law and motion are found in turns, until the motion stays. A right law leads to the motion that it fits better;
-    another one to motion that no channel shows either, but that bends its force in another way.
+    Law and motion are fitted in turns, until the motion stays.
     """
-    first = [led for law in laws if (led := _first(problem, law, None)) is not None]
+    first = [found for law in laws if (found := _first(problem, law, None)) is not None]
     if not first:
         law = min(laws, key=lambda law: law.chi2)
         model = compiled_with(skeleton_of(problem.baseline), law.hypothesis)
-        first = [led] if model is not None and (led := _first(problem, law, model)) is not None else []
-    led = min(first, key=lambda led: led.fit.chi2, default=None)
-    if led is None or not led.fit.hypothesis.terms:
-        return led
+        first = [found] if model is not None and (found := _first(problem, law, model)) is not None else []
+    found = min(first, key=lambda found: found.fit.chi2, default=None)
+    if found is None or not found.fit.hypothesis.terms:
+        return found
     before: tuple[Problem, Problem] | None = None
     for _ in range(_TURNS):
-        to = along(problem, led.problem, led.fit, led.octaves, led.model)
-        there = to if before is None else _mixed(led.problem, to, *before)
-        made = try_fit(there, led.fit.hypothesis)
-        if made is None or made.chi2 > (1 + _SETTLED) * led.fit.chi2:
+        to = along(problem, found.problem, found.fit, found.octaves, found.model)
+        there = to if before is None else _mixed(found.problem, to, *before)
+        made = try_fit(there, found.fit.hypothesis)
+        if made is None or made.chi2 > (1 + _SETTLED) * found.fit.chi2:
             break
-        before, far = (led.problem, to), _apart(there, led.problem)
-        led = replace(led, problem=there, fit=made)
+        before, far = (found.problem, to), _apart(there, found.problem)
+        found = replace(found, problem=there, fit=made)
         if np.linalg.norm(far) < _SETTLED * np.linalg.norm(_places(there)):
             break
-    return led
+    return found
 
 
 def settled_along(problem: Problem, law: Fit, octaves: int, model: CompiledModel | None) -> Problem:
@@ -100,7 +99,7 @@ def _mixed(at: Problem, to: Problem, at_before: Problem, to_before: Problem) -> 
         replace(new, x=new.x - share * (new.x - old.x), v=new.v - share * (new.v - old.v))
         for new, old in zip(to.parts, to_before.parts, strict=True)
     ]
-    return _of(to, parts)
+    return to.weighed(parts)
 
 
 def _places(problem: Problem) -> Array:
@@ -112,15 +111,7 @@ def _apart(one: Problem, other: Problem) -> Array:
     return _places(one) - _places(other)
 
 
-def _of(problem: Problem, parts: Sequence[Part]) -> Problem:
-    """The same problem on other motion, with the rows weighed down that are weighed down there."""
-    made = problem.of(parts)
-    if problem.weighed_by:
-        made.distrust(*problem.weighed_by)
-    return made
-
-
-def _first(problem: Problem, law: Fit, model: CompiledModel | None) -> Led | None:
+def _first(problem: Problem, law: Fit, model: CompiledModel | None) -> SlowMotion | None:
     """The slow motion of a law and its fit there, as many octaves up as it leaves less; None where it does not."""
     known, best, fit = problem, None, law
     for octaves in range(_OCTAVES):
@@ -128,7 +119,7 @@ def _first(problem: Problem, law: Fit, model: CompiledModel | None) -> Led | Non
         made = try_fit(there, fit.hypothesis)
         if made is None or made.chi2 >= fit.chi2:
             break
-        known, best, fit = there, Led(there, made, octaves, model), made
+        known, best, fit = there, SlowMotion(there, made, octaves, model), made
     return best
 
 
@@ -136,20 +127,20 @@ def along(problem: Problem, known: Problem, law: Fit, octaves: int, model: Compi
     """The problem with the slow motion of a law.
 
     model: the baseline with its effects runs under the measured force. Without one the baseline runs alone, under what
-    the effects leave of that force along the motion that is known so far (Picard): that needs no law of the effects
-    that is right already where the structure is not seen, but effects that are weak beside the baseline.
+    the effects leave of that force along the motion that is known so far (Picard). That way does not need good
+    parameters of the effects to begin with, but effects that are weak beside the baseline.
     """
-    forces = effect_forces(known, law) if model is None else [np.zeros(len(part)) for part in problem.parts]
+    forces = _effect_forces(known, law) if model is None else [np.zeros(len(part)) for part in problem.parts]
     moved = [
-        _led(part, _run(problem.baseline, law, model, i)(_begun(replace(part, F=part.F - force))), octaves)
+        _with_slow(part, _run(problem.baseline, law, model, i)(_begun(replace(part, F=part.F - force))), octaves)
         if part.lowest
         else part
         for i, (part, force) in enumerate(zip(problem.parts, forces, strict=True))
     ]
-    return _of(problem, [replace(part, F=own.F) for part, own in zip(moved, problem.parts, strict=True)])
+    return problem.weighed([replace(part, F=own.F) for part, own in zip(moved, problem.parts, strict=True)])
 
 
-def effect_forces(problem: Problem, law: Fit) -> list[Array]:
+def _effect_forces(problem: Problem, law: Fit) -> list[Array]:
     """Force of the effects of a fit per recording [N]."""
     with_effects = problem.predicted(law.hypothesis)
     without = problem.predicted(replace(law.hypothesis, terms=()))
@@ -174,7 +165,7 @@ def _begun(part: Part) -> Part:
     return part if part.past else replace(part, x=part.x - part.x[0], v=part.v - part.v[0])
 
 
-def _led(part: Part, run: Array | None, octaves: int) -> Part:
+def _with_slow(part: Part, run: Array | None, octaves: int) -> Part:
     if run is None:
         return part
     slow = part.slow(run - part.x, octaves)

@@ -72,24 +72,15 @@ def interpolated(values: Array, samples: float) -> Array:
     weights = np.prod(np.where(same, 1.0, (samples - whole - nodes) / np.where(same, 1, apart)), axis=1)
     reach = _HALF + abs(whole)
     near = np.convolve(np.pad(values, reach, mode="edge"), weights[::-1], mode="valid")
-    return _with_edges(near[abs(whole) + whole :][: len(values)].copy(), values, samples)
+    return _with_edges(near[abs(whole) + whole :][: len(values)], values, samples)
 
 
 def advanced(values: Array, samples: float) -> Array:
     """A signal moved earlier by any number of samples: band-limited interpolation of its mirrored copy. Its edges are
     kept."""
-    spectrum, turn = _mirrored(values)
-    return _with_edges(_unmirrored(spectrum * np.exp(turn * samples), values), values, samples)
-
-
-def _mirrored(values: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Spectrum of a signal and its mirror image behind it, and by what a sample's advance turns it."""
     spectrum = np.fft.rfft(np.concatenate([values, values[::-1]]))
-    return spectrum, np.asarray(2j * np.pi * np.fft.rfftfreq(2 * len(values)), np.complex128)
-
-
-def _unmirrored(spectrum: NDArray[np.complex128], values: Array) -> Array:
-    return np.asarray(np.fft.irfft(spectrum, 2 * len(values))[: len(values)])
+    turned = spectrum * np.exp(2j * np.pi * np.fft.rfftfreq(2 * len(values)) * samples)
+    return _with_edges(np.asarray(np.fft.irfft(turned, 2 * len(values))[: len(values)]), values, samples)
 
 
 def _with_edges(moved: Array, values: Array, samples: float) -> Array:
