@@ -168,5 +168,16 @@ def _begun(part: Part) -> Part:
 def _with_slow(part: Part, run: Array | None, octaves: int) -> Part:
     if run is None:
         return part
-    slow = part.slow(run - part.x, octaves)
-    return replace(part, x=part.x + slow, v=part.v + np.gradient(slow, part.dt))
+    x, v = _led(part, part.x, part.v, run, octaves)
+    still = np.zeros_like(run)  # what noise hides of slow motion is gone: the law knows it
+    jitter = tuple(
+        (*(u.astype(np.float32) for u in _led(part, dx.astype(float), dv.astype(float), still, octaves)), *others)
+        for dx, dv, *others in part.jitter
+    )
+    return replace(part, x=x, v=v, jitter=jitter)
+
+
+def _led(part: Part, x: Array, v: Array, run: Array, octaves: int) -> tuple[Array, Array]:
+    """Displacement and velocity (n,) whose slow part is that of a free run."""
+    slow = part.slow(run - x, octaves)
+    return x + slow, v + np.gradient(slow, part.dt)
