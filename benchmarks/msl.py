@@ -270,6 +270,8 @@ def main() -> None:
         "sublibraries", nargs="*", default=SUBLIBRARIES, help="e.g. Mechanics.Translational, or one example"
     )
     given = parser.parse_args()
+    if not (given.results / "Modelica").is_dir():
+        parser.error(f"{given.results} holds no folder Modelica with reference results")
     table: dict[str, list[Outcome]] = {}
     for sublibrary in given.sublibraries:
         names = examples(given.folder, sublibrary.removeprefix("Modelica.").partition(".Examples")[0])
