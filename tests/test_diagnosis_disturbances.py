@@ -11,7 +11,7 @@ import pytest
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.fit.knocks import _knocks, without_knocks
 from hystid.diagnosis.fit.problem import standing
-from hystid.diagnosis.prepare.segments import prepare_part
+from hystid.diagnosis.prepare.segments import band, prepare_part
 from hystid.recording import Recording
 from hystid.smoothing.noise import louder_for_a_while
 from tests.test_diagnosis_windows import posed, rig
@@ -99,6 +99,26 @@ def test_knocks_in_a_motion_that_dies_away_are_left_out() -> None:
     found = asked(recorded(motion, knocked(balance(motion), (1503, 2440, 3520)), 7, snr=100.0))
     assert found.verdict in CALM
     assert any("3 knocks" in note for note in found.notes)
+
+
+def test_knocks_whose_flanks_meet_are_several() -> None:
+    """From an acceleration alone slow motion is not known: the filter that leaves it out spreads a knock over periods,
+    and two that are two periods apart look like one force that lasts."""
+    motion = tones(6)
+    force = knocked(balance(motion), (1203, 1283, 3017), width=8)
+    found = asked(replace(recorded(motion, force, 7, snr=100.0), x=None, v=None))
+    assert found.verdict in CALM
+    assert any("3 knocks" in note for note in found.notes)
+
+
+def test_a_force_that_lasts_for_some_periods_is_no_row_of_knocks() -> None:
+    motion = tones(6)
+    part = prepare_part(recorded(motion, balance(motion), 7))
+    residual, quick = np.random.default_rng(1).standard_normal(N), band(part)[1]
+    for periods in (5, 8, 12):
+        lasting = np.arange(int(periods / (quick * DT)))
+        residual[1000 : 1000 + len(lasting)] += 100.0 * np.sin(2 * np.pi * 0.5 * quick * DT * lasting)
+        assert not _knocks(part, residual, np.ones(N, dtype=bool))
 
 
 def test_a_few_knocks_stand_out_of_what_a_refit_that_they_mislead_leaves() -> None:

@@ -79,8 +79,31 @@ def _knocks(part: Part, residual: Array, used: Flags) -> list[Knock]:
         tops = sorted((float(np.max(size[k.first : k.last])) for k in found), reverse=True)[: _MOST + 1]
         apart = [k for k in range(_MOST, 0, -1) if tops[k - 1] > _CLEAR / _NOISE * tops[k]]
         found = _beyond(tops[apart[0]] * _CLEAR / _NOISE, size, used, width) if apart else []
-    short = all(k.last - k.first < (_LONGEST * _WIDTH + 4) * width for k in found)
-    return found if short and len(found) <= _MOST else []
+    longest = (_LONGEST * _WIDTH + 4) * width
+    apart = [_apart(k, size, longest, _WIDTH * width) for k in found]
+    each = [knock for knocks in apart for knock in knocks]
+    return each if all(apart) and len(each) <= _MOST else []
+
+
+def _apart(stretch: Knock, size: Array, longest: int, period: int) -> list[Knock]:
+    """The knocks of a stretch, more than one where their flanks meet; [] where it is a force that lasts.
+
+    Of a long stretch each knock has most of what is there within a period around its peak: what a force that lasts
+    leaves is spread.
+    """
+    if stretch.last - stretch.first < longest:
+        return [stretch]
+    left, found = size[stretch.first : stretch.last] ** 2, []
+    while np.max(left) > _CLEAR**2:
+        top = int(np.argmax(left))
+        near = slice(max(top - longest // 2, 0), top + longest // 2)
+        middle = slice(max(top - period // 2, 0), top + period // 2)
+        if np.sum(left[middle]) < 0.5 * np.sum(left[near]):
+            return []
+        free = np.flatnonzero(left[near]) + near.start
+        found.append(Knock(stretch.first + int(free[0]), stretch.first + int(free[-1]) + 1))
+        left[near] = 0.0
+    return sorted(found, key=lambda knock: knock.first)
 
 
 def _beyond(limit: float, size: Array, used: Flags, width: int) -> list[Knock]:
