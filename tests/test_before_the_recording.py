@@ -34,6 +34,26 @@ def test_a_contact_that_slips_late_hides_no_spring(before: float, channels: str)
     assert any("whose force depends on it, are left out" in note for note in found.notes)
 
 
+def test_a_free_vibration_that_turns_is_not_at_rest() -> None:
+    """A slider holds the structure off its middle, where it still rings at the first sample: no velocity and no force
+    there, but an acceleration."""
+    t, held = np.arange(5000) * 1e-3, 1.0
+    grows = np.minimum(t, 2.5) ** 2 / 2.5**2
+    ring = 1e-4 * np.exp(-1.25 * t) * np.cos(np.sqrt(3500.0) * t)
+    x = 1e-3 * grows * (np.sin(9.0 * t + 0.7) + 0.4 * np.sin(23.0 * t)) - held / 3000.0 + ring
+    v = np.gradient(x, 1e-3, edge_order=2)
+    a = np.gradient(v, 1e-3, edge_order=2)
+    h = np.full_like(x, held + 4000.0 * ring[0])
+    for i in range(1, len(x)):
+        h[i] = np.clip(h[i - 1] + 4000.0 * (x[i] - x[i - 1]), -3.0, 3.0)
+    rng = np.random.default_rng(3)
+    clean = {"F": 2.0 * a + 5.0 * v + 3000.0 * x + h + 4e9 * x**3, "x": x, "v": v, "a": a}
+    noisy = {k: u + 2e-3 * np.std(u) * rng.standard_normal(len(u)) for k, u in clean.items()}
+    found = diagnose(Recording("by_hand", t, **noisy), model="HystId.Oscillators.Jenkins", parameters=GIVEN)
+    assert [finding.effect for finding in found.findings] == ["cubic_stiffness"]
+    assert any("whose force depends on it, are left out" in note for note in found.notes)
+
+
 def test_what_no_past_explains_is_not_left_out_with_the_past() -> None:
     """A slider stood elsewhere and slips late; before it does, a mass is added for a second. Its force swings with the
     motion, which no force of a slider that sticks does: with these samples left out nothing would be missing."""

@@ -56,7 +56,8 @@ def beginning(
 
 
 def _rests(part: Part) -> bool:
-    """Whether a recording begins without velocity and, but for noise and a small offset, without force or displacement.
+    """Whether a recording begins without velocity and, but for noise and a small offset, without displacement, or
+    without force and acceleration: a free vibration turns without force.
 
     What a constant force moves from there on is not yet in motion at the first sample: the velocity is that of then.
     """
@@ -65,9 +66,15 @@ def _rests(part: Part) -> bool:
     def velocity(v: NDArray[np.floating], a: NDArray[np.floating]) -> float:
         return float(np.mean(v[:_FIRST]) - since * np.mean(a[:_FIRST]))
 
-    noise = np.sqrt(np.mean([velocity(dv, da) ** 2 for _, dv, da, _ in part.jitter])) if part.jitter else 0.0
-    still = _is_small(velocity(part.v, part.a), part.v, float(noise))
-    return still and any(_begins_small(part.measured[name], part.noise[name]) for name in "Fx" if name in part.noise)
+    draws = part.jitter or ((np.zeros(1),) * 4,)
+    slow, quick = (
+        float(np.sqrt(np.mean(np.square(errors))))
+        for errors in zip(*((velocity(dv, da), np.mean(da[:_FIRST])) for _, dv, da, _ in draws), strict=True)
+    )
+    if not _is_small(velocity(part.v, part.a), part.v, slow):
+        return False
+    there, free = (name in part.noise and _begins_small(part.measured[name], part.noise[name]) for name in "xF")
+    return there or (free and _is_small(float(np.mean(part.a[:_FIRST])), part.a, quick))
 
 
 def _begins_small(channel: Array, noise: float) -> bool:
