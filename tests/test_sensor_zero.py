@@ -62,6 +62,21 @@ def test_a_zero_of_x_makes_no_second_law_of_a_spring_that_hardens() -> None:
     assert shares == pytest.approx([3.0, 3.0, 3.0], abs=0.3)
 
 
+def _square(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """A spring that differs by side: a seventh of the elastic force at the ends of the loudest motion."""
+    return 0.15 * STIFFNESS * x**2 / (GAP / 0.3)
+
+
+@pytest.mark.parametrize("seed", [20, 50])
+def test_a_constant_of_each_recording_is_no_drift_and_no_charge_that_is_lost(seed: int) -> None:
+    """A drift that does not run, and a corner far below one over the time of a recording, are constants as well."""
+    tests = [recorded(seed + number, level, _square, noise=0.002) for number, level in enumerate(LEVELS[:2], 1)]
+    size = float(np.std(tests[0].F))
+    tests = [replace(t, F=t.F + share * size) for t, share in zip(tests, (0.03, 0.02), strict=True)]
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
+    assert [finding.effect for finding in found.findings] == ["quadratic_stiffness"]
+
+
 def test_a_constant_of_each_recording_needs_no_clock_and_is_no_other_of_one() -> None:
     """Of a single recording it is a constant force, which the library has already."""
     assert [drift.form for drift in force_drifts(1)] == ["", "Bowed"]

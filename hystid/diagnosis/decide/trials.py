@@ -20,7 +20,7 @@ from hystid.diagnosis.fit.search import (
     try_fit,
     try_term,
 )
-from hystid.diagnosis.model.channel_effects import DRIFT, is_constant
+from hystid.diagnosis.model.channel_effects import DRIFT
 from hystid.diagnosis.model.effects import Effect
 
 SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
@@ -124,7 +124,8 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
 
 
 def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
-    """Whether a drift of the force channel is one in most of the recordings, or a constant in most of them.
+    """Whether a drift of the force channel is one in most of the recordings, or, where its form is that of constants, a
+    constant in most of them.
 
     A constant that one recording needs and others do not, with ramps here and there, is what a wrong even law leaves,
     or friction that stuck elsewhere when a recording began.
@@ -138,7 +139,8 @@ def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
         clear = [any(abs(values[n]) > _MOVING * fit.stderr((str(number), n)) for n in names) for names in seen]
         return 2 * sum(clear) > count
 
-    return most(("offset",)) if is_constant(values, problem.parts) else most(("ramp", "bow"))
+    runs = any(name.startswith(("ramp", "bow")) for name in values)
+    return most(("ramp", "bow") if runs else ("offset",))
 
 
 def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:

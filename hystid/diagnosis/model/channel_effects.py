@@ -17,7 +17,7 @@ from hystid.numeric import Array
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
 HIGH_PASS = "force_high_pass"
-_STEADY = 0.05  # rms of the ramps over that of the offsets below which a force channel does not drift
+_STEADY = 0.05  # rms of ramps and bows over that of the offsets below which a force channel does not drift
 # What is not a law of the structure has no block: a fault of a channel is called so here.
 CHANNELS = {
     "channel_delay": Semantics(title="late channel"),
@@ -237,4 +237,5 @@ def is_constant(values: Mapping[str, float], parts: Sequence[Part]) -> bool:
     """Whether a drift of the force channel is next to nothing but a constant per recording."""
     offset = sum(values[f"offset_{i + 1}"] ** 2 for i in range(len(parts)))
     ramp = sum((values.get(f"ramp_{i + 1}", 0.0) * part.t[-1]) ** 2 / 12 for i, part in enumerate(parts))
-    return bool(ramp < _STEADY**2 * offset)
+    bow = sum(values.get(f"bow_{i + 1}", 0.0) ** 2 / 180 for i in range(len(parts)))
+    return bool(ramp + bow < _STEADY**2 * offset)
