@@ -45,6 +45,17 @@ def test_noise_is_read_before_the_filter_that_ends_it(corner: float, step: float
     assert np.median(found) == pytest.approx(0.02, rel=0.1) and np.min(found) > 0.8 * 0.02
 
 
+def test_noise_that_is_loud_beside_a_motion_is_read_before_the_filter_as_well() -> None:
+    """As of a test at a low level: 9 dB below the motion, and not shared with the force, which is as loud as ever."""
+    rng, t = np.random.default_rng(3), np.arange(6000) * 1e-3
+    motion, band = np.sin(2 * np.pi * 27 * t), decimated(rng.standard_normal(len(t)), 0.34)
+    channel, force = motion + 0.25 * band, motion + 0.01 * decimated(rng.standard_normal(len(t)), 0.34)
+    assert noise_level(channel, [force]) == pytest.approx(0.25, rel=0.1)  # as above
+    # A force that is as loud at all frequencies may be one: nothing else shows it where noise hides what it moves.
+    assert noise_level(channel, [force], drives=True) < 0.01
+    assert noise_level(channel, []) < 0.01
+
+
 @pytest.mark.parametrize("what", ["shaker", "knocks", "friction", "resonance"])
 def test_a_motion_that_ends_steeply_is_no_noise_before_a_filter(what: str) -> None:
     rng, t = np.random.default_rng(2), np.arange(6000) * 1e-3

@@ -35,27 +35,27 @@ _PARTS, _CHANCE = 8, 5.0  # of a recording, in which noise is as loud but for ch
 _MOTION = 0.5  # coherence of what is motion for the most part; noise shares a tenth in so many parts by chance
 _BRIEF = 3.7  # four standard errors of a standard deviation over that by the median, times the root of the lines
 _LINES = 10  # of the spectrum in each band at least, whose median is known to 40 % then
-_SMALL = 0.05  # share of the power of a channel that noise of 13 dB is
+_SMALL, _HALF = 0.05, 0.5  # shares of the power of a channel that noise of 13 dB is, and noise as loud as the rest
 _SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
 _APART = 0.9  # the estimates differ by 6 % by chance (8,000 samples); only a clear difference counts
 _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from rounding in a text file
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 
 
-def noise_level(channel: Array, others: Sequence[Array] = ()) -> float:
+def noise_level(channel: Array, others: Sequence[Array] = (), *, drives: bool = False) -> float:
     """Standard deviation of the white noise on a channel (its unit).
 
     The lower of two estimates, as each can only be raised by the signal: the median absolute sixth difference (Huber's
     idea, blind to single jumps), and the median of the periodogram in the quietest part of the upper half of the band.
     Where a filter has taken that end away, both see what is left there, and the noise before it counts. others: of
-    other sensors of the same recording, which share motion and no noise.
+    other sensors of the same recording, which share motion and no noise. drives: as in ``filtered_beyond``.
     """
     floor = _RESOLUTION * float(np.std(channel))
     if len(channel) < 64:
         return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
     differences, spectrum = _by_differences(channel), _by_spectrum(channel)
     lower = differences if differences < _APART * spectrum else spectrum
-    return float(max(floor, _by_steps(channel), lower, filtered_beyond(channel, others)[1]))
+    return float(max(floor, _by_steps(channel), lower, filtered_beyond(channel, others, drives=drives)[1]))
 
 
 def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
@@ -151,14 +151,16 @@ def _by_spectrum(channel: Array) -> float:
     return float(np.sqrt(np.median(quiet) / np.log(2.0)))  # the median of an exponential variable is ln 2 of its mean
 
 
-def filtered_beyond(channel: Array, others: Sequence[Array] = ()) -> tuple[float, float]:
+def filtered_beyond(channel: Array, others: Sequence[Array] = (), *, drives: bool = False) -> tuple[float, float]:
     """Frequency [cycles per sample] at which a filter ends the white noise of a channel (n,), and the level of that
     noise (its unit); 0.5 and 0 where none does well below half the sample rate.
 
     Such noise is flat up to a corner, and falls more steeply than a motion does. It is a small part of the channel, and
     there all the time: a force that is as loud at all frequencies up to its highest is most of it, an impact is brief.
-    What ``others`` share with it is motion.
+    What ``others`` share with it is motion. drives: whether the channel is such a force, which may not be seen to move
+    anything; of a motion that others would share, noise may be as much as the rest.
     """
+    most = _HALF if others and not drives else _SMALL
     window = np.hanning(len(channel))
     lines = np.fft.rfft((channel - np.mean(channel)) * window)
     edges = (_FINE_BANDS * (len(lines) - 1)).astype(int)
@@ -175,7 +177,7 @@ def filtered_beyond(channel: Array, others: Sequence[Array] = ()) -> tuple[float
             continue
         share = (end - first) / (len(lines) - 1)
         level = min(float(np.std(inside)) / np.sqrt(share), _at_most(channel, end / (len(lines) - 1)))
-        if level**2 < _SMALL * float(np.var(channel)):
+        if level**2 < most * float(np.var(channel)):
             return 0.5 * float(_FINE_BANDS[last]), level
     return 0.5, 0.0
 

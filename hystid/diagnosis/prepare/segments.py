@@ -139,7 +139,8 @@ class Part:
 
     def noise_ends(self) -> float:
         """Frequency [cycles per sample] up to which the noise of all channels is white."""
-        return min(filtered_beyond(y, _others(name, self.measured))[0] for name, y in self.measured.items())
+        known = self.measured.items()
+        return min(filtered_beyond(y, _others(name, self.measured), drives=name == "F")[0] for name, y in known)
 
     def velocity_error(self) -> Array:
         """Standard error of the velocity [m/s], (n,): rms of its draws over all samples, or over sections where noise
@@ -173,7 +174,8 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
     channels = {**measured, "F": F}
     # what is integrated does not know slow motion better than integration allows, however quiet it is
     limited = frozenset("F" if "x" in measured else channels)
-    noise = {n: _at_least(n in limited, noise_level(y, _others(n, channels)), y) for n, y in channels.items()}
+    levels = {n: noise_level(y, _others(n, channels), drives=n == "F") for n, y in channels.items()}
+    noise = {name: _at_least(name in limited, level, channels[name]) for name, level in levels.items()}
     louder = _louder(channels, noise, limited)
     gapped, valid = _without_stops(channels, noise, stopped or {})
     seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
