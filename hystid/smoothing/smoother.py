@@ -32,7 +32,8 @@ _DROWNED = 0.5  # of the lowest frequency: noise is as large as the motion there
 _TAPER = 0.8  # of the frequency of a cut, from which on it begins to let motion pass
 _COMMON = 0.5  # coherence with the force below which most of the power is not motion, but noise
 _STEADY = 0.5  # of the mean power of noise in sections of a recording, which half of them reach; 0.9 in the mean
-_SECTIONS = 8  # of a recording, for the coherence: 15 half overlapping spectra, which share 0.1 by chance
+_SECTIONS = (8, 4)  # of a recording, for the coherence: 15 half overlapping spectra, which share 0.1 by chance, and 7,
+# which part noise from a motion that is nearly as slow
 _BLOCK = 100_000  # samples smoothed at a time, with an overlap far beyond the smoother's memory: bounds the memory
 _OVERLAP = 2_000
 _RESPONSE = 4096  # samples of an impulse response: beyond the memory of the smoother
@@ -178,14 +179,16 @@ def _lowest(
     name = "v" if "v" in channels else "a"
     values = np.nan_to_num(channels[name] - np.nanmean(channels[name]))
     frequency, power = welch(values, fs=1.0 / dt, nperseg=max(8, len(values) // 2))
-    drowned = 0.0 if force is None else _incoherent(values, force, dt)
+    drowned = 0.0
+    for sections in _SECTIONS if force is not None else ():
+        drowned = drowned or _incoherent(values, force, dt, sections)
     told = (power > _CLEAR * 2.0 * noise[name] ** 2 * dt) & (frequency > frequency[1])  # the first line holds the mean
     clear = frequency[told & (frequency >= drowned)]
     lowest = clear[0] if len(clear) else max(frequency[1], drowned)
     return float(2 * np.pi * lowest), float(2 * np.pi * max(_DROWNED * lowest, drowned))
 
 
-def _incoherent(values: Array, force: Array, dt: float) -> float:
+def _incoherent(values: Array, force: Array, dt: float, sections: int) -> float:
     """Frequency [Hz] up to which a channel holds noise that grows towards low frequencies; 0 where it does not.
 
     A structure under force moves less and less quickly towards low frequencies. Where the spectrum of v or a rises
@@ -193,8 +196,8 @@ def _incoherent(values: Array, force: Array, dt: float) -> float:
     integrated it would be a wandering displacement larger than the motion. It is there all the time: what rings for a
     while, or comes with an earthquake, shares little with the force of that time, and is motion all the same.
     """
-    section = len(values) // _SECTIONS
-    if section < 2 * _SECTIONS:
+    section = len(values) // sections
+    if section < 2 * sections:
         return 0.0
     frequency, _, power_of = spectrogram(values, 1.0 / dt, "hann", section, section // 2, detrend="constant")
     power = np.mean(power_of, axis=1)

@@ -289,7 +289,7 @@ def _same(one: Flags | None, other: Flags | None) -> bool:
     return one is other or (one is not None and other is not None and bool(np.array_equal(one, other)))
 
 
-def _colour(problem: Problem, refitted: Fit) -> list[Part] | None:
+def _colour(problem: Problem, refitted: Fit, *, led: bool = False) -> list[Part] | None:
     """The parts with the colour of their noise, None where it is white.
 
     Measured twice: a constant force that is missing leads the first refit astray, and the way it does is slow. A refit
@@ -298,7 +298,7 @@ def _colour(problem: Problem, refitted: Fit) -> list[Part] | None:
     """
     if not problem.timed:
         return None
-    seen, is_below = with_colour(problem, refitted)
+    seen, is_below = with_colour(problem, refitted, led=led)
     if is_below and seen is not None:
         seen, _ = with_colour(problem, refit_again(problem.of(seen), [refitted])[0])
     for share in _SHARES if seen is not None else ():
@@ -360,10 +360,12 @@ def never_let_go(case: Case, fit: Fit) -> Case | None:
 
 def moved_slowly(case: Case, laws: Sequence[Fit], most: float = np.inf) -> Case | None:
     """The case with slow motion that no channel shows as that law does it, of some, which leaves least then; None where
-    each of them leaves less without, or that one leaves more than some mean square."""
+    each of them leaves less without, or that one leaves more than some mean square. Noise that is slow shows then."""
     best = slow_motion_of(case.problem, laws) if lacks_slow_motion(case.problem) else None
     if best is None or best.fit.chi2 > most:
         return None
+    if not any(any(part.colour) for part in best.problem.parts) and (seen := _colour(best.problem, best.fit, led=True)):
+        best = replace(best, problem=best.problem.of(seen))
     start = replace(best.fit, hypothesis=replace(best.fit.hypothesis, terms=case.refit.hypothesis.terms))
     refitted, minima, nominal = refit_again(best.problem, [start, case.refit, *case.minima])
     return replace(

@@ -34,7 +34,7 @@ _FEWEST, _MANY = 10, 200  # lines from which a colour can be told, and bounded
 _ROUNDS = 20  # of reweighting
 
 
-def with_colour(problem: Problem, fitted: Fit) -> tuple[list[Part] | None, bool]:
+def with_colour(problem: Problem, fitted: Fit, *, led: bool = False) -> tuple[list[Part] | None, bool]:
     """The parts of a problem with the colour of their noise, None where it is white as far as can be seen; and whether
     it was looked for below the motion.
 
@@ -43,10 +43,12 @@ def with_colour(problem: Problem, fitted: Fit) -> tuple[list[Part] | None, bool]
     believed as it is below, or not at all: what is louder than that is no noise. A motion that leaves nothing below it
     leaves what is above: there the structure may be moved, too, and the caller has to see that what is left then
     follows no motion, and is no quieter than noise.
+
+    led: whether slow motion that no channel shows is that of the fit. Before it is, recordings without x show no colour.
     """
     seen, since = _seen(problem, fitted), _lasted(problem.parts)
     frequency, power, dt = (np.concatenate(columns) for columns in zip(*map(_below, seen), strict=True))
-    slope, error = _above_all(seen)
+    slope, error = _above_all([one for one in seen if led or not one.part.lowest])
     is_seen, most, is_below = slope > 2 * error, slope + 2 * error, len(power) >= _FEWEST
     if is_below:
         lowest = min(band(part)[0] * part.dt for part in problem.parts)
@@ -175,8 +177,8 @@ def _above(seen: _Residual) -> tuple[Array, Array, Array]:
     count = len(seen.residual)
     ends = 0.98 * seen.part.noise_ends()
     first, last = (int(share * count) for share in (_ABOVE * band(seen.part)[1] * seen.part.dt, ends))
-    first = max(first, _FIRST)
-    if seen.part.lowest or last <= first:
+    first = max(first, _FIRST, int(_ABOVE * seen.part.first_Hz * seen.part.dt * count))
+    if last <= first:
         return np.empty(0), np.empty(0), np.empty(0)
     window = np.hanning(count)
 

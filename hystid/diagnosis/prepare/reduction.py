@@ -334,7 +334,7 @@ def _whitening(part: Part, mass: float, slopes: tuple[float, float]) -> Array | 
     left alone: it would take a filter that rings.
     """
     derived = _is_derived(part, mass)
-    coloured = any(part.colour) and not part.lowest
+    coloured = any(part.colour)
     if not derived and not part.lowest and not coloured:
         return None
     n = 2 * quick_length(len(part))
@@ -342,15 +342,16 @@ def _whitening(part: Part, mass: float, slopes: tuple[float, float]) -> Array | 
     power = np.ones_like(omega)
     if derived:
         power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2 + _restoring(part, slopes, omega)
-    if coloured:
-        power /= colouring(part) ** 2
     if part.lowest:
         turn = omega**2 + (BELOW["v" if "v" in part.noise else "a"] * part.first) ** 2
-        high = (omega / part.first) ** 8
         drift = part.noise["v"] * part.dt / np.sqrt(turn) if "v" in part.noise else part.noise["a"] * part.dt**2 / turn
         power += (slopes[0] * drift / part.balance_noise(mass)) ** 2
-        return np.asarray(np.sqrt(high / (1.0 + high) / power))
-    return np.asarray(1.0 / np.sqrt(power))
+    if coloured:
+        power /= colouring(part) ** 2
+    if not part.lowest:
+        return np.asarray(1.0 / np.sqrt(power))
+    high = (omega / part.first) ** 8
+    return np.asarray(np.sqrt(high / (1.0 + high) / power))
 
 
 def _restoring(part: Part, slopes: tuple[float, float], omega: Array) -> Array:

@@ -12,6 +12,7 @@ from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.case import Case
 from hystid.diagnosis.fit.extended import skeleton_of
 from hystid.diagnosis.fit.periodic import periodic_forces
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.fit.zeros import zeros_instead
 from hystid.diagnosis.model.adapters import FmuModel
@@ -157,7 +158,8 @@ def _floor(case: Case, choice: Choice) -> float:
     for i, part in enumerate(case.problem.parts):
         inertia = 3 if part.inertia_order == 0 else 2  # as measured, or smoothed: see Problem.balance_shown
         errors = [moved[i] + mass * draw[inertia] for moved, draw in zip(drawn, part.jitter, strict=True)]
-        seen = [error - part.slow(error) if part.lowest else error for error in errors]
+        told = _told(case.problem, i)
+        seen = [(error - part.slow(error) if part.lowest else error)[told] for error in errors]
         noise = np.sqrt(part.noise["F"] ** 2 + np.mean(np.square(seen)))
         shares.append(float(noise / np.std(part.F - mass * part.a)))
     return float(np.mean(shares))
@@ -175,7 +177,7 @@ def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]]
     if case.unseen:
         groups.append((problem.of(case.unseen), for_recording(choice.after.hypothesis)))
     for group, last in groups:
-        seen = [_told(part) for part in group.parts]
+        seen = [_told(group, i) for i in range(len(group.parts))]
         residuals = [
             [residual[at] for residual, at in zip(group.balance_shown(h), seen, strict=True)]
             for h in (choice.before.hypothesis, last)
@@ -186,10 +188,13 @@ def _force_errors(case: Case, choice: Choice) -> tuple[list[tuple[float, float]]
     return found[0], found[1] if case.unseen else []
 
 
-def _told(part: Part) -> Flags:
-    """Samples of one recording, (n,), in which the law says what the force is; all of them where none is left."""
+def _told(problem: Problem, index: int) -> Flags:
+    """Samples of one recording, (n,), in which the law says what the force is; all of them where none is left. Near the
+    ends of one without x the place is not known well enough."""
+    part = problem.parts[index]
     told = np.ones(len(part), dtype=bool) if part.valid is None else part.valid
     told = told & ~resting(part) if part.timed else told
+    told = told & problem.reduce.used(index) if part.lowest else told
     return told if np.any(told) else np.ones(len(part), dtype=bool)
 
 
