@@ -306,8 +306,8 @@ def test_noise_that_a_recorder_filters_is_no_physics(corner: float, decibel: dic
 
 def accelerations(gap: float, stiffness: float, seed: int, corner: float = 0.0) -> Recording:
     """A mass of 1 kg on 10 kN/m that meets a further spring beyond a gap, under 25 lines from 6 to 30 Hz: the force and
-    the acceleration alone, with noise of a hundredth, louder as 1/f below a corner [Hz]. The spring pushes the structure to its other side, which no
-    acceleration shows. By scipy's DOP853."""
+    the acceleration alone, with noise of a hundredth, louder as 1/f below a corner [Hz]. The spring pushes the
+    structure to its other side, which no acceleration shows. By scipy's DOP853."""
     rng, omega, t = np.random.default_rng(seed), 2 * np.pi * np.linspace(6, 30, 25), np.arange(6000) * DT
     phase = rng.uniform(0, 2 * np.pi, 25)
 

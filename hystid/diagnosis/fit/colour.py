@@ -44,7 +44,7 @@ def with_colour(problem: Problem, fitted: Fit, *, led: bool = False) -> tuple[li
     leaves what is above: there the structure may be moved, too, and the caller has to see that what is left then
     follows no motion, and is no quieter than noise.
 
-    led: whether slow motion that no channel shows is that of the fit. Before it is, recordings without x show no colour.
+    led: whether slow motion that no channel shows is that of the fit. Before, recordings without x show no colour.
     """
     seen, since = _seen(problem, fitted), _lasted(problem.parts)
     frequency, power, dt = (np.concatenate(columns) for columns in zip(*map(_below, seen), strict=True))

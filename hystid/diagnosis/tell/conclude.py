@@ -20,7 +20,7 @@ from hystid.diagnosis.model.freerun import errors
 from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.resonances import resonances, several_masses
 from hystid.diagnosis.prepare.rest import resting
-from hystid.diagnosis.prepare.segments import Part, prepare_part
+from hystid.diagnosis.prepare.segments import prepare_part
 from hystid.diagnosis.prove.runs import Run, Runs, free_runs
 from hystid.diagnosis.tell import locate
 from hystid.diagnosis.tell.advice import next_experiment
