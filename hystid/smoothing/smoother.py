@@ -179,9 +179,8 @@ def _lowest(
     name = "v" if "v" in channels else "a"
     values = np.nan_to_num(channels[name] - np.nanmean(channels[name]))
     frequency, power = welch(values, fs=1.0 / dt, nperseg=max(8, len(values) // 2))
-    drowned = 0.0
-    for sections in _SECTIONS if force is not None else ():
-        drowned = drowned or _incoherent(values, force, dt, sections)
+    seen = () if force is None else (_incoherent(values, force, dt, sections) for sections in _SECTIONS)
+    drowned = next((found for found in seen if found), 0.0)
     told = (power > _CLEAR * 2.0 * noise[name] ** 2 * dt) & (frequency > frequency[1])  # the first line holds the mean
     clear = frequency[told & (frequency >= drowned)]
     lowest = clear[0] if len(clear) else max(frequency[1], drowned)

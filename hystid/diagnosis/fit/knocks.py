@@ -77,8 +77,8 @@ def _knocks(part: Part, residual: Array, used: Flags) -> list[Knock]:
     found = _beyond(_CLEAR, size, used, width)
     if len(found) > _MOST:
         tops = sorted((float(np.max(size[k.first : k.last])) for k in found), reverse=True)[: _MOST + 1]
-        apart = [k for k in range(_MOST, 0, -1) if tops[k - 1] > _CLEAR / _NOISE * tops[k]]
-        found = _beyond(tops[apart[0]] * _CLEAR / _NOISE, size, used, width) if apart else []
+        clear = [k for k in range(_MOST, 0, -1) if tops[k - 1] > _CLEAR / _NOISE * tops[k]]
+        found = _beyond(tops[clear[0]] * _CLEAR / _NOISE, size, used, width) if clear else []
     longest = (_LONGEST * _WIDTH + 4) * width
     apart = [_apart(k, size, longest, _WIDTH * width) for k in found]
     each = [knock for knocks in apart for knock in knocks]
