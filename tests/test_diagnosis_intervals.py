@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hystid.diagnosis import diagnose
 from hystid.diagnosis.decide import forms
+from hystid.diagnosis.decide.criterion import ACCURACY
 from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import fit
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
@@ -114,6 +116,43 @@ def test_a_form_that_the_data_refuse_widens_nothing(power: float) -> None:
     assert error < 0.3 * apart
     beside, wide = stated(problem, wrong, "gap")
     assert abs(beside - gap) < HALF_90 * wide  # the wrong law knows that there is another one
+
+
+def test_a_mass_is_known_as_well_as_the_one_that_was_stated() -> None:
+    """A tenth more than was weighed, and what was weighed off by 0.3 %: many samples show the sum, to a few parts in
+    ten thousand, and not the difference."""
+    t, true = np.arange(6000) * DT, 1.003 * M
+    rng = np.random.default_rng(3)
+    w, p = 2 * np.pi * rng.uniform(4, 25, 5), rng.uniform(0, 2 * np.pi, 5)
+    turns = 1e-3 * np.exp(1j * (np.outer(t, w) + p))
+    x, v, a = (np.real(turns * (1j * w) ** k).sum(axis=1) for k in range(3))
+    channels = {"x": x, "v": v, "a": a, "F": (true + 0.2) * a + B * v + K * x}
+    noisy = {n: u + 0.002 * np.std(u) * rng.standard_normal(len(t)) for n, u in channels.items()}
+    answer = diagnose(
+        Recording("a", t, **noisy), model="HystId.Oscillators.Linear", parameters={"m": M, "B": B, "Kl": K}
+    )
+    (finding,) = answer.findings
+    assert finding.effect == "added_mass"
+    added = finding.parameters["dm"]
+    assert added.value == pytest.approx(true + 0.2 - M, rel=2e-3)  # noise of 2 parts in 1,000, of 6,000 samples
+    assert abs(added.value - 0.2) < HALF_90 * added.stderr < 0.02
+
+
+def test_nothing_is_known_better_than_recordings_are_prepared() -> None:
+    """Without noise a fit alone would know its parameters to six digits, and what smoothing leaves moves them more."""
+    t = np.arange(6000) * DT
+    x = 1e-3 * (np.sin(60.0 * t + 0.3) + 0.6 * np.sin(97.0 * t))
+    v, a = np.gradient(x, DT, edge_order=2), np.gradient(np.gradient(x, DT, edge_order=2), DT, edge_order=2)
+    answer = diagnose(
+        Recording("exact", t, F=M * a + B * v + K * x + 8e9 * x**3, x=x),
+        model="HystId.Oscillators.Linear",
+        parameters={"m": M, "B": B, "Kl": K},
+    )
+    (finding,) = answer.findings
+    found = finding.parameters["k3"]
+    assert finding.effect == "cubic_stiffness"
+    assert abs(found.value - 8e9) < 2.5 * found.stderr  # 99 %
+    assert found.stderr >= ACCURACY * found.value
 
 
 def test_what_the_law_does_not_hold_widens_the_errors() -> None:

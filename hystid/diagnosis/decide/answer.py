@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.diagnosis.decide.criterion import ACCURACY
 from hystid.diagnosis.decide.limits import is_reached
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.decide.trials import DELAY
@@ -146,12 +147,14 @@ class Answer:
         return kept
 
     def stated(self, index: int, term: Term) -> dict[str, Value]:
-        """Fitted parameters of a term with what other forms, and times at which it cannot be seen, leave open."""
+        """Fitted parameters of a term with what other forms, and times at which it cannot be seen, leave open. None is
+        known better than recordings are prepared."""
         fit = self.choice.after
         found = values(fit, index, term)
         for name, value in found.items():
             spread = self.choice.left_open.get((str(index), name), 0.0)
-            found[name] = replace(value, stderr=float(np.hypot(value.stderr, spread)))
+            error = float(np.linalg.norm([value.stderr, spread, ACCURACY * value.value]))
+            found[name] = replace(value, stderr=error)
         for at, (first, last) in edges(self.problem, fit.hypothesis, term).items():  # anywhere in between
             found[at] = replace(found[at], stderr=float(np.hypot(found[at].stderr, (last - first) / np.sqrt(12))))
         return found

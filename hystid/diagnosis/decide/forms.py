@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.diagnosis.decide.criterion import SOUND
 from hystid.diagnosis.decide.trials import are_reached
-from hystid.diagnosis.fit.hypothesis import Fit, Key, get, put
+from hystid.diagnosis.fit.hypothesis import Fit, Key, get, is_mass, put
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import scan, try_fit
 from hystid.diagnosis.fit.uncertainty import SAME
@@ -42,7 +43,8 @@ class _Beside:
 def left_open(problem: Problem, fitted: Fit, library: Sequence[Effect]) -> dict[Key, float]:
     """Standard deviation that other forms of the laws of a fit leave in their parameters, in their own units.
 
-    Keys are those of the fit. Of the forms of one law the one that matters most counts.
+    Keys are those of the fit. Of the forms of one law the one that matters most counts. A mass that is added counts
+    from the one that was stated, which is known as well as matched sensors show it.
     """
     tangent = _Tangent(problem, fitted)
     most: dict[Key, float] = {}
@@ -51,6 +53,9 @@ def left_open(problem: Problem, fitted: Fit, library: Sequence[Effect]) -> dict[
         for spreads in (*found, *_simpler(problem, fitted, index, library)):
             for key, spread in spreads.items():
                 most[key] = max(most.get(key, 0.0), spread)
+        if is_mass(effect := fitted.hypothesis.terms[index].effect):
+            key = str(index), effect.semantics.mass
+            most[key] = float(np.hypot(most.get(key, 0.0), SOUND * problem.baseline.mass))
     return most
 
 
