@@ -13,10 +13,18 @@ from benchmarks.concealed.cases import draw
 from benchmarks.concealed.deck import deck
 from benchmarks.concealed.generate import write_case
 from hystid.compiled import CompiledModel
+from hystid.diagnosis.decide.criterion import Hypothesis as Suggested
+from hystid.diagnosis.decide.hypotheses import Search
+from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import _Normal, fit
-from hystid.diagnosis.fit.hypothesis import Hypothesis, get
+from hystid.diagnosis.fit.hypothesis import Hypothesis, Term, get
+from hystid.diagnosis.fit.problem import standing
+from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.model.baseline import Baseline, baseline_of
+from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.model.redundancy import without_redundancy
+from hystid.diagnosis.prepare.given import given_parameters
+from hystid.diagnosis.prepare.recordings import take
 from hystid.diagnosis.prepare.segments import Part, prepare_part
 from hystid.modelica import compile_model
 from hystid.recording import Recording
@@ -154,3 +162,30 @@ def test_a_preloaded_contact_is_no_quadratic_spring(tmp_path: Path) -> None:
 def test_a_refit_leaves_local_minima(tmp_path: Path, seed: int, index: int, given: dict[str, float]) -> None:
     """Iwan laws with parameters off by a factor of three, and by 15 %: steps along slopes end in a local minimum."""
     assert run(from_deck(tmp_path, seed, index, **given)).verdict == "recalibrated"
+
+
+def test_what_was_fitted_from_where_a_refit_went_astray_is_fitted_from_what_was_given() -> None:
+    """Beside a spring that hardens, a slider is taken for dry friction: its force no longer depends on how stiff it
+    is, and no fit that starts there finds back."""
+    t = np.arange(5000) * 1e-3
+    x = 1e-3 * (np.sin(9 * t + 0.7) + 0.4 * np.sin(23 * t) + 0.6 * np.sin(41 * t)) * (0.3 + 0.7 * t / t[-1])
+    v = np.gradient(x, 1e-3, edge_order=2)
+    a = np.gradient(v, 1e-3, edge_order=2)
+    held = np.zeros_like(x)
+    for i in range(1, len(x)):
+        held[i] = np.clip(held[i - 1] + 4000 * (x[i] - x[i - 1]), -2.0, 2.0)
+    rng = np.random.default_rng(3)
+    clean = {"F": 2 * a + 5 * v + 3000 * x + held + 8e8 * x**3, "x": x, "a": a}
+    noisy = {name: u + 1e-3 * np.std(u) * rng.standard_normal(len(u)) for name, u in clean.items()}
+    given = given_parameters({"m": 2.0, "B": 6.0, "Kl": 3300.0, "Ks": 3600.0, "fc": 2.3})
+    case = pose(take([Recording("by_hand", t, **noisy)], (), given), "HystId.Oscillators.Jenkins")
+    problem, here = case.problem, case.refit.hypothesis
+    cubic = Term(next(e for e in load_effects() if e.id == "cubic_stiffness" and not e.form), {"k3": 1e8})
+    far = replace(here, values={**here.values, "Ks": 4e8, "fc": 5e-4}, terms=(*here.terms, cubic))
+    stuck = try_fit(problem, far)
+    assert stuck is not None
+    search = Search(problem, standing(problem, replace(far, terms=here.terms)), [], lambda: None, ())
+    (found,) = search._as_given([Suggested(("cubic_stiffness",), 1, stuck)])
+    assert stuck.chi2 > 1e4 * found.fit.chi2
+    assert found.fit.hypothesis.terms[-1].values["k3"] == pytest.approx(8e8, rel=0.02)
+    assert not list(search._as_given([found]))  # what leaves noise stays

@@ -103,7 +103,8 @@ class Search:
                 found += pairs
                 if not pairs:  # what fits less well leaves more, and would win by no further law
                     break
-        return [*found, *self._with_chain(found)]
+        found += self._with_chain(found)
+        return [*found, *self._as_given(found)]
 
     def again(self, known: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
         """Hypotheses of another problem with the same recordings, fitted again."""
@@ -120,6 +121,19 @@ class Search:
             for trial in chain_trials(self.problem, h.fit, self.effects):
                 if trial.name not in h.names and are_reached(self.problem, trial.fit):
                     yield self._hypothesis((*h.names, trial.name), h.size + trial.size, trial.fit, windowed=h.windowed)
+
+    def _as_given(self, found: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+        """What leads, fitted again from the values that were given, where its baseline stands far from them and more
+        than noise is left: a refit without what is missing goes astray, and what is fitted from there may stay."""
+        criterion, nominal = self.criterion, dict(self.problem.baseline.nominal)
+        worth = {id(h): self._worth(criterion.misfit(h.fit, h.floor), h.size, len(h.names)) for h in found}
+        for h in sorted(found, key=lambda h: -worth[id(h)])[:_STARTS]:
+            left = criterion.misfit(h.fit, h.floor)
+            if criterion.is_reached(left) or criterion.departure(h.fit) < -math.log(MENTION):
+                continue
+            made = try_fit(self.problem, replace(h.fit.hypothesis, values=nominal))
+            if made is not None and made.chi2 < h.fit.chi2 and are_reached(self.problem, made):
+                yield self._hypothesis(h.names, h.size, made, windowed=h.windowed)
 
     @cached_property
     def is_noise(self) -> bool:
