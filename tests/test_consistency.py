@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import butter, savgol_filter, sosfilt
+from scipy.integrate import cumulative_trapezoid, solve_ivp
+from scipy.signal import butter, savgol_filter, sosfilt, sosfiltfilt
 
 from hystid.consistency import admit, examine
 from hystid.consistency.examine import _judged_force
@@ -380,3 +381,29 @@ def test_the_noise_of_a_computed_acceleration_denies_no_mass() -> None:
     assert np.std(noisy - a) > np.std(a)
     found = examine([Recording("derived", t, F=force, x=x, v=v, a=noisy)], mass).findings
     assert not [item for item in found if item.slip == "wrong_mass"]
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_displacement_that_was_integrated_denies_no_sign(seed: int) -> None:
+    """Near a resonance, by an acceleration with 1/f noise and its integrals: the displacement wanders, and a mass that
+    moves the other way explains the force better than a spring does. The acceleration alone fits with its sign."""
+    rng, dt = np.random.default_rng(seed), 1 / 2800
+    t = np.arange(3669) * dt
+    m, k, damping = 17.4, 17.4 * (2 * np.pi * 28.0) ** 2, 0.1 * 17.4 * 2 * np.pi * 28.0
+    turns = np.cumsum(20 + 2 * rng.uniform(-1, 1) + 4 * np.sin(2 * np.pi * 0.4 * t + rng.uniform(0, 6))) * dt
+    F = 20.0 * np.sin(2 * np.pi * turns)
+    run = solve_ivp(
+        lambda s, y: [y[1], (np.interp(s, t, F) - damping * y[1] - k * y[0]) / m],
+        (0.0, t[-1]), [1e-5, 0.0], t_eval=t, rtol=1e-7, atol=1e-12, max_step=1e-3,
+    )  # fmt: skip
+    a = (F - damping * run.y[1] - k * run.y[0]) / m
+    pink = np.fft.rfft(rng.standard_normal((2, len(t)))) / np.sqrt(np.maximum(np.arange(len(t) // 2 + 1), 1))
+    slow = np.fft.irfft(pink, len(t))
+    noisy = [
+        u + 0.02 * np.std(u) * (0.8 * rng.standard_normal(len(t)) + 0.6 * w / np.std(w))
+        for u, w in zip((F, a), slow, strict=True)
+    ]
+    high = butter(2, 2 * 1.4 * dt, btype="high", output="sos")
+    v = sosfiltfilt(high, cumulative_trapezoid(noisy[1], dx=dt, initial=0))
+    x = sosfiltfilt(high, cumulative_trapezoid(v, dx=dt, initial=0))
+    assert not examine([Recording("run", t, F=noisy[0], x=x, v=v, a=noisy[1])], m).refusals

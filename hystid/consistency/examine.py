@@ -354,9 +354,25 @@ def _mended(recording: Recording, best: Explanation) -> Recording:
 
 
 def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
-    """Sign and clock of the force."""
+    """Sign and clock of the force.
+
+    Where laws of any kind explain it far better by the last derivative alone, that one judges: a displacement that
+    wanders, as an integral of it, belongs to no force.
+    """
     if force is None:
         return []
+    found = _against(recording, force)
+    names = list(motion(recording))
+    if found and len(names) > 1:
+        alone = recording.with_channels(dict.fromkeys(names[:-1]))
+        by_one, left = examine_force(alone), 1 - max(force.free_share, force.free_lag_share)
+        if by_one is not None and left > FOURFOLD * (1 - by_one.free_share):
+            return _against(alone, by_one)
+    return found
+
+
+def _against(recording: Recording, force: Force) -> list[Finding]:
+    """What contradicts the sign and the clock of a force."""
     names = motion(recording)
     found = []
     shifted = _is_late(recording, force)
