@@ -115,7 +115,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     kept = {name: kept_size(values) for name, values in motion(recording).items()} if timed else {}
     compared = with_full_sizes(pairs(recording), kept) if timed else []
     channels = _channels(recording, compared)
-    force = examine_force(recording) if len(recording) >= _SHORTEST and moves else None
+    force = examine_force(_as_measured(recording, channels)) if len(recording) >= _SHORTEST and moves else None
     inertia = _inertia(recording, force, mass)
     forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
     situation, best = _best(recording, compared, forms, force, mass)
@@ -126,7 +126,8 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
         findings += words.slips(recording.name, best, compared, recording.rotational, mass)
         if not any(slip.kind == "exchanged" for slip in best.slips):
             mended = _mended(recording, best)
-            force = examine_force(mended) if best.slips and len(recording) >= _SHORTEST else force
+            if best.slips and len(recording) >= _SHORTEST:
+                force = examine_force(_as_measured(mended, channels))
             findings += _judged_force(mended, force)
             findings += [] if findings else _sizes(mended)
             computed = [name for name, channel in channels.items() if name in "xva" and not channel.measured]
@@ -168,6 +169,8 @@ def _situation(recording: Recording, compared: Sequence[Pair], force: Force | No
     seen = seen and force is not None and max(force.share, force.reversed_share) > EXPLAINED
     # nor does a mass whose sign is not that of the force: a spring and an inertia of one frequency are alike
     seen = seen and force is not None and (force.mass > 0) == (force.share >= force.reversed_share)
+    if force is not None and force.mass < 0:
+        seen = seen and _sign_odds(force, force.share, force.reversed_share) < -_CLEAR
     if mass and force is not None and seen and math.isfinite(force.mass_ratio_error):
         ratio = force.mass / mass, force.mass_ratio_error
     written = {name: unit for name, unit in recording.units.items() if unit}
@@ -353,32 +356,30 @@ def _mended(recording: Recording, best: Explanation) -> Recording:
     return replace(recording, t=t).with_channels(changed)
 
 
-def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
-    """Sign and clock of the force.
+def _as_measured(recording: Recording, channels: Mapping[str, Channel]) -> Recording:
+    """The recording without channels of the motion that were computed, where others are left: a displacement that
+    wanders, as an integral of the acceleration, belongs to no force."""
+    names = motion(recording)
+    computed = [name for name in names if name in channels and not channels[name].measured]
+    return recording.with_channels(dict.fromkeys(computed)) if len(computed) < len(names) else recording
 
-    Where laws of any kind explain it far better by the last derivative alone, that one judges: a displacement that
-    wanders, as an integral of it, belongs to no force.
-    """
+
+def _sign_odds(force: Force, share: float, other: float) -> float:
+    """Logarithm of the odds for the sign of a force, from shares that a passive structure explains of it, and of the
+    reversed one."""
+    sound = _LEAD if force.correlation > 0 else _SOUND
+    return 0.5 * force.samples * math.log(max(1 - other, sound) / max(1 - share, sound))
+
+
+def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
+    """Sign and clock of the force."""
     if force is None:
         return []
-    found = _against(recording, force)
-    names = list(motion(recording))
-    if found and len(names) > 1:
-        alone = recording.with_channels(dict.fromkeys(names[:-1]))
-        by_one, left = examine_force(alone), 1 - max(force.free_share, force.free_lag_share)
-        if by_one is not None and left > FOURFOLD * (1 - by_one.free_share):
-            return _against(alone, by_one)
-    return found
-
-
-def _against(recording: Recording, force: Force) -> list[Finding]:
-    """What contradicts the sign and the clock of a force."""
     names = motion(recording)
     found = []
     shifted = _is_late(recording, force)
     share, other = (force.lag_share, force.lag_reversed) if shifted else (force.share, force.reversed_share)
-    sound = _LEAD if force.correlation > 0 else _SOUND
-    odds = 0.5 * force.samples * math.log(max(1 - other, sound) / max(1 - share, sound))
+    odds = _sign_odds(force, share, other)
     elastic = recording.quasi_static or "a" not in names
     if elastic and abs(force.correlation) > 0.9 and abs(odds) < 20 * _CLEAR:  # the slope of a spring says it
         odds += _CLEAR * 2 * math.copysign(1.0, force.correlation) if recording.quasi_static else 0.0
