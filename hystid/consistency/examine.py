@@ -130,8 +130,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
                 force = examine_force(_as_measured(mended, channels))
             findings += _judged_force(mended, force)
             findings += [] if findings else _sizes(mended)
-            computed = [name for name, channel in channels.items() if name in "xva" and not channel.measured]
-            left_out = (["x", "v"], computed)
+            left_out = (["x", "v"], _computed(channels))
             if (
                 mass and not findings and force is not None and force.denies(mass)
                 and all(_denied_without(others, mended, mass) for others in left_out)
@@ -356,12 +355,16 @@ def _mended(recording: Recording, best: Explanation) -> Recording:
     return replace(recording, t=t).with_channels(changed)
 
 
+def _computed(channels: Mapping[str, Channel]) -> list[str]:
+    """Channels of the motion that were computed from another one."""
+    return [name for name, channel in channels.items() if name in "xva" and not channel.measured]
+
+
 def _as_measured(recording: Recording, channels: Mapping[str, Channel]) -> Recording:
     """The recording without channels of the motion that were computed, where others are left: a displacement that
     wanders, as an integral of the acceleration, belongs to no force."""
-    names = motion(recording)
-    computed = [name for name in names if name in channels and not channels[name].measured]
-    return recording.with_channels(dict.fromkeys(computed)) if len(computed) < len(names) else recording
+    computed = _computed(channels)
+    return recording.with_channels(dict.fromkeys(computed)) if set(motion(recording)) - set(computed) else recording
 
 
 def _sign_odds(force: Force, share: float, other: float) -> float:

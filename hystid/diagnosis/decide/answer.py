@@ -147,14 +147,14 @@ class Answer:
         return kept
 
     def stated(self, index: int, term: Term) -> dict[str, Value]:
-        """Fitted parameters of a term with what other forms, and times at which it cannot be seen, leave open. None is
-        known better than recordings are prepared."""
-        fit = self.choice.after
-        found = values(fit, index, term)
+        """Fitted parameters of a term with what other forms, and times at which it cannot be seen, leave open. None of
+        the law is known better than recordings are prepared; times count from the first sample."""
+        fit, law = self.choice.after, term.law.effect
+        found, own = values(fit, index, term), (*law.amplitudes, *(shape.name for shape in law.shapes))
         for name, value in found.items():
             spread = self.choice.left_open.get((str(index), name), 0.0)
-            error = float(np.linalg.norm([value.stderr, spread, ACCURACY * value.value]))
-            found[name] = replace(value, stderr=error)
+            least = ACCURACY * value.value if name in own else 0.0
+            found[name] = replace(value, stderr=float(np.linalg.norm([value.stderr, spread, least])))
         for at, (first, last) in edges(self.problem, fit.hypothesis, term).items():  # anywhere in between
             found[at] = replace(found[at], stderr=float(np.hypot(found[at].stderr, (last - first) / np.sqrt(12))))
         return found
