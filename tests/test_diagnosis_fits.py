@@ -18,7 +18,7 @@ from hystid.diagnosis.decide.hypotheses import Search
 from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import _Normal, fit
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Term, get
-from hystid.diagnosis.fit.problem import standing
+from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.model.baseline import Baseline, baseline_of
 from hystid.diagnosis.model.library import load_effects
@@ -164,9 +164,9 @@ def test_a_refit_leaves_local_minima(tmp_path: Path, seed: int, index: int, give
     assert run(from_deck(tmp_path, seed, index, **given)).verdict == "recalibrated"
 
 
-def test_what_was_fitted_from_where_a_refit_went_astray_is_fitted_from_what_was_given() -> None:
-    """Beside a spring that hardens, a slider is taken for dry friction: its force no longer depends on how stiff it
-    is, and no fit that starts there finds back."""
+def astray(cubic: float) -> tuple[Problem, Hypothesis, dict[str, float]]:
+    """A rig with a slider and a spring that hardens [N/m3]; the model with the slider as dry friction, from which no
+    fit finds back, as its force no longer depends on how stiff it is; and the true values."""
     t = np.arange(5000) * 1e-3
     x = 1e-3 * (np.sin(9 * t + 0.7) + 0.4 * np.sin(23 * t) + 0.6 * np.sin(41 * t)) * (0.3 + 0.7 * t / t[-1])
     v = np.gradient(x, 1e-3, edge_order=2)
@@ -175,17 +175,37 @@ def test_what_was_fitted_from_where_a_refit_went_astray_is_fitted_from_what_was_
     for i in range(1, len(x)):
         held[i] = np.clip(held[i - 1] + 4000 * (x[i] - x[i - 1]), -2.0, 2.0)
     rng = np.random.default_rng(3)
-    clean = {"F": 2 * a + 5 * v + 3000 * x + held + 8e8 * x**3, "x": x, "a": a}
+    clean = {"F": 2 * a + 5 * v + 3000 * x + held + cubic * x**3, "x": x, "a": a}
     noisy = {name: u + 1e-3 * np.std(u) * rng.standard_normal(len(u)) for name, u in clean.items()}
     given = given_parameters({"m": 2.0, "B": 6.0, "Kl": 3300.0, "Ks": 3600.0, "fc": 2.3})
     case = pose(take([Recording("by_hand", t, **noisy)], (), given), "HystId.Oscillators.Jenkins")
-    problem, here = case.problem, case.refit.hypothesis
+    here = case.refit.hypothesis
+    far = replace(here, values={**here.values, "Ks": 4e8, "fc": 5e-4})
+    return case.problem, far, {"Kl": 3000.0, "Ks": 4000.0, "fc": 2.0}
+
+
+def test_what_was_fitted_from_where_a_refit_went_astray_is_fitted_from_what_was_given() -> None:
+    """Beside a spring that hardens."""
+    problem, far, _ = astray(cubic=8e8)
     cubic = Term(next(e for e in load_effects() if e.id == "cubic_stiffness" and not e.form), {"k3": 1e8})
-    far = replace(here, values={**here.values, "Ks": 4e8, "fc": 5e-4}, terms=(*here.terms, cubic))
-    stuck = try_fit(problem, far)
+    stuck = try_fit(problem, replace(far, terms=(*far.terms, cubic)))
     assert stuck is not None
-    search = Search(problem, standing(problem, replace(far, terms=here.terms)), [], lambda: None, ())
+    search = Search(problem, standing(problem, far), [], lambda: None, ())
     (found,) = search._as_given([Suggested(("cubic_stiffness",), 1, stuck)])
     assert stuck.chi2 > 1e4 * found.fit.chi2
     assert found.fit.hypothesis.terms[-1].values["k3"] == pytest.approx(8e8, rel=0.02)
     assert not list(search._as_given([found]))  # what leaves noise stays
+
+
+def test_a_baseline_that_a_law_led_out_of_a_wrong_minimum_may_need_no_law() -> None:
+    """A slider that is taken for dry friction, as before, and nothing else in the rig: a law that is fitted from what
+    was given arrives, and without it the model fits as well from there."""
+    problem, far, true = astray(cubic=0.0)
+    stuck = standing(problem, far)
+    cubic = next(e for e in load_effects() if e.id == "cubic_stiffness" and not e.form)
+    search = Search(problem, stuck, [cubic], lambda: None, ())
+    assert stuck.chi2 > 10 * search.floor
+    search.hypotheses()
+    assert search.baseline.chi2 < 1.1  # noise: its mean square is known to a few percent
+    for name, value in true.items():
+        assert search.baseline.hypothesis.values[name] == pytest.approx(value, rel=0.02)

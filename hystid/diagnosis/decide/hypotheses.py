@@ -67,7 +67,7 @@ class Search:
         self.candidates = scan(problem, baseline, self.library, progress)
         self.criterion = Criterion(problem, baseline, len({effect.id for effect in self.library}))
         self.first: list[Trial] = []
-        self.restarted = False
+        self.restarts = 0
         self.began = problem.work
         self.exact: dict[str, float] = {}
 
@@ -104,7 +104,9 @@ class Search:
                 if not pairs:  # what fits less well leaves more, and would win by no further law
                     break
         found += self._with_chain(found)
-        return [*found, *self._as_given(found)]
+        found += self._as_given(found)
+        leading = min((h.fit for h in found), key=lambda fit: fit.chi2, default=None)
+        return self.hypotheses() if leading is not None and self._restarts(leading) else found
 
     def again(self, known: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
         """Hypotheses of another problem with the same recordings, fitted again."""
@@ -182,13 +184,7 @@ class Search:
         first = trials(problem, before, self.candidates, self.excess, chain)
         if not first:
             return []
-        freed = try_fit(problem, replace(first[0].fit.hypothesis, terms=before.hypothesis.terms, late=False), 25)
-        if freed is not None and before.chi2 - freed.chi2 > 0.1 * self.excess and not self.restarted:
-            self.baseline, self.restarted = freed, True  # the refit was stuck, and the effect a way out
-            self.minima = (before, *self.minima)
-            self.criterion = Criterion(problem, freed, self.criterion.ids)
-            self.__dict__.pop("is_noise", None)
-            self.candidates = scan(problem, freed, self.library)
+        if not self.restarts and self._restarts(first[0].fit):
             return self._trials()
         if not self._is_reached(first[0]):
             stuck = first[0].chi2
@@ -203,6 +199,23 @@ class Search:
             if best - first[0].chi2 < self.criterion.slack:
                 break
         return ranked(problem, [*self._to_the_end(first), *first])
+
+    def _restarts(self, led: Fit) -> bool:
+        """Whether the baseline alone, from where an effect led it, fits better than it did: the refit was stuck, and
+        the effect a way out. All is compared with that baseline then."""
+        problem, before = self.problem, self.baseline
+        if self.restarts >= 2:  # by what is tried first, and by what leads in the end
+            return False
+        freed = try_fit(problem, replace(led.hypothesis, terms=before.hypothesis.terms, late=False), 25)
+        if freed is None or before.chi2 - freed.chi2 <= 0.1 * self.excess:
+            return False
+        self.baseline = freed
+        self.restarts += 1
+        self.minima = (before, *self.minima)
+        self.criterion = Criterion(problem, freed, self.criterion.ids)
+        self.__dict__.pop("is_noise", None)
+        self.candidates = scan(problem, freed, self.library)
+        return True
 
     def _to_the_end(self, first: Sequence[Trial]) -> Iterator[Trial]:
         """What fits about as well as a right law, fitted on: a law with corners creeps, and comparisons end early."""
