@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import binom
+from scipy.stats import binom, f
 
 from hystid.consistency import cut_off
 from hystid.consistency.cut_off import BELOW
@@ -50,8 +50,9 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
     seen: the channel, (n,) per recording; told: what it should show. error: standard deviation of the latter.
 
     Each excursion beyond the level is a witness, and one more where what is told moves by more than its error: what the
-    channel lacks there must not be zero by chance (Student; or its sign, and whether the channel stays), must be more
-    than a gain or errors of what is told do, and the channel must not follow what is told.
+    channel lacks there must not be zero by chance (Student; or its sign, and whether the channel stays; or its spread
+    beside that of the levels at which the channel stays, Fisher's F), must be more than a gain or errors of what is
+    told do, and the channel must not follow what is told.
     """
     top = max(float(np.max(np.abs(values))) for values in seen)
     far = np.concatenate([(np.sign(one) * values)[np.abs(one) > top] for values, one in zip(seen, told, strict=True)])
@@ -59,11 +60,12 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
         return None
     level = float(np.median(far))
     inside = [np.abs(one) > level for one in told]
-    lacking, weights, stays = [], [], []
+    lacking, weights, stays, levels = [], [], [], []
     for values, one, beyond in zip(seen, told, inside, strict=True):
         for first, last in stretches(beyond):
             should_be, is_there = one[first:last], values[first:last]
             lacking.append(float(np.mean(np.sign(one[first]) * (should_be - is_there))))
+            levels.append(float(np.mean(np.sign(one[first]) * is_there)))
             weights.append(float(last - first))
             if np.ptp(should_be) > 2 * DEEP * error:
                 stays.append(np.polyfit(should_be, is_there, 1)[0] < _STAYS)
@@ -75,7 +77,15 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
     shown = np.concatenate([(np.sign(one) * values)[b] for values, one, b in zip(seen, told, inside, strict=True)])
     should = np.concatenate([np.abs(one[b]) for one, b in zip(told, inside, strict=True)])
     follows = np.polyfit(should - level, shown - level, 1)[0] > _STAYS
-    return (level, len(shown)) if (found.agrees or by_sign < CHANCE) and is_deep and not follows else None
+    is_no_chance = found.agrees or min(by_sign, _by_level(levels, lacking)) < CHANCE
+    return (level, len(shown)) if is_no_chance and is_deep and not follows else None
+
+
+def _by_level(levels: Sequence[float], lacking: Sequence[float]) -> float:
+    """Probability by chance that a channel stays at levels that differ so little beside what it lacks there."""
+    more = len(levels) - 1
+    spread = float(np.var(lacking))
+    return float(f.cdf(np.var(levels) / spread, more, more)) if more and spread > 0 else 1.0
 
 
 def near_top(channels: Sequence[Array], noise: float) -> list[Flags] | None:
