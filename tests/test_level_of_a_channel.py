@@ -1,8 +1,11 @@
 """A channel that stops at a level, against what the other channels say of it."""
 
 import numpy as np
+import pytest
 
-from hystid.diagnosis.prepare.clipping import level_of
+from hystid.diagnosis.prepare.clipping import level_of, saturated_motion
+from hystid.recording import Recording
+from tests.test_colour import noise as coloured
 
 ERROR = 0.003  # of what the others say, of a motion of 1
 T = np.arange(4000) / 1000.0
@@ -37,3 +40,17 @@ def test_a_channel_that_follows_has_no_level() -> None:
     for seed in range(5):
         told = 1.02 * BLOW + ERROR * np.random.default_rng(seed).standard_normal(len(T))
         assert level_of([_read(1e-4, 1.0)], [told], ERROR) is None
+
+
+@pytest.mark.parametrize(("pink", "top", "stops"), [(0.1, 1.0, False), (0.3, 1.0, False), (0.03, 0.7, True)])
+def test_noise_of_another_colour_is_no_level(pink: float, top: float, stops: bool) -> None:
+    """1/f noise of 20 dB in x and v: what x says of v where v is near its top is known less well than by white noise,
+    and where v stops at 0.7 of its top it lacks more than that."""
+    for seed in (1, 8, 11):
+        rng, t = np.random.default_rng(seed), np.arange(6000) * 5e-4
+        tones = [(2 * np.pi * rng.uniform(*band), rng.uniform(0, 6)) for band in ((8, 20), (20, 40))]
+        x, v = (sum(np.sin(w * t + p + k * np.pi / 2) * w ** (k - 1) for w, p in tones) for k in (0, 1))
+        v = np.clip(v, -top * np.max(np.abs(v)), top * np.max(np.abs(v)))
+        x, v = (u + 0.1 * np.std(u) * coloured(rng, pink) for u in (x, v))
+        found = saturated_motion([Recording("test", t, F=v, x=x, v=v)])
+        assert (found is not None and found.channel == "v") == stops

@@ -7,7 +7,7 @@ they go on, and the channel stays where it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.stats import binom, f
@@ -20,7 +20,7 @@ from hystid.diagnosis.prepare.segments import measured_motion
 from hystid.numeric import Array, Flags, stretches
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
-from hystid.smoothing.smoother import smooth
+from hystid.smoothing.smoother import Smoothed, smooth
 
 _FEWEST = 10  # samples beyond a level from which it is one
 _LOWEST = 0.5  # of the largest value: a louder channel shows no level
@@ -110,16 +110,32 @@ def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
             continue
         known = {**motion, name: np.where(gap, np.nan, motion[name])}
         bridged = smooth(known, own, recording.dt)
-        rng = np.random.default_rng(len(told))
-        drawn = {key: own[key] * rng.standard_normal(len(values)) + 0 * values for key, values in known.items()}
-        error = smooth(drawn, own, recording.dt, bridged.roughness)  # the smoother is linear: what noise does to it
         told.append(getattr(bridged, name))
-        errors.append(float(np.std(getattr(error, name)[gap])))
+        errors.append(_bridging_error(known, own, recording.dt, bridged, name))
     found = level_of(channels, told, max(errors))
     if found is None:
         return None
     level, count = found
     return Fault(SATURATION, name, level, float(noise / np.sqrt(count)), count / sum(map(len, recordings)))
+
+
+def _bridging_error(
+    known: Mapping[str, Array], noise: Mapping[str, float], dt: float, bridged: Smoothed, name: str
+) -> float:
+    """Standard error of a channel in its gaps, as the others bridge them: of what noise does to it, and of what is found
+    in gaps of the same lengths beside them, the larger one. Noise of another colour than white, and motion that is
+    rougher than was believed, are seen there alone."""
+    gap = np.isnan(known[name])
+    rng = np.random.default_rng(0)
+    drawn = {key: noise[key] * rng.standard_normal(len(values)) + 0 * values for key, values in known.items()}
+    error = smooth(drawn, noise, dt, bridged.roughness)  # the smoother is linear: what noise does to it
+    drawn_error = float(np.std(getattr(error, name)[gap]))
+    longest = max(last - first for first, last in stretches(gap))
+    beside = np.roll(gap, 2 * longest) & ~gap
+    if np.count_nonzero(beside) < _FEWEST:
+        return drawn_error
+    again = smooth({**known, name: np.where(beside, np.nan, known[name])}, noise, dt, bridged.roughness)
+    return max(drawn_error, float(np.std((getattr(again, name) - getattr(bridged, name))[beside])))
 
 
 def _stopped(recordings: Sequence[Recording], name: str) -> Fault | None:
