@@ -122,9 +122,9 @@ def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
 def _bridging_error(
     known: Mapping[str, Array], noise: Mapping[str, float], dt: float, bridged: Smoothed, name: str
 ) -> float:
-    """Standard error of a channel in its gaps, as the others bridge them: of what noise does to it, and of what is found
-    in gaps of the same lengths beside them, the larger one. Noise of another colour than white, and motion that is
-    rougher than was believed, are seen there alone."""
+    """Standard error of a channel in its gaps, as the others bridge them: of what noise does to it, and of what is
+    found in gaps of the same lengths beside them, the larger one. Noise of another colour than white, and motion that
+    is rougher than was believed, are seen there alone."""
     gap = np.isnan(known[name])
     rng = np.random.default_rng(0)
     drawn = {key: noise[key] * rng.standard_normal(len(values)) + 0 * values for key, values in known.items()}
