@@ -81,7 +81,7 @@ def decided(
     case, choice = _struck(case, choice, library)
     case, choice = _cut_off(case, choice, library)
     case, choice = _off_zero(case, choice, library)
-    if case.rested and _is_doubtful(choice):
+    if case.rested and choice.missing:
         case, choice = _moving(case, choice, library, posed(rested=False))
     case, choice = _coloured(case, choice, library)
     case, choice = _slowly(case, choice, library)
@@ -255,11 +255,11 @@ def _is_doubtful(choice: Choice) -> bool:
 
 
 def _moving(case: Case, choice: Choice, library: Sequence[Effect], other: Case) -> Decided:
-    """With what contacts remember left out, where that makes something unknown less probable: a refit without the law
-    that is missing cannot tell where contacts stood before. Not where the samples that are left out hold a mismatch
-    that no past explains."""
+    """With what contacts remember left out, where nothing is missing then, or that makes something unknown less
+    probable: a refit without the law that is missing cannot tell where contacts stood before, and a law may make up for
+    contacts that were not at rest. Not where the samples that are left out hold a mismatch that no past explains."""
     again = chosen(other, library, known=choice.posterior.likely)
-    better = again.posterior.unknown < choice.posterior.unknown
+    better = not again.missing or (_is_doubtful(choice) and again.posterior.unknown < choice.posterior.unknown)
     return (other, again) if better and not _is_a_law(case.problem, other.problem, again.best) else (case, choice)
 
 
