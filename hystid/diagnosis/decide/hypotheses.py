@@ -106,7 +106,10 @@ class Search:
         found += self._with_chain(found)
         found += self._as_given(found)
         leading = min((h.fit for h in found), key=lambda fit: fit.chi2, default=None)
-        return self.hypotheses() if leading is not None and self._restarts(leading) else found
+        if leading is None or not self._restarts(leading, self.criterion.slack):
+            return found
+        known = [self._hypothesis(h.names, h.size, h.fit, windowed=h.windowed) for h in found]
+        return [*self.hypotheses(), *known]
 
     def again(self, known: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
         """Hypotheses of another problem with the same recordings, fitted again."""
@@ -200,14 +203,14 @@ class Search:
                 break
         return ranked(problem, [*self._to_the_end(first), *first])
 
-    def _restarts(self, led: Fit) -> bool:
+    def _restarts(self, led: Fit, least: float = 0.0) -> bool:
         """Whether the baseline alone, from where an effect led it, fits better than it did: the refit was stuck, and
-        the effect a way out. All is compared with that baseline then."""
+        the effect a way out. All is compared with that baseline then. least: mean square by which it must be better."""
         problem, before = self.problem, self.baseline
         if self.restarts >= 2:  # by what is tried first, and by what leads in the end
             return False
         freed = try_fit(problem, replace(led.hypothesis, terms=before.hypothesis.terms, late=False), 25)
-        if freed is None or before.chi2 - freed.chi2 <= 0.1 * self.excess:
+        if freed is None or before.chi2 - freed.chi2 <= max(0.1 * self.excess, least):
             return False
         self.baseline = freed
         self.restarts += 1
