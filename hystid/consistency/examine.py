@@ -387,7 +387,7 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
     if elastic and abs(force.correlation) > 0.9 and abs(odds) < 20 * _CLEAR:  # the slope of a spring says it
         odds += _CLEAR * 2 * math.copysign(1.0, force.correlation) if recording.quasi_static else 0.0
     # energy that is taken up, and a mass, speak against a reversed force, whatever drift and decays make of the rest
-    takes_up = not shifted and _takes_up(force)
+    takes_up = not shifted and force.power > force.power_known
     moves_mass = not shifted and force.mass > 0 and force.mass_ratio_error < 1 / SIGMAS_SIGN
     if odds < -_CLEAR and other > 0.2 and not (takes_up or moves_mass):
         found.append(words.force_reversed(recording.name, force, other, share, names))
@@ -437,18 +437,13 @@ def _sizes(recording: Recording) -> list[Finding]:
     return []
 
 
-def _takes_up(force: Force) -> bool:
-    """Whether the structure surely takes up energy from the force as it stands."""
-    return force.power > SIGMAS_SIGN / math.sqrt(max(force.samples, 1.0))
-
-
 def _is_late(recording: Recording, force: Force) -> bool:
     """Whether the force comes clearly later or earlier than its motion, by the same time all through the recording."""
     if recording.quasi_static or not math.isfinite(force.lag_error):
         return False
     # fewer standard errors than between channels of the motion, for the power that is left has to drop as well
     clear = abs(force.lag) > 1.5 * recording.dt and abs(force.lag) > _SIGMAS_FORCE * force.lag_error
-    if _takes_up(force) and force.share > max(force.reversed_share, force.lag_share):
+    if force.power > force.power_known and force.share > max(force.reversed_share, force.lag_share):
         return False  # what drives the motion as it stands is not moved to where it would have to be reversed as well
     before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
     passive = (1 - before) > FOURFOLD * (1 - after)

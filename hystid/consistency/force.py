@@ -78,6 +78,11 @@ class Force:
             return np.inf
         return float(np.hypot(self.mass_error / abs(self.mass), self.law))
 
+    @property
+    def power_known(self) -> float:
+        """Size of ``power`` from which its sign is known."""
+        return float(SIGMAS_SIGN / np.sqrt(max(self.samples, 1.0)))
+
     def denies(self, mass: float) -> bool:
         """Whether a mass would show in the force, and next to none does.
 
@@ -86,7 +91,7 @@ class Force:
         structure swings by itself, inertia and restoring force cancel, and no law takes a small force well; a force
         that brakes the motion there is the exciter's own law, and not that of a structure without a mass.
         """
-        if self.power < -SIGMAS_SIGN / np.sqrt(max(self.samples, 1.0)):
+        if self.power < -self.power_known:
             return False
         if not np.isfinite(self.mass_error) or min(self.free_share, self.shown) < EXPLAINED:
             return False

@@ -67,7 +67,7 @@ class Search:
         self.candidates = scan(problem, baseline, self.library, progress)
         self.criterion = Criterion(problem, baseline, len({effect.id for effect in self.library}))
         self.first: list[Trial] = []
-        self.restarts = 0
+        self.followed = 0
         self.began = problem.work
         self.exact: dict[str, float] = {}
 
@@ -106,7 +106,7 @@ class Search:
         found += self._with_chain(found)
         found += self._as_given(found)
         leading = min((h.fit for h in found), key=lambda fit: fit.chi2, default=None)
-        if leading is None or not self._restarts(leading, self.criterion.slack):
+        if leading is None or not self._follow(leading, self.criterion.slack):
             return found
         known = [self._hypothesis(h.names, h.size, h.fit, windowed=h.windowed) for h in found]
         return [*self.hypotheses(), *known]
@@ -187,7 +187,7 @@ class Search:
         first = trials(problem, before, self.candidates, self.excess, chain)
         if not first:
             return []
-        if not self.restarts and self._restarts(first[0].fit):
+        if not self.followed and self._follow(first[0].fit):
             return self._trials()
         if not self._is_reached(first[0]):
             stuck = first[0].chi2
@@ -203,17 +203,17 @@ class Search:
                 break
         return ranked(problem, [*self._to_the_end(first), *first])
 
-    def _restarts(self, led: Fit, least: float = 0.0) -> bool:
-        """Whether the baseline alone, from where an effect led it, fits better than it did: the refit was stuck, and
-        the effect a way out. All is compared with that baseline then. least: mean square by which it must be better."""
+    def _follow(self, led: Fit, least: float = 0.0) -> bool:
+        """Exchange the baseline for one from where an effect led it, if it fits better there without the effect; return
+        whether it does. The refit was stuck then, and the effect a way out. least: mean square that it must gain."""
         problem, before = self.problem, self.baseline
-        if self.restarts >= 2:  # by what is tried first, and by what leads in the end
+        if self.followed >= 2:  # by what is tried first, and by what leads in the end
             return False
         freed = try_fit(problem, replace(led.hypothesis, terms=before.hypothesis.terms, late=False), 25)
         if freed is None or before.chi2 - freed.chi2 <= max(0.1 * self.excess, least):
             return False
         self.baseline = freed
-        self.restarts += 1
+        self.followed += 1
         self.minima = (before, *self.minima)
         self.criterion = Criterion(problem, freed, self.criterion.ids)
         self.__dict__.pop("is_noise", None)

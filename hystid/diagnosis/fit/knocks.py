@@ -126,8 +126,8 @@ def _come_with_motion(struck: Sequence[tuple[Part, Sequence[Knock]]]) -> bool:
     """Whether the motion goes further in what was struck than elsewhere, on one side or on either: all the time, or
     between the first and the last knock, as a law may act for a part of the time.
 
-    The knocks are moved along their recordings, each recording by a time of its own, as they follow each other: two
-    knocks in one swing are no two witnesses (a test by shifts, Harrison, Kass and others 2013).
+    The knocks are moved along their recordings, each recording by a time of its own, as they follow each other (a
+    circular shift test): two knocks in one swing are no two witnesses.
     """
     chances = []
     for side in (np.positive, np.negative, np.abs):

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import binom, f
+from scipy.stats import binom
+from scipy.stats import f as fisher
 
 from hystid.consistency import cut_off
 from hystid.consistency.cut_off import BELOW
@@ -85,7 +86,7 @@ def _by_level(levels: Sequence[float], lacking: Sequence[float]) -> float:
     """Probability by chance that a channel stays at levels that differ so little beside what it lacks there."""
     more = len(levels) - 1
     spread = float(np.var(lacking))
-    return float(f.cdf(np.var(levels) / spread, more, more)) if more and spread > 0 else 1.0
+    return float(fisher.cdf(np.var(levels) / spread, more, more)) if more and spread > 0 else 1.0
 
 
 def near_top(channels: Sequence[Array], noise: float) -> list[Flags] | None:
