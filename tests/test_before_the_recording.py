@@ -78,6 +78,21 @@ def test_sliders_that_were_not_at_rest_are_no_fault_of_the_force_channel(seed: i
     assert diagnose(runs, model=law, parameters=given).findings == ()
 
 
+@pytest.mark.parametrize(("until", "level", "seed"), [(4.5, 0.1, 1), (4.5, 0.1, 2), (5.5, 0.03, 0)])
+def test_sliders_that_let_go_late_are_no_drift_of_the_force_channel(until: float, level: float, seed: int) -> None:
+    """A motion that grows from nearly nothing, with sliders that a stronger one has left off their middle. In loud
+    noise their force does not show at the first sample; and the last of them let go little at a time, for long."""
+    law, true = "HystId.Oscillators.Iwan", {"m": 0.0, "Ks": 2e4, "fc": 12.0, "Kl": 1e4}
+    dt, rng = 1e-3, np.random.default_rng(seed)
+    t = dt * np.arange(-1000, 6000)
+    x = 1e-3 * np.interp(t, [-1.0, 0.0, until, 7.0], [1.5, 0.1, 1.0, 1.0]) * (np.sin(60 * t) + 0.3 * np.sin(97 * t + 1))
+    rig = CompiledModel(compile_model(law))
+    force = rig.clamp({"x": x, "v": np.gradient(x, dt)}, {}, dt, parameters=true, outputs=("R",))["R"]
+    seen = t > -dt / 2
+    F, x = (u[seen] + level * np.std(u) * rng.standard_normal(np.count_nonzero(seen)) for u in (force, x))
+    assert diagnose(Recording("grows", t[seen], F=F, x=x), model=law, parameters=true).findings == ()
+
+
 def test_what_no_past_explains_is_not_left_out_with_the_past() -> None:
     """A slider stood elsewhere and slips late; before it does, a mass is added for a second. Its force swings with the
     motion, which no force of a slider that sticks does: with these samples left out nothing would be missing."""

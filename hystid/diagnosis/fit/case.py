@@ -35,7 +35,7 @@ from hystid.diagnosis.model.channel_effects import history
 from hystid.diagnosis.model.effects import Effect, Scales
 from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.model.starts import scaled, sizes_of
-from hystid.diagnosis.model.transients import beginning
+from hystid.diagnosis.model.transients import beginning, maybe_moving
 from hystid.diagnosis.prepare import chain
 from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.recordings import Taken
@@ -128,13 +128,13 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     if sentence := _no_force(baseline, parts):
         raise NumericalError(f"{sentence}; give parameters at which {model} has an answer on these recordings")
     complete = parts
-    parts, kept, running = beginning(parts, baseline, baseline.nominal)
+    parts, kept, running = beginning(parts, baseline, baseline.nominal, rested=rested)
     baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
     sized, _ = _starts(parts, code, {n: v for n, v in values.items() if n in {"m", *fixed}}, model, quasi_static=still)
     refitted, minima, nominal = refit(problem, kept, sized)
     for _ in range(_BEGUN):  # a contact that slips later than was believed remembers longer
-        longer, keeping, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values)
+        longer, keeping, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values, rested=rested)
         more = set(keeping) - set(kept)  # contacts that seem to let go at the nominal values, and do not
         if not more and _all_same(longer, problem.parts):
             break
@@ -148,7 +148,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
         problem, (refitted, minima, nominal), begun_so = resting
         remembering = []
         running = [*(told for told in running if not told.startswith(begun_so)), *(f"{b}{_RESTED}" for b in begun_so)]
-    held = beginning(held, baseline, refitted.hypothesis.values)[0]
+    held = beginning(held, baseline, refitted.hypothesis.values, rested=rested)[0]
     every, knocked = problem.parts, None
     for _ in range(_BEGUN):  # knocks lead the refit astray, which hides some of them
         found = without_knocks(problem.of(every), refitted)
@@ -179,7 +179,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     return Case(
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
-        catalogue or Catalogue(), resting is not None, _with_beginnings(problem.parts, remembering), tuple(struck),
+        catalogue or Catalogue(), resting is not None or (rested and maybe_moving(complete, baseline)), _with_beginnings(problem.parts, remembering), tuple(struck),
     )  # fmt: skip
 
 

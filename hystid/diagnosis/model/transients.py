@@ -20,24 +20,24 @@ from hystid.numeric import Array
 
 _FIRST = 8  # samples whose mean shows whether a recording begins at rest
 _SURE, _STILL = 4.0, 0.05  # standard errors of that mean, and share of the spread of a channel, that are still rest
-_VISIBLE = 0.5  # noise units: force of another past that is seen
+_VISIBLE = 0.5  # noise units: force of another past that is seen, of all samples together
 _STROKE = 60  # samples of a stroke that is put before a recording
 _NEAR, _LAST = 0.03, 20  # share of the stroke that is near an end, and part of a recording that has forgotten most
 
 
 def beginning(
-    parts: Sequence[Part], baseline: Baseline, values: Mapping[str, float]
+    parts: Sequence[Part], baseline: Baseline, values: Mapping[str, float], *, rested: bool = True
 ) -> tuple[list[Part], tuple[int, ...], list[str]]:
     """The parts with a past where they begin in mid-motion, and their first samples not valid while the law still knows
     of it; numbers of the recordings in which a contact keeps a force of that time; sentences.
 
-    values: parameters of the law. Parts that were begun before, at other values, leave out what either says.
+    values: parameters of the law. rested: contacts are taken for at rest where noise hides it. Parts that were begun before, at other values, leave out what either says.
     """
     if baseline.memoryless:
         return list(parts), (), []
     found, kept, told = list(parts), [], []
     for number, part in enumerate(parts):
-        if _rests(part):
+        if (rest := _rests(part, baseline.mass)) or (rested and rest is None):
             continue
         past = _past(part)
         lasting, keeps = _remembered(replace(part, past=past), baseline, values)
@@ -55,11 +55,17 @@ def beginning(
     return found, tuple(kept), told
 
 
-def _rests(part: Part) -> bool:
-    """Whether a recording begins without velocity and, but for noise and a small offset, without displacement, or
-    without force and acceleration: a free vibration turns without force.
+def maybe_moving(parts: Sequence[Part], baseline: Baseline) -> bool:
+    """Whether noise hides in any part what contacts hold at its first sample."""
+    return not baseline.memoryless and any(_rests(part, baseline.mass) is None for part in parts)
 
-    What a constant force moves from there on is not yet in motion at the first sample: the velocity is that of then.
+
+def _rests(part: Part, mass: float) -> bool | None:
+    """Whether a recording begins without velocity and, but for noise and a small offset, without displacement and
+    restoring force, or without force and acceleration: a free vibration turns without force.
+
+    A contact that a stronger motion left off its middle holds a force where nothing moves: None where noise hides
+    such a force. What a constant force moves from there on is not yet in motion at the first sample: the velocity is that of then.
     """
     since = 0.5 * (_FIRST - 1) * part.dt
 
@@ -73,12 +79,19 @@ def _rests(part: Part) -> bool:
     )
     if not _is_small(velocity(part.v, part.a), part.v, slow):
         return False
-    there, free = (name in part.noise and _begins_small(part.measured[name], part.noise[name]) for name in "xF")
-    return there or (free and _is_small(float(np.mean(part.a[:_FIRST])), part.a, quick))
+    still = "x" in part.noise and _begins_small(part.measured["x"], part.noise["x"] / np.sqrt(_FIRST))
+    if "F" not in part.noise:
+        return still
+    error = part.noise["F"] / np.sqrt(_FIRST)
+    still |= _begins_small(part.measured["F"], error) and _begins_small(part.a, quick)
+    restoring, error = part.F - mass * part.a, float(np.hypot(error, mass * quick))
+    if not still or not _begins_small(restoring, error):
+        return False
+    return True if _SURE * error < _STILL * float(np.std(restoring)) else None
 
 
-def _begins_small(channel: Array, noise: float) -> bool:
-    return _is_small(float(np.mean(channel[:_FIRST])), channel, noise / np.sqrt(_FIRST))
+def _begins_small(channel: Array, error: float) -> bool:
+    return _is_small(float(np.mean(channel[:_FIRST])), channel, error)
 
 
 def _is_small(value: float, channel: Array, error: float) -> bool:
@@ -98,13 +111,13 @@ def _remembered(part: Part, baseline: Baseline, values: Mapping[str, float]) -> 
     from rest at the first sample, through the part's past, or at the end of a full stroke of either sense."""
     pasts = [part.led_in(part.x, part.v), *(_after_stroke(part, sense) for sense in (-1.0, 1.0))]
     there, _ = baseline.force(part.x, part.v, part.dt, values)
-    seen, lasting, keeps = _VISIBLE * part.balance_noise(baseline.mass), 0, False
+    noise, lasting, keeps = part.balance_noise(baseline.mass), 0, False
     for x, v in pasts:
         apart = baseline.force(x, v, part.dt, values)[0][-len(part) :] - there
         constant = float(np.median(apart[-len(apart) // _LAST :]))
-        changing = np.flatnonzero(np.abs(apart - constant) > seen)
-        lasting = max(lasting, int(changing[-1]) + 1 if len(changing) else 0)
-        keeps |= abs(constant) > seen
+        later = np.cumsum(np.square((apart - constant)[::-1]))[::-1]  # what it changes from a sample on
+        lasting = max(lasting, int(np.count_nonzero(later > (_VISIBLE * noise) ** 2)))
+        keeps |= abs(constant) > _VISIBLE * noise
     return lasting, keeps
 
 
