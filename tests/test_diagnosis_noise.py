@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.fit.problem import standing
-from hystid.diagnosis.prepare.segments import prepare_part
+from hystid.diagnosis.prepare.segments import prepare_part, prepare_parts
 from hystid.recording import Recording, read_all
 from hystid.smoothing.noise import noise_level
 from hystid.smoothing.smoother import smooth
@@ -54,6 +54,26 @@ def test_noise_that_is_loud_beside_a_motion_is_read_before_the_filter_as_well() 
     # A force that is as loud at all frequencies may be one: nothing else shows it where noise hides what it moves.
     assert noise_level(channel, [force], drives=True) < 0.01
     assert noise_level(channel, []) < 0.01
+
+
+@pytest.mark.parametrize("hidden_by", ["tail", "burst"])
+def test_noise_is_read_before_a_filter_that_another_recording_shows(hidden_by: str) -> None:
+    """One recorder filters a channel in all recordings; in the second one the motion hides where its noise ends."""
+    rng, t = np.random.default_rng(4), np.arange(6000) * 1e-3
+    slow, white = np.sin(2 * np.pi * 5 * t), rng.standard_normal(len(t))
+    hiding = lfilter(*butter(4, 0.25), white) if hidden_by == "tail" else 0.2 * white * ((t > 2.0) & (t < 4.0))
+    runs = []
+    for name, motion in (("shows", slow), ("hides", slow + hiding)):
+        noise = [decimated(rng.standard_normal(len(t)), 0.37) for _ in range(2)]
+        runs.append(Recording(name, t, F=3.0 * motion + 0.06 * noise[0], x=motion + 0.02 * noise[1]))
+    shown, hidden = prepare_parts(runs)
+    alone = prepare_part(runs[1])
+    levels = {"F": 0.06, "x": 0.02}
+    assert min(alone.noise[name] / level for name, level in levels.items()) < 0.5  # what is left behind the filter
+    for name, level in levels.items():
+        assert shown.noise[name] == pytest.approx(level, rel=0.1)  # as above
+        assert 0.8 * level < hidden.noise[name] < 2.5 * level  # some of the motion counts as noise
+    assert hidden.noise_ends == shown.noise_ends < 0.4
 
 
 @pytest.mark.parametrize("what", ["shaker", "knocks", "friction", "resonance"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -42,20 +42,24 @@ _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from ro
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 
 
-def noise_level(channel: Array, others: Sequence[Array] = (), *, drives: bool = False) -> float:
+def noise_level(
+    channel: Array, others: Sequence[Array] = (), *, drives: bool = False, corners: Collection[float] = ()
+) -> float:
     """Standard deviation of the white noise on a channel (its unit).
 
     The lower of two estimates, as each can only be raised by the signal: the median absolute sixth difference (Huber's
     idea, blind to single jumps), and the median of the periodogram in the quietest part of the upper half of the band.
     Where a filter has taken that end away, both see what is left there, and the noise before it counts. others: of
-    other sensors of the same recording, which share motion and no noise. drives: as in ``filtered_beyond``.
+    other sensors of the same recording, which share motion and no noise. drives, corners: as in ``filtered_beyond``.
     """
     floor = _RESOLUTION * float(np.std(channel))
     if len(channel) < 64:
         return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
     differences, spectrum = _by_differences(channel), _by_spectrum(channel)
     lower = differences if differences < _APART * spectrum else spectrum
-    return float(max(floor, _by_steps(channel), lower, filtered_beyond(channel, others, drives=drives)[1]))
+    return float(
+        max(floor, _by_steps(channel), lower, filtered_beyond(channel, others, drives=drives, corners=corners)[1])
+    )
 
 
 def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
@@ -151,14 +155,17 @@ def _by_spectrum(channel: Array) -> float:
     return float(np.sqrt(np.median(quiet) / np.log(2.0)))  # the median of an exponential variable is ln 2 of its mean
 
 
-def filtered_beyond(channel: Array, others: Sequence[Array] = (), *, drives: bool = False) -> tuple[float, float]:
+def filtered_beyond(
+    channel: Array, others: Sequence[Array] = (), *, drives: bool = False, corners: Collection[float] = ()
+) -> tuple[float, float]:
     """Frequency [cycles per sample] at which a filter ends the white noise of a channel (n,), and the level of that
     noise (its unit); 0.5 and 0 where none does well below half the sample rate.
 
     Such noise is flat up to a corner, and falls more steeply than a motion does. It is a small part of the channel, and
     there all the time: a force that is as loud at all frequencies up to its highest is most of it, an impact is brief.
     What ``others`` share with it is motion. drives: whether the channel is such a force, which may not be seen to move
-    anything; of a motion that others would share, noise may be as much as the rest.
+    anything; of a motion that others would share, noise may be as much as the rest. corners: such frequencies of the
+    same channel in other recordings: the recorder filters here as well, and motion may hide it.
     """
     most = _HALF if others and not drives else _SMALL
     window = np.hanning(len(channel))
@@ -167,19 +174,34 @@ def filtered_beyond(channel: Array, others: Sequence[Array] = (), *, drives: boo
     if np.min(np.diff(edges)) < _LINES:
         return 0.5, 0.0
     middle = window > 0.5
+
+    def inside(first: int, end: int) -> Array:
+        rows = np.concatenate([np.zeros(first), lines[first:end]])
+        return np.asarray(np.fft.irfft(rows, len(channel))[middle] / window[middle])
+
     for last in _ends_of_shelves(np.abs(lines) ** 2, edges):
         first, end = edges[last - _SHELF], edges[last]
-        inside = np.fft.irfft(np.concatenate([np.zeros(first), lines[first:end]]), len(channel))[middle]
-        inside = inside / window[middle]
-        if not _is_steady(inside, end - first):
+        shelf = inside(first, end)
+        if not _is_steady(shelf, end - first):
             continue
         if any(_shared(channel, other, _FINE_BANDS[[last - _SHELF, last]]) > _MOTION for other in others):
             continue
-        share = (end - first) / (len(lines) - 1)
-        level = min(float(np.std(inside)) / np.sqrt(share), _at_most(channel, end / (len(lines) - 1)))
+        level = _level(channel, shelf, first, end, len(lines))
         if level**2 < most * float(np.var(channel)):
             return 0.5 * float(_FINE_BANDS[last]), level
+    for last in range(1, len(edges)):
+        first, end = edges[last - 1], edges[last]
+        if 0.5 * _FINE_BANDS[last] in corners:
+            level = _level(channel, inside(first, end), first, end, len(lines))
+            if level**2 < most * float(np.var(channel)):
+                return 0.5 * float(_FINE_BANDS[last]), level
     return 0.5, 0.0
+
+
+def _level(channel: Array, inside: Array, first: int, end: int, count: int) -> float:
+    """Level of white noise of which so many lines of a spectrum are in a band, and nothing beyond it."""
+    share = (end - first) / (count - 1)
+    return min(float(np.std(inside) / np.sqrt(share)), _at_most(channel, end / (count - 1)))
 
 
 def _ends_of_shelves(power: Array, edges: NDArray[np.intp]) -> Iterator[int]:

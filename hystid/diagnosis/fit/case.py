@@ -40,7 +40,7 @@ from hystid.diagnosis.prepare import chain
 from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.rest import trimmed, without_rest
-from hystid.diagnosis.prepare.segments import Flags, Part, band, prepare_part, visible, without_x
+from hystid.diagnosis.prepare.segments import Flags, Part, band, prepare_parts, visible, without_x
 from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
@@ -102,7 +102,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     still = any(test.quasi_static for test in tests)
     sensors = chain.examined(tests, unseen, taken.clipped)
     tests, unseen = sensors.tests, sensors.unseen
-    parts = [prepare_part(test, seed, sensors.stopped) for seed, test in enumerate(tests)]
+    parts = prepare_parts(tests, stopped=sensors.stopped)
     code, runs = _compiled(model, given.values)
     named, fixed, free = (_with_mass(names, code) for names in (given.values, given.fixed, given.free))
     whole = {v.name for v in code.variables if v.type != "Real"}
@@ -142,7 +142,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
         again = refit(problem, kept, sized) if more else refit_again(problem, [refitted, *minima])
         refitted, minima, nominal = again
     remembering = [~_valid(part) & _valid(whole) for part, whole in zip(problem.parts, complete, strict=True)]
-    held = [replace(p, pace=parts[0].dt / p.dt) for p in (prepare_part(t, 100 + i) for i, t in enumerate(unseen))]
+    held = [replace(p, pace=parts[0].dt / p.dt) for p in prepare_parts(unseen, 100)]
     resting = _begun_at_rest(problem, complete, kept, sized) if rested else None
     if resting is not None:
         problem, (refitted, minima, nominal), begun_so = resting
@@ -167,6 +167,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     if not given.unforced:  # a steady line would hold the motion up: what dies away has none
         refitted = without_periodic_forces(problem, refitted)
     told += [chain.NO_CLOCK] if still else []
+    maybe_rested = resting is not None or (rested and maybe_moving(complete, baseline))
     notes = (
         *sensors.notes,
         *told,
@@ -179,7 +180,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     return Case(
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
-        catalogue or Catalogue(), resting is not None or (rested and maybe_moving(complete, baseline)), _with_beginnings(problem.parts, remembering), tuple(struck),
+        catalogue or Catalogue(), maybe_rested, _with_beginnings(problem.parts, remembering), tuple(struck),
     )  # fmt: skip
 
 

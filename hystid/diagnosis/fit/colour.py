@@ -175,7 +175,7 @@ def _above(seen: _Residual) -> tuple[Array, Array, Array]:
     the motion noise of the displacement takes away from that of inertia, as a spring does beyond its resonance.
     """
     count = len(seen.residual)
-    ends = 0.98 * seen.part.noise_ends()
+    ends = 0.98 * seen.part.noise_ends
     first, last = (int(share * count) for share in (_ABOVE * band(seen.part)[1] * seen.part.dt, ends))
     first = max(first, _FIRST, int(_ABOVE * seen.part.first_Hz * seen.part.dt * count))
     if last <= first:

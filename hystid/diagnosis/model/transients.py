@@ -31,7 +31,8 @@ def beginning(
     """The parts with a past where they begin in mid-motion, and their first samples not valid while the law still knows
     of it; numbers of the recordings in which a contact keeps a force of that time; sentences.
 
-    values: parameters of the law. rested: contacts are taken for at rest where noise hides it. Parts that were begun before, at other values, leave out what either says.
+    values: parameters of the law. rested: contacts are taken for at rest where noise hides what they hold. Parts that
+    were begun before, at other values, leave out what either says.
     """
     if baseline.memoryless:
         return list(parts), (), []
@@ -65,7 +66,8 @@ def _rests(part: Part, mass: float) -> bool | None:
     restoring force, or without force and acceleration: a free vibration turns without force.
 
     A contact that a stronger motion left off its middle holds a force where nothing moves: None where noise hides
-    such a force. What a constant force moves from there on is not yet in motion at the first sample: the velocity is that of then.
+    such a force. What a constant force moves from there on is not yet in motion at the first sample: the velocity is
+    that of then.
     """
     since = 0.5 * (_FIRST - 1) * part.dt
 

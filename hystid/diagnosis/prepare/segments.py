@@ -50,7 +50,8 @@ class Part:
     pace: samples in the time of one of the first recording.
     rest: samples that are not valid for nothing but that nothing moves there.
     error_of_x: what noise leaves in x, over frequencies from 0 to pi per sample [m], (m,); white noise of standard
-    deviation 1 has 1 everywhere.
+    deviation 1 has 1 everywhere. noise_ends: frequency [cycles per sample] up to which the noise of all channels is
+    white.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia; in single
     precision, as they are many.
     """
@@ -79,6 +80,7 @@ class Part:
     louder: Mapping[str, Array] = field(repr=False, default_factory=dict)
     rest: Flags | None = field(repr=False, default=None)
     error_of_x: Array = field(repr=False, default_factory=lambda: np.zeros(2))
+    noise_ends: float = 0.5
 
     def __len__(self) -> int:
         return len(self.t)
@@ -137,11 +139,6 @@ class Part:
         below = 2 * np.pi * np.arange(len(power)) / len(self) < 0.9 * self.first
         return float(np.sum(power[below]) / max(float(np.sum(power)), float(np.sum(ringing)), 1e-300))
 
-    def noise_ends(self) -> float:
-        """Frequency [cycles per sample] up to which the noise of all channels is white."""
-        known = self.measured.items()
-        return min(filtered_beyond(y, _others(name, self.measured), drives=name == "F")[0] for name, y in known)
-
     def velocity_error(self) -> Array:
         """Standard error of the velocity [m/s], (n,): rms of its draws over all samples, or over sections where noise
         is louder for a while. A few draws hold too few independent errors to tell more."""
@@ -164,19 +161,41 @@ class Part:
         return self.noise["F"]
 
 
-def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, float] | None = None) -> Part:
+def prepare_parts(
+    recordings: Sequence[Recording], seed: int = 0, stopped: Mapping[str, float] | None = None
+) -> list[Part]:
+    """The parts of recordings that one recorder made: it filters a channel in all of them alike."""
+    corners: dict[str, set[float]] = {}
+    for recording in recordings:
+        for name, end in _noise_ends(_all_channels(recording), {}).items():
+            corners.setdefault(name, set()).update({end} - {0.5})
+    return [prepare_part(recording, seed + i, stopped, corners) for i, recording in enumerate(recordings)]
+
+
+def prepare_part(
+    recording: Recording,
+    seed: int = 0,
+    stopped: Mapping[str, float] | None = None,
+    corners: Mapping[str, Collection[float]] | None = None,
+) -> Part:
     """Noise levels, smoothing and the unbiased acceleration of one recording; needs F and one of x, v, a.
 
-    stopped: channels that stop at a level; samples there count as missing.
+    stopped: channels that stop at a level; samples there count as missing. corners: frequencies [cycles per sample]
+    beyond which the recorder has taken the noise of a channel away, as other recordings show.
     """
+    corners = corners or {}
     F, dt = recording.channel("F"), recording.dt
     measured = measured_motion(recording)
-    channels = {**measured, "F": F}
+    channels = _all_channels(recording)
     # what is integrated does not know slow motion better than integration allows, however quiet it is
     limited = frozenset("F" if "x" in measured else channels)
-    levels = {n: noise_level(y, _others(n, channels), drives=n == "F") for n, y in channels.items()}
+    levels = {
+        n: noise_level(y, _others(n, channels), drives=n == "F", corners=corners.get(n, ()))
+        for n, y in channels.items()
+    }
+    ends = _noise_ends(channels, corners)
     noise = {name: _at_least(name in limited, level, channels[name]) for name, level in levels.items()}
-    louder = _louder(channels, noise, limited)
+    louder = _louder(channels, noise, limited, {name for name, end in ends.items() if end == 0.5})
     gapped, valid = _without_stops(channels, noise, stopped or {})
     seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
     motion = smooth(seen, noise, dt, None, _of_motion(louder), force)
@@ -187,7 +206,20 @@ def prepare_part(recording: Recording, seed: int = 0, stopped: Mapping[str, floa
         {name: column for name, column in recording.extra.items() if len(column) == len(F)},
         _jitter(measured, noise, dt, motion, (seed, louder)), louder=louder,
         error_of_x=error_of_x({name: noise[name] for name in measured}, dt, motion.roughness),
+        noise_ends=min(ends.values()),
     )  # fmt: skip
+
+
+def _all_channels(recording: Recording) -> dict[str, Array]:
+    return {**measured_motion(recording), "F": recording.channel("F")}
+
+
+def _noise_ends(channels: Mapping[str, Array], corners: Mapping[str, Collection[float]]) -> dict[str, float]:
+    """Frequencies [cycles per sample] up to which the noise of each channel is white."""
+    return {
+        name: filtered_beyond(y, _others(name, channels), drives=name == "F", corners=corners.get(name, ()))[0]
+        for name, y in channels.items()
+    }
 
 
 def _others(name: str, channels: Mapping[str, Array]) -> list[Array]:
@@ -199,12 +231,14 @@ def _at_least(limited: bool, level: float, values: Array) -> float:
     return max(level, MODEL_ERROR * float(np.std(values))) if limited else level
 
 
-def _louder(channels: Mapping[str, Array], noise: dict[str, float], limited: Collection[str]) -> dict[str, Array]:
+def _louder(
+    channels: Mapping[str, Array], noise: dict[str, float], limited: Collection[str], white: Collection[str]
+) -> dict[str, Array]:
     """Noise of channels over its level, (n,) each, where it is louder for a while; ``noise`` is told the level of the
-    rest then."""
+    rest then. white: channels whose noise no filter ends: behind one, what is white is motion."""
     found = {}
     for name, values in channels.items():
-        if (uneven := louder_for_a_while(values)) is not None:
+        if name in white and (uneven := louder_for_a_while(values)) is not None:
             level, factor = uneven
             quiet = _at_least(name in limited, min(noise[name], level), values)
             found[name] = np.maximum(factor * level / quiet, 1.0)

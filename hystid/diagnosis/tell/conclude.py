@@ -20,7 +20,7 @@ from hystid.diagnosis.model.freerun import errors
 from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.resonances import resonances, several_masses
 from hystid.diagnosis.prepare.rest import resting
-from hystid.diagnosis.prepare.segments import prepare_part
+from hystid.diagnosis.prepare.segments import prepare_parts
 from hystid.diagnosis.prove.runs import Run, Runs, free_runs
 from hystid.diagnosis.tell import locate
 from hystid.diagnosis.tell.advice import next_experiment
@@ -80,7 +80,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
 def free_run_only(fmu: FmuModel, taken: Taken, model: str) -> Diagnosis:
     """All that an FMU with co-simulation only can show: how far its free run is from the measured displacement."""
     tests, values = [*taken.tests, *taken.unseen], taken.given.values
-    parts = [prepare_part(test, i) for i, test in enumerate(tests)]
+    parts = prepare_parts(tests)
     found = errors(fmu, parts, values)
     worst = max((e if e is not None else np.inf for _, e in found), default=np.inf)
     noise = max(p.noise["x"] / float(np.std(p.measured["x"])) if "x" in p.noise else 0.0 for p in parts)
