@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from hystid.consistency.force import examine_force
 from hystid.consistency.slips import Explanation, Slip, with_alike
 from hystid.errors import RecordingError
 from hystid.modelica import compile_model
+from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.units import to_si
 
@@ -369,6 +371,25 @@ def test_a_displacement_that_wanders_denies_no_mass() -> None:
     assert not [item for item in examine([integral], MASS).findings if item.slip == "wrong_mass"]
     copy = replace(plain, F=plain.F - MASS * plain.a, v=None)  # the force behind the moving parts, well recorded
     assert [item.slip for item in examine([copy], MASS).findings] == ["wrong_mass"]
+
+
+def test_a_damper_that_follows_the_place_denies_no_mass() -> None:
+    """Near the resonance, by acceleration alone: inertia and restoring force are three times the force, and what no
+    law takes of the restoring force, c x v on one side, is most of the force."""
+    mass, stiffness, side = 12.0, 18210.0, 1e6
+    t = np.arange(7500) / 500
+
+    def force(at: Array) -> Array:
+        return 5 * np.sin(2 * np.pi * 6.2 * at) + 4 * np.sin(2 * np.pi * 6.32 * at + 1)
+
+    def moved(at: float, state: Array) -> list[Any]:
+        x, v = state
+        return [v, (force(np.asarray(at)) - 20 * v - stiffness * x - side * np.maximum(x, 0) * v) / mass]
+
+    path = solve_ivp(moved, (0, t[-1] + 2), [0, 0], t_eval=t + 2, rtol=1e-8, atol=1e-10, max_step=0.005)
+    a, rng = np.array(moved(t + 2, path.y)[1]), np.random.default_rng(0)
+    noisy = {k: u + 0.02 * np.std(u) * rng.standard_normal(len(u)) for k, u in {"F": force(t + 2), "a": a}.items()}
+    assert examine([Recording("rig", t, **noisy)], mass).findings == []
 
 
 def test_the_noise_of_a_computed_acceleration_denies_no_mass() -> None:

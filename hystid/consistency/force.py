@@ -453,6 +453,8 @@ def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float, f
         return np.nan, np.inf, np.inf, 0.0, 0.0
     table, force = _table(columns)
     step = max(1, len(columns.F) // _ROWS)
+    x, v = (column[::step] / max(float(np.std(column)), 1e-300) for column in (columns.x, columns.signed[:, 1]))
+    table = np.concatenate([table, np.stack([x * v, np.abs(x) * v], axis=1)], axis=1)  # dampers that follow the place
     size = float(np.sqrt(np.mean(columns.signed[::step, 0] ** 2)))
     others = table[:, 1:]
     alone = table[:, 0] - others @ np.linalg.lstsq(others, table[:, 0], rcond=None)[0]
