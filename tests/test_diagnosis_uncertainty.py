@@ -70,7 +70,7 @@ def test_friction_that_never_slides_is_none(healthy: tuple[Problem, Fit]) -> Non
     problem, fitted = healthy
     friction = next(effect for effect in load_effects() if effect.class_name.endswith(".CoulombFriction"))
     top = float(problem.scales.v[-1])
-    for share, kept in ((0.02, True), (0.6, False)):
+    for share, kept in ((0.02, True), (0.4, True), (0.6, False)):
         there = replace(fitted.hypothesis, terms=(Term(friction, {"Fc": 1.0, "v_s": share * top}),))
         assert are_reached(problem, replace(fitted, hypothesis=there)) == kept
 

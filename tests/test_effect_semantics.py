@@ -88,6 +88,7 @@ def declared(place: Path) -> Semantics:
         ("lasting = 1", "lasting is true or false"),
         ("becomes = {End(law = \"impact\", of = k)}", "End says one of above, below, at, over and one_sided"),
         ("becomes = {End(law = \"impact\", of = k, above = 1, per = \"mile\")}", "per knows 'stroke'.*not 'mile'"),
+        ("becomes = {End(law = \"impact\", of = k, above = 1, per = gab)}", "no parameter of that name.*mean 'gap'"),
         ("becomes = {End(of = k, above = 1)}", "End must say 'law'"),
         ("becomes = {Start(law = \"impact\")}", r"a list of End\(...\)"),
         ("alike = {Alike(law = \"impact\", provided = \"rain\")}", "provided knows 'constant', not 'rain'"),

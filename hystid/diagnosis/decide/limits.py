@@ -50,7 +50,7 @@ def is_reached(problem: Problem, term: Term, end: End, signals: Sequence[Signals
         shape = next(shape for shape in term.effect.shapes if shape.name == end.of)
         low, high = term.effect.bounds(shape, problem.scales)
         return value >= AT_END * high if end.at == "top" else value <= low / AT_END
-    unit = _unit(problem, end.per)
+    unit = term.values[end.per] if end.per in term.values else _unit(problem, end.per)
     return value >= end.above * unit if end.above is not None else value < (end.below or 0.0) * unit
 
 

@@ -34,7 +34,9 @@ _CLOSE, _CREEPING = 3, (0.02, 0.06)  # leading ids, and mean square (and share o
 LAST = 60  # iterations for what is named
 _MOVING = 6.0  # standard errors (of white noise) beyond which a recording drifts: real ones show 15 and more
 _REACHED = 0.001  # share of the samples of some recording that lie beyond a threshold, where a law acts short of it
-_SLIDES = 0.25  # of the largest speed, within which dry friction must have turned; rigs turn within 0.05
+# of the largest speed, within which dry friction must have turned: a smooth sign (tanh) then grows there with a power
+# of the speed below 0.1, a damper with 1
+_SLIDES = 0.44
 DELAY = "channel_delay"
 
 

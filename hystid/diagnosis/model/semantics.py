@@ -30,10 +30,10 @@ class End:
     """An end of a parameter at which the block is another law.
 
     law: id of that law, "" where the baseline has it. of: the parameter. The end is reached from ``above`` or up to
-    ``below``, in units of ``per``; at the "top" or "bottom" of the range that is tried (``at``); or where the force
-    of the parameter outweighs that of another one (``over``), with ``below`` only where the parameter is less; or where
-    the block never acts both ways (``one_sided``). unless: "hysteresis" for a model that has some. fit: such a fit is
-    "refused", is "renamed", or is "equivalent" to the other law.
+    ``below``, in units of ``per``, a measure of the motion or another parameter; at the "top" or "bottom" of the range
+    that is tried (``at``); or where the force of the parameter outweighs that of another one (``over``), with ``below``
+    only where the parameter is less; or where the block never acts both ways (``one_sided``). unless: "hysteresis" for
+    a model that has some. fit: such a fit is "refused", is "renamed", or is "equivalent" to the other law.
     """
 
     law: str
@@ -186,7 +186,7 @@ def _record(key: str, entry: Entry, item: Any, parameters: Mapping[str, Variable
     for word, one in item.entries.items():
         if word not in words:
             _refuse(one, f"{name} has no '{word}'{near(word, words)} It knows {', '.join(words)}")
-        if word in ("of", "over"):
+        if word in ("of", "over") or (word == "per" and isinstance(one.value, Name)):
             found[word] = _parameter(word, one, parameters)
         elif word in ("above", "below"):
             found[word] = _plain(word, one, float)
@@ -196,16 +196,16 @@ def _record(key: str, entry: Entry, item: Any, parameters: Mapping[str, Variable
         if word not in found:
             _refuse(item, f"{name} must say '{word}'")
     if key == "becomes":
-        _check_end(item, End(**found))
+        _check_end(item, End(**found), parameters)
     if key == "alike":
         _one_of("provided", item.entries.get("provided", entry), found.get("provided", ""), ("", "constant"))
     return kind(**found)
 
 
-def _check_end(item: Record, end: End) -> None:
+def _check_end(item: Record, end: End, parameters: Mapping[str, Variable]) -> None:
     said = [end.above is not None, end.below is not None and not end.over, bool(end.at), bool(end.over), end.one_sided]
     if sum(said) != 1:
         _refuse(item, "End says one of above, below, at, over and one_sided")
-    known = {"per": MEASURES, "fit": FITS, "at": ("", "top", "bottom"), "unless": ("", "hysteresis")}
+    known = {"per": (*MEASURES, *parameters), "fit": FITS, "at": ("", "top", "bottom"), "unless": ("", "hysteresis")}
     for word, options in known.items():
         _one_of(word, item.entries.get(word, Entry("", item.place)), getattr(end, word), options)

@@ -15,6 +15,7 @@ equation
       title = "friction that falls with speed",
       family = "dry friction",
       transition = v_s,
+      becomes = {End(law = "coulomb_friction", of = v_d, below = 1, per = v_s)},
       needs = {"speeds"},
       tells = {Telling(law = "coulomb_friction", experiment = "record slow cycles through zero velocity")},
       experiment = "add slow cycles through zero velocity"));

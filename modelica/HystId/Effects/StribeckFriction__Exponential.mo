@@ -12,5 +12,6 @@ equation
   f = (Fc + Fd*exp(-abs(v)/v_d))*s;
   annotation(Documentation(info = "<html><p>Stribeck curve, exponential form (Tustin, 1947).</p></html>"),
     __HystId_effect(
-      transition = v_s));
+      transition = v_s,
+      becomes = {End(law = "coulomb_friction", of = v_d, below = 1, per = v_s)}));
 end StribeckFriction__Exponential;

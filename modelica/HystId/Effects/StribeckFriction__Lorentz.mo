@@ -12,5 +12,6 @@ equation
   f = (Fc + Fd/(1 + (v/v_d)^2))*s;
   annotation(Documentation(info = "<html><p>Stribeck curve, Lorentzian form (Hess and Soom, 1990).</p></html>"),
     __HystId_effect(
-      transition = v_s));
+      transition = v_s,
+      becomes = {End(law = "coulomb_friction", of = v_d, below = 1, per = v_s)}));
 end StribeckFriction__Lorentz;
