@@ -398,16 +398,17 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
 
 
 def _denied_without(others: Sequence[str], recording: Recording, mass: float) -> bool:
-    """Whether the force shows no mass without some channels of the motion either, if any are left.
+    """Whether the force shows no mass without some channels of the motion either, if any are left, and beside dampers
+    that follow the place.
 
     By the acceleration alone: a displacement that wanders, as an integral of it, explains the force worse with the mass
     than without. Without channels that were computed: their noise is not white, and not known to be noise.
     """
     x, v, a = (None if name in others else getattr(recording, name) for name in "xva")
     less = replace(recording, x=x, v=v, a=a)
-    if not motion(less) or len(motion(less)) == len(motion(recording)):
+    if not motion(less):
         return True
-    force = examine_force(less)
+    force = examine_force(less, placed=True)
     return force is None or force.denies(mass)
 
 

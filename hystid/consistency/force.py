@@ -135,8 +135,12 @@ class _Columns:
         return _Columns(*(column[rows] for column in each))
 
 
-def examine_force(recording: Recording) -> Force | None:
-    """The force of one recording against its motion; None where the force is zero or the motion does not move."""
+def examine_force(recording: Recording, *, placed: bool = False) -> Force | None:
+    """The force of one recording against its motion; None where the force is zero or the motion does not move.
+
+    placed: the mass beside dampers that follow the place as well. Near a resonance these are most of the force, and
+    elsewhere they take from the mass what tells it.
+    """
     columns = _columns(recording)
     if columns is None:
         return None
@@ -150,7 +154,7 @@ def examine_force(recording: Recording) -> Force | None:
         now, flipped = _passive_from(columns, first, 0)
         there, back = _passive_from(columns, first, shift)
     still = recording.quasi_static or first == len(columns.F)
-    mass, error, law, weight, shown = _mass(_columns(recording, curved=True) or columns, still)
+    mass, error, law, weight, shown = _mass(_columns(recording, curved=True) or columns, still, placed)
     left = _left(columns)
     F, v, x = columns.F - np.mean(columns.F), columns.signed[:, 1], columns.x - np.mean(columns.x)
     lag, lag_error = _fine(columns, fit, shift)
@@ -442,19 +446,21 @@ def _memory(left: Array) -> float:
     return 1.0 + 2.0 * float(np.sum(np.abs(rho[1:end])))
 
 
-def _mass(columns: _Columns, quasi_static: bool) -> tuple[float, float, float, float, float]:
+def _mass(columns: _Columns, quasi_static: bool, placed: bool) -> tuple[float, float, float, float, float]:
     """Apparent mass with a free law beside it, its standard error (one block left out at a time), the relative error
     that laws of another form can make, and ``weight`` and ``shown`` of the answer.
 
-    What no free law explains is there for the acceleration to absorb as well: that it absorbed no more than what it
-    left is taken as the limit of 95 %, two standard errors.
+    placed: with dampers that follow the place, as ``examine_force``. What no free law explains is there for the
+    acceleration to absorb as well: that it absorbed no more than what it left is taken as the limit of 95 %, two
+    standard errors.
     """
     if quasi_static:
         return np.nan, np.inf, np.inf, 0.0, 0.0
     table, force = _table(columns)
     step = max(1, len(columns.F) // _ROWS)
-    x, v = (column[::step] / max(float(np.std(column)), 1e-300) for column in (columns.x, columns.signed[:, 1]))
-    table = np.concatenate([table, np.stack([x * v, np.abs(x) * v], axis=1)], axis=1)  # dampers that follow the place
+    if placed:
+        x, v = (column[::step] / max(float(np.std(column)), 1e-300) for column in (columns.x, columns.signed[:, 1]))
+        table = np.concatenate([table, np.stack([x * v, np.abs(x) * v], axis=1)], axis=1)
     size = float(np.sqrt(np.mean(columns.signed[::step, 0] ** 2)))
     others = table[:, 1:]
     alone = table[:, 0] - others @ np.linalg.lstsq(others, table[:, 0], rcond=None)[0]
