@@ -65,9 +65,9 @@ def _rests(part: Part, mass: float) -> bool | None:
     """Whether a recording begins without velocity and, but for noise and a small offset, without displacement and
     restoring force, or without force and acceleration: a free vibration turns without force.
 
-    A contact that a stronger motion left off its middle holds a force where nothing moves: None where noise hides
-    such a force. What a constant force moves from there on is not yet in motion at the first sample: the velocity is
-    that of then.
+    A contact that a stronger motion left off its middle holds a force where nothing is accelerated: None where noise
+    hides such a force. What a constant force moves from there on is not yet in motion at the first sample: the velocity
+    is that of then.
     """
     since = 0.5 * (_FIRST - 1) * part.dt
 
@@ -87,8 +87,10 @@ def _rests(part: Part, mass: float) -> bool | None:
     error = part.noise["F"] / np.sqrt(_FIRST)
     still |= _begins_small(part.measured["F"], error) and _begins_small(part.a, quick)
     restoring, error = part.F - mass * part.a, float(np.hypot(error, mass * quick))
-    if not still or not _begins_small(restoring, error):
+    if not still:
         return False
+    if not _begins_small(restoring, error):
+        return not _begins_small(part.a, quick)  # it has just been let go: nothing holds it
     return True if _SURE * error < _STILL * float(np.std(restoring)) else None
 
 
