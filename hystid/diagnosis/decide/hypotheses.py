@@ -423,7 +423,9 @@ class Search:
         rest: the others, fitted without it. misfits: with it, without, and what is left to laws that have a form.
         """
         misfit, without, formed = misfits
-        if not criterion.is_settled(misfit, formed) or without - misfit < FORM**2 * formed:
+        if not criterion.is_settled(misfit, formed):
+            return False
+        if without - misfit < FORM**2 * formed and not criterion.is_reached(misfit):
             return False
         curves = [*free_curves(self.problem, rest), *wrong_forms(self.problem, rest)]
         return criterion.is_no_form(misfit, without, size, curves)
