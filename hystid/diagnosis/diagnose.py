@@ -92,8 +92,8 @@ def diagnose(
 def _posing(taken: Taken, model: str, catalogue: Catalogue) -> Callable[..., Case]:
     """Makes the case, without some channels of the motion or with another belief about the time before."""
 
-    def posed(without: str = "", *, rested: bool = True) -> Case:
-        return pose(taken.without(without), model, catalogue, rested=rested)
+    def posed(without: str = "", *, rested: bool = True, holding: bool = False) -> Case:
+        return pose(taken.without(without), model, catalogue, rested=rested, holding=holding)
 
     return posed
 

@@ -68,8 +68,8 @@ def decided(
     """The case under the assumptions that hold, and its selection.
 
     posed: makes the case without some channels of the motion, or (rested=False) with what contacts remember left out,
-    where they were taken for at rest before a recording that begins in mid-motion. integrated: x and v are integrals of
-    the acceleration.
+    where they were taken for at rest before a recording that begins in mid-motion, or (holding=True) still. integrated:
+    x and v are integrals of the acceleration.
     """
     choice = chosen(case, library, progress)
     if (spared := _without_late(case, choice, library, posed)) is not None:
@@ -83,6 +83,8 @@ def decided(
     case, choice = _off_zero(case, choice, library)
     if case.rested and choice.missing:
         case, choice = _moving(case, choice, library, posed(rested=False))
+    if case.may_hold and choice.missing and _changes(choice):
+        case, choice = _moving(case, choice, library, posed(rested=False, holding=True))
     case, choice = _coloured(case, choice, library)
     case, choice = _slowly(case, choice, library)
     case, choice = _held(*_sound(case, choice, library), library)
@@ -252,6 +254,11 @@ def _coloured(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
 def _is_doubtful(choice: Choice) -> bool:
     """Whether something is missing that may have no name."""
     return choice.missing and choice.posterior.unknown >= DOUBT
+
+
+def _changes(choice: Choice) -> bool:
+    """Whether what is missing has no name, or is said to change with time: what contacts held does when they let go."""
+    return not choice.named or any(term.effect.needs_clock for term in choice.after.hypothesis.terms)
 
 
 def _moving(case: Case, choice: Choice, library: Sequence[Effect], other: Case) -> Decided:

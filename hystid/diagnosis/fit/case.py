@@ -35,7 +35,7 @@ from hystid.diagnosis.model.channel_effects import history
 from hystid.diagnosis.model.effects import Effect, Scales
 from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.model.starts import scaled, sizes_of
-from hystid.diagnosis.model.transients import beginning, maybe_moving
+from hystid.diagnosis.model.transients import beginning, maybe_holding
 from hystid.diagnosis.prepare import chain
 from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.recordings import Taken
@@ -68,9 +68,9 @@ class Case:
 
     nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. unforced: the force is
     known to be zero. catalogue: what the effects declare of themselves. rested: contacts are taken for at rest before a
-    recording that begins in mid-motion. complete: the recordings with the samples whose force depends on what was
-    before; none where there are no others. struck: the recordings with the samples that knocks are said to strike,
-    likewise.
+    recording that begins in mid-motion. may_hold: they are where one begins still, and may hold a force. complete: the
+    recordings with the samples whose force depends on what was before; none where there are no others. struck: the
+    recordings with the samples that knocks are said to strike, likewise.
     """
 
     problem: Problem
@@ -86,15 +86,18 @@ class Case:
     unforced: bool = False
     catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
     rested: bool = False
+    may_hold: bool = False
     complete: tuple[Part, ...] = field(repr=False, default=())
     struck: tuple[Part, ...] = field(repr=False, default=())
 
 
-def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested: bool = True) -> Case:
+def pose(
+    taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested: bool = True, holding: bool = False
+) -> Case:
     """Recordings and a model as a problem with its refit. Raises NotDiagnosable, NumericalError, ModelicaError.
 
     catalogue: what the effects declare of themselves. rested: whether contacts may have been at rest before a recording
-    that begins in mid-motion.
+    that begins in mid-motion. holding: whether they may hold a force where one begins still.
     """
     tests, unseen, given = taken.tests, taken.unseen, taken.given
     timeless = any(test.quasi_static for test in tests)
@@ -128,13 +131,13 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     if sentence := _no_force(baseline, parts):
         raise NumericalError(f"{sentence}; give parameters at which {model} has an answer on these recordings")
     complete = parts
-    parts, kept, running = beginning(parts, baseline, baseline.nominal, rested=rested)
+    parts, kept, running = beginning(parts, baseline, baseline.nominal, holding=holding)
     baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
     sized, _ = _starts(parts, code, {n: v for n, v in values.items() if n in {"m", *fixed}}, model, quasi_static=still)
     refitted, minima, nominal = refit(problem, kept, sized)
     for _ in range(_BEGUN):  # a contact that slips later than was believed remembers longer
-        longer, keeping, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values, rested=rested)
+        longer, keeping, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values, holding=holding)
         more = set(keeping) - set(kept)  # contacts that seem to let go at the nominal values, and do not
         if not more and _all_same(longer, problem.parts):
             break
@@ -148,7 +151,7 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
         problem, (refitted, minima, nominal), begun_so = resting
         remembering = []
         running = [*(told for told in running if not told.startswith(begun_so)), *(f"{b}{_RESTED}" for b in begun_so)]
-    held = beginning(held, baseline, refitted.hypothesis.values, rested=rested)[0]
+    held = beginning(held, baseline, refitted.hypothesis.values, holding=holding)[0]
     every, knocked = problem.parts, None
     for _ in range(_BEGUN):  # knocks lead the refit astray, which hides some of them
         found = without_knocks(problem.of(every), refitted)
@@ -167,7 +170,6 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     if not given.unforced:  # a steady line would hold the motion up: what dies away has none
         refitted = without_periodic_forces(problem, refitted)
     told += [chain.NO_CLOCK] if still else []
-    maybe_rested = resting is not None or (rested and maybe_moving(complete, baseline))
     notes = (
         *sensors.notes,
         *told,
@@ -180,7 +182,8 @@ def pose(taken: Taken, model: str, catalogue: Catalogue | None = None, *, rested
     return Case(
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
         tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
-        catalogue or Catalogue(), maybe_rested, _with_beginnings(problem.parts, remembering), tuple(struck),
+        catalogue or Catalogue(), resting is not None, not holding and maybe_holding(complete, baseline),
+        _with_beginnings(problem.parts, remembering), tuple(struck),
     )  # fmt: skip
 
 

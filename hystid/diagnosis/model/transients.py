@@ -26,19 +26,19 @@ _NEAR, _LAST = 0.03, 20  # share of the stroke that is near an end, and part of 
 
 
 def beginning(
-    parts: Sequence[Part], baseline: Baseline, values: Mapping[str, float], *, rested: bool = True
+    parts: Sequence[Part], baseline: Baseline, values: Mapping[str, float], *, holding: bool = False
 ) -> tuple[list[Part], tuple[int, ...], list[str]]:
     """The parts with a past where they begin in mid-motion, and their first samples not valid while the law still knows
     of it; numbers of the recordings in which a contact keeps a force of that time; sentences.
 
-    values: parameters of the law. rested: contacts are taken for at rest where noise hides what they hold. Parts that
-    were begun before, at other values, leave out what either says.
+    values: parameters of the law. holding: contacts may hold a force where a recording begins still, if nothing denies
+    it. Parts that were begun before, at other values, leave out what either says.
     """
     if baseline.memoryless:
         return list(parts), (), []
     found, kept, told = list(parts), [], []
     for number, part in enumerate(parts):
-        if (rest := _rests(part, baseline.mass)) or (rested and rest is None):
+        if (rest := _rests(part, baseline.mass)) or (rest is None and not holding):
             continue
         past = _past(part)
         lasting, keeps = _remembered(replace(part, past=past), baseline, values)
@@ -56,8 +56,8 @@ def beginning(
     return found, tuple(kept), told
 
 
-def maybe_moving(parts: Sequence[Part], baseline: Baseline) -> bool:
-    """Whether noise hides in any part what contacts hold at its first sample."""
+def maybe_holding(parts: Sequence[Part], baseline: Baseline) -> bool:
+    """Whether contacts may hold a force at the first sample of any part."""
     return not baseline.memoryless and any(_rests(part, baseline.mass) is None for part in parts)
 
 
@@ -65,9 +65,9 @@ def _rests(part: Part, mass: float) -> bool | None:
     """Whether a recording begins without velocity and, but for noise and a small offset, without displacement and
     restoring force, or without force and acceleration: a free vibration turns without force.
 
-    A contact that a stronger motion left off its middle holds a force where nothing is accelerated: None where noise
-    hides such a force. What a constant force moves from there on is not yet in motion at the first sample: the velocity
-    is that of then.
+    A contact that a stronger motion left off its middle holds a force where nothing is accelerated: None where there
+    is a force, which may as well be constant, or noise hides one. What a constant force moves from there on is not yet
+    in motion at the first sample: the velocity is that of then.
     """
     since = 0.5 * (_FIRST - 1) * part.dt
 
@@ -89,9 +89,9 @@ def _rests(part: Part, mass: float) -> bool | None:
     restoring, error = part.F - mass * part.a, float(np.hypot(error, mass * quick))
     if not still:
         return False
-    if not _begins_small(restoring, error):
-        return not _begins_small(part.a, quick)  # it has just been let go: nothing holds it
-    return True if _SURE * error < _STILL * float(np.std(restoring)) else None
+    if _begins_small(restoring, error):
+        return True if _SURE * error < _STILL * float(np.std(restoring)) else None
+    return None if _begins_small(part.a, quick) else True  # what is accelerated has just been let go
 
 
 def _begins_small(channel: Array, error: float) -> bool:
