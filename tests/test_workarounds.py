@@ -184,6 +184,31 @@ equation
 end A;""",
         "z", 4.0, "multi-output event calls",
     ),
+    "matrix_bodies": (
+        """
+package Modelica
+  package Math
+    package Matrices
+      function cholesky
+        input Real A[:, size(A, 1)];
+        input Boolean upper = true;
+        output Real H[size(A, 1), size(A, 2)];
+      algorithm
+        if size(A, 1) > 0 then
+          H := A;
+        else
+          H := fill(0, 0, 0);
+        end if;
+      end cholesky;
+    end Matrices;
+  end Math;
+end Modelica;
+model A
+  Real H[2, 2] = Modelica.Math.Matrices.cholesky([4 + time, 0; 0, 9]);
+  Real y = H[2, 2];
+end A;""",
+        "y", 3.0, "assigns a value of shape",
+    ),
     "random_functions": (
         """
 package Random

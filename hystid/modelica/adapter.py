@@ -24,6 +24,7 @@ from hystid.modelica.flat import (
     Statement,
     When,
 )
+from hystid.modelica.matrix_functions import is_matrix_function
 from hystid.modelica.sections import Carried
 from hystid.modelica.spoken import spans, structural_names, unconnected
 from hystid.modelica.tables import is_table_object
@@ -260,7 +261,8 @@ class Adapter(DictionaryReader):
         place = self._place(f["inputs"][0] if f["inputs"] else f)
         self._here = place
         if f.get("external"):
-            return Function(f["name"], (), (), (), (), place, external=True)
+            known = f["inputs"] if is_matrix_function(f["name"]) else ()
+            return Function(f["name"], tuple(map(self._function_variable, known)), (), (), (), place, external=True)
         inputs, outputs, inner = (
             tuple(self._function_variable(v) for v in f[key]) for key in ("inputs", "outputs", "locals")
         )

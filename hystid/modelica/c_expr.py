@@ -10,12 +10,15 @@ from itertools import islice
 
 from hystid.modelica.curves import C_TEXT, NEXT_TEXT, literal
 from hystid.modelica.expr import CURVES, LOGICAL, Expr, Num, Op, Ref, Text, nodes
+from hystid.modelica.matrix_kernels import SLOPE, SLOPE_TEXT, TEXTS, work
 from hystid.modelica.xorshift import C_TEXT as RANDOM_TEXT
 from hystid.modelica.xorshift import C_TEXTS as RANDOM_TEXTS
 
 # Text of small functions, put into model.c only where they are used.
 HELPERS = {
     "hy_drawn": RANDOM_TEXT,
+    **{text: text for texts in TEXTS.values() for text in texts},
+    SLOPE: SLOPE_TEXT,
     **RANDOM_TEXTS,
     "hy_curve": C_TEXT,
     "hy_next_break": NEXT_TEXT,
@@ -143,9 +146,25 @@ class Printer:
             self.used |= {"hy_drawn", name}
             wanted, *state = map(self.value, args)
             return f"{name}((int){wanted}, (const double[{len(state)}]){{{', '.join(state)}}})"
+        if name.removesuffix(SLOPE) in TEXTS:
+            return self._kernel(name, args)
         if name in HELPERS:
             self.used.add(name)
         return f"{name}({', '.join(self.value(a) for a in args)})"
+
+    def _kernel(self, name: str, args: tuple[Expr, ...]) -> str:
+        """An operation on a matrix, or its slope."""
+        kernel = name.removesuffix(SLOPE)
+        wanted, *sizes = (int(a.value) for a in args[:4] if isinstance(a, Num))
+        values = [self.value(a) for a in args[4:]]
+        self.used.update(TEXTS[kernel])
+        shape, given = ", ".join(map(str, sizes)), ", ".join(values)
+        told = f"{wanted}, (const int[3]){{{shape}}}, (const double[{len(values)}]){{{given}}}"
+        if name == kernel:
+            return f"{kernel}({told}, (double[{work(sizes)}]){{0}})"
+        self.used.add(SLOPE)
+        count = len(values) // 2
+        return f"hy_slope({kernel}, {told}, {count}, (double[{work(sizes) + count}]){{0}})"
 
     def _curve(self, name: str, args: tuple[Expr, ...]) -> str:
         """A lookup in the numbers of a table, which the preamble prints."""

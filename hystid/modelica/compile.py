@@ -41,6 +41,7 @@ from hystid.modelica.workarounds.function_bodies import with_readable_functions
 from hystid.modelica.workarounds.homotopy_arguments import with_arguments_in_place
 from hystid.modelica.workarounds.limits import with_limits_kept
 from hystid.modelica.workarounds.literal_arrays import with_elements_of_arrays
+from hystid.modelica.workarounds.matrix_bodies import with_known_matrices
 from hystid.modelica.workarounds.model_algorithms import with_carried_algorithms
 from hystid.modelica.workarounds.namesakes import with_functions_apart
 from hystid.modelica.workarounds.nested_bases import with_unwrapped_bases
@@ -153,8 +154,8 @@ def _unfolded(source: Source) -> Source:
 def _in_words_that_it_takes(source: Source) -> Source:
     """Statements and equations, one after the other: each pass reads what the last one wrote."""
     for reworded in (
-        with_plain_externals, with_readable_functions, with_elements_of_arrays, with_arguments_in_place,
-        with_derivatives_in_branches, with_known_starts, with_real_delays,
+        with_known_matrices, with_plain_externals, with_readable_functions, with_elements_of_arrays,
+        with_arguments_in_place, with_derivatives_in_branches, with_known_starts, with_real_delays,
     ):  # fmt: skip
         source = reworded(source)
     return source

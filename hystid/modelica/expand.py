@@ -31,6 +31,7 @@ from hystid.modelica.expr import (
 )
 from hystid.modelica.flat import Function, Place
 from hystid.modelica.inlining import NO_NUMBER, Call
+from hystid.modelica.matrix_functions import factored, is_matrix_function
 from hystid.modelica.random_numbers import drawn, is_random_function
 from hystid.modelica.tables import is_table_function, looked_up
 from hystid.modelica.values import Array, Record, Value, array, flattened, mapped, matrix, merge, rows, stacked, summed
@@ -452,6 +453,9 @@ class Expander:
         if is_random_function(name):
             return drawn(self, name, [a if isinstance(a, Text) else self.value(a, local) for a in args])
         function = self.functions.get(name)
+        if function is not None and function.external and is_matrix_function(name):
+            values = Call(self, function, [self.value(a, local) for a in args]).values
+            return factored(self, name, [values[v.name] for v in function.inputs])
         if function is None or (name.startswith("Modelica.Math.") and name.rsplit(".", 1)[-1] in FUNCTIONS):
             return [self._library_function(name, args, local)]
         if function.external:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 
 from hystid.modelica.curves import Curve
+from hystid.modelica.matrix_kernels import KERNELS, SLOPE
 from hystid.modelica.xorshift import GENERATORS
 
 
@@ -274,7 +275,7 @@ _NUMERIC: dict[str, Callable[..., float]] = {
 }
 
 # Operators and functions that the C printer and the differentiation know as numbers.
-FUNCTIONS = frozenset(_NUMERIC)
+FUNCTIONS = frozenset(_NUMERIC).union(KERNELS)
 
 
 def balanced_sum(terms: Sequence[Expr]) -> Expr:
@@ -423,9 +424,10 @@ def _terms(expr: Expr) -> Iterator[tuple[bool, Expr]]:
 
 
 STEPS = frozenset({"sign", "floor", "ceil", "integer", "div", "curve_next", "curve3"})  # flat between their jumps
-_FLAT = STEPS | {"pre", "der", "corner", "delayed"} | GENERATORS.keys()
+_FLAT = STEPS | {"pre", "der", "corner", "delayed"} | GENERATORS.keys() | {name + SLOPE for name in KERNELS}
 
 _TWO = Num(2.0)
+_GIVEN = 4  # arguments of an operation on a matrix before what is given: the output and three sizes
 
 # f'(x) from x and f(x)
 _CHAIN: dict[str, Callable[[Expr, Expr], Expr]] = {
@@ -474,7 +476,13 @@ def _d_power_n(e: Op, da: Expr, db: Expr) -> Expr:
     return op("+", op("*", by_base, da), op("*", by_exponent, db))
 
 
+def _d_kernel(e: Op, *d: Expr) -> Expr:
+    """Of an output of an operation on a matrix, along the way that its entries move."""
+    return op(e.name + SLOPE, *e.args, *d[_GIVEN:])
+
+
 _RULES_OF_SEVERAL: dict[str, Callable[..., Expr]] = {
+    **dict.fromkeys(KERNELS, _d_kernel),
     "curve0": lambda e, da, *_: op("*", op("curve1", *e.args), da),
     "curve1": lambda e, da, *_: op("*", op("curve2", *e.args), da),
     "curve2": lambda e, da, *_: op("*", op("curve3", *e.args), da),
