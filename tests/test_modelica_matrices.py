@@ -26,6 +26,7 @@ DECLARED = {
     "Matrices.eigenValueMatrix": "input Real e[:, 2]; output Real J[size(e, 1), size(e, 1)];",
     "Matrices.singularValues": "input Real A[:, :]; output Real s[min(size(A, 1), size(A, 2))];"
     " output Real U[size(A, 1), size(A, 1)] = identity(size(A, 1)); output Real VT[size(A, 2), size(A, 2)];",
+    "Matrices.rank": "input Real A[:, :]; input Real eps = 0; output Integer r;",
     "Matrices.leastSquares": "input Real A[:, :]; input Real b[size(A, 1)]; input Real rcond = 1e-13;"
     " output Real x[size(A, 2)]; output Integer rank;",
     "Matrices.leastSquares2": "input Real A[:, :]; input Real B[size(A, 1), :]; input Real rcond = 1e-13;"
@@ -172,7 +173,8 @@ def test_least_squares_of_least_norm(called: Called, a: Array) -> None:
     b = np.array([[1.3, 0.2], [-1.0, 2.0], [0.4, 0.1], [2.0, 1.0]])[: len(a)]
     x, rank = called("Matrices.leastSquares2", [(a.shape[1], 2), ()], a, b)
     same(x, np.linalg.pinv(a) @ b)
-    assert rank == np.linalg.matrix_rank(a)
+    assert rank == np.linalg.matrix_rank(a) == called("Matrices.rank", [()], a)[0]
+    assert called("Matrices.rank", [()], a, 100.0)[0] == 0
     (y, _) = called("Matrices.leastSquares", [(a.shape[1],), ()], a, b[:, 1])
     same(y, np.linalg.pinv(a) @ b[:, 1])
 
@@ -308,3 +310,13 @@ def test_what_has_no_answer_is_one_sentence(called: Called, name: str, shapes: A
     with pytest.raises(ModelicaError, match=rule) as refused:
         called(name, shapes, *args)
     assert "\n" not in str(refused.value)
+
+
+def test_a_function_of_another_package_is_another_one(tmp_path: Path) -> None:
+    place = tmp_path / "A.mo"
+    place.write_text(
+        'package Own\nfunction sort\ninput Real M[2];\noutput Real y;\nexternal "C" y = my_sort(M);\nend sort;\nend Own;\n'
+        "model A\nReal y = Own.sort({time, 1});\nend A;\n"
+    )
+    with pytest.raises(ModelicaError, match="external function 'Own.sort' is not supported"):
+        compile_model(f"{place}:A")

@@ -15,7 +15,7 @@ from hystid.modelica.expr import ONE, ZERO, Expr, Num, op, select
 from hystid.modelica.values import Array, Interpreter, Value, array, boxed, flattened, matrix, summed
 
 _FUNCTION = re.compile(
-    r"(?:^|\.)(?:(?:Matrices|Polynomials|FastFourierTransform)\.)?(?:(?:Utilities|Internal)\.)?(?P<name>\w+)$"
+    r"(?:^|\.)(?:Matrices\.(?:Utilities\.)?|Polynomials\.|(?:FastFourierTransform\.)?Internal\.)(?P<name>\w+)$"
 )
 _EPSILON = Num(2.0**-52)
 
@@ -135,6 +135,16 @@ def _balanced(A: Value, B: Value, C: Value) -> list[Value]:
 def _singular(A: Value) -> list[Value]:
     n, m = matrix(A).shape
     return list(_outputs("hy_svd", (n, m, 0), flattened(A), [(min(n, m),), (n, n), (m, m)]))
+
+
+def _rank(A: Value, eps: Value) -> list[Value]:
+    """Singular values above a limit, which is that of their rounding where none is given."""
+    a = matrix(A)
+    (given,) = flattened(eps)
+    sizes = flattened(_singular(A)[0])
+    rounding = op("*", Num(max(a.shape) * _EPSILON.value), sizes[0])
+    limit = select(op(">", given, ZERO), given, rounding)
+    return [summed(select(op(">", size, limit), ONE, ZERO) for size in sizes)]
 
 
 def _fitted(A: Value, b: Value, limit: Value) -> list[Value]:
@@ -298,6 +308,7 @@ FUNCTIONS_OF_MATRICES: dict[str, Callable[..., list[Value]]] = {
     "balanceABC": _balanced,
     "eigenvaluesHessenberg": _of_hessenberg,
     "singularValues": _singular,
+    "rank": _rank,
     "leastSquares": _fitted,
     "leastSquares2": _all_fitted,
     "equalityLeastSquares": _fitted_under,
