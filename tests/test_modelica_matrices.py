@@ -315,7 +315,8 @@ def test_what_has_no_answer_is_one_sentence(called: Called, name: str, shapes: A
 def test_a_function_of_another_package_is_another_one(tmp_path: Path) -> None:
     place = tmp_path / "A.mo"
     place.write_text(
-        'package Own\nfunction sort\ninput Real M[2];\noutput Real y;\nexternal "C" y = my_sort(M);\nend sort;\nend Own;\n'
+        "package Own\nfunction sort\ninput Real M[2];\noutput Real y;\n"
+        'external "C" y = my_sort(M);\nend sort;\nend Own;\n'
         "model A\nReal y = Own.sort({time, 1});\nend A;\n"
     )
     with pytest.raises(ModelicaError, match="external function 'Own.sort' is not supported"):
