@@ -319,5 +319,5 @@ def test_a_function_of_another_package_is_another_one(tmp_path: Path) -> None:
         'external "C" y = my_sort(M);\nend sort;\nend Own;\n'
         "model A\nReal y = Own.sort({time, 1});\nend A;\n"
     )
-    with pytest.raises(ModelicaError, match="external function 'Own.sort' is not supported"):
+    with pytest.raises(ModelicaError, match=r"external function 'Own\.sort' is not supported"):
         compile_model(f"{place}:A")
