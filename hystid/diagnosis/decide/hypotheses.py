@@ -425,7 +425,8 @@ class Search:
         misfit, without, formed = misfits
         if not criterion.is_settled(misfit, formed):
             return False
-        if without - misfit < FORM**2 * formed and not criterion.is_reached(misfit):
+        known = self.criterion.is_reached(misfit + criterion.level)  # noise of a level that was measured
+        if without - misfit < FORM**2 * formed and not known:
             return False
         curves = [*free_curves(self.problem, rest), *wrong_forms(self.problem, rest)]
         return criterion.is_no_form(misfit, without, size, curves)
