@@ -12,7 +12,7 @@ import pytest
 from scipy import linalg
 
 from hystid.compiled import CompiledModel
-from hystid.errors import ModelicaError
+from hystid.errors import ModelicaError, NumericalError
 from hystid.modelica import compile_model
 from hystid.numeric import Array
 
@@ -269,6 +269,12 @@ def test_lyapunov_and_sylvester(called: Called, sign: int) -> None:
     same(a.T @ x @ a + sign * x, c)
     (x,) = called("Matrices.discreteSylvester", [(3, 3)], a, A, c, False, False, sign)
     same(a @ x @ A + sign * x, c)
+
+
+def test_an_equation_without_a_single_solution_has_none(called: Called) -> None:
+    a = np.array([[1.3, 0.0], [0.0, -1.3]])  # X is free where two eigenvalues add up to 0
+    with pytest.raises(NumericalError, match="no answer"):
+        called("Matrices.continuousLyapunov", [(2, 2)], a, np.ones((2, 2)))
 
 
 def test_a_polynomial_is_fitted(called: Called) -> None:

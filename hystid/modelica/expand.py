@@ -34,7 +34,20 @@ from hystid.modelica.inlining import NO_NUMBER, Call
 from hystid.modelica.matrix_functions import factored, is_matrix_function
 from hystid.modelica.random_numbers import drawn, is_random_function
 from hystid.modelica.tables import is_table_function, looked_up
-from hystid.modelica.values import Array, Record, Value, array, flattened, mapped, matrix, merge, rows, stacked, summed
+from hystid.modelica.values import (
+    Array,
+    Record,
+    Value,
+    array,
+    flattened,
+    mapped,
+    matrix,
+    merge,
+    product,
+    rows,
+    stacked,
+    summed,
+)
 
 _KEPT = frozenset({"der", "pre", "edge", "change", "sample", "initial", "terminal", "homotopy", "delay", "String"})
 _ELEMENTWISE = {".*": "*", "./": "/", ".^": "^"}
@@ -209,8 +222,7 @@ class Expander:
             return summed(op("*", x, y) for x, y in zip(a, b, strict=True))
         rows = a.reshape(-1, a.shape[-1])
         columns = b.reshape(b.shape[0], -1)
-        made = [summed(op("*", x, y) for x, y in zip(r, c, strict=True)) for r in rows for c in columns.T]
-        return array(made).reshape(a.shape[:-1] + b.shape[1:])
+        return product(rows, columns).reshape(a.shape[:-1] + b.shape[1:])
 
     def _matrix_power(self, a: Value, b: Value) -> Value:
         if isinstance(a, np.ndarray) and isinstance(b, Num) and b.value >= 1 and b.value.is_integer():

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 
 from hystid.modelica.curves import Curve
-from hystid.modelica.matrix_kernels import KERNELS, SLOPE
+from hystid.modelica.matrix_kernels import SLOPE, TEXTS
 from hystid.modelica.xorshift import GENERATORS
 
 
@@ -275,7 +275,7 @@ _NUMERIC: dict[str, Callable[..., float]] = {
 }
 
 # Operators and functions that the C printer and the differentiation know as numbers.
-FUNCTIONS = frozenset(_NUMERIC).union(KERNELS)
+FUNCTIONS = frozenset(_NUMERIC).union(TEXTS)
 
 
 def balanced_sum(terms: Sequence[Expr]) -> Expr:
@@ -424,7 +424,7 @@ def _terms(expr: Expr) -> Iterator[tuple[bool, Expr]]:
 
 
 STEPS = frozenset({"sign", "floor", "ceil", "integer", "div", "curve_next", "curve3"})  # flat between their jumps
-_FLAT = STEPS | {"pre", "der", "corner", "delayed"} | GENERATORS.keys() | {name + SLOPE for name in KERNELS}
+_FLAT = STEPS | {"pre", "der", "corner", "delayed"} | GENERATORS.keys() | {name + SLOPE for name in TEXTS}
 
 _TWO = Num(2.0)
 _GIVEN = 4  # arguments of an operation on a matrix before what is given: the output and three sizes
@@ -482,7 +482,7 @@ def _d_kernel(e: Op, *d: Expr) -> Expr:
 
 
 _RULES_OF_SEVERAL: dict[str, Callable[..., Expr]] = {
-    **dict.fromkeys(KERNELS, _d_kernel),
+    **dict.fromkeys(TEXTS, _d_kernel),
     "curve0": lambda e, da, *_: op("*", op("curve1", *e.args), da),
     "curve1": lambda e, da, *_: op("*", op("curve2", *e.args), da),
     "curve2": lambda e, da, *_: op("*", op("curve3", *e.args), da),

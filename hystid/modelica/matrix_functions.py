@@ -12,7 +12,7 @@ from math import cos, pi, sin
 import numpy as np
 
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, op, select
-from hystid.modelica.values import Array, Interpreter, Value, array, boxed, flattened, matrix, summed
+from hystid.modelica.values import Array, Interpreter, Value, array, boxed, flattened, matrix, product, summed
 
 _FUNCTION = re.compile(
     r"(?:^|\.)(?:Matrices\.(?:Utilities\.)?|Polynomials\.|(?:FastFourierTransform\.)?Internal\.)(?P<name>\w+)$"
@@ -28,10 +28,8 @@ def is_matrix_function(name: str) -> bool:
 
 def factored(expander: Interpreter, name: str, args: Sequence[Value]) -> list[Value]:
     """Outputs of such a call. args: values of all inputs."""
-    found = _FUNCTION.search(name)
-    assert found is not None
     try:
-        return FUNCTIONS_OF_MATRICES[found["name"]](*args)
+        return FUNCTIONS_OF_MATRICES[name.rsplit(".", 1)[-1]](*args)
     except ValueError as error:
         expander.refuse(f"{name}(): {error}")
 
@@ -68,11 +66,6 @@ def _zeros(rows: int, columns: int) -> Array:
 
 def _identity(n: int) -> Array:
     return array([ONE if i == j else ZERO for i in range(n) for j in range(n)]).reshape(n, n)
-
-
-def _times(a: Array, b: Array) -> Array:
-    made = [summed(op("*", x, y) for x, y in zip(row, column, strict=True)) for row in a for column in b.T]
-    return array(made).reshape(len(a), b.shape[1])
 
 
 def _each(name: str, a: Array, b: Array) -> Array:
@@ -161,8 +154,8 @@ def _fitted_under(A: Value, a: Value, B: Value, b: Value) -> list[Value]:
     tall, wide = matrix(A), matrix(B)
     first = _solved(wide, matrix(b))
     unseen = _each("-", _identity(tall.shape[1]), _solved(wide, wide))
-    rest = _each("-", matrix(a), _times(tall, first))
-    more, _ = _least_squares(_times(tall, unseen), rest, Num(1e-12))
+    rest = _each("-", matrix(a), product(tall, first))
+    more, _ = _least_squares(product(tall, unseen), rest, Num(1e-12))
     return [_each("+", first, more).reshape(-1)]
 
 
@@ -258,7 +251,8 @@ def _sylvester(terms: Sequence[tuple[Array, Array]], c: Array) -> Array:
     whole = _kronecker(*terms[0])
     for a, b in terms[1:]:
         whole = _each("+", whole, _kronecker(a, b))
-    return _solved(whole, c.reshape(-1, 1)).reshape(c.shape)
+    regular = Num(-_EPSILON.value)  # a solution that does not exist, or is not the only one, is no number
+    return _least_squares(whole, c.reshape(-1, 1), regular)[0].reshape(c.shape)
 
 
 def _lyapunov(A: Value, C: Value, *_: Value) -> list[Value]:

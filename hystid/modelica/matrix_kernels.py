@@ -9,19 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-KERNELS = (
-    "hy_svd",
-    "hy_lsq",
-    "hy_qr",
-    "hy_hessenberg",
-    "hy_schur",
-    "hy_eigen",
-    "hy_expm",
-    "hy_rows",
-    "hy_balance",
-)
-"""Operations whose arguments are the number of the output, three sizes, and what is given."""
-
 SLOPE = "_slope"
 """Behind the name of such an operation: its slope as what is given moves; how it moves comes last."""
 
@@ -136,7 +123,8 @@ HY_APART static double hy_svd(int wanted, const int *size, const double *a, doub
 """
 
 _LSQ = """\
-/* x (m x k) of least norm for which a x - b is least, a (n x m), b (n x k); and the rank of a, by the limit after b. */
+/* x (m x k) of least norm for which a x - b is least, a (n x m), b (n x k); and the rank of a, by the limit after b.
+   Where that is negative, a has to be regular: not a number if it is not. */
 HY_APART static double hy_lsq(int wanted, const int *size, const double *a, double *w)
 {
     const int n = size[0], m = size[1], k = size[2], rows = n >= m ? n : m, cols = n >= m ? m : n;
@@ -145,7 +133,8 @@ HY_APART static double hy_lsq(int wanted, const int *size, const double *a, doub
     const double *left = n >= m ? b : v, *right = n >= m ? v : b;
     int rank = 0;
     hy_decomposed(n, m, a, b, v);
-    while (rank < cols && length[rank] > limit * length[0]) rank++;
+    while (rank < cols && length[rank] > fabs(limit) * length[0]) rank++;
+    if (limit < 0 && rank < m) return NAN;
     if (wanted == m * k) return rank;
     for (int j = 0; j < rank; j++) {
         double along = 0;
@@ -540,7 +529,8 @@ TEXTS = {
         _BALANCE,
     ),
 }
-"""Name of the operation -> texts in C that it needs, in this order, its own the last."""
+"""Name of the operation -> texts in C that it needs, in this order, its own the last. Its arguments are the number of
+the output, three sizes, and what is given."""
 
 
 def work(sizes: Sequence[int]) -> int:

@@ -145,6 +145,12 @@ def summed(items: Iterable[Expr]) -> Expr:
     return balanced_sum(terms)
 
 
+def product(a: Array, b: Array) -> Array:
+    """Product of two matrices."""
+    made = [summed(op("*", x, y) for x, y in zip(row, column, strict=True)) for row in a for column in b.T]
+    return array(made).reshape(len(a), b.shape[1])
+
+
 def matrix(value: Value) -> Array:
     """A value as a matrix; a vector is a column."""
     array = boxed(value)

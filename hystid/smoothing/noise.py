@@ -42,24 +42,25 @@ _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from ro
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 
 
-def noise_level(
-    channel: Array, others: Sequence[Array] = (), *, drives: bool = False, corners: Collection[float] = ()
-) -> float:
-    """Standard deviation of the white noise on a channel (its unit).
+def noise_level(channel: Array, others: Sequence[Array] = (), *, drives: bool = False) -> float:
+    """Standard deviation of the white noise on a channel (its unit): where a filter has taken its upper end away, that
+    before the filter. others, drives: as in ``filtered_beyond``."""
+    return max(unfiltered_level(channel), filtered_beyond(channel, others, drives=drives)[1])
+
+
+def unfiltered_level(channel: Array) -> float:
+    """The same of noise that no filter ends.
 
     The lower of two estimates, as each can only be raised by the signal: the median absolute sixth difference (Huber's
     idea, blind to single jumps), and the median of the periodogram in the quietest part of the upper half of the band.
-    Where a filter has taken that end away, both see what is left there, and the noise before it counts. others: of
-    other sensors of the same recording, which share motion and no noise. drives, corners: as in ``filtered_beyond``.
+    Where a filter has taken that end away, both see what is left there.
     """
     floor = _RESOLUTION * float(np.std(channel))
     if len(channel) < 64:
         return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
     differences, spectrum = _by_differences(channel), _by_spectrum(channel)
     lower = differences if differences < _APART * spectrum else spectrum
-    return float(
-        max(floor, _by_steps(channel), lower, filtered_beyond(channel, others, drives=drives, corners=corners)[1])
-    )
+    return float(max(floor, _by_steps(channel), lower))
 
 
 def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:

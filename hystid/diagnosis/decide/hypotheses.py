@@ -425,7 +425,9 @@ class Search:
         misfit, without, formed = misfits
         if not criterion.is_settled(misfit, formed):
             return False
-        known = self.criterion.is_reached(misfit + criterion.level)  # noise of a level that was measured
+        known = self.criterion.is_reached(
+            misfit + criterion.level
+        )  # as the noise was measured, not as the best law leaves it
         if without - misfit < FORM**2 * formed and not known:
             return False
         curves = [*free_curves(self.problem, rest), *wrong_forms(self.problem, rest)]

@@ -20,7 +20,14 @@ from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.numeric import Array
 from hystid.numeric import Flags as Flags
 from hystid.recording import Recording
-from hystid.smoothing.noise import SECTIONS, between_samples, filtered_beyond, louder_for_a_while, noise_level, steps
+from hystid.smoothing.noise import (
+    SECTIONS,
+    between_samples,
+    filtered_beyond,
+    louder_for_a_while,
+    steps,
+    unfiltered_level,
+)
 from hystid.smoothing.smoother import Smoothed, error_of_x, smooth
 
 Single = NDArray[np.float32]
@@ -167,7 +174,7 @@ def prepare_parts(
     """The parts of recordings that one recorder made: it filters a channel in all of them alike."""
     corners: dict[str, set[float]] = {}
     for recording in recordings:
-        for name, end in _noise_ends(_all_channels(recording), {}).items():
+        for name, (end, _) in _noise_ends(_all_channels(recording), {}).items():
             corners.setdefault(name, set()).update({end} - {0.5})
     return [prepare_part(recording, seed + i, stopped, corners) for i, recording in enumerate(recordings)]
 
@@ -183,19 +190,15 @@ def prepare_part(
     stopped: channels that stop at a level; samples there count as missing. corners: frequencies [cycles per sample]
     beyond which the recorder has taken the noise of a channel away, as other recordings show.
     """
-    corners = corners or {}
     F, dt = recording.channel("F"), recording.dt
     measured = measured_motion(recording)
     channels = _all_channels(recording)
     # what is integrated does not know slow motion better than integration allows, however quiet it is
     limited = frozenset("F" if "x" in measured else channels)
-    levels = {
-        n: noise_level(y, _others(n, channels), drives=n == "F", corners=corners.get(n, ()))
-        for n, y in channels.items()
-    }
-    ends = _noise_ends(channels, corners)
+    ends = _noise_ends(channels, corners or {})
+    levels = {name: max(unfiltered_level(y), ends[name][1]) for name, y in channels.items()}
     noise = {name: _at_least(name in limited, level, channels[name]) for name, level in levels.items()}
-    louder = _louder(channels, noise, limited, {name for name, end in ends.items() if end == 0.5})
+    louder = _louder(channels, noise, limited, {name for name, (end, _) in ends.items() if end == 0.5})
     gapped, valid = _without_stops(channels, noise, stopped or {})
     seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
     motion = smooth(seen, noise, dt, None, _of_motion(louder), force)
@@ -206,7 +209,7 @@ def prepare_part(
         {name: column for name, column in recording.extra.items() if len(column) == len(F)},
         _jitter(measured, noise, dt, motion, (seed, louder)), louder=louder,
         error_of_x=error_of_x({name: noise[name] for name in measured}, dt, motion.roughness),
-        noise_ends=min(ends.values()),
+        noise_ends=min(end for end, _ in ends.values()),
     )  # fmt: skip
 
 
@@ -214,10 +217,12 @@ def _all_channels(recording: Recording) -> dict[str, Array]:
     return {**measured_motion(recording), "F": recording.channel("F")}
 
 
-def _noise_ends(channels: Mapping[str, Array], corners: Mapping[str, Collection[float]]) -> dict[str, float]:
-    """Frequencies [cycles per sample] up to which the noise of each channel is white."""
+def _noise_ends(
+    channels: Mapping[str, Array], corners: Mapping[str, Collection[float]]
+) -> dict[str, tuple[float, float]]:
+    """Frequencies [cycles per sample] up to which the noise of each channel is white, and its level before a filter."""
     return {
-        name: filtered_beyond(y, _others(name, channels), drives=name == "F", corners=corners.get(name, ()))[0]
+        name: filtered_beyond(y, _others(name, channels), drives=name == "F", corners=corners.get(name, ()))
         for name, y in channels.items()
     }
 

@@ -10,14 +10,13 @@ import re
 from collections.abc import Iterator
 
 from hystid.modelica.clauses import clauses
-from hystid.modelica.matrix_functions import FUNCTIONS_OF_MATRICES
+from hystid.modelica.matrix_functions import is_matrix_function
 from hystid.modelica.reach import Class, classes
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
 
 _BODY = re.compile(r"\b(?:protected|algorithm|external)\b")
 _PUBLIC = re.compile(r"\bpublic\b")
-_PACKAGES = {"Matrices", "Polynomials", "Internal"}
 
 
 def with_known_matrices(source: Source) -> Source:
@@ -30,8 +29,8 @@ def with_known_matrices(source: Source) -> Source:
 
 
 def _is_known(owner: Class, standard: bool) -> bool:
-    around = {c.name for c in owner.around()}
-    return owner.name in FUNCTIONS_OF_MATRICES and bool(_PACKAGES & around) and (standard or "Modelica" in around)
+    around = [c.name for c in owner.around()]
+    return is_matrix_function(".".join(reversed(around))) and (standard or "Modelica" in around)
 
 
 def _outline(owner: Class) -> Iterator[Edit]:
