@@ -112,8 +112,10 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
             return False
         said = term.effect.semantics
         if said.threshold:
-            side = term.values.get(said.switch, 0.0)
-            beyond = [(side * p.x if side else np.abs(p.x)) > term.values[said.threshold] for p in problem.parts]
+            side, gap = term.values.get(said.switch, 0.0), term.values[said.threshold]
+            gates = term.effect.switched([np.ones_like(p.x) for p in problem.parts], signals, term.values)
+            acting = zip(problem.parts, gates, strict=True)  # what lies beyond while the law is off touches nothing
+            beyond = [((side * p.x if side else np.abs(p.x)) > gap) & (gate > 0.5) for p, gate in acting]
             if max(np.mean(flags) for flags in beyond) < _REACHED and (
                 said.width or max(map(np.count_nonzero, beyond)) < TOUCHED
             ):
