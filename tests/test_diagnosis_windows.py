@@ -13,6 +13,7 @@ from hystid.diagnosis import diagnose
 from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.decide.part_time import _exchanged
 from hystid.diagnosis.decide.possible import possible
+from hystid.diagnosis.decide.trials import are_reached
 from hystid.diagnosis.decide.unseen import _Judge
 from hystid.diagnosis.fit.case import Case, pose
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Term
@@ -354,3 +355,70 @@ def test_what_wanders_has_no_line() -> None:
     slow = np.cumsum(rng.standard_normal(6000))
     assert not _has_line(slow / np.std(slow)) and not _has_line(white)
     assert _has_line(white + 0.35 * np.sin(2 * np.pi * 50 * np.arange(6000) / FS))
+
+
+def test_a_threshold_counts_where_the_law_acts() -> None:
+    """The motion passes it in its loudest stretch alone, and the law acts elsewhere: it has not been seen to open."""
+    case, library = posed([louder_at_the_end()])
+    play = next(effect for effect in library if (effect.id, effect.form) == ("backlash", ""))
+    gap = 1.2 * float(np.max(np.abs(case.problem.parts[0].x[:4000])))
+
+    def reached(window: Window) -> bool:
+        effect = windowed(play, {0: window})
+        term = Term(effect, {"k": 3000.0, "gap": gap, **effect.near})
+        fit = replace(case.refit, hypothesis=replace(case.refit.hypothesis, terms=(term,)))
+        return are_reached(case.problem, fit)
+
+    assert not reached(Window(0.5, 3.5))
+    assert reached(Window(0.5, 5.9))
+
+
+def louder_at_the_end() -> Recording:
+    """A linear oscillator of which the last third moves twice as far."""
+    sound = recorded(1, 1e3, lambda t, x, v: 0 * t)
+    grown = 1 + 1 / (1 + np.exp(-(sound.t - 4.3) / 0.05))
+    return replace(sound, **{name: getattr(sound, name) * grown for name in "Fxva"})
+
+
+def add_for_a_while(spring: float, damper: float) -> list[Recording]:
+    """Three recordings, with a spring [N/m] and a damper [N.s/m] more in the middle of the first and the third."""
+    sound = recorded(2, 2e3, lambda t, x, v: 0 * t)
+
+    def added(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return (spring * x + damper * v) * ((t > 1.9) & (t < 4.2))
+
+    return [recorded(1, 1e3, added), sound, recorded(3, 3e3, added)]
+
+
+@pytest.mark.parametrize(
+    ("spring", "damper", "name", "parameter", "true"),
+    [
+        (5e3, 0.0, "linear_stiffness", "k", 5e3),
+        (-5e3, 0.0, "linear_stiffness", "k", 5e3),
+        (0.0, 40.0, "viscous_damping", "c", 40.0),
+        (0.0, -15.0, "viscous_damping", "c", 15.0),
+    ],
+)
+def test_a_spring_or_a_damper_comes_or_goes(
+    spring: float, damper: float, name: str, parameter: str, true: float
+) -> None:
+    """A support that is touched for a while is a spring: no stop, and no relaxation however slow."""
+    [finding] = diagnose(add_for_a_while(spring, damper), model=MODEL, parameters=NOMINAL).findings
+    assert finding.effect == name
+    value = finding.parameters[parameter]
+    assert value.value == pytest.approx(true, abs=4 * value.stderr)  # four standard errors: chance of 1 in 16,000
+
+
+def test_a_rig_that_was_changed_between_two_recordings() -> None:
+    """It is stiffer in one of them, all the time."""
+    tests = [recorded(1, 1e3, lambda t, x, v: 0 * t), recorded(2, 2e3, lambda t, x, v: 5e3 * x)]
+    [finding] = diagnose([*tests, recorded(3, 3e3, lambda t, x, v: 0 * t)], model=MODEL, parameters=NOMINAL).findings
+    assert finding.effect == "linear_stiffness"
+    assert finding.where.text.endswith("in rig_2 only")
+
+
+def test_what_acts_all_the_time_is_of_the_model() -> None:
+    tests = [recorded(seed, 1e3 * seed, lambda t, x, v: 5e3 * x + 40 * v) for seed in (1, 2)]
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
+    assert found.verdict in ("consistent", "recalibrated")
+    assert not found.findings

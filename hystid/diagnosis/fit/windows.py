@@ -205,7 +205,7 @@ def window_names(effect: Effect) -> tuple[str, ...]:
     return tuple(effect.near) if isinstance(effect, Windowed) else ()
 
 
-def window_text(term: Term) -> str:
+def window_text(problem: Problem, term: Term) -> str:
     """A clause about the window of an effect, empty where it acts all the time."""
     effect = term.effect
     if not isinstance(effect, Windowed):
@@ -213,6 +213,11 @@ def window_text(term: Term) -> str:
     if effect.owners is None:
         begin, end, _ = effect.times(term.values, 0)
         return f", from {begin:.3g} s to {end:.3g} s only"
+    if len(effect.owners) == 1:
+        part = problem.parts[effect.owners[0]]
+        begin, end, _ = effect.times(term.values, effect.owners[0])
+        whole = end - begin > (1 - _ALIKE) * part.t[-1]
+        return f", in {part.name} only" + ("" if whole else f", from {begin:.3g} s to {end:.3g} s")
     return f", in a window of time of its own in {len(effect.owners)} of the recordings"
 
 

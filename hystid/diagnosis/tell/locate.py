@@ -30,7 +30,7 @@ def where_term(problem: Problem, term: Term, signals: Sequence[Signals]) -> Wher
     """Location of a named effect from its own force."""
     forces = [term.effect.force(s, term.values) for s in signals]
     even = _even_share(term, signals, forces)
-    return _where(problem, forces, even, _text(term, forces, signals))
+    return _where(problem, forces, even, _text(problem, term, forces, signals))
 
 
 def where_unknown(problem: Problem, residuals: Sequence[Array], noise: float) -> Where:
@@ -108,9 +108,9 @@ def _harmonics(even: float) -> str:
     return "odd harmonics" if even < 0.1 else f"even ({100 * even:.0f} % of the power) and odd harmonics"
 
 
-def _text(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:
+def _text(problem: Problem, term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:
     """One clause: the threshold where there is one, how much of the time the effect acts, and its window of time."""
-    return _place(term, forces, signals) + window_text(term)
+    return _place(term, forces, signals) + window_text(problem, term)
 
 
 def _place(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:
