@@ -10,5 +10,6 @@ equation
   f = -k*d;
   annotation(Documentation(info = "<html><p>Elastic: loading and unloading run along the same two lines. Opposite of two stops.</p></html>"),
     __HystId_effect(
-      threshold = gap));
+      threshold = gap,
+      becomes = {End(law = "linear_stiffness", of = gap, below = 1, per = "resolution")}));
 end BilinearStiffness__Threshold;

@@ -13,7 +13,8 @@ equation
       title = "contact beyond a gap on both sides",
       family = "contact beyond a gap",
       threshold = gap,
-      becomes = {End(law = "contact_loss", of = gap, one_sided = true)},
+      becomes = {End(law = "contact_loss", of = gap, one_sided = true),
+        End(law = "linear_stiffness", of = gap, below = 1, per = "resolution")},
       alike = {Alike(law = "backlash", title = "play between two stops")},
       tells = {Telling(law = "cubic_stiffness", experiment = "record at small and large amplitudes: is there a threshold")},
       experiment = "add a test of larger displacement, so that the stops are reached"));

@@ -12,5 +12,6 @@ equation
   annotation(Documentation(info = "<html><p>An off-centre clearance adds even harmonics.</p></html>"),
     __HystId_effect(
       threshold = gap,
-      becomes = {End(law = "contact_loss", of = gap, one_sided = true)}));
+      becomes = {End(law = "contact_loss", of = gap, one_sided = true),
+        End(law = "linear_stiffness", of = gap, below = 1, per = "resolution")}));
 end TwoSidedStop__Offcentre;

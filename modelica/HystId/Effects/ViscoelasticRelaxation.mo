@@ -13,6 +13,7 @@ equation
       title = "viscoelastic relaxation",
       family = "inner dynamics",
       needs = {"speeds"},
+      becomes = {End(law = "viscous_damping", of = tau, at = "bottom"), End(law = "linear_stiffness", of = tau, at = "top")},
       tells = {Telling(law = "hidden_mode", experiment = "hold a step and watch the force; sweep further up")},
       experiment = "hold a step and watch the force"));
 end ViscoelasticRelaxation;
