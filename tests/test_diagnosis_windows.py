@@ -411,8 +411,9 @@ def test_a_spring_or_a_damper_comes_or_goes(
 
 def test_a_rig_that_was_changed_between_two_recordings() -> None:
     """It is stiffer in one of them, all the time."""
-    tests = [recorded(1, 1e3, lambda t, x, v: 0 * t), recorded(2, 2e3, lambda t, x, v: 5e3 * x)]
-    [finding] = diagnose([*tests, recorded(3, 3e3, lambda t, x, v: 0 * t)], model=MODEL, parameters=NOMINAL).findings
+    first, last = (recorded(seed, 1e3 * seed, lambda t, x, v: 0 * t) for seed in (1, 3))
+    stiffer = recorded(2, 2e3, lambda t, x, v: 5e3 * x)
+    [finding] = diagnose([first, stiffer, last], model=MODEL, parameters=NOMINAL).findings
     assert finding.effect == "linear_stiffness"
     assert finding.where.text.endswith("in rig_2 only")
 
@@ -422,3 +423,18 @@ def test_what_acts_all_the_time_is_of_the_model() -> None:
     found = diagnose(tests, model=MODEL, parameters=NOMINAL)
     assert found.verdict in ("consistent", "recalibrated")
     assert not found.findings
+
+
+@pytest.mark.parametrize("added", [0.3, -0.3])
+def test_mass_that_one_recording_has_is_no_gain_of_the_channel(added: float) -> None:
+    """A gain would change spring and damper with it. Less mass was a gain, and ended in an error before."""
+
+    def inertia(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return added * np.gradient(v, 1 / FS)
+
+    first, last = (recorded(seed, 1e3 * seed, lambda t, x, v: 0 * t) for seed in (1, 3))
+    [finding] = diagnose([first, recorded(2, 2e3, inertia), last], model=MODEL, parameters=NOMINAL).findings
+    assert finding.alike == ("added_mass",)
+    dm = finding.parameters["dm"]
+    # four standard errors, and the central differences: (omega dt)^2/6 = 0.5 % at the resonance
+    assert dm.value == pytest.approx(added, abs=4 * dm.stderr + 0.005 * abs(added))

@@ -63,13 +63,16 @@ class Answer:
     def rename(self, name: str) -> str:
         """A law at an end of its parameters by the name that its block declares for it.
 
-        Mass, or a gain of the force channel: what keeps the refit nearer to nominal. A force channel that is off by a
-        constant in each recording, and does not drift, may as well have measured a constant force.
+        Mass, or a gain of the force channel: what keeps the refit nearer to nominal. Mass that comes or goes is mass: a
+        gain would change with it whatever else the force channel shows. A force channel that is off by a constant in
+        each recording, and does not drift, may as well have measured a constant force.
         """
         if name == DRIFT and self._is_constant():
             return next((i for i, said in self.catalogue.laws.items() if _equals_a_constant(said)), name)
         term = self.term(name)
-        if term is None or (is_mass(term.effect) and not self.baseline.mass):  # no mass that a gain could scale
+        if term is None or isinstance(term.effect, Windowed):
+            return name
+        if is_mass(term.effect) and not self.baseline.mass:  # no mass that a gain could scale
             return name
         for end in self.ends(term):
             if end.fit == "renamed":
@@ -88,9 +91,10 @@ class Answer:
 
     @property
     def _carried(self) -> tuple[int, Term] | None:
-        """Number and term of an effect that is mass; None where none was named."""
+        """Number and term of an effect that is mass all the time; None where none was named."""
         terms = enumerate(self.choice.after.hypothesis.terms)
-        return next(((i, term) for i, term in terms if is_mass(term.effect)), None)
+        lasting = ((i, term) for i, term in terms if not isinstance(term.effect, Windowed))
+        return next(((i, term) for i, term in lasting if is_mass(term.effect)), None)
 
     def gain(self) -> float:
         """Added mass as a share of the mass."""

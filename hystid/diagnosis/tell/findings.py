@@ -10,6 +10,7 @@ import numpy as np
 from hystid.diagnosis.decide.answer import GAIN, Answer, describe
 from hystid.diagnosis.decide.trials import DELAY
 from hystid.diagnosis.fit.value import Value
+from hystid.diagnosis.fit.windows import Windowed
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.tell.locate import where_term
@@ -70,9 +71,10 @@ def _finding(
 
 
 def _equivalents(name: str, answer: Answer) -> tuple[str, ...]:
-    """Ids that are the same by algebra."""
-    if name == GAIN and answer.gain() < 0:  # there is no negative mass
-        return ()
+    """Ids that are the same by algebra, where a law acts all the time."""
+    term = answer.term(name)
+    if (name == GAIN and answer.gain() < 0) or (term is not None and isinstance(term.effect, Windowed)):
+        return ()  # there is no negative mass, and what comes or goes is seen beside the time in which it does not
     return answer.catalogue.equal(name, answer.choice.named)
 
 
