@@ -27,7 +27,15 @@ from hystid.diagnosis.prepare.faults import Fault
 Array = NDArray[np.float64]
 Verdict = Literal["consistent", "recalibrated", "missing_physics", "sensor_fault", "unknown_physics", "not_applicable"]
 SENSORS = frozenset(
-    {"channel_delay", "force_gain", "force_drift", "force_high_pass", "force_low_pass", "sensor_saturation"}
+    {
+        "channel_delay",
+        "force_gain",
+        "force_drift",
+        "force_high_pass",
+        "force_low_pass",
+        "force_range",
+        "sensor_saturation",
+    }
 )
 GAIN = "force_gain"
 _FORCE = ("N", "kg", "J")  # beginnings of units that are proportional to a force

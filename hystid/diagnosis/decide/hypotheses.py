@@ -36,7 +36,7 @@ from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import Candidate as Scanned
 from hystid.diagnosis.fit.search import from_nominal, scan, try_fit, unexplained
 from hystid.diagnosis.fit.windows import has_windows
-from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drifts, high_passes
+from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drifts, high_passes, ranges
 from hystid.diagnosis.model.effects import Effect
 
 _LEAP = 0.5  # share of the misfit that is left by a start from nominal values, from which the refit was stuck
@@ -62,7 +62,8 @@ class Search:
         minima: Sequence[Fit],
     ) -> None:
         self.problem, self.baseline, self.effects, self.minima = problem, baseline, effects, minima
-        faults = [*force_drifts(len(problem.parts)), *high_passes(problem.parts), *clipped_force(problem, baseline)]
+        parts = problem.parts
+        faults = [*force_drifts(len(parts)), *high_passes(parts), *ranges(parts), *clipped_force(problem, baseline)]
         self.library = [*effects, *faults]
         self.candidates = scan(problem, baseline, self.library, progress)
         self.criterion = Criterion(problem, baseline, len({effect.id for effect in self.library}))

@@ -214,10 +214,9 @@ def window_text(problem: Problem, term: Term) -> str:
         begin, end, _ = effect.times(term.values, 0)
         return f", from {begin:.3g} s to {end:.3g} s only"
     if len(effect.owners) == 1:
-        part = problem.parts[effect.owners[0]]
         begin, end, _ = effect.times(term.values, effect.owners[0])
-        whole = end - begin > (1 - _ALIKE) * part.t[-1]
-        return f", in {part.name} only" + ("" if whole else f", from {begin:.3g} s to {end:.3g} s")
+        whole = end - begin > (1 - _ALIKE) * problem.parts[effect.owners[0]].t[-1]
+        return "" if whole else f", from {begin:.3g} s to {end:.3g} s"
     return f", in a window of time of its own in {len(effect.owners)} of the recordings"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +16,7 @@ from hystid.diagnosis.prepare.segments import Part
 from hystid.numeric import Array
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
-HIGH_PASS = "force_high_pass"
+HIGH_PASS, RANGE = "force_high_pass", "force_range"
 _STEADY = 0.05  # rms of ramps and bows over that of the offsets below which a force channel does not drift
 # What is not a law of the structure has no block: a fault of a channel is called so here.
 CHANNELS = {
@@ -29,6 +29,7 @@ CHANNELS = {
     DRIFT: Semantics(title="drift of the force channel"),
     HIGH_PASS: Semantics(title="AC-coupled force channel"),
     "force_low_pass": Semantics(title="low-pass of the force channel"),
+    RANGE: Semantics(title="wrong gain of the force channel in one recording"),
 }
 NUISANCES = frozenset({HUM, HISTORY})  # taken out, and no findings
 
@@ -101,6 +102,11 @@ class _OfMeasuredForce(ChannelEffect):
         alike = float(known @ signals.x) / max(float(known @ known), 1e-300)
         return float(np.clip(np.rint(alike), -1, 1)), self.missing[signals.index]
 
+    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
+        """What the channel lacks [N], shape (n,)."""
+        sign, missing = self.lacking(signals)
+        return np.asarray(-parameters["share"] * sign * missing)
+
 
 @dataclass(frozen=True)
 class Saturation(_OfMeasuredForce):
@@ -116,11 +122,6 @@ class Saturation(_OfMeasuredForce):
     def grid(self, scales: Scales) -> list[dict[str, float]]:
         """The level as it was found."""
         return [{"level": self.level}]
-
-    def force(self, signals: Signals, parameters: Mapping[str, float]) -> Array:
-        """What the channel lacks [N], shape (n,)."""
-        sign, missing = self.lacking(signals)
-        return np.asarray(-parameters["share"] * sign * missing)
 
 
 def saturation(motion: Sequence[Array], missing: Sequence[Array], level: float) -> Saturation:
@@ -186,6 +187,27 @@ def high_passes(parts: Sequence[Part]) -> list[HighPass]:
 
 def _integral(values: Array, dt: float) -> Array:
     return np.asarray(cumulative_trapezoid(values, dx=dt, initial=0))
+
+
+@dataclass(frozen=True)
+class Range(_OfMeasuredForce):
+    """What a force channel lacks that was set to another range in one recording: a share of what it shows there."""
+
+    @property
+    def meanings(self) -> dict[str, str]:
+        """What each parameter is."""
+        return {"share": f"Force that the channel lacks in recording {self.form}, as a share of what it shows"}
+
+
+def ranges(parts: Sequence[Part]) -> list[Range]:
+    """A force channel whose gain differs in one recording, for each of them; [] where there is no other one."""
+    motion, still = tuple(part.x for part in parts), [np.zeros(len(part)) for part in parts]
+    found = []
+    for own, part in enumerate(parts):
+        shown = (*still[:own], part.F, *still[own + 1 :])
+        made = Range(RANGE, str(own + 1), "", None, ("share",), units={"share": "1"}, lowest={"share": -1.0})
+        found.append(replace(made, motion=motion, missing=shown))
+    return found if len(parts) > 1 else []
 
 
 class ForceDrift(ChannelEffect):

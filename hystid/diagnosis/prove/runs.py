@@ -13,7 +13,9 @@ from hystid.diagnosis.decide.answer import Answer, refit_values
 from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.fit.extended import CLASS, Skeleton, extended_model, settings_of
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
+from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.windows import for_recording, has_own_windows
+from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.diagnosis.model.freerun import diverges, error, errors
 from hystid.diagnosis.prepare.segments import Part
 from hystid.diagnosis.prove.output_error import output_error_fit
@@ -67,11 +69,20 @@ def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Run
         text = written(answer, skeleton) if notes else text
     last = answer.choice.after.hypothesis
     at = settings_of(skeleton, for_recording(last)) if notes else {}
-    seen = errors(extended, groups[0], at, last.delay)
+    mended = _at_the_structure(answer.problem, last)
+    seen = errors(extended, mended, at, last.delay)
     if has_own_windows(last):
-        own = [settings_of(skeleton, for_recording(last, i)) for i in range(len(groups[0]))]
-        seen = [errors(extended, [p], {**at, **s}, last.delay)[0] for p, s in zip(groups[0], own, strict=True)]
+        own = [settings_of(skeleton, for_recording(last, i)) for i in range(len(mended))]
+        seen = [errors(extended, [p], {**at, **s}, last.delay)[0] for p, s in zip(mended, own, strict=True)]
     return Runs(answer, text, before, (seen, errors(extended, groups[1], at, last.delay)), notes)
+
+
+def _at_the_structure(problem: Problem, hypothesis: Hypothesis) -> list[Part]:
+    """The recordings with the force that acts on the structure: what the channel shows, less its faults."""
+    signals = problem.signals(hypothesis)
+    faults = [term for term in hypothesis.terms if isinstance(term.effect, ChannelEffect)]
+    wrong = [sum((term.effect.force(s, term.values) for term in faults), np.zeros(len(s.x))) for s in signals]
+    return [replace(part, F=part.F - f) for part, f in zip(problem.parts, wrong, strict=True)]
 
 
 def _beside_fmu(

@@ -110,7 +110,9 @@ def _harmonics(even: float) -> str:
 
 def _text(problem: Problem, term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:
     """One clause: the threshold where there is one, how much of the time the effect acts, and its window of time."""
-    return _place(term, forces, signals) + window_text(problem, term)
+    acting = [part.name for part, force in zip(problem.parts, forces, strict=True) if np.any(force)]
+    alone = f", in {acting[0]} only" if len(acting) == 1 < len(forces) else ""
+    return _place(term, forces, signals) + alone + window_text(problem, term)
 
 
 def _place(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:

@@ -1,0 +1,51 @@
+"""A force channel that was set to another range in one recording: its gain is wrong there, and nowhere else."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hystid.diagnosis import Diagnosis, diagnose
+from hystid.recording import Recording
+from tests.test_diagnosis_windows import MODEL, NOMINAL, recorded
+
+CUBIC = 1e6  # N/m3
+
+
+def sound(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return 0 * t
+
+
+def asked(gain: float, force: Callable[..., np.ndarray] = sound) -> Diagnosis:
+    """Three recordings, of which the second shows so many times the force."""
+    tests: list[Recording] = [recorded(seed, 1e3 * seed, force) for seed in (1, 2, 3)]
+    tests[1] = replace(tests[1], F=gain * tests[1].F)
+    return diagnose(tests, model=MODEL, parameters=NOMINAL)
+
+
+@pytest.mark.parametrize("gain", [1.25, 0.9])
+def test_is_named_with_its_size(gain: float) -> None:
+    found = asked(gain)
+    assert found.verdict == "sensor_fault"
+    [finding] = found.findings
+    assert finding.effect == "force_range"
+    assert "in rig_2 only" in finding.where.text
+    share = finding.parameters["share"]
+    assert share.value == pytest.approx(1 / gain - 1, abs=4 * share.stderr)  # four standard errors
+
+
+def test_the_free_run_is_driven_by_the_force_on_the_structure() -> None:
+    before, after = asked(1.25).errors[1].free_run
+    assert before is not None
+    assert after is not None
+    assert after < 0.5 * before
+
+
+def test_is_found_beside_missing_physics() -> None:
+    found = asked(1.25, lambda t, x, v: CUBIC * x**3)
+    assert {finding.effect for finding in found.findings} == {"force_range", "cubic_stiffness"}
+
+
+def test_is_none_where_all_ranges_agree() -> None:
+    assert asked(1.0).verdict in ("consistent", "recalibrated")
