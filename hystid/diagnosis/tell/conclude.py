@@ -24,14 +24,14 @@ from hystid.diagnosis.prepare.segments import prepare_parts
 from hystid.diagnosis.prove.runs import Run, Runs, free_runs
 from hystid.diagnosis.tell import locate
 from hystid.diagnosis.tell.advice import next_experiment
+from hystid.diagnosis.tell.alone import CLEAR, REST, changes
 from hystid.diagnosis.tell.dependence import dependences
 from hystid.diagnosis.tell.findings import findings, headline
 from hystid.diagnosis.tell.result import Diagnosis, Errors, Traces
 from hystid.numeric import Flags
 
 _CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
-_REST = 1.3  # residual over the noise beyond which a named answer says that something is left
-_SKEW, _CLEAR = 0.1, 10.0  # samples, and standard errors, from which a delay of the force that is no fault is told
+_SKEW = 0.1  # samples from which a delay of the force that is no fault is told
 
 
 def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
@@ -47,6 +47,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     )
     verdict = answer.verdict()
     told = _not_borne_out(choice, unseen) if choice.named else []
+    told += changes(case.problem, choice.before) if choice.unknown else []
     depends = tuple(dependences(case.problem, choice.after.hypothesis, choice.before.hypothesis))
     remains = _rest(choice)
     masses = several_masses(resonances(case.problem.parts)) if remains or choice.unknown else []
@@ -112,7 +113,7 @@ def _not_borne_out(choice: Choice, unseen: Sequence[Errors]) -> list[str]:
 def _rest(choice: Choice) -> list[str]:
     """A sentence where what is named leaves clearly more than noise."""
     left = float(np.sqrt(choice.after.chi2 / max(choice.floor_after, 1e-300)))
-    if not choice.named or left < _REST:
+    if not choice.named or left < REST:
         return []
     return [f"what is named leaves {left:.2g} times the noise: something smaller has no name yet"]
 
@@ -121,7 +122,7 @@ def _late(case: Case, choice: Choice) -> list[str]:
     """A sentence on a force that is late or early by less than a fault, where that is clear."""
     here, dt = choice.after.hypothesis, case.problem.parts[0].dt
     size, error = abs(here.delay), choice.after.stderr(("chain", "delay"))
-    if here.late or size < _SKEW or not size > _CLEAR * error:
+    if here.late or size < _SKEW or not size > CLEAR * error:
         return []
     side = "late" if here.delay > 0 else "early"
     return [
