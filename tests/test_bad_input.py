@@ -127,6 +127,7 @@ RECORDINGS = [
     recording("gaps everywhere", spoilt(t=T + 0.5 * (np.arange(N) // 80)), "4 gaps"),
     recording("constant force", spoilt(F=np.full(N, 3.0)), "channel F: the channel is constant"),
     recording("clipped force", spoilt(F=np.clip(F, -0.6 * F.max(), 0.6 * F.max())), "cut off at"),
+    recording("a loose plug", spoilt(x=at(X, slice(100, 180), X[100])), "while others move"),
     recording("x in mm, labelled m", spoilt(x=1e3 * X), "it looks like mm"),
     recording("v with the wrong sign", spoilt(v=-V), "wrong sign"),
     recording("F with the wrong sign", spoilt(F=-F), "F has the wrong sign"),

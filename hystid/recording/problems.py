@@ -23,6 +23,7 @@ RULES = {
     "unequal_steps": "samples are equally spaced in time",
     "gap": "no samples are missing",
     "constant": "a channel that is used changes",
+    "held": "no channel stands still while another one shows that it moves",
     "clipped": "no channel is cut off at a limit of its range",
     "wrong_unit": "x, v, a and F have sizes that fit each other",
     "swapped_sign": "v = dx/dt, a = dv/dt, and a passive structure takes energy from F and gives none",

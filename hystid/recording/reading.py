@@ -16,6 +16,7 @@ from hystid.numeric import Array
 from hystid.recording.apart import BINARY, read_apart
 from hystid.recording.channels import Channels, Wishes, interpret
 from hystid.recording.checks import channel_problems
+from hystid.recording.held import held_problems
 from hystid.recording.problems import RULES, Problem, report
 from hystid.recording.table import Table
 from hystid.recording.text import read_text
@@ -146,6 +147,7 @@ def _recording(table: Table, channels: Channels, door: _Door) -> Recording:
     report(more, door.accept)  # what follows needs an increasing time axis
     if not np.all(np.isfinite(values["t"])):
         report(more)
+    more += held_problems(table, values)
     grid = uniform(table, values["t"], resample=door.resample)
     _refuse_extremes(table, values, grid.t)
     problems += [*more, *grid.problems]
