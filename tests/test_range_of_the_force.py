@@ -49,3 +49,11 @@ def test_is_found_beside_missing_physics() -> None:
 
 def test_is_none_where_all_ranges_agree() -> None:
     assert asked(1.0).verdict in ("consistent", "recalibrated")
+
+
+def test_a_zero_that_is_off_in_one_recording_is_no_high_pass() -> None:
+    """A corner at 0 Hz, and a force lost before the recording, was an AC-coupled channel at 100 %."""
+    tests = [recorded(seed, 1e3 * seed, sound) for seed in (1, 2, 3)]
+    tests[1] = replace(tests[1], F=tests[1].F + 0.3 * np.std(tests[1].F))
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
+    assert "force_high_pass" not in {name for finding in found.findings for name in finding.alike}

@@ -20,7 +20,7 @@ from hystid.diagnosis.fit.search import (
     try_fit,
     try_term,
 )
-from hystid.diagnosis.model.channel_effects import DRIFT
+from hystid.diagnosis.model.channel_effects import DRIFT, HIGH_PASS
 from hystid.diagnosis.model.effects import Effect
 
 SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
@@ -110,6 +110,8 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
     for number, term in enumerate(fit.hypothesis.terms):
         if not term.effect.is_possible(term.values) or (term.effect.id == DRIFT and not _drifts(problem, fit, number)):
             return False
+        if term.effect.id == HIGH_PASS and not _is_clear(fit, number, "omega"):  # else a constant of each recording
+            return False
         said = term.effect.semantics
         if said.threshold:
             side, gap = term.values.get(said.switch, 0.0), term.values[said.threshold]
@@ -127,6 +129,11 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
     return True
 
 
+def _is_clear(fit: Fit, number: int, name: str) -> bool:
+    """Whether a parameter of a term is more than its error."""
+    return abs(fit.hypothesis.terms[number].values[name]) > _MOVING * fit.stderr((str(number), name))
+
+
 def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
     """Whether a drift of the force channel is one in most of the recordings, or, where its form is that of constants, a
     constant in most of them.
@@ -140,7 +147,7 @@ def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
 
     def most(kinds: Sequence[str]) -> bool:
         seen = [[f"{kind}_{k + 1}" for kind in kinds if f"{kind}_{k + 1}" in values] for k in range(count)]
-        clear = [any(abs(values[n]) > _MOVING * fit.stderr((str(number), n)) for n in names) for names in seen]
+        clear = [any(_is_clear(fit, number, name) for name in names) for names in seen]
         return 2 * sum(clear) > count
 
     runs = any(name.startswith(("ramp", "bow")) for name in values)
