@@ -140,14 +140,17 @@ def examined(tests: Sequence[Recording], unseen: Sequence[Recording], clipped: S
         late = None
     if late is not None:
         tests, unseen = ([_shifted(test, late) for test in group] for group in (tests, unseen))
-    scaled = _scaled_channel(_sound(found, faults))
+    alone = _scaled_alone(tests, faults)
+    scaled = _scaled_channel(_sound(found, faults)) if not alone else None
     if scaled is not None:
         tests, unseen = ([_rescaled(test, scaled) for test in group] for group in (tests, unseen))
+    tests = [_rescaled(test, alone[test.name]) if test.name in alone else test for test in tests]
     if not any(fault.channel in "xva" for fault in faults):
         faults += [f for f in (saturated_motion(tests),) if f is not None]
     repaired = [fault for fault in (*dead, *zeros, late, scaled) if fault is not None]
     named = [fault for fault in repaired if fault.id == DELAY and _is_named(fault)]
     notes = (*(fault.sentence() for fault in repaired), *([_HELD] if held else []))
+    notes += tuple(f"{name}: {fault.sentence()}" for name, fault in alone.items())
     return Chain(list(tests), list(unseen), (*faults, *named), tuple(repaired), notes, consistency(found))
 
 
@@ -284,6 +287,20 @@ def _scaled_channel(found: Sequence[ChannelPair]) -> Fault | None:
     if abs(size.value) < CALIBRATION:
         return None
     return Fault(GAIN, name, float(np.exp(size.value)), float(np.exp(size.value)) * size.stderr)
+
+
+def _scaled_alone(tests: Sequence[Recording], faults: Sequence[Fault]) -> dict[str, Fault]:
+    """Name of a recording -> the channel that was set to another range there: two others agree, and it does not; {}
+    where no recording is without."""
+    alone, sound = {}, False
+    for test in tests:
+        found = _sound(pairs([test]), faults)
+        fault = _scaled_channel(found)
+        near = [pair for pair in found if abs(pair.gain.value) < CALIBRATION and np.isfinite(pair.gain.stderr)]
+        sound |= len(near) == len(found) > 0
+        if fault is not None and any(fault.channel not in (pair.low, pair.high) for pair in near):
+            alone[test.name] = fault
+    return alone if sound else {}
 
 
 def _odd_one(found: Sequence[tuple[str, str, Estimate]]) -> tuple[str, Estimate]:

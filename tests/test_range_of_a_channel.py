@@ -1,4 +1,4 @@
-"""A force channel that was set to another range in one recording: its gain is wrong there, and nowhere else."""
+"""A channel that was set to another range in one recording: its gain is wrong there, and nowhere else."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -57,3 +57,13 @@ def test_a_zero_that_is_off_in_one_recording_is_no_high_pass() -> None:
     tests[1] = replace(tests[1], F=tests[1].F + 0.3 * np.std(tests[1].F))
     found = diagnose(tests, model=MODEL, parameters=NOMINAL)
     assert "force_high_pass" not in {name for finding in found.findings for name in finding.alike}
+
+
+@pytest.mark.parametrize("channel", ["x", "v", "a"])
+def test_a_channel_of_motion_is_set_right_in_its_recording(channel: str) -> None:
+    """Two channels agree, and the third does not: an acceleration of another range was added mass."""
+    tests = [recorded(seed, 1e3 * seed, sound) for seed in (1, 2, 3)]
+    tests[1] = replace(tests[1], **{channel: 1.2 * getattr(tests[1], channel)})
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
+    assert found.verdict in ("consistent", "recalibrated")
+    assert any(note.startswith(f"rig_2: channel {channel} reads 1.2") for note in found.notes)
