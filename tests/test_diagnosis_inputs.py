@@ -25,6 +25,7 @@ from hystid.modelica import compile_model
 from hystid.modelica.sources import library_folder
 from hystid.recording import Recording, read
 from hystid.recording.types import PSEUDO_TIME
+from tests import test_diagnosis_windows as rigs
 
 Array = np.ndarray
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -311,3 +312,14 @@ def test_dry_friction_in_a_free_decay_is_not_called_one_that_falls_with_speed() 
     answer = diagnose(decay, model="HystId.Oscillators.Linear", parameters={"m": mass})
     assert answer.verdict == "missing_physics"
     assert "coulomb_friction" in (answer.findings[0].effect, *answer.findings[0].alike), answer.headline
+
+
+def test_a_held_out_recording_that_denies_the_mass_is_left_out() -> None:
+    """Its force was measured behind the moving parts: the answer comes from the others, and says so."""
+    test, other = (rigs.recorded(seed, 1e3 * seed, lambda t, x, v: 0 * t) for seed in (1, 2))
+    assert other.F is not None
+    assert other.a is not None
+    behind = replace(other, F=other.F - rigs.MASS * other.a)
+    found = diagnose([test], model=rigs.MODEL, parameters=rigs.NOMINAL, holdout=[behind])
+    assert found.verdict in ("consistent", "recalibrated")
+    assert any("held-out recording left out: rig_2" in doubt and "shows no mass" in doubt for doubt in found.doubts)

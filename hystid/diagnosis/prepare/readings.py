@@ -27,6 +27,10 @@ class Contradiction(RecordingError):
     """Channels that no reading brings together; the message says which."""
 
 
+class _NoMass(Contradiction):
+    """A force that does not show the mass, while all channels read as they should."""
+
+
 @dataclass(frozen=True)
 class Readings:
     """Recordings whose channels fit together, with what was read in another way in their notes, and a late force.
@@ -47,9 +51,17 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
 
     A force on another clock is moved by whole samples where every recording says so, by the same time; the rest is a
     delay below a sample, which is fitted. A force that is far off its motion in some recordings only, or in the only
-    one, belongs to no law: it is refused. mass [kg]: as given, None where it is not known. Raises Contradiction.
+    one, belongs to no law: it is refused. A held-out recording that alone denies the mass is left out: it says nothing
+    of the structure that the others show. mass [kg]: as given, None where it is not known. Raises Contradiction.
     """
-    used, held = ([_read(test, mass) for test in group] for group in (tests, unseen))
+    used = [_read(test, mass) for test in tests]
+    held, unfit = [], {}
+    for test in unseen:
+        try:
+            held.append(_read(test, mass))
+        except _NoMass as denied:
+            unfit[test.name] = f"held-out recording left out: {denied}"
+    unseen = [test for test in unseen if test.name not in unfit]
     if left_out := _left_out((*tests, *unseen), (*used, *held)):
         used, held = ([_coupled_alike(read, left_out, mass) for read in group] for group in (used, held))
     misread = tuple(
@@ -57,7 +69,7 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
         for test, read in zip((*tests, *unseen), (*used, *held), strict=True)
         for note in read.recording.notes[len(test.notes) :]
     )
-    doubts = tuple(str(note) for read in (*used, *held) for note in read.found.notes)
+    doubts = (*unfit.values(), *(str(note) for read in (*used, *held) for note in read.found.notes))
     late = _late_force([read.lag for read in used]) if len(used) > 1 else None  # one test may be a law that looks late
     groups = [[read.recording for read in group] for group in (used, held)]
     if late is None:
@@ -98,7 +110,8 @@ def _read(test: Recording, mass: float | None) -> _Read:
             break
         for item in wrong:
             here = _mended(here, item)
-    raise Contradiction("; ".join(str(item) for item in wrong))
+    kind = _NoMass if all(item.slip == "wrong_mass" for item in wrong) else Contradiction
+    raise kind("; ".join(str(item) for item in wrong))
 
 
 def _late(here: Recording, found: Examination) -> tuple[tuple[float, float] | None, Finding | None]:
