@@ -323,3 +323,13 @@ def test_a_held_out_recording_that_denies_the_mass_is_left_out() -> None:
     found = diagnose([test], model=rigs.MODEL, parameters=rigs.NOMINAL, holdout=[behind])
     assert found.verdict in ("consistent", "recalibrated")
     assert any("held-out recording left out: rig_2" in doubt and "shows no mass" in doubt for doubt in found.doubts)
+
+
+def test_a_recording_without_force_that_does_not_swing_is_left_out() -> None:
+    """It creeps back to rest, and says little; the others carry the answer."""
+    test = rigs.recorded(1, 1e3, lambda t, x, v: 0 * t)
+    x = 0.01 * np.exp(-test.t / 1.5) + 1e-6 * np.random.default_rng(1).standard_normal(len(test))
+    creeping = Recording("creeping", test.t, F=np.zeros(len(test)), x=x)
+    found = diagnose([test, creeping], model=rigs.MODEL, parameters=rigs.NOMINAL)
+    assert found.verdict in ("consistent", "recalibrated")
+    assert any(note.startswith("left out: creeping has no force") for note in found.notes)

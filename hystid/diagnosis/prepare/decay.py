@@ -51,15 +51,24 @@ def is_free(test: Recording) -> bool:
     return test.F is None or not np.any(test.F)
 
 
-def released(tests: Sequence[Recording], mass: float | None) -> Released:
+def released(tests: Sequence[Recording], mass: float | None, *, held: bool = False) -> Released:
     """Recordings without a force, cut to their free decay, with a force that is zero but for the error of a model.
 
-    mass [kg]: as given; None for 1 where no recording has a force. Raises NoDecay.
+    What does not die away is left out, and told, where others show a force, or are ``held`` out. mass [kg]: as given;
+    None for 1 where no recording has a force. Raises NoDecay.
     """
     unscaled = mass is None and all(is_free(test) for test in tests)
     driven = not all(is_free(test) for test in tests)  # these know the zero of x; friction may hold it off its zero
-    made = [_decay(test, mass or 1.0, i, driven) if is_free(test) else [test] for i, test in enumerate(tests)]
-    return Released([piece for pieces in made for piece in pieces], unscaled, (PER_MASS,) if unscaled else ())
+    made: list[Recording] = []
+    told = [PER_MASS] if unscaled else []
+    for i, test in enumerate(tests):
+        try:
+            made += _decay(test, mass or 1.0, i, driven) if is_free(test) else [test]
+        except NoDecay as refused:
+            if not (driven or held):
+                raise
+            told.append(f"left out: {refused}")
+    return Released(made, unscaled, tuple(told))
 
 
 def _decay(test: Recording, mass: float, seed: int, driven: bool) -> list[Recording]:

@@ -142,8 +142,9 @@ def _with_decays(
     """Recordings whose force is known, free decays too; a mass of 1 where nothing gives a scale. Raises NoDecay."""
     given = replace(given, unforced=all(is_free(test) for test in tests))
     used = released(tests, given.mass)
-    held = released(unseen, 1.0 if used.unscaled else given.mass)
+    held = released(unseen, 1.0 if used.unscaled else given.mass, held=True)
     if used.unscaled:
         given = replace(given, values={**given.values, "m": 1.0}, fixed=given.fixed | {"m"})
-        used.tests[0] = replace(used.tests[0], notes=(*used.notes, *used.tests[0].notes))
+    told = used.notes if used.unscaled else (*used.notes, *held.notes)
+    used.tests[0] = replace(used.tests[0], notes=(*told, *used.tests[0].notes))
     return used.tests, held.tests, given
