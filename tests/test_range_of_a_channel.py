@@ -67,3 +67,18 @@ def test_a_channel_of_motion_is_set_right_in_its_recording(channel: str) -> None
     found = diagnose(tests, model=MODEL, parameters=NOMINAL)
     assert found.verdict in ("consistent", "recalibrated")
     assert any(note.startswith(f"rig_2: channel {channel} reads 1.2") for note in found.notes)
+
+
+def test_without_inertia_it_may_be_the_structure() -> None:
+    """In slow tests a gain of the force, and a spring and a damper that grew alike, are the same."""
+    tests = []
+    for seed, gain in ((1, 1.0), (2, 1.25), (3, 1.0)):
+        rng, t = np.random.default_rng(seed), np.arange(6000) / 200.0
+        waves = [(0.3, 4e-3), (0.7, 2e-3), (1.1, 1e-3)]
+        phases = rng.uniform(0, 2 * np.pi, 3)
+        x = sum(size * np.sin(2 * np.pi * f * t + p) for (f, size), p in zip(waves, phases, strict=True))
+        told = {"F": gain * (5e4 * x + 1e4 * np.gradient(x, t)), "x": x}
+        noisy = {name: u + 0.01 * np.std(u) * rng.standard_normal(len(t)) for name, u in told.items()}
+        tests.append(Recording(f"slow_{seed}", t, **noisy))
+    found = diagnose(tests, model=MODEL, parameters={**NOMINAL, "B": 0.9e4})
+    assert "force_range" not in {name for finding in found.findings for name in finding.alike}

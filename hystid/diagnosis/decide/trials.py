@@ -20,7 +20,7 @@ from hystid.diagnosis.fit.search import (
     try_fit,
     try_term,
 )
-from hystid.diagnosis.model.channel_effects import DRIFT, HIGH_PASS
+from hystid.diagnosis.model.channel_effects import DRIFT, HIGH_PASS, RANGE
 from hystid.diagnosis.model.effects import Effect
 
 SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
@@ -110,6 +110,8 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
     for number, term in enumerate(fit.hypothesis.terms):
         if not term.effect.is_possible(term.values) or (term.effect.id == DRIFT and not _drifts(problem, fit, number)):
             return False
+        if term.effect.id == RANGE and not _shows_inertia(problem, fit, number):
+            return False
         if term.effect.id == HIGH_PASS and not _is_clear(fit, number, "omega"):  # else a constant of each recording
             return False
         said = term.effect.semantics
@@ -127,6 +129,16 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
         ):
             return False
     return True
+
+
+def _shows_inertia(problem: Problem, fit: Fit, number: int) -> bool:
+    """Whether a gain of the force channel in one recording shows in the inertia there, beyond noise: else the structure
+    may have changed as well, as a damper whose valve was opened."""
+    term = fit.hypothesis.terms[number]
+    mass, share = fit.hypothesis.mass(), term.values["share"]
+    inertia = [mass * part.a * (str(i + 1) == term.effect.form) for i, part in enumerate(problem.parts)]
+    rows = problem.reduce(inertia)
+    return abs(share) * float(np.linalg.norm(rows)) > _MOVING * float(np.sqrt(fit.chi2))
 
 
 def _is_clear(fit: Fit, number: int, name: str) -> bool:
