@@ -1,4 +1,4 @@
-"""Channels that stand at one value while another one shows that they move: a loose plug, a link that broke off."""
+"""Channels that stand at one value while another one shows that they move: a loose plug, a broken connection."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def held_problems(table: Table, channels: Mapping[str, Array]) -> list[Problem]:
         if name in channels and (found := _longest(channels[name])) and _moves(name, *found, channels, dt):
             first, end = found
             text = f"it stands at {channels[name][first]:.6g} for {end - first} samples while others move"
-            action = "check plug and link, and leave the channel or these samples out"
+            action = "check the plug and the cable, and leave out the channel or these samples"
             problems.append(table.problem("held", text, action, name, first))
     return problems
 

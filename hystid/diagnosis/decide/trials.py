@@ -142,8 +142,10 @@ def _shows_inertia(problem: Problem, fit: Fit, number: int) -> bool:
 
 
 def _is_clear(fit: Fit, number: int, name: str) -> bool:
-    """Whether a parameter of a term is more than its error."""
-    return abs(fit.hypothesis.terms[number].values[name]) > _MOVING * fit.stderr((str(number), name))
+    """Whether a parameter of a term is more than its error, where that is known."""
+    return fit.covariance is None or abs(fit.hypothesis.terms[number].values[name]) > _MOVING * fit.stderr(
+        (str(number), name)
+    )
 
 
 def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
@@ -153,8 +155,6 @@ def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
     A constant that one recording needs and others do not, with ramps here and there, is what a wrong even law leaves,
     or friction that stuck elsewhere when a recording began.
     """
-    if fit.covariance is None:
-        return True
     values, count = fit.hypothesis.terms[number].values, len(problem.parts)
 
     def most(kinds: Sequence[str]) -> bool:
