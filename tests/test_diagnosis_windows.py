@@ -139,7 +139,7 @@ def test_other_laws_are_tried_in_the_windows_of_the_best() -> None:
     case, library = posed([recorded(seed, level, force) for seed, level in ((5, 40.0), (6, 50.0))])
     problem, before = case.problem, case.refit
     stops = windowed(next(e for e in library if e.class_name.endswith("TwoSidedStop__Offcentre")), Window(1.5, 4.0))
-    term = Term(stops, {"gap": 8e-4, "lean": -0.5, "k": 2e4, **stops.near})
+    term = Term(stops, {"gap": 4e-4, "lean": -2 / 3, "k": 2e4, **stops.near})  # the other stop is at -1.2 mm
     best = try_fit(problem, replace(before.hypothesis, terms=(*before.hypothesis.terms, term)))
     assert best is not None
     criterion = Criterion(problem, before, len({e.id for e in library}))

@@ -165,7 +165,7 @@ def test_two_stops_are_two_where_the_motion_reaches_both(effects: list[Effect]) 
 
         assert reached(swing, **lean)
         assert not reached(swing + 0.5e-3, **lean)
-        if lean:  # the stops stand at 0.15 mm and 1.05 mm, and at 0.45 mm and 0.75 mm
+        if lean:  # the stops stand at 0.6 mm and 2.4 mm, and at 0.6 mm and 0.8 mm
             assert not reached(swing, lean=-0.75)
             assert reached(swing, lean=-0.25)
 

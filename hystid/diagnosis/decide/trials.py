@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hystid.diagnosis.decide.limits import AT_END, TOUCHED, is_itself
-from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, is_mass
 from hystid.diagnosis.fit.problem import DELAY_LIMIT, LATE_LIMIT, MASS_TOLERANCE, Problem, standing
 from hystid.diagnosis.fit.search import (
     ABSORBED,
@@ -242,7 +242,33 @@ def exchanged(
         known = forms.get(candidate.effect.class_name)
         if made is not None and (known is None or made.chi2 < known.chi2):
             again.append(replace(_trial(candidate, made), others=()))
-    return ranked(problem, again)
+    return ranked(problem, [*again, *_wider(problem, again, library)])
+
+
+def _wider(problem: Problem, found: Sequence[Trial], library: Sequence[Effect]) -> Iterator[Trial]:
+    """Laws that become the best one at an end of theirs, and have fitted worse all the same, begun beside that end.
+
+    A second stop that the motion touches by little shows in no step of a grid where the first one is not in its place.
+    """
+    best = found[0]
+    here = best.fit.hypothesis
+    law, signals = here.terms[-1], problem.signals(here)
+    nearer = {t.form_of.class_name for t in found if t.form_of and t.chi2 <= best.chi2}
+    for effect in library:
+        if effect.class_name in nearer or all(end.law != law.effect.id for end in effect.semantics.becomes):
+            continue
+        same = {name: law.values.get(name, 0.0) for name in effect.amplitudes}
+        near = (Term(effect, {**at, **same}) for at in effect.grid(problem.scales, law.values))
+        starts = [replace(here, terms=(*here.terms[:-1], term)) for term in near if is_itself(problem, term, signals)]
+        if starts:
+            made = try_fit(problem, min(starts, key=lambda start: _squares(problem, start)), incumbent=best.chi2)
+            if made is not None:
+                yield Trial(effect.id, effect.form, effect.size, made)
+
+
+def _squares(problem: Problem, at: Hypothesis) -> float:
+    rows = problem.rows(at)
+    return float(rows @ rows)
 
 
 def is_within(effect: Effect, shapes: Collection[str], size: int) -> bool:

@@ -118,11 +118,10 @@ def _best(
 ) -> Candidate | None:
     """The grid point of one form with the largest gain; None where there is none."""
     grids = [effect.grid(problem.scales)]
-    if near:
-        beyond = [{**shapes, **{name: near[name] for name in shapes if name in near}} for shapes in grids[0]]
-        grids.append([there for i, there in enumerate(beyond) if there not in (*grids[0], *beyond[:i])])
+    if any(name in near for name in grids[0][0]):
+        grids.append(effect.grid(problem.scales, near))
     lowest, found = np.array([effect.lowest.get(name, -np.inf) for name in effect.amplitudes]), []
-    for grid in filter(None, grids):
+    for grid in grids:
         columns = problem.columns(effect, grid, signals)
         gains, absorbed, amplitudes = _scores(columns, beside, lowest)
         shapes = [grid[place] for place in columns.places]

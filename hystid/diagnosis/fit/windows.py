@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache, lru_cache
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,9 +96,9 @@ class Windowed(Effect):
             return on, off, ramp
         return (f"{on}_{index + 1}", f"{off}_{index + 1}", ramp) if index in self.owners else ()
 
-    def grid(self, scales: Scales) -> list[dict[str, float]]:
+    def grid(self, scales: Scales, near: Mapping[str, float] = MappingProxyType({})) -> list[dict[str, float]]:
         """Starting points of the effect itself, in the window as it was found."""
-        return [{**point, **self.near} for point in self.inner.grid(scales)]
+        return [{**point, **self.near} for point in self.inner.grid(scales, near)]
 
 
 @cache

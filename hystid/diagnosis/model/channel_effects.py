@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from types import MappingProxyType
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -119,7 +120,7 @@ class Saturation(_OfMeasuredForce):
         """The level counts as well."""
         return 2
 
-    def grid(self, scales: Scales) -> list[dict[str, float]]:
+    def grid(self, scales: Scales, near: Mapping[str, float] = MappingProxyType({})) -> list[dict[str, float]]:
         """The level as it was found."""
         return [{"level": self.level}]
 

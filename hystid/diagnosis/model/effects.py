@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
+from types import MappingProxyType
 
 import numpy as np
 
@@ -28,6 +29,7 @@ _SHORT = (0.003, 0.012)  # shares of the stroke over which friction may build up
 _BELOW = (0.7, 0.35)
 _SLOWEST = 0.1  # but not below this share of the highest
 _ASIDE = 1 / 3  # of the range on either side, from where shapes that may have either sign begin too
+_ACROSS = 13  # starts over the range of such shapes, in fine steps
 _APART = 0.08  # relative distance of such starts: a resonance is 0.1 wide at the damping ratio that is tried
 _LEAD = (0.01, 0.05, 0.2, 1.0)  # of the time in which the quickest motion turns by a radian: least time, and starts
 _PROBE = 2001  # samples of the signal on which linearity is tested
@@ -251,18 +253,23 @@ class Effect:
         zero = dict.fromkeys(self.amplitudes, 0.0)
         return [{**shapes, **zero, name: 1.0} for name in self.amplitudes]
 
-    def grid(self, scales: Scales) -> list[dict[str, float]]:
-        """Starting points for the shapes and choices: the first shape in fine steps, the others coarsely."""
-        axes = {shape.name: self._starts(shape, scales, fine=i == 0) for i, shape in enumerate(self.shapes)}
-        for shape in self.shapes[:1]:
+    def grid(self, scales: Scales, near: Mapping[str, float] = MappingProxyType({})) -> list[dict[str, float]]:
+        """Starting points for the shapes and choices: the first shape in fine steps, the others coarsely.
+
+        near: values of shapes and choices, by name, that are known; the first other shape is in fine steps then."""
+        open_ = [shape for shape in self.shapes if shape.name not in near]
+        axes = {shape.name: self._starts(shape, scales, fine=shape is open_[0]) for shape in open_}
+        for shape in open_[:1]:
             if (
                 self.remembers and shape.unit == "m" and not self.is_path(shape)
             ):  # memories are often far below the stroke
                 axes[shape.name] = np.concatenate([np.array(_SHORT) * scales.x[-1], axes[shape.name]])
-        names = [*axes, *self.choices]
-        values: list[Sequence[float]] = [list(map(float, axis)) for axis in axes.values()]
-        values += [list(map(float, choice)) for choice in self.choices.values()]
-        return [dict(zip(names, map(float, point), strict=True)) for point in product(*values)]
+        values: dict[str, Sequence[float]] = {name: list(map(float, axis)) for name, axis in axes.items()}
+        values |= {name: list(map(float, choice)) for name, choice in self.choices.items()}
+        values |= {
+            name: [near[name]] for name in (*(shape.name for shape in self.shapes), *self.choices) if name in near
+        }
+        return [dict(zip(values, map(float, point), strict=True)) for point in product(*values.values())]
 
 
 def effect_id(class_name: str) -> tuple[str, str]:
@@ -383,5 +390,6 @@ def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
         return np.geomspace(first, last, int(np.log(last / first) / _APART) + 2 if fine else 6)
     start = shape.start if shape.start is not None else 0.5 * (low + high)
     if low < 0 < high:  # of either sign: what is even at 0 says nothing of what it is beside it
-        return np.unique([_ASIDE * low, np.clip(start, low, high), _ASIDE * high])
+        shares = np.linspace(-1, 1, _ACROSS) if fine else np.array([-_ASIDE, _ASIDE])
+        return np.unique([np.clip(start, low, high), *(shares * np.where(shares < 0, -low, high))])
     return np.unique(np.clip([start, *((0.3 * low + 0.7 * high,) if fine else ())], low, high))

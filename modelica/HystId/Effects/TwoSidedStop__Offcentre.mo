@@ -2,12 +2,16 @@ within HystId.Effects;
 block TwoSidedStop__Offcentre "Two stops with different gaps"
   extends HystId.Interfaces.PartialEffect;
   parameter Real k(unit="N/m", min = 0) = 0 "Stiffness added beyond the gaps";
-  parameter Real gap(unit="m", min = 0) = 0.001 "Mean displacement at which contact changes";
-  parameter Real lean(unit="1", min = -0.9, max = 0.9) = 0 "Share by which the positive gap is the larger one";
+  parameter Real gap(unit="m", min = 0) = 0.001 "Displacement at which contact changes at the nearer stop";
+  parameter Real lean(unit="1", min = -0.9, max = 0.9) = 0 "Share of its gap by which the positive stop is the farther one; below 0 the negative one";
 protected
+  Real above(unit = "m") "Gap before the positive stop";
+  Real below(unit = "m") "Gap before the negative stop";
   Real d(unit = "m") "Displacement beyond the gap, signed";
 equation
-  d = noEvent(if x > (1 + lean)*gap then x - (1 + lean)*gap else if x < -(1 - lean)*gap then x + (1 - lean)*gap else 0);
+  above = gap/(1 - max(lean, 0));
+  below = gap/(1 - max(-lean, 0));
+  d = noEvent(if x > above then x - above else if x < -below then x + below else 0);
   f = k*d;
   annotation(Documentation(info = "<html><p>An off-centre clearance adds even harmonics.</p></html>"),
     __HystId_effect(
