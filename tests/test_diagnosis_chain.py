@@ -12,6 +12,7 @@ from scipy.signal import butter, cont2discrete, lfilter, sosfiltfilt
 from hystid.diagnosis.prepare.bandwidth import where_white
 from hystid.diagnosis.prepare.chain import DEAD, DELAY, GAIN, SATURATION, ZERO, examined, stopped
 from hystid.diagnosis.prepare.differences import advanced
+from hystid.diagnosis.prepare.faults import COUPLED
 from hystid.diagnosis.prepare.independence import measured_alike
 from hystid.diagnosis.prepare.pairs import agreed, pairs
 from hystid.recording import Recording
@@ -102,6 +103,23 @@ def test_what_a_filter_does_is_no_gain() -> None:
     b, a = butter(1, 8.0, "high", fs=1 / DT)
     coupled = replace(record, a=lfilter(b, a, record.a))
     assert GAIN not in {fault.id for fault in examined([coupled], []).repaired}
+
+
+@pytest.mark.parametrize(
+    ("corner", "without"), [(0.2, ""), (1.0, ""), (8.0, ""), (0.2, "x"), (8.0, "x"), (1.0, "v"), (8.0, "v")]
+)
+def test_an_ac_coupled_channel_is_told_with_its_corner_and_put_back(corner: float, without: str) -> None:
+    """It leads the channels below by an angle that falls with the frequency: none of them is late."""
+    sound = motion(6, n=3 * N)
+    b, a = butter(1, corner, "high", fs=1 / DT)
+    record = replace(sound, a=lfilter(b, a, sound.channel("a")), **{name: None for name in without})
+    found = examined([record], [])
+    (fault,) = found.repaired
+    assert (fault.id, fault.channel) == (COUPLED, "a")
+    assert abs(fault.size / (2 * np.pi) - corner) < max(5 * fault.stderr, 0.01 * corner)  # the bilinear transform warps
+    assert f"a corner at {fault.size / (2 * np.pi):.3g} (" in fault.sentence()
+    left = found.tests[0].channel("a") - sound.channel("a")
+    assert np.std(left) < 0.02 * np.std(sound.channel("a"))  # twice the noise that it has
 
 
 @pytest.mark.parametrize(("channel", "gain"), [("x", 1.05), ("v", 0.9), ("a", 1.2)])

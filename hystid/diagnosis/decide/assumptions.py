@@ -285,15 +285,22 @@ def _is_a_law(whole: Problem, kept: Problem, fitted: Fit) -> bool:
 
 
 def _accelerated(case: Case, choice: Choice, library: Sequence[Effect], made: Callable[[], Case]) -> Decided:
-    """From the acceleration alone, where nothing is missing then: an integral has lost the slow motion."""
+    """From the acceleration alone, where nothing is missing then, in half of the samples at least that told something
+    before: an integral has lost the slow motion."""
     try:
         other = made()
     except NotDiagnosable:
         return case, choice
     other, again = _sound(other, chosen(other, library), library)
-    if again.missing:
+    if again.missing or not tells_half(other.problem, case.problem):
         return case, choice
     return replace(other, notes=(*other.notes, _INTEGRATED)), again
+
+
+def tells_half(other: Problem, problem: Problem) -> bool:
+    """Whether the force of the law is known in half as many samples as before, at least: else little says anything."""
+    told, before = (np.count_nonzero(one.reduce.sure()) * one.reduce.block for one in (other, problem))
+    return bool(2 * told >= before)
 
 
 def _without_late(case: Case, choice: Choice, library: Sequence[Effect], posed: Callable[..., Case]) -> Decided | None:

@@ -68,6 +68,15 @@ def _told(problem: Problem, hypothesis: Hypothesis) -> list[Array]:
     return [mass * part.a + force for part, force in zip(problem.parts, problem.predicted(hypothesis), strict=True)]
 
 
+def error_of(problem: Problem, hypothesis: Hypothesis, told: Sequence[Array]) -> float:
+    """Standard error of the force that mass and law say, told, (n,) per part [N]: what noise of the motion does to it,
+    and all that it leaves of the force where no channel shows the motion."""
+    moved = problem.moved(hypothesis)[0]
+    errors = [hypothesis.mass() * p.jitter[0][2] + force for p, force in zip(problem.parts, moved, strict=True)]
+    unseen = [p.slow(p.F - one) if p.lowest else 0.0 * one for p, one in zip(problem.parts, told, strict=True)]
+    return float(np.hypot(np.std(np.concatenate(errors)), np.std(np.concatenate(unseen))))
+
+
 def _valid(part: Part) -> Flags:
     return np.ones(len(part), dtype=bool) if part.valid is None else part.valid
 
@@ -76,9 +85,7 @@ def _level(problem: Problem, hypothesis: Hypothesis) -> float | None:
     """Level at which the force channel stops [N]; None where it does not, or where a law may hold the force."""
     mass = hypothesis.mass()
     told = [np.where(_valid(p), one, 0.0) for p, one in zip(problem.parts, _told(problem, hypothesis), strict=True)]
-    moved = problem.moved(hypothesis)[0]
-    errors = [mass * part.jitter[0][2] + force for part, force in zip(problem.parts, moved, strict=True)]
-    found = level_of([part.F for part in problem.parts], told, float(np.std(np.concatenate(errors))))
+    found = level_of([part.F for part in problem.parts], told, error_of(problem, hypothesis, told))
     if found is None:
         return None
     inertia = np.concatenate(

@@ -390,6 +390,6 @@ def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
         return np.geomspace(first, last, int(np.log(last / first) / _APART) + 2 if fine else 6)
     start = shape.start if shape.start is not None else 0.5 * (low + high)
     if low < 0 < high:  # of either sign: what is even at 0 says nothing of what it is beside it
-        shares = np.linspace(-1, 1, _ACROSS) if fine else np.array([-_ASIDE, _ASIDE])
-        return np.unique([np.clip(start, low, high), *(shares * np.where(shares < 0, -low, high))])
+        aside = np.linspace(-1, 1, _ACROSS) if fine else np.array([-_ASIDE, _ASIDE])
+        return np.unique([np.clip(start, low, high), *(aside * np.where(aside < 0, -low, high))])
     return np.unique(np.clip([start, *((0.3 * low + 0.7 * high,) if fine else ())], low, high))

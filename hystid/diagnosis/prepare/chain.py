@@ -15,6 +15,7 @@ import numpy as np
 from scipy.stats import norm
 
 from hystid.consistency.kinematics import ORDER
+from hystid.diagnosis.prepare.ac_coupled import coupled, uncoupled
 from hystid.diagnosis.prepare.clipping import saturated_motion, stopped
 from hystid.diagnosis.prepare.differences import advanced
 from hystid.diagnosis.prepare.faults import CALIBRATION, DEAD, DELAY, GAIN, SATURATION, ZERO, Fault
@@ -127,12 +128,15 @@ def turns(x: Array, share: float = 0.25) -> list[int]:
 def examined(tests: Sequence[Recording], unseen: Sequence[Recording], clipped: Sequence[Fault] | None = None) -> Chain:
     """Look for faults of the channels and take out what can be taken out, in all recordings alike.
 
-    Zeros, lags and gains, each only where the sections of the recordings agree. clipped: channels that were found to
-    stop at a level (``stopped``); None where that is still to be looked for.
+    Zeros, AC coupling, lags and gains, each only where the sections of the recordings agree. clipped: channels that
+    were found to stop at a level (``stopped``); None where that is still to be looked for.
     """
     faults = list(stopped(tests) if clipped is None else clipped)
     tests, unseen, dead = _without_dead(tests, unseen, {fault.channel for fault in faults})
     tests, unseen, zeros = _without_zeros(tests, unseen)
+    filtered = coupled(tests, {fault.channel for fault in faults})
+    if filtered is not None:
+        tests, unseen = ([uncoupled(test, filtered) for test in group] for group in (tests, unseen))
     found = pairs(tests)
     late = _late_channel(_sound(found, faults))
     held = late is not None and _jumps_with_force(tests, late)
@@ -147,7 +151,7 @@ def examined(tests: Sequence[Recording], unseen: Sequence[Recording], clipped: S
     tests = [_rescaled(test, alone[test.name]) if test.name in alone else test for test in tests]
     if not any(fault.channel in "xva" for fault in faults):
         faults += [f for f in (saturated_motion(tests),) if f is not None]
-    repaired = [fault for fault in (*dead, *zeros, late, scaled) if fault is not None]
+    repaired = [fault for fault in (*dead, *zeros, filtered, late, scaled) if fault is not None]
     named = [fault for fault in repaired if fault.id == DELAY and _is_named(fault)]
     notes = (*(fault.sentence() for fault in repaired), *([_HELD] if held else []))
     notes += tuple(f"{name}: {fault.sentence()}" for name, fault in alone.items())

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 UNITS = {"x": "m", "v": "m/s", "a": "m/s2", "F": "N"}
-DELAY, GAIN, ZERO, DEAD, SATURATION = (
+DELAY, GAIN, ZERO, DEAD, SATURATION, COUPLED = (
     "channel_delay",
     "channel_gain",
     "channel_zero",
     "dead_channel",
     "sensor_saturation",
+    "ac_coupled_channel",
 )
 CALIBRATION = 0.035  # relative gain that calibration and weighing leave: class 3 accelerometers; more is a fault
 
@@ -20,9 +23,9 @@ class Fault:
     """A fault of one channel.
 
     size: delay in samples; level at which the channel stops, or its zero (its unit); gain; largest correlation with the
-    other channels where it is dead. stderr: its standard error, from the scatter between sections of the recordings.
-    share: share of the samples that it touches; of a zero, its size over the standard deviation of the channel.
-    seconds: delay in seconds.
+    other channels where it is dead; corner of its AC coupling [rad/s]. stderr: its standard error, from the scatter
+    between sections of the recordings. share: share of the samples that it touches; of a zero, its size over the
+    standard deviation of the channel. seconds: delay in seconds.
     """
 
     id: str
@@ -50,6 +53,12 @@ class Fault:
             return (
                 f"channel {name} has a zero of {self.size:.3g} {unit} ({self.stderr:.2g}), {100 * self.share:.2g} % of "
                 "its standard deviation, which the other channels do not show: taken out"
+            )
+        if self.id == COUPLED:
+            corner, error = (value / (2 * np.pi) for value in (self.size, self.stderr))
+            return (
+                f"channel {name} leads as an AC-coupled sensor does, with a corner at {corner:.3g} ({error:.1g}) Hz: "
+                "what it lost is put back"
             )
         if self.id == DEAD:
             return f"channel {name} does not follow the motion that the other channels agree on: left out"

@@ -83,17 +83,17 @@ def pairs(recordings: Sequence[Recording]) -> list[ChannelPair]:
     return [_pair(recordings, low, high) for low, high in combinations(names, 2)]
 
 
-def agreed(values: Array, weights: Array, halves: float = 0.0) -> Estimate:
+def agreed(values: Array, weights: Array, halves: float = 0.0, chance: float = CHANCE) -> Estimate:
     """Weighted mean of what sections say, shape (k,); it agrees where it is not zero by chance (Student, two-sided).
 
-    weights: inverse variances, up to a factor. halves: difference between the halves of the band.
+    weights: inverse variances, up to a factor. halves: difference between the halves of the band. chance: probability.
     """
     share = weights / np.sum(weights)
     mean, count = float(share @ values), float(1 / np.sum(share**2))
     if count < _FEWEST:
         return Estimate(mean, float("inf"))
     scatter = float(np.sqrt(np.sum(share**2 * (values - mean) ** 2) * count / (count - 1)))
-    sure = float(student.isf(CHANCE / 2, count - 1))
+    sure = float(student.isf(chance / 2, count - 1))
     return Estimate(
         mean, float(np.hypot(scatter, halves / 2)), abs(mean) > sure * scatter and halves < _APART * abs(mean)
     )

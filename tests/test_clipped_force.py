@@ -1,0 +1,53 @@
+"""What the law says of the force is no witness of a level where no channel shows the motion."""
+
+import numpy as np
+import pytest
+
+from hystid.compiled import CompiledModel
+from hystid.diagnosis.decide.assumptions import tells_half
+from hystid.diagnosis.fit.case import Case, pose
+from hystid.diagnosis.fit.clipped import error_of
+from hystid.diagnosis.model.catalogue import catalogue_of
+from hystid.diagnosis.model.library import load_effects
+from hystid.diagnosis.prepare.given import given_parameters
+from hystid.diagnosis.prepare.recordings import take
+from hystid.modelica import compile_model
+from hystid.recording import Recording
+
+MODEL = "HystId.Oscillators.Linear"
+TRUE = {"m": 2.0, "B": 12.0, "Kl": 3e4}
+RATE, COUNT = 1200.0, 6000
+SLOW = 12.0  # N
+
+
+def posed(*channels: str) -> Case:
+    """A sweep over the resonance beside a force of 0.5 Hz, with some channels of the motion; noise at 28 dB."""
+    rng, t = np.random.default_rng(4), np.arange(COUNT) / RATE
+    F = 10 * np.sin(2 * np.pi * (10 * t + 10 * t**2 / t[-1])) + SLOW * np.sin(np.pi * t)
+    y = CompiledModel(compile_model(MODEL)).simulate({"F": F}, 1 / RATE, parameters=TRUE, outputs=("x", "v", "a"))
+    told = {"F": F, **{name: y[name] for name in channels}}
+    noisy = {name: u + 0.04 * np.std(u) * rng.standard_normal(COUNT) for name, u in told.items()}
+    return pose(
+        take([Recording("test", t, **noisy)], [], given_parameters(TRUE)), MODEL, catalogue_of(load_effects([]))
+    )
+
+
+@pytest.mark.parametrize(("channels", "seen"), [("xva", True), ("v", False)])
+def test_what_no_channel_shows_is_an_error_of_what_is_told(channels: str, seen: bool) -> None:
+    case = posed(*channels)
+    problem, here = case.problem, case.refit.hypothesis
+    pairs = zip(problem.parts, problem.predicted(here), strict=True)
+    told = [here.mass() * part.a + force for part, force in pairs]
+    slow = SLOW / np.sqrt(2)  # rms of the slow force, of which v shows nothing at 28 dB
+    assert (error_of(problem, here, told) < 0.5 * slow) == seen
+
+
+def test_a_choice_of_channels_that_tells_next_to_nothing_is_none() -> None:
+    """Where the noise of the motion moves the force by more than that of its channel, rows are weighed down."""
+    case, other = posed("x", "v", "a"), posed("x", "v", "a")
+    assert tells_half(other.problem, case.problem)
+    rows = other.problem.reduce.count
+    loud = np.where(np.arange(rows) < 0.8 * rows, 10.0, 0.0)
+    other.problem.reduce.distrust([loud], np.zeros(rows), np.zeros(rows))
+    assert not tells_half(other.problem, case.problem)
+    assert tells_half(case.problem, other.problem)
