@@ -9,12 +9,14 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, cont2discrete, lfilter, sosfiltfilt
 
+from hystid.compiled import CompiledModel
 from hystid.diagnosis.prepare.bandwidth import where_white
 from hystid.diagnosis.prepare.chain import DEAD, DELAY, GAIN, SATURATION, ZERO, examined, stopped
 from hystid.diagnosis.prepare.differences import advanced
 from hystid.diagnosis.prepare.faults import COUPLED
 from hystid.diagnosis.prepare.independence import measured_alike
 from hystid.diagnosis.prepare.pairs import agreed, pairs
+from hystid.modelica import compile_model
 from hystid.recording import Recording
 
 Array = np.ndarray
@@ -207,6 +209,24 @@ def test_a_clipped_channel_that_rests_at_zero_stops_at_a_level() -> None:
     clipped = replace(record, t=t, x=np.concatenate([rest, np.clip(x, -level, level)]), **resting)
     assert [(f.id, f.channel) for f in stopped([clipped])] == [(SATURATION, "x")]
     assert stopped([replace(clipped, x=np.concatenate([rest, x]))]) == ()
+
+
+@pytest.mark.parametrize("cut", [None, 0.72])
+@pytest.mark.parametrize(("snr", "frequency"), [(80, 18.0), (80, 30.0), (100, 30.0)])
+def test_harmonics_of_dry_friction_are_no_noise_that_channels_share(
+    snr: int, frequency: float, cut: float | None
+) -> None:
+    """A steady tone over a contact that slips has lines far up; sensors of their own show all of them alike."""
+    n, dt, rng = 7400, 1 / 1800, np.random.default_rng(0)
+    t = dt * np.arange(n)
+    F = 0.5 * np.sin(2 * np.pi * frequency * t) * np.minimum(4 * t, 1)
+    rig, values = CompiledModel(compile_model("HystId.Oscillators.Jenkins")), {"m": 0.3, "B": 2.0, "Kl": 6.4e3}
+    y = rig.simulate({"F": F}, dt, parameters={**values, "Ks": 3e3, "fc": 0.3}, outputs=("x", "v", "a"))
+    if cut is not None:
+        level = cut * float(np.max(np.abs(y["x"])))
+        y["x"] = np.clip(y["x"], -level, level)  # noise of the recorder lies on the level
+    noisy = {name: u + 10 ** (-snr / 20) * np.std(u) * rng.standard_normal(n) for name, u in {"F": F, **y}.items()}
+    assert measured_alike([Recording("test", t, **noisy)])[0].measured == ("x", "v", "a")
 
 
 def broadband(snr: float | None, seed: int) -> Recording:

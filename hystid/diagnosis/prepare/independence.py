@@ -36,6 +36,7 @@ _LEAK = 1e-9  # side lobes of the window, 92 dB below the largest line
 _DIGITS = 1e-6  # prediction error over the size of a channel: the last of the digits that text files hold
 _DERIVATIVE = 1e-3  # error of a derivative that the smoother, which takes v = dx/dt as exact, does not notice
 _OCTAVE = np.sqrt(2)  # half of the band, as a ratio of frequencies, in which the slope of a spectrum is taken
+_SCATTER = 3 / np.sqrt(_SEGMENTS)  # of the logarithm of the averaged spectrum of a noise: three times what is usual
 _LINES = 8  # lines of a spectrum at least that show a slope
 _MOTION = 0.999  # share of the power of the velocity that counts as motion
 
@@ -141,7 +142,9 @@ def _is_flat(omega: Array, power: Array, falls: float) -> NDArray[np.bool_]:
     for at in np.geomspace(omega[0], omega[-1], 4 * _BANDS):
         near = (omega >= at / _OCTAVE) & (omega <= at * _OCTAVE)
         if np.count_nonzero(near) >= _LINES:
-            flat[near] |= np.polyfit(place[near], height[near], 1)[0] > -falls / 2
+            slope, level = np.polyfit(place[near], height[near], 1)
+            scatter = float(np.std(height[near] - slope * place[near] - level))
+            flat[near] |= slope > -falls / 2 and scatter < _SCATTER  # harmonics stand out of what is between them
     return flat
 
 
