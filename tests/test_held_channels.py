@@ -76,3 +76,12 @@ def test_can_be_accepted(tmp_path: Path) -> None:
     with pytest.raises(RecordingError):
         read_back(path, F=noisy(F), x=held(X), v=noisy(V))
     assert any("while others move" in text for text in read(path, accept={"held"}).warnings)
+
+
+@pytest.mark.parametrize("level", [0.6, 0.97])
+def test_a_channel_that_is_cut_off_is_not_held(tmp_path: Path, level: float) -> None:
+    """It stands at the end of its range: rule ``clipped`` speaks of it, and says what to do about that."""
+    top = level * float(np.max(np.abs(X)))
+    with pytest.raises(RecordingError, match="channel x: cut off at") as refused:
+        read_back(tmp_path / "range.csv", F=F, x=np.clip(X, -top, top), v=V, a=A)
+    assert "[held]" not in str(refused.value)

@@ -34,12 +34,15 @@ def held_problems(table: Table, channels: Mapping[str, Array]) -> list[Problem]:
 
 
 def _longest(values: Array) -> tuple[int, int] | None:
-    """First sample and end of a run of equal values that is much longer than is usual; None where there is none."""
+    """First sample and end of a run of equal values that is much longer than is usual; None where there is none, or it
+    is the end of the channel's range, at which one is cut off."""
     edges = np.flatnonzero(np.diff(values, prepend=np.nan, append=np.nan) != 0)
     lengths = np.diff(edges)
     at = int(np.argmax(lengths))
     each = np.sort(np.delete(np.repeat(lengths, lengths), slice(edges[at], edges[at + 1])))
     if not len(each) or lengths[at] < max(_LEAST, _RARE * each[int(_MOST * (len(each) - 1))]):
+        return None
+    if values[edges[at]] in (np.max(values), np.min(values)):
         return None
     return int(edges[at]), int(edges[at + 1])
 
