@@ -198,6 +198,18 @@ def test_starts_of_a_hidden_mode_lie_closer_than_it_is_wide() -> None:
     assert np.all(np.diff(np.log(starts)) < 0.1)  # width of a resonance at the damping ratio of the starts, 0.05
 
 
+@pytest.mark.parametrize("span", [5.0, 0.02])
+def test_a_change_with_time_lasts_longer_than_a_period_of_the_slowest_motion(span: float) -> None:
+    """What is over sooner is how a recording begins: no swing tells a stiffness from a force then."""
+    effect = next(effect for effect in load_effects([]) if effect.form == "Saturating")
+    x = np.linspace(0, 1e-3, 100)
+    low, high = effect.bounds(effect.shapes[0], Scales(x, 100 * x, x, span, 1e-3, (2.0, 90.0), 1.0))
+    assert low == min(0.5, high)
+    assert all(
+        low <= point["tau"] <= high for point in effect.grid(Scales(x, 100 * x, x, span, 1e-3, (2.0, 90.0), 1.0))
+    )
+
+
 @pytest.mark.parametrize(
     ("family", "ident", "seed"), [(JENKINS, "", 991), ("iwan", "", 997), ("iwan", "preload", 1004)]
 )

@@ -149,7 +149,7 @@ class Effect:
             return _LEAD[0] / (2 * np.pi * scales.band[1]), 1 / (2 * np.pi * scales.band[0])
         low, high = shape_bounds(shape, scales)
         if self.needs_clock and shape.unit == "s" and shape in self.law.shapes:
-            low = max(low, 1 / scales.band[1])  # what is over within a period is how a recording begins
+            low = min(max(low, 1 / scales.band[0]), high)  # what is over in a period is how a recording begins
         return low, high
 
     def _is_lead(self, shape: Variable) -> bool:
