@@ -36,7 +36,7 @@ _LEAK = 1e-9  # side lobes of the window, 92 dB below the largest line
 _DIGITS = 1e-6  # prediction error over the size of a channel: the last of the digits that text files hold
 _DERIVATIVE = 1e-3  # error of a derivative that the smoother, which takes v = dx/dt as exact, does not notice
 _OCTAVE = np.sqrt(2)  # half of the band, as a ratio of frequencies, in which the slope of a spectrum is taken
-_SCATTER = 3 / np.sqrt(_SEGMENTS)  # of the logarithm of the averaged spectrum of a noise: three times what is usual
+_SCATTER = 1.0  # of the logarithm of a spectrum: lines of hum scatter that of a noise by less than a factor of e
 _LINES = 8  # lines of a spectrum at least that show a slope
 _MOTION = 0.999  # share of the power of the velocity that counts as motion
 
