@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hystid.diagnosis.decide.limits import AT_END, TOUCHED, is_itself
-from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, is_mass
+from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
 from hystid.diagnosis.fit.problem import DELAY_LIMIT, LATE_LIMIT, MASS_TOLERANCE, Problem, standing
 from hystid.diagnosis.fit.search import (
     ABSORBED,
@@ -261,14 +261,9 @@ def _wider(problem: Problem, found: Sequence[Trial], library: Sequence[Effect]) 
         near = (Term(effect, {**at, **same}) for at in effect.grid(problem.scales, law.values))
         starts = [replace(here, terms=(*here.terms[:-1], term)) for term in near if is_itself(problem, term, signals)]
         if starts:
-            made = try_fit(problem, min(starts, key=lambda start: _squares(problem, start)), incumbent=best.chi2)
+            made = try_fit(problem, min(starts, key=lambda start: standing(problem, start).chi2), incumbent=best.chi2)
             if made is not None:
                 yield Trial(effect.id, effect.form, effect.size, made)
-
-
-def _squares(problem: Problem, at: Hypothesis) -> float:
-    rows = problem.rows(at)
-    return float(rows @ rows)
 
 
 def is_within(effect: Effect, shapes: Collection[str], size: int) -> bool:

@@ -73,7 +73,7 @@ def error_of(problem: Problem, hypothesis: Hypothesis, told: Sequence[Array]) ->
     and all that it leaves of the force where no channel shows the motion."""
     moved = problem.moved(hypothesis)[0]
     errors = [hypothesis.mass() * p.jitter[0][2] + force for p, force in zip(problem.parts, moved, strict=True)]
-    unseen = [p.slow(p.F - one) if p.lowest else 0.0 * one for p, one in zip(problem.parts, told, strict=True)]
+    unseen = [p.slow(p.F - one) if p.lowest else np.zeros_like(one) for p, one in zip(problem.parts, told, strict=True)]
     return float(np.hypot(np.std(np.concatenate(errors)), np.std(np.concatenate(unseen))))
 
 

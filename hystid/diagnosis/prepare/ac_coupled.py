@@ -3,11 +3,13 @@
 Such a sensor shows y where the motion is y + c times the integral of y, with c its corner [rad/s]. Integrated as often
 as it takes to the channel below, that is linear in c: no channel has to be derived, whose noise is white then, and no
 line of a spectrum leaks into another one. A clock that is late is linear in its lag likewise, and the two are compared.
+A filter that takes a hundredth of the power is seen at the door (``consistency.filters``); this is for those below.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -19,8 +21,6 @@ from hystid.diagnosis.prepare.pairs import CHANCE, UNKNOWN, Estimate, agreed, se
 from hystid.diagnosis.prepare.segments import measured_motion
 from hystid.numeric import Array
 from hystid.recording import Recording
-
-_PAIRS = 3  # of channels that are looked at: chance has so many tries
 
 
 def coupled(tests: Sequence[Recording], without: Collection[str] = ()) -> Fault | None:
@@ -34,7 +34,7 @@ def coupled(tests: Sequence[Recording], without: Collection[str] = ()) -> Fault 
     for name in (high for high in "av" if high in names):
         found, against = [], 0.0
         for low in names[: names.index(name)]:
-            corner, odds = _corner(low, name, tests)
+            corner, odds = _corner(low, name, tests, CHANCE / comb(len(names), 2))  # so many pairs may agree by chance
             against += odds
             found += [corner] if corner.agrees and corner.value > 0 else []
         if found and against < 0:
@@ -60,8 +60,9 @@ def uncoupled(recording: Recording, fault: Fault) -> Recording:
     return recording.with_channels({fault.channel: whole})
 
 
-def _corner(low: str, high: str, tests: Sequence[Recording]) -> tuple[Estimate, float]:
-    """Corner of the higher of two channels [rad/s], and ln of the odds of a lag against it."""
+def _corner(low: str, high: str, tests: Sequence[Recording], chance: float) -> tuple[Estimate, float]:
+    """Corner of the higher of two channels [rad/s], which agrees by chance with a probability, and ln of the odds of a
+    lag against it."""
     values, weights, odds = [], [], 0.0
     order = ORDER[high] - ORDER[low]
     for test in tests:
@@ -75,7 +76,7 @@ def _corner(low: str, high: str, tests: Sequence[Recording]) -> tuple[Estimate, 
                 odds += 0.5 * len(lower) * float(np.log(corner.left / late.left))
     if not values:
         return UNKNOWN, 0.0
-    return agreed(np.array(values), np.array(weights), chance=CHANCE / _PAIRS), odds
+    return agreed(np.array(values), np.array(weights), chance=chance), odds
 
 
 class _Fit(NamedTuple):

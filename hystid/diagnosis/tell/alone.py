@@ -15,8 +15,9 @@ from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_fit
 
 REST = 1.3  # residual over the noise beyond which an answer says that something is left
-DELAY = ("chain", "delay")
+_DELAY = ("chain", "delay")
 CLEAR = 10.0  # standard errors from which a difference is told
+SKEW = 0.1  # samples from which a delay of the force that is no fault is told
 
 
 def changes(problem: Problem, before: Fit) -> list[str]:
@@ -27,13 +28,13 @@ def changes(problem: Problem, before: Fit) -> list[str]:
     ones = [problem.of([part]) for part in problem.parts] if len(problem.parts) > 1 else []
     first = [_agreeing(one, before.hypothesis) for one in ones]
     fits = [fit for fit in first if fit is not None]
-    if len(fits) < max(len(first), 1):
+    if not fits or len(fits) < len(first):
         return []
     best = min(fits, key=lambda fit: fit.chi2).hypothesis  # a law with corners may stand in a minimum of its own
     again = [_agreeing(one, replace(best, delay=fit.hypothesis.delay)) for one, fit in zip(ones, fits, strict=True)]
     fits = [fit if a is None or a.chi2 > fit.chi2 else a for fit, a in zip(fits, again, strict=True)]
     told = [_values(problem, fits, name) for name in before.hypothesis.values if _differs(fits, ("base", name))]
-    told += [_delays(problem, fits)] if _differs(fits, DELAY) else []
+    told += [_delays(problem, fits)] if _differs(fits, _DELAY) else []
     why = "the structure, or a channel, was changed between them"
     return [f"each recording by itself agrees with the model, but {'; '.join(told)}: {why}"] if told else []
 
@@ -52,14 +53,20 @@ def _differs(fits: list[Fit], key: tuple[str, str]) -> bool:
 
 
 def _found(fit: Fit, key: tuple[str, str]) -> float:
-    return fit.hypothesis.delay if key == DELAY else fit.hypothesis.values[key[1]]
+    return fit.hypothesis.delay if key == _DELAY else fit.hypothesis.values[key[1]]
 
 
 def _delays(problem: Problem, fits: list[Fit]) -> str:
     """By how much F is late in each recording, in words."""
-    dt = problem.parts[0].dt
-    pairs = zip(problem.parts, fits, strict=True)
-    return "F is late by " + ", ".join(f"{1e3 * f.hypothesis.delay * dt:.3g} ms in {p.name}" for p, f in pairs)
+    dt, late, timely = problem.parts[0].dt, [], []
+    for part, fit in zip(problem.parts, fits, strict=True):
+        delay = fit.hypothesis.delay
+        side = "late" if delay > 0 else "early"
+        if abs(delay) < SKEW:
+            timely.append(part.name)
+        else:
+            late.append(f"{side} by {1e3 * abs(delay) * dt:.3g} ms in {part.name}")
+    return "F is " + ", ".join([*late, *([f"on time in {' and '.join(timely)}"] if timely else [])])
 
 
 def _values(problem: Problem, fits: list[Fit], name: str) -> str:

@@ -24,14 +24,13 @@ from hystid.diagnosis.prepare.segments import prepare_parts
 from hystid.diagnosis.prove.runs import Run, Runs, free_runs
 from hystid.diagnosis.tell import locate
 from hystid.diagnosis.tell.advice import next_experiment
-from hystid.diagnosis.tell.alone import CLEAR, REST, changes
+from hystid.diagnosis.tell.alone import CLEAR, REST, SKEW, changes
 from hystid.diagnosis.tell.dependence import dependences
 from hystid.diagnosis.tell.findings import findings, headline
 from hystid.diagnosis.tell.result import Diagnosis, Errors, Traces
 from hystid.numeric import Flags
 
 _CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
-_SKEW = 0.1  # samples from which a delay of the force that is no fault is told
 
 
 def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
@@ -122,7 +121,7 @@ def _late(case: Case, choice: Choice) -> list[str]:
     """A sentence on a force that is late or early by less than a fault, where that is clear."""
     here, dt = choice.after.hypothesis, case.problem.parts[0].dt
     size, error = abs(here.delay), choice.after.stderr(("chain", "delay"))
-    if here.late or size < _SKEW or not size > CLEAR * error:
+    if here.late or size < SKEW or not size > CLEAR * error:
         return []
     side = "late" if here.delay > 0 else "early"
     return [
