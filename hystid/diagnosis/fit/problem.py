@@ -233,12 +233,13 @@ class Problem:
 
     def noise_added(self, hypothesis: Hypothesis) -> Array:
         """What noise of the motion adds to the mean square that noise leaves, one value per draw of it, beyond what the
-        whitening takes it for; rows that are weighed down for it hold that already."""
-        added, sure = [], self.reduce.sure()
-        known = self.reduce.followed * float(np.mean(sure))
+        whitening takes it for; rows that are weighed down for it, or in which a law may stand anywhere, hold that
+        already."""
+        added, told = [], self.reduce.told()
+        known = self.reduce.followed * float(np.mean(told))
         for draw, moved in enumerate(self.movements(hypothesis)):
             balance = self.reduce([self.baseline.mass * part.jitter[draw][3].astype(float) for part in self.parts])
-            added.append(float(np.mean(moved * (moved + 2 * balance) * sure)) - known)
+            added.append(float(np.mean(moved * (moved + 2 * balance) * told)) - known)
         return np.array(added)
 
     def movements(self, hypothesis: Hypothesis) -> list[Array]:

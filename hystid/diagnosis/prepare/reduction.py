@@ -101,7 +101,7 @@ class Reduction:
         wide = spread + filtered**2 + unsure**2
         if float(np.quantile(wide, _RARE)) > _JUMP:
             self._trust = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0)
-        self._open = unsure**2
+        self._open = np.where(unsure**2 > np.finfo(float).eps, unsure**2, 0.0)  # a law without a jump leaves rounding
 
     def trust(self) -> None:
         """Weigh all rows alike again."""
