@@ -82,15 +82,15 @@ class Search:
         """Misfit of the baseline above the noise."""
         return self.baseline.chi2 - self.floor
 
-    def hypotheses(self) -> list[Hypothesis]:
-        """Sets of effects, each fitted."""
-        found: list[Hypothesis] = []
+    def hypotheses(self, known: Sequence[Hypothesis] = ()) -> list[Hypothesis]:
+        """Sets of effects, each fitted. known: some that are fitted already; where they explain all, no sets are
+        looked for."""
         if not self._may_gain(self.candidates, self.excess) and (
             self.is_noise or self.criterion.is_reached(self.excess)
         ):
-            return self._singles(chain_trials(self.problem, self.baseline, self.effects))
+            return [*self._singles(chain_trials(self.problem, self.baseline, self.effects)), *known]
         self.first = self._trials()
-        found = self._singles(self.first)
+        found = [*self._singles(self.first), *map(self._anew, known)]
         self.exact = {h.names[0]: self.criterion.misfit(h.fit, h.floor) for h in found if h.exact}
         if self.is_noise and not self._leads(found):
             return found
@@ -109,15 +109,18 @@ class Search:
         leading = min((h.fit for h in found), key=lambda fit: fit.chi2, default=None)
         if leading is None or not self._follow(leading, self.criterion.slack):
             return found
-        known = [self._hypothesis(h.names, h.size, h.fit, windowed=h.windowed) for h in found]
-        return [*self.hypotheses(), *known]
+        return self.hypotheses(found)
 
     def again(self, known: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
         """Hypotheses of another problem with the same recordings, fitted again."""
         for h in known:
             made = try_fit(self.problem, h.fit.hypothesis)
             if h.names and made is not None and are_reached(self.problem, made):
-                yield self._hypothesis(h.names, h.size, made, windowed=h.windowed)
+                yield self._anew(replace(h, fit=made))
+
+    def _anew(self, h: Hypothesis) -> Hypothesis:
+        """A hypothesis against the baseline in use."""
+        return self._hypothesis(h.names, h.size, h.fit, windowed=h.windowed)
 
     def _with_chain(self, found: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
         """What leads with a late force channel, or another mass, where its fit runs into the limits of what is none."""
@@ -163,9 +166,9 @@ class Search:
         Where all is within that level, a column counts from the size on that a sound rig does not leave.
         """
         criterion = self.criterion
-        most = max((c.gain for c in candidates), default=0.0) / criterion.rows
+        most = 2 * max((c.gain for c in candidates), default=0.0) / criterion.rows
         least = SOUND**2 * criterion.force if misfit < criterion.slack else 0.0
-        gain = criterion.likelihood(0.0) - criterion.likelihood(2 * most)
+        gain = criterion.likelihood(0.0) - criterion.likelihood(most)
         return most > least and gain > criterion.price(1, 0.0)
 
     def formed(self, names: Sequence[str]) -> float:

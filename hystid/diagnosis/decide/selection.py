@@ -95,7 +95,7 @@ def choose(
     the same recordings that are fitted again.
     """
     search = Search(problem, baseline, effects, progress, minima)
-    return _decided(search, [*search.hypotheses(), *search.again(known)], unseen)
+    return _decided(search, search.hypotheses(list(search.again(known))), unseen)
 
 
 def choose_among(
