@@ -98,3 +98,21 @@ def test_a_diagnosis_tells_the_line_and_names_no_physics() -> None:
     found = diagnose([record(seed, "noise", 37.0, 3.0) for seed in (1, 2)], model=LINEAR, parameters={"m": M})
     assert found.verdict in ("consistent", "recalibrated")
     assert any("a periodic force that no channel shows, 37 Hz" in note for note in found.notes)
+
+
+def test_noise_holds_no_line() -> None:
+    """Thousands of frequencies are looked at, and neighbours tell the level of the noise to a quarter: in one recording
+    of thirty, chance makes a line that stands out from them. It takes no more than the best of so many may."""
+    quiet = record(0, "chirp")
+    baseline = baseline_of(LINEAR, compile_model(LINEAR), {"m": M, "B": B, "Kl": K}, frozenset({"m"}), length=1e-3)
+    for seed in range(20, 50):
+        rng = np.random.default_rng(seed)
+        channels = {
+            name: u + 0.01 * np.std(u) * rng.standard_normal(N)
+            for name in ("F", "x", "v", "a")
+            if (u := quiet.channel(name)) is not None
+        }
+        part = prepare_part(Recording("noise", T, **channels), 1)
+        problem = Problem([part], baseline, scales_of([part], baseline))
+        fitted = without_periodic_forces(problem, fit(problem, Hypothesis(dict(baseline.nominal))))
+        assert list(periodic_forces(fitted)) == [], seed

@@ -73,15 +73,18 @@ def without_periodic_forces(problem: Problem, baseline: Fit) -> Fit:
     if not problem.timed:
         return baseline
     fitted, frequencies = baseline, list[float]()
-    least = _by_chance(len(problem.parts))
     while len(frequencies) < _MOST:
-        frequency = _line(problem, fitted.hypothesis, frequencies)
+        frequency, tried = _line(problem, fitted.hypothesis, frequencies)
         if frequency is None:
             break
+        least = _by_chance(len(problem.parts), tried)
         effect = mains_hum(len(problem.parts), frequency)
         made = try_term(problem, fitted, Term(effect, dict.fromkeys(effect.amplitudes, 0.0)))
-        gain = fitted.chi2 - made.chi2 if made is not None else 0.0
-        if made is None or gain < _SHARE * (fitted.chi2 - problem.reduce.level) or gain * len(made.residual) < least:
+        if made is None:
+            break
+        gain = fitted.chi2 - made.chi2
+        is_chance = gain * len(made.residual) < least * made.chi2
+        if is_chance or gain < _SHARE * (fitted.chi2 - problem.reduce.level):
             break
         if not _is_everywhere(problem, fitted, made):
             break
@@ -90,9 +93,9 @@ def without_periodic_forces(problem: Problem, baseline: Fit) -> Fit:
     return fitted
 
 
-def _by_chance(recordings: int) -> float:
-    """What two amplitudes in each recording take of the sum of squares of noise."""
-    return float(chi2.isf(_CHANCE, 2 * recordings))
+def _by_chance(recordings: int, frequencies: int = 1) -> float:
+    """What two amplitudes in each recording take of the sum of squares of noise, at the best of some frequencies."""
+    return float(chi2.isf(_CHANCE / frequencies, 2 * recordings))
 
 
 def _is_everywhere(problem: Problem, before: Fit, after: Fit) -> bool:
@@ -121,8 +124,9 @@ def periodic_forces(fitted: Fit) -> tuple[PeriodicForce, ...]:
     return tuple(found)
 
 
-def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> float | None:
-    """Frequency [Hz] of the clearest line that is left; None where chance alone would make as clear a one."""
+def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> tuple[float | None, int]:
+    """Frequency [Hz] of the clearest line that is left, None where its neighbours are about as clear; and the number of
+    frequencies that were looked at."""
     spectra = [
         _Spectrum(residual, part.F, part.dt)
         for residual, part in zip(problem.balance(hypothesis), problem.parts, strict=True)
@@ -133,7 +137,7 @@ def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> f
     lowest = max((_FAR + 1) / s.length for s in spectra)
     frequencies = np.arange(lowest, highest, 0.5 / grid.length)
     if len(frequencies) == 0:
-        return None
+        return None, 0
     free = ~np.array([s.is_excited(frequencies) for s in spectra])  # what is driven in one recording may show in others
     clear = np.sum(free * np.array([s.clearness(frequencies) for s in spectra]), axis=0)
     for s in spectra:
@@ -143,14 +147,14 @@ def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> f
     beyond = clear / needed[np.maximum(np.sum(free, axis=0), 1) - 1]
     for k in np.argsort(beyond)[::-1][:_MOST]:  # the clearest may be a sweep that passes by
         if beyond[k] < 1.0:
-            return None
+            break
         frequency = _refined(spectra, float(frequencies[k]), 0.5 / grid.length)
         if (
             np.average([s.steadiness(frequency) for s in spectra], weights=[s.power(frequency) for s in spectra])
             > _STEADY
         ):
-            return frequency
-    return None
+            return frequency, len(frequencies)
+    return None, len(frequencies)
 
 
 def _refined(spectra: Sequence[_Spectrum], start: float, step: float) -> float:
