@@ -291,6 +291,18 @@ def test_force_and_acceleration_alone_show_the_sign_of_the_force() -> None:
     assert found.slip == "swapped_sign"
 
 
+@pytest.mark.parametrize(("hertz", "samples"), [(18.7, 2437), (13.6, 3887), (10.9, 5276), (4.2, 2472)])
+def test_a_tone_that_is_cut_within_its_period_keeps_its_sign(hertz: float, samples: int) -> None:
+    """Below a resonance force and acceleration are in antiphase. The displacement says why: a slow line or curve that
+    is fitted to a cut tone must not stay in it, as it is integrated twice."""
+    t, omega, rng = np.arange(samples) / 1000.0, 2 * np.pi * hertz, np.random.default_rng(samples)
+    a = np.imag(-(omega**2) * 4.0 / (2e4 - omega**2 + 5j * omega) * np.exp(1j * omega * t))
+    noise = rng.standard_normal((2, samples))
+    tone = Recording("tone", t, F=4 * np.sin(omega * t) + 1e-3 * noise[0], a=a + 3e-4 * np.std(a) * noise[1])
+    found = examine([tone], 1.0)
+    assert not found.findings and not found.refusals
+
+
 def test_units_that_the_data_do_not_tell_apart_are_listed_once() -> None:
     """N.mm and mN.m are one size under two names; N.cm is ten times as large."""
     one, other, same = (Slip("unit", ("F",), -5.0, size, ("N.m", u)) for u, size in UNITS.items())

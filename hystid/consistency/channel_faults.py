@@ -130,7 +130,7 @@ def _wandering(p: Pair, recording: Recording) -> tuple[str, float] | None:
     low, high = np.gradient(held[p.low]) / dt, held[p.high]
     shown, own_motion = (low * p.gain, high) if p.high == "v" else (high / p.gain, low)
     omega = 2 * np.pi * np.fft.rfftfreq(len(taper), dt)[1:]
-    other, v = (np.abs(np.fft.rfft((u - np.mean(u)) * taper))[1:] ** 2 for u in (shown, own_motion))
+    other, v = (np.abs(np.fft.rfft((u - np.average(u, weights=taper)) * taper))[1:] ** 2 for u in (shown, own_motion))
     if p.high == "a":
         other, v = other / omega**2, v / omega**2
     noise = spectrum(held["v"], dt).noise ** 2 * float(taper @ taper)

@@ -358,11 +358,11 @@ def _settled_filter(edge: float, values: Array) -> slice:
 
 
 def _integral(values: Array, dt: float) -> Array:
-    plain = values - np.mean(values)
+    """Integral without its drift; a window keeps a tone that is cut within its period out of that."""
+    k, window = np.linspace(-1, 1, len(values)), np.hanning(len(values))
+    plain = values - np.average(values, weights=window)
     total = (np.cumsum(plain) - 0.5 * plain) * dt
-    n = len(total)
-    k = np.linspace(-1, 1, n)
-    return np.asarray(total - np.polyval(np.polyfit(k, total, 3), k))
+    return np.asarray(total - np.polyval(np.polyfit(k, total, 3, w=np.sqrt(window)), k))
 
 
 def _sign(v: Array) -> Array:

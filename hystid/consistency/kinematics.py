@@ -258,11 +258,9 @@ class ChannelSpectrum:
 
 def spectrum(values: Array, dt: float) -> ChannelSpectrum:
     """Spectrum of a channel of shape (n,)."""
-    n = len(values)
-    t = np.arange(n)
-    plain = values - np.polyval(np.polyfit(t, values, 1), t)
+    t, window = np.linspace(-1.0, 1.0, len(values)), np.hanning(len(values))
+    plain = values - np.polyval(np.polyfit(t, values, 1, w=np.sqrt(window)), t)
     found = bands(plain, plain, dt)
-    window = np.hanning(n)
     lines = np.maximum(found.count * 1.5, 1.0)
     density = found.low / lines / (np.pi * float(np.sum(window**2)))
     high = found.omega * dt > HIGHEST / 2

@@ -97,7 +97,8 @@ def bands(low: Array, high: Array, dt: float) -> Bands:
         nothing = np.zeros(0)
         return Bands(nothing, nothing.astype(np.complex128), nothing, nothing, nothing, nothing)
     window = np.hanning(n)
-    one, other = (np.fft.rfft(window * (y[:n] - np.mean(y[:n]))) for y in (low, high))
+    # Weighed alike: the plain mean of a tone that is cut within its period would be slow motion.
+    one, other = (np.fft.rfft(window * (y[:n] - np.average(y[:n], weights=window))) for y in (low, high))
     omega = 2 * np.pi * np.arange(len(one)) / n
     kept = omega < HIGHEST
     edges = _edges(int(np.count_nonzero(kept)))
