@@ -1,9 +1,10 @@
-"""What the law says of the force is no witness of a level where no channel shows the motion."""
+"""Whether a force channel stops at a level: the law is a witness where channels show the motion, and of both sides."""
 
 import numpy as np
 import pytest
 
 from hystid.compiled import CompiledModel
+from hystid.diagnosis import diagnose
 from hystid.diagnosis.decide.assumptions import tells_half
 from hystid.diagnosis.fit.case import Case, pose
 from hystid.diagnosis.fit.clipped import error_of
@@ -13,6 +14,7 @@ from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import take
 from hystid.modelica import compile_model
 from hystid.recording import Recording
+from hystid.recording.types import PSEUDO_TIME
 
 MODEL = "HystId.Oscillators.Linear"
 TRUE = {"m": 2.0, "B": 12.0, "Kl": 3e4}
@@ -51,3 +53,33 @@ def test_a_choice_of_channels_that_tells_next_to_nothing_is_none() -> None:
     other.problem.reduce.distrust([loud], np.zeros(rows), np.zeros(rows))
     assert not tells_half(other.problem, case.problem)
     assert tells_half(case.problem, other.problem)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize(("channels", "limited"), [("xva", "amplifier"), ("a", "amplifier"), ("xva", "channel")])
+def test_a_force_that_an_amplifier_limits_is_no_channel_that_stops(noise: float, channels: str, limited: str) -> None:
+    """The same flat tops in F: the motion says whether the force went on. Without noise, and at 34 dB."""
+    rng, t = np.random.default_rng(4), np.arange(COUNT) / RATE
+    whole = 10 * np.sin(2 * np.pi * (4 * t + 2 * t**2))
+    flat = np.clip(whole, -8.0, 8.0)
+    drive = {"F": flat if limited == "amplifier" else whole}
+    y = CompiledModel(compile_model(MODEL)).simulate(drive, 1 / RATE, parameters=TRUE, outputs=("x", "v", "a"))
+    motion = {name: y[name] + noise * np.std(y[name]) * rng.standard_normal(COUNT) for name in channels}
+    found = diagnose([Recording("test", t, F=flat, **motion)], model=MODEL, parameters=TRUE)
+    named = {finding.effect for finding in found.findings}
+    assert named == ({"sensor_saturation"} if limited == "channel" else set())
+    assert any("an actuator at its limit" in note for note in found.notes) == (limited == "amplifier")
+
+
+@pytest.mark.parametrize("model", ["Linear", "Jenkins"])
+def test_a_slider_without_noise_is_no_channel_that_stops(model: str) -> None:
+    """Dry friction holds the force at one value, to the last digit, for half of a slow cyclic test."""
+    t = np.arange(4000) / 200.0
+    x = 1e-3 * np.sin(0.4 * np.pi * t) * np.linspace(0.3, 1.0, len(t))
+    F = np.zeros_like(x)
+    for k in range(1, len(x)):
+        F[k] = np.clip(F[k - 1] + 2e4 * (x[k] - x[k - 1]), -5.0, 5.0)
+    cycles = Recording("cycles", t, F=F, x=x, origin={"t": PSEUDO_TIME})
+    given = {"Linear": {"m": 0.0, "Kl": 2e4}, "Jenkins": {"m": 0.0, "Kl": 2e3, "Ks": 1.5e4, "fc": 4.0}}
+    found = diagnose([cycles], model=f"HystId.Oscillators.{model}", parameters=given[model])
+    assert [finding.effect for finding in found.findings] == (["hysteretic_friction"] if model == "Linear" else [])

@@ -163,6 +163,24 @@ def test_what_noise_adds_grows_without_a_jump(stiffening: Diagnosis) -> None:
     assert added(100 * limit) == pytest.approx(100 * limit, rel=1e-3)
 
 
+def test_a_law_without_a_jump_stands_somewhere_in_every_row() -> None:
+    found = answer([rig(9, 20.0, 0.0, snr=20.0)])
+    assert found.problem is not None and found.problem.reduce.told().all()  # rounding is no jump
+
+
+def test_noise_counts_once_where_nobody_knows_where_a_law_stands(stiffening: Diagnosis) -> None:
+    """What rows leave there is said to be unknown: noise of the motion in it is a part of that."""
+    criterion, hypothesis = fits(stiffening, 0.0)
+    problem, here = criterion.problem, hypothesis.fit.hypothesis
+    draws, nothing = problem.movements(here), np.zeros(1)
+    assert np.all(problem.noise_added(here) != 0.0)
+    try:
+        problem.reduce.distrust(draws, nothing, np.ones(problem.reduce.count))
+        assert np.all(problem.noise_added(here) == 0.0)
+    finally:
+        problem.reduce.trust()
+
+
 def test_a_law_pays_for_dragging_the_baseline_along(stiffening: Diagnosis) -> None:
     criterion, hypothesis = fits(stiffening, 0.0)
     here = hypothesis.fit.hypothesis
@@ -208,6 +226,17 @@ def test_each_further_law_may_draw_a_part_of_an_unknown_one(stiffening: Diagnosi
         assert one > two > three
 
 
+@pytest.mark.parametrize(("share", "tried"), [(0.7, True), (0.4, False)])
+def test_what_a_sound_rig_does_not_leave_is_looked_at(stiffening: Diagnosis, share: float, tried: bool) -> None:
+    """A scan is linear: a law that bends gains up to twice what it sees."""
+    problem, choice = stiffening.problem, stiffening.choice
+    assert problem is not None and choice is not None
+    search = Search(problem, choice.before, load_effects(), lambda: None, ())
+    least = SOUND**2 * search.criterion.force * search.criterion.rows
+    seen = [replace(search.candidates[0], gain=share * least)]
+    assert search._may_gain(seen, 0.5 * search.criterion.slack) is tried
+
+
 def test_laws_that_are_about_as_probable_are_one_answer(stiffening: Diagnosis) -> None:
     assert stiffening.choice is not None
     whole = stiffening.choice.before.chi2 - stiffening.choice.floor_before
@@ -223,11 +252,14 @@ def test_laws_that_are_about_as_probable_are_one_answer(stiffening: Diagnosis) -
 def test_where_the_noise_is_louder_what_a_law_leaves_counts_for_less(stiffening: Diagnosis) -> None:
     """A misfit is measured against the noise that there is, not against what a channel shows above the motion."""
     criterion, hypothesis = fits(stiffening, 30.0)
-    louder = criterion.at(20.0)
-    assert louder.misfit(hypothesis.fit, np.nan) == pytest.approx(10.0)
-    rates = [c.likelihood(0.0) - c.likelihood(10.0) for c in (criterion, louder)]
+    signal = hypothesis.fit
+    noise = np.sqrt(signal.chi2) * np.random.default_rng(1).standard_normal(len(signal.residual))
+    louder = criterion.at(25.0)
+    assert louder.misfit(replace(signal, residual=noise), np.nan) == pytest.approx(5.0)
+    assert louder.misfit(signal, np.nan) > 5.0  # what stands in the means over the states is no noise
+    rates = [c.likelihood(0.0) - c.likelihood(5.0) for c in (criterion, louder)]
     assert rates[1] < rates[0]
-    assert louder.least == pytest.approx(criterion.least + 20.0)
+    assert louder.least == pytest.approx(criterion.least + 25.0)
 
 
 def test_a_further_law_is_no_name_where_noise_hides_what_it_leaves(stiffening: Diagnosis) -> None:
@@ -385,6 +417,13 @@ def test_a_rest_of_few_independent_samples_shows_nothing(slow: int, shown: bool)
     rest = (rest - np.mean(rest)) / np.std(rest)
     cells = _cells(np.sin(9 * t), np.cos(9 * t))
     assert _independent([rest], [cells], 0.08 * len(rest), 0.08 * len(rest)) == shown
+
+
+def test_few_samples_of_noise_may_be_loud(stiffening: Diagnosis) -> None:
+    """A rest of 500 samples is a tenth louder than its noise in one case of twenty (chi-squared: 2 / n)."""
+    criterion, _ = fits(stiffening, 0.0)
+    assert criterion.noise_of(500) == pytest.approx((1 + 1.645 * np.sqrt(2 / 500)) * criterion.floor, rel=0.01)
+    assert criterion.floor < criterion.noise_of(10**6) < 1.01 * criterion.floor
 
 
 def test_no_share_of_a_force_is_more_than_all_of_it() -> None:

@@ -28,7 +28,7 @@ from hystid.diagnosis.fit.case import (
     with_the_past,
     with_what_struck,
 )
-from hystid.diagnosis.fit.clipped import below_level, clipped_force
+from hystid.diagnosis.fit.clipped import below_level, clipped_force, is_held
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit_again
@@ -51,6 +51,10 @@ _RUBBING = 6  # laws with dry friction that are fitted again before a search
 _SEEN = 3.0  # standard deviations of the noise of a channel, from which a motion at rest would be seen
 _STUCK = "nothing moves for a while, though the force goes on: something holds the structure that the model has not"
 _MORE_THAN_LATE = "channel {} is left out: moved back, it still leaves what the others do not"
+_AT_LIMIT = (
+    "F takes its largest value, {:.4g} N, in {:.2g} % of the samples: mass and law say that the force stays there as "
+    "well, as that of dry friction, or of an actuator at its limit"
+)
 _INTEGRATED = (
     "x and v are left out: they have next to no noise, as integrals of a, and do not fit in slow motion, "
     "while a alone leaves nothing; if x was measured, record it again"
@@ -90,7 +94,17 @@ def decided(
     case, choice = _held(*_sound(case, choice, library), library)
     if integrated and choice.unknown:
         case, choice = _accelerated(case, choice, library, partial(posed, "xv"))
-    return _stands(case, choice, library)
+    case, choice = _stands(case, choice, library)
+    return _held_by_its_amplifier(case, choice), choice
+
+
+def _held_by_its_amplifier(case: Case, choice: Choice) -> Case:
+    """Without a level of the force channel as a fault, where the force itself stays there."""
+    for fault in case.faults:
+        if (fault.id, fault.channel) == (SATURATION, "F") and is_held(case.problem, choice.best.hypothesis, fault.size):
+            rest = tuple(other for other in case.faults if other is not fault)
+            return replace(case, faults=rest, notes=(*case.notes, _AT_LIMIT.format(fault.size, 100 * fault.share)))
+    return case
 
 
 def _struck(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
@@ -158,7 +172,7 @@ def held_at_rest(case: Case) -> Case | None:
                 continue
             count += len(stretch)
             swing += len(stretch) * float(np.var(stretch))
-    if not count or not criterion.is_more_than_sound(swing / count - criterion.floor):
+    if not count or not criterion.is_more_than_sound(swing / count - criterion.noise_of(count)):
         return None
     refitted, minima, nominal = refit_again(problem, [case.refit, *case.minima])
     names = " and ".join(part.name for part, rest in zip(parts, still, strict=True) if np.any(rest))

@@ -241,6 +241,10 @@ class Criterion:
         """What a further effect of so many parameters must gain."""
         return self.penalty(size, 1, misfit) + self.prior(1) - self.prior(2)
 
+    def noise_of(self, rows: int) -> float:
+        """Mean square that so many rows of noise reach by chance in one case of twenty."""
+        return self.floor * float(chi2.ppf(1 - _BY_CHANCE, rows)) / rows
+
     def is_more_than_sound(self, misfit: float) -> bool:
         """Whether a misfit is beyond the noise, as well as that is known, and the model error of a sound structure."""
         return misfit > self.slack + SOUND**2 * self.force

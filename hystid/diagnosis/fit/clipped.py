@@ -12,15 +12,18 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from hystid.consistency.cut_off import BELOW
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
-from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.search import try_fit
+from hystid.diagnosis.fit.problem import Problem, standing
+from hystid.diagnosis.fit.search import complement, try_fit
 from hystid.diagnosis.model.channel_effects import Saturation, saturation
-from hystid.diagnosis.prepare.clipping import DEEP, level_of, near_top
+from hystid.diagnosis.prepare.clipping import DEEP, STAYS, level_of, near_top
 from hystid.diagnosis.prepare.faults import SATURATION, Fault
+from hystid.diagnosis.prepare.pairs import CHANCE
 from hystid.diagnosis.prepare.segments import Flags, Part
+from hystid.numeric import stretches
 
 Array = NDArray[np.float64]
 _LEAST = 400  # samples below the top that can lead a refit
@@ -60,6 +63,39 @@ def below_level(parts: Sequence[Part], level: float) -> tuple[list[Part], Fault]
     made = [replace(p, valid=_valid(p) & ~there) if np.any(there) else p for p, there in zip(parts, at, strict=True)]
     count = sum(map(np.count_nonzero, at))
     return made, Fault(SATURATION, "F", level, noise / np.sqrt(max(count, 1)), count / sum(map(len, parts)))
+
+
+def is_held(problem: Problem, hypothesis: Hypothesis, level: float) -> bool:
+    """Whether the force itself stays at a level [N] at which its channel does: that of dry friction, or of an amplifier
+    that can give no more.
+
+    How far a force goes on beyond the level of a channel that stops, the flanks of the channel say, as of a parabola.
+    Of that, mass and law miss all or more where the channel stops, and nothing where the force does.
+    """
+    noise = max(part.noise["F"] for part in problem.parts)
+    at = [np.abs(part.F) > level - BELOW * noise for part in problem.parts]
+    parts = [replace(part, valid=_valid(part) | there) for part, there in zip(problem.parts, at, strict=True)]
+    whole = problem.of(parts)
+    fitted = standing(whole, hypothesis)
+    outside = complement(whole, fitted)
+    column = outside(whole.reduce([_beyond(part.F, there) for part, there in zip(parts, at, strict=True)]))
+    power = float(column @ column)
+    if not power:
+        return False
+    missed, error = -float(column @ outside(fitted.residual)) / power, float(np.sqrt(max(fitted.chi2, 1.0) / power))
+    return bool(missed + float(norm.isf(CHANCE / 2)) * error < STAYS)
+
+
+def _beyond(force: Array, at: Flags) -> Array:
+    """How far a force (n,) [N] goes on beyond a level: a parabola through the flanks of each of its stretches there."""
+    lacking = np.zeros_like(force)
+    for first, last in stretches(at):
+        if first >= 2 and last + 2 <= len(force):
+            side = np.sign(force[first])
+            slope = 0.5 * side * (force[first - 1] - force[first - 2] + force[last] - force[last + 1])
+            inside = np.arange(1, last - first + 1)
+            lacking[first:last] = side * max(slope, 0.0) * inside * (last - first + 1 - inside) / (last - first + 1)
+    return lacking
 
 
 def _told(problem: Problem, hypothesis: Hypothesis) -> list[Array]:

@@ -27,7 +27,7 @@ _FEWEST = 10  # samples beyond a level from which it is one
 _LOWEST = 0.5  # of the largest value: a louder channel shows no level
 DEEP = 3.0  # standard errors of what is told: less is missing by chance, as excursions are chosen by it
 _DIGITS = 1e-3  # of the largest value: what filters behind the level leave
-_STAYS = 0.5  # slope of a channel over what the others say, beyond its level: half way between a stop and no stop
+STAYS = 0.5  # slope of a channel over what the others say, beyond its level: half way between a stop and no stop
 
 
 def stopped(tests: Sequence[Recording]) -> tuple[Fault, ...]:
@@ -69,7 +69,7 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
             levels.append(float(np.mean(np.sign(one[first]) * is_there)))
             weights.append(float(last - first))
             if np.ptp(should_be) > 2 * DEEP * error:
-                stays.append(np.polyfit(should_be, is_there, 1)[0] < _STAYS)
+                stays.append(np.polyfit(should_be, is_there, 1)[0] < STAYS)
     found = agreed(np.array(lacking), np.array(weights))
     clear = np.array(lacking)[np.abs(lacking) > DEEP * error]
     witnesses = [*(clear > 0), *stays]  # depths differ, but not their sign, nor that the channel stays
@@ -77,7 +77,7 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
     is_deep = found.value > max(CALIBRATION * level, DEEP * error)
     shown = np.concatenate([(np.sign(one) * values)[b] for values, one, b in zip(seen, told, inside, strict=True)])
     should = np.concatenate([np.abs(one[b]) for one, b in zip(told, inside, strict=True)])
-    follows = np.polyfit(should - level, shown - level, 1)[0] > _STAYS
+    follows = np.polyfit(should - level, shown - level, 1)[0] > STAYS
     is_no_chance = found.agrees or min(by_sign, _by_level(levels, lacking)) < CHANCE
     return (level, len(shown)) if is_no_chance and is_deep and not follows else None
 
