@@ -39,7 +39,7 @@ def diagnose(
     *,
     model: str | Path,
     parameters: str | Path | Mapping[str, Any] | None = None,
-    holdout: Sources = (),
+    holdout: Sources | None = (),
     effects: str | Path | Sequence[str | Path] | None = None,
     exclude: Sequence[str] = (),
     out: str | Path | None = None,
@@ -69,7 +69,7 @@ def diagnose(
     try:
         # matrices are small here: threads of a BLAS mostly wait for each other, and take three times the time
         with threadpool_limits(1, "blas"), track("diagnosis", 100) as step, quiet_models():
-            taken = take(recordings, holdout, given)
+            taken = take(recordings, () if holdout is None else holdout, given)
             as_given = unchanged(Path(model), taken.read, given.values) if is_fmu(model) else ()
             if is_fmu(model) and not (fmu := FmuModel(model)).holds:
                 answer, extended = free_run_only(fmu, taken, str(model)), None
