@@ -83,3 +83,43 @@ def test_a_slider_without_noise_is_no_channel_that_stops(model: str) -> None:
     given = {"Linear": {"m": 0.0, "Kl": 2e4}, "Jenkins": {"m": 0.0, "Kl": 2e3, "Ks": 1.5e4, "fc": 4.0}}
     found = diagnose([cycles], model=f"HystId.Oscillators.{model}", parameters=given[model])
     assert [finding.effect for finding in found.findings] == (["hysteretic_friction"] if model == "Linear" else [])
+
+
+@pytest.mark.parametrize("kind", ["square", "pulses", "steps", "binary"])
+@pytest.mark.parametrize("channels", ["xva", "x"])
+def test_a_force_that_is_switched_neither_stops_nor_is_coarse(kind: str, channels: str) -> None:
+    """Without noise it stands at its largest value, and rests at few, for most of the time."""
+    fine, rng = np.arange(40_000) / 1e4, np.random.default_rng(3)
+    F = {
+        "square": 6 * np.where(np.sin(6 * np.pi * fine) >= 0, 1.0, -1.0),
+        "pulses": 6.0 * (2 * fine % 1 < 0.1),
+        "steps": 3 * np.round(2 * np.sin(1.4 * np.pi * fine)),
+        "binary": np.repeat(rng.choice([-6.0, 6.0], 200), 200),
+    }[kind]
+    y = CompiledModel(compile_model(MODEL)).simulate(
+        {"F": F}, 1e-4, parameters=TRUE, outputs=("x", "v", "a"), interpolation="linear"
+    )
+    motion = {name: y[name][::10] for name in channels}
+    found = diagnose([Recording(kind, fine[::10], F=F[::10], **motion)], model=MODEL, parameters=TRUE)
+    assert found.findings == () and found.verdict in ("consistent", "recalibrated")
+
+
+def held_cycles(clipped: float | None = None) -> Recording:
+    """Trapezoids of a displacement against a spring and a slider, without noise; clipped: level of x [m]."""
+    t = np.arange(4000) / 50.0
+    phase = t / 8 % 1
+    triangle = np.where(phase < 0.25, 4 * phase, np.where(phase < 0.75, 2 - 4 * phase, 4 * phase - 4))
+    x = 5e-3 * (np.clip(1.5 * triangle, -1.0, 1.0) if clipped is None else triangle)
+    slider = np.zeros_like(x)
+    for k in range(1, len(x)):
+        slider[k] = np.clip(slider[k - 1] + 4e5 * (x[k] - x[k - 1]), -600.0, 600.0)
+    shown = x if clipped is None else np.clip(x, -clipped, clipped)
+    return Recording("cycles", t, F=2e5 * x + slider, x=shown, origin={"t": PSEUDO_TIME})
+
+
+@pytest.mark.parametrize("clipped", [None, 4e-3])
+def test_a_displacement_that_is_held_is_no_channel_that_stops(clipped: float | None) -> None:
+    """Where it is held the force stays as well; where its channel stops the force goes on."""
+    given = {"m": 0.0, "B": 0.0, "Kl": 2e5, "Ks": 4e5, "fc": 500.0}
+    found = diagnose([held_cycles(clipped)], model="HystId.Oscillators.Jenkins", parameters=given)
+    assert [f.effect for f in found.findings] == ([] if clipped is None else ["sensor_saturation"])

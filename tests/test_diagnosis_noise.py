@@ -214,3 +214,13 @@ def test_noise_shows_no_delay(seed: int) -> None:
     sums = [float(np.sum(standing(problem, replace(hypothesis, delay=d)).residual ** 2)) for d in delays]
     beside = np.array(sums) - np.polynomial.Polynomial.fit(delays, sums, 2)(delays)
     assert np.max(np.abs(beside)) < 0.5  # less than any choice turns on
+
+
+def test_a_staircase_is_coarse_or_slow_and_no_force_that_is_switched() -> None:
+    t, rng = np.arange(4000) / 1000.0, np.random.default_rng(1)
+    sine = np.sin(2 * np.pi * 0.7 * t)
+    coarse, slow = np.round(20 * sine) / 20, np.repeat(sine[::20], 20)
+    assert noise_level(coarse) == pytest.approx(0.05 / np.sqrt(3), rel=0.05)  # a step over the root of three
+    assert noise_level(slow) > 0.01
+    for switched in (np.where(sine > 0, 1.0, -1.0), 1.0 * (2 * t % 1 < 0.1), np.repeat(rng.standard_normal(20), 200)):
+        assert noise_level(switched) < 1e-6  # as in a simulation: its jumps are no errors

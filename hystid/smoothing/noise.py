@@ -23,6 +23,7 @@ _SHOCKS = 6.0  # kurtosis of differences of 128 samples of noise: one section in
 _SHOCK = 10.0  # times the median difference: noise of any colour reaches 6
 _UNRESOLVED = 0.02  # of a difference of sixth order: the sum over a haversine of two to four samples is off by 5 % of
 # it in the median, and some nine samples share that
+_LEVELS = 8  # of a channel with steps: fewer are noise of more than 20 dB, or a force that is switched
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
 _FINE_BANDS = np.linspace(0.3, 0.98, 15)  # of the Nyquist frequency: where a filter may end the noise
@@ -113,8 +114,9 @@ def _is_white(part: Array) -> bool:
 def steps(channel: Array) -> NDArray[np.intp] | None:
     """Number of the step that each sample of a staircase stands on, shape (n,); None where the channel does not rest.
 
-    Coarse resolution or a slow display: the error of such a channel is the same over a whole step. A simulated force
-    that pauses between blows rests at one value alone, and is none.
+    Coarse resolution, which goes from one level to the next, or a slow display, which shows a new value now and then:
+    the error of such a channel is the same over a whole step. A simulated force that pauses between blows rests at one
+    value alone, and one that is switched jumps: they are none.
     """
     resting = np.diff(channel) == 0.0
     if np.mean(resting) < _RESTING or np.all(resting):
@@ -123,7 +125,10 @@ def steps(channel: Array) -> NDArray[np.intp] | None:
     elsewhere = channel[1:] != levels[np.argmax(count)]
     if np.mean(resting[elsewhere]) < _RESTING:
         return None
-    return np.concatenate([[0], np.cumsum(~resting)])
+    shown = channel[np.append(True, ~resting)]
+    is_coarse = len(levels) >= _LEVELS and np.median(np.abs(np.diff(np.searchsorted(levels, shown)))) <= 1
+    is_slow = 2 * len(np.unique(shown)) > len(shown) and np.mean(np.diff(shown) ** 2) < np.var(channel)
+    return np.concatenate([[0], np.cumsum(~resting)]) if is_coarse or is_slow else None
 
 
 def _by_steps(channel: Array) -> float:

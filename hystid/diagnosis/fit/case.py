@@ -39,6 +39,7 @@ from hystid.diagnosis.model.transients import beginning, maybe_holding
 from hystid.diagnosis.prepare import chain
 from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.recordings import Taken
+from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.prepare.rest import trimmed, without_rest
 from hystid.diagnosis.prepare.segments import Flags, Part, band, prepare_parts, visible, without_x
 from hystid.errors import NumericalError
@@ -50,6 +51,10 @@ _LIBRARY = "HystId."
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no louder than all that is left
 _SECTIONS = 10  # of a recording, the first of which tells most of what was before
 _RESTED = ", and what its contacts remember of the time before bears out that they were at rest"
+_NOTHING_LEFT = (
+    "no sample is left that tells the force of the model: a channel stands at a level, or nothing moves, in all of "
+    "them; record motion that goes on"
+)
 _OFF_ZERO = "the displacement is taken to be off its zero by {}, as fewer laws then explain as much"
 _FRACTION = 1e-4  # m, from which zeros are told in mm
 _NO_ZERO = 0.05  # of the largest zero, below which another one is not told
@@ -134,6 +139,8 @@ def pose(
     parts, kept, running = beginning(parts, baseline, baseline.nominal, holding=holding)
     baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
+    if not problem.reduce.count:
+        raise NotDiagnosable(_NOTHING_LEFT)
     sized, _ = _starts(parts, code, {n: v for n, v in values.items() if n in {"m", *fixed}}, model, quasi_static=still)
     refitted, minima, nominal = refit(problem, kept, sized)
     for _ in range(_BEGUN):  # a contact that slips later than was believed remembers longer

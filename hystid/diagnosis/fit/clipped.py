@@ -19,7 +19,7 @@ from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import complement, try_fit
 from hystid.diagnosis.model.channel_effects import Saturation, saturation
-from hystid.diagnosis.prepare.clipping import DEEP, STAYS, level_of, near_top
+from hystid.diagnosis.prepare.clipping import DEEP, STAYS, beyond, level_of, near_top
 from hystid.diagnosis.prepare.faults import SATURATION, Fault
 from hystid.diagnosis.prepare.pairs import CHANCE
 from hystid.diagnosis.prepare.segments import Flags, Part
@@ -78,7 +78,8 @@ def is_held(problem: Problem, hypothesis: Hypothesis, level: float) -> bool:
     whole = problem.of(parts)
     fitted = standing(whole, hypothesis)
     outside = complement(whole, fitted)
-    column = outside(whole.reduce([_beyond(part.F, there) for part, there in zip(parts, at, strict=True)]))
+    gone = [_beyond(part.F, there) for part, there in zip(parts, at, strict=True)]
+    column = outside(whole.reduce([np.sign(one) * np.maximum(np.abs(one) - BELOW * noise, 0.0) for one in gone]))
     power = float(column @ column)
     if not power:
         return False
@@ -87,14 +88,11 @@ def is_held(problem: Problem, hypothesis: Hypothesis, level: float) -> bool:
 
 
 def _beyond(force: Array, at: Flags) -> Array:
-    """How far a force (n,) [N] goes on beyond a level: a parabola through the flanks of each of its stretches there."""
+    """How far a force (n,) [N] goes on from where it comes near a level, 0 elsewhere."""
     lacking = np.zeros_like(force)
     for first, last in stretches(at):
-        if first >= 2 and last + 2 <= len(force):
-            side = np.sign(force[first])
-            slope = 0.5 * side * (force[first - 1] - force[first - 2] + force[last] - force[last + 1])
-            inside = np.arange(1, last - first + 1)
-            lacking[first:last] = side * max(slope, 0.0) * inside * (last - first + 1 - inside) / (last - first + 1)
+        if first > 0 and last < len(force):
+            lacking[first:last] = beyond(force, first, last)
     return lacking
 
 

@@ -26,13 +26,43 @@ from hystid.smoothing.smoother import Smoothed, smooth
 _FEWEST = 10  # samples beyond a level from which it is one
 _LOWEST = 0.5  # of the largest value: a louder channel shows no level
 DEEP = 3.0  # standard errors of what is told: less is missing by chance, as excursions are chosen by it
+_SWITCHED = 2.0  # times the change before: noise as large as the change itself doubles it
 _DIGITS = 1e-3  # of the largest value: what filters behind the level leave
 STAYS = 0.5  # slope of a channel over what the others say, beyond its level: half way between a stop and no stop
 
 
-def stopped(tests: Sequence[Recording]) -> tuple[Fault, ...]:
-    """Channels that stop at a level, in recordings as they were read: what is moved, filtered or scaled does not."""
-    return tuple(fault for name in "xvaF" if (fault := _stopped(tests, name)) is not None)
+def stopped(tests: Sequence[Recording], *, slow: bool = False) -> tuple[Fault, ...]:
+    """Channels that stop at a level, in recordings as they were read: what is moved, filtered or scaled does not.
+
+    slow: nothing has inertia there. A displacement at which the force stays as well is held, as in a test with pauses.
+    """
+    faults = [fault for name in "xvaF" if (fault := _stopped(tests, name)) is not None]
+    return tuple(f for f in faults if f.channel != "x" or not slow or _goes_on(tests, f.size))
+
+
+def _goes_on(tests: Sequence[Recording], level: float) -> bool:
+    """Whether the force goes on where a displacement stands at a level, by half at least of what its own flanks say."""
+    shown = due = 0.0
+    for test in tests:
+        for first, last in stretches(np.abs(test.channel("x")) >= level):
+            if test.F is not None and first > 0 and last < len(test):
+                inside, side = test.F[first - 1 : last + 1], np.sign(test.channel("x")[first])
+                shown += side * float(np.mean(inside) - 0.5 * (inside[0] + inside[-1]))
+                due += side * float(np.mean(beyond(test.F, first, last)))
+    return shown >= STAYS * due
+
+
+def beyond(force: Array, first: int, last: int) -> Array:
+    """How far a force (n,) goes on within a stretch, (last - first,), as a parabola through its flanks: their slopes
+    over a quarter of the stretch on either side, or 0 where they do not rise to it."""
+    count, side = last - first, np.sign(force[first])
+    before, after = max(first - 1 - count // 4, 0), min(last + count // 4, len(force) - 1)
+    rise, fall = (
+        (force[first] - force[before]) / (first - before),
+        (force[last - 1] - force[after]) / (after - last + 1),
+    )
+    inside = np.arange(1, count + 1)
+    return np.asarray(side * max(side * (rise + fall), 0.0) / 2 * inside * (count + 1 - inside) / (count + 1))
 
 
 def saturated_motion(recordings: Sequence[Recording]) -> Fault | None:
@@ -139,7 +169,23 @@ def _bridging_error(
     return max(drawn_error, float(np.std((getattr(again, name) - getattr(bridged, name))[beside])))
 
 
+def _jumps(channels: Sequence[Array], level: float) -> bool:
+    """Whether channels mostly jump to a level, as a force that is switched: towards its top a signal changes by less
+    from sample to sample, and by less still where it is cut off."""
+    steps, before = list[float](), list[float]()
+    for values in channels:
+        change = np.abs(np.diff(values))
+        for first, last in stretches(np.abs(values) >= level):
+            if first >= 2 and last + 2 <= len(values):
+                steps += [float(change[first - 1]), float(change[last - 1])]
+                before += [float(change[first - 2]), float(change[last])]
+    return bool(steps) and float(np.median(steps)) > _SWITCHED * float(np.median(before))
+
+
 def _stopped(recordings: Sequence[Recording], name: str) -> Fault | None:
     """A channel that takes its exact extreme far more often than other values: cut off behind the noise."""
-    found = cut_off.level([np.asarray(values) for r in recordings if (values := getattr(r, name)) is not None])
-    return None if found is None else Fault(SATURATION, name, found.value, 1e-3 * found.value, found.share)
+    channels = [np.asarray(values) for r in recordings if (values := getattr(r, name)) is not None]
+    found = cut_off.level(channels)
+    if found is None or _jumps(channels, found.value):
+        return None
+    return Fault(SATURATION, name, found.value, 1e-3 * found.value, found.share)

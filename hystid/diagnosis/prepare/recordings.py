@@ -72,7 +72,7 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
     tests, unseen = [without_spikes(test) for test in tests], [without_spikes(test) for test in unseen]
     read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
     tests, unseen, given = _with_decays(read.tests, read.unseen, given)
-    clipped = stopped(tests)
+    clipped = stopped(tests, slow=given.mass == 0 or all(test.quasi_static for test in tests))
     measured = _measured_only([*_bounded(tests), *_bounded(unseen)], len(tests))
     largest = max((float(np.std(test.F)) for test in measured if test.F is not None), default=0.0)
     tests, unseen = (
