@@ -254,12 +254,12 @@ def test_where_the_noise_is_louder_what_a_law_leaves_counts_for_less(stiffening:
     criterion, hypothesis = fits(stiffening, 30.0)
     signal = hypothesis.fit
     noise = np.sqrt(signal.chi2) * np.random.default_rng(1).standard_normal(len(signal.residual))
-    louder = criterion.at(25.0)
-    assert louder.misfit(replace(signal, residual=noise), np.nan) == pytest.approx(5.0)
-    assert louder.misfit(signal, np.nan) > 5.0  # what stands in the means over the states is no noise
-    rates = [c.likelihood(0.0) - c.likelihood(5.0) for c in (criterion, louder)]
+    louder = criterion.at(20.0)
+    assert louder.misfit(replace(signal, residual=noise), np.nan) == pytest.approx(10.0)
+    assert louder.misfit(signal, np.nan) > 10.0  # what stands in the means over the states is no noise
+    rates = [c.likelihood(0.0) - c.likelihood(10.0) for c in (criterion, louder)]
     assert rates[1] < rates[0]
-    assert louder.least == pytest.approx(criterion.least + 25.0)
+    assert louder.least == pytest.approx(criterion.least + 20.0)
 
 
 def test_a_further_law_is_no_name_where_noise_hides_what_it_leaves(stiffening: Diagnosis) -> None:

@@ -127,6 +127,7 @@ def steps(channel: Array) -> NDArray[np.intp] | None:
         return None
     shown = channel[np.append(True, ~resting)]
     is_coarse = len(levels) >= _LEVELS and np.median(np.abs(np.diff(np.searchsorted(levels, shown)))) <= 1
+    # one value and the next are more alike than not: a correlation above one half
     is_slow = 2 * len(np.unique(shown)) > len(shown) and np.mean(np.diff(shown) ** 2) < np.var(channel)
     return np.concatenate([[0], np.cumsum(~resting)]) if is_coarse or is_slow else None
 

@@ -28,7 +28,7 @@ from hystid.diagnosis.fit.case import (
     with_the_past,
     with_what_struck,
 )
-from hystid.diagnosis.fit.clipped import below_level, clipped_force, is_held
+from hystid.diagnosis.fit.clipped import below_level, clipped_force, force_stays
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit_again
@@ -95,13 +95,15 @@ def decided(
     if integrated and choice.unknown:
         case, choice = _accelerated(case, choice, library, partial(posed, "xv"))
     case, choice = _stands(case, choice, library)
-    return _held_by_its_amplifier(case, choice), choice
+    return _not_cut_off(case, choice), choice
 
 
-def _held_by_its_amplifier(case: Case, choice: Choice) -> Case:
+def _not_cut_off(case: Case, choice: Choice) -> Case:
     """Without a level of the force channel as a fault, where the force itself stays there."""
     for fault in case.faults:
-        if (fault.id, fault.channel) == (SATURATION, "F") and is_held(case.problem, choice.best.hypothesis, fault.size):
+        if (fault.id, fault.channel) == (SATURATION, "F") and force_stays(
+            case.problem, choice.best.hypothesis, fault.size
+        ):
             rest = tuple(other for other in case.faults if other is not fault)
             return replace(case, faults=rest, notes=(*case.notes, _AT_LIMIT.format(fault.size, 100 * fault.share)))
     return case

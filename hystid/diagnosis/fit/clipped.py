@@ -58,22 +58,26 @@ def clipped_force(problem: Problem, baseline: Fit) -> list[Saturation]:
 def below_level(parts: Sequence[Part], level: float) -> tuple[list[Part], Fault]:
     """Parts without the samples at which the force channel stands at a level [N], as far as noise tells, and that level
     as a fault of the channel."""
-    noise = max(part.noise["F"] for part in parts)
-    at = [np.abs(part.F) > level - BELOW * noise for part in parts]
+    at, noise = _at(parts, level)
     made = [replace(p, valid=_valid(p) & ~there) if np.any(there) else p for p, there in zip(parts, at, strict=True)]
     count = sum(map(np.count_nonzero, at))
     return made, Fault(SATURATION, "F", level, noise / np.sqrt(max(count, 1)), count / sum(map(len, parts)))
 
 
-def is_held(problem: Problem, hypothesis: Hypothesis, level: float) -> bool:
+def _at(parts: Sequence[Part], level: float) -> tuple[list[Flags], float]:
+    """Samples at which the force channel stands at a level [N], as far as noise tells, and that noise."""
+    noise = max(part.noise["F"] for part in parts)
+    return [np.abs(part.F) > level - BELOW * noise for part in parts], noise
+
+
+def force_stays(problem: Problem, hypothesis: Hypothesis, level: float) -> bool:
     """Whether the force itself stays at a level [N] at which its channel does: that of dry friction, or of an amplifier
     that can give no more.
 
-    How far a force goes on beyond the level of a channel that stops, the flanks of the channel say, as of a parabola.
-    Of that, mass and law miss all or more where the channel stops, and nothing where the force does.
+    The slopes on either side say how far a force would go on, as a parabola. The balance lacks all of that where the
+    channel is cut off, and none of it where the force stays.
     """
-    noise = max(part.noise["F"] for part in problem.parts)
-    at = [np.abs(part.F) > level - BELOW * noise for part in problem.parts]
+    at, noise = _at(problem.parts, level)
     parts = [replace(part, valid=_valid(part) | there) for part, there in zip(problem.parts, at, strict=True)]
     whole = problem.of(parts)
     fitted = standing(whole, hypothesis)
@@ -83,8 +87,8 @@ def is_held(problem: Problem, hypothesis: Hypothesis, level: float) -> bool:
     power = float(column @ column)
     if not power:
         return False
-    missed, error = -float(column @ outside(fitted.residual)) / power, float(np.sqrt(max(fitted.chi2, 1.0) / power))
-    return bool(missed + float(norm.isf(CHANCE / 2)) * error < STAYS)
+    lacking, error = -float(column @ outside(fitted.residual)) / power, float(np.sqrt(max(fitted.chi2, 1.0) / power))
+    return bool(lacking + float(norm.isf(CHANCE / 2)) * error < STAYS)
 
 
 def _beyond(force: Array, at: Flags) -> Array:

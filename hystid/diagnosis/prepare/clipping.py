@@ -41,7 +41,7 @@ def stopped(tests: Sequence[Recording], *, slow: bool = False) -> tuple[Fault, .
 
 
 def _goes_on(tests: Sequence[Recording], level: float) -> bool:
-    """Whether the force goes on where a displacement stands at a level, by half at least of what its own flanks say."""
+    """Whether the force goes on where a displacement stands at a level, by half of what its slopes there say."""
     shown = due = 0.0
     for test in tests:
         for first, last in stretches(np.abs(test.channel("x")) >= level):
@@ -53,8 +53,8 @@ def _goes_on(tests: Sequence[Recording], level: float) -> bool:
 
 
 def beyond(force: Array, first: int, last: int) -> Array:
-    """How far a force (n,) goes on within a stretch, (last - first,), as a parabola through its flanks: their slopes
-    over a quarter of the stretch on either side, or 0 where they do not rise to it."""
+    """How far a force (n,) goes on within a stretch, (last - first,), as a parabola with the slopes on either
+    side, each over a quarter of the stretch; 0 where they do not rise to it."""
     count, side = last - first, np.sign(force[first])
     before, after = max(first - 1 - count // 4, 0), min(last + count // 4, len(force) - 1)
     rise, fall = (
