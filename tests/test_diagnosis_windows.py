@@ -293,6 +293,21 @@ def test_a_motion_that_is_hidden_in_the_noise_is_no_rest() -> None:
     assert not any("nothing moves for a while" in note for note in found.notes)
 
 
+def test_noise_of_a_force_swings_nothing_that_is_at_rest() -> None:
+    """The displacement is so quiet that it would show what noise of the force alone does to the model, and that noise
+    is a quarter louder at rest than it is in all."""
+    clean, rng = (
+        modulated(lambda t: 1.0 * ((t < 2.0) | (t > 2.4)), lambda t, x, v: 0 * t, 0.0),
+        np.random.default_rng(2),
+    )
+    louder = 1 + 0.25 * ((clean.t > 1.9) & (clean.t < 2.5))
+    x = clean.x + 1e-4 * np.std(clean.x) * rng.standard_normal(len(clean))
+    F = clean.F + 0.05 * np.std(clean.F) * louder * rng.standard_normal(len(clean))
+    found = diagnose([Recording("noisy", clean.t, F=F, x=x)], model=MODEL, parameters=NOMINAL)
+    assert found.verdict in ("consistent", "recalibrated")
+    assert not any("nothing moves for a while" in note for note in found.notes)
+
+
 RUBS = """model Rubs
   input Real F(unit = "N");
   parameter Real m(unit = "kg") = 2;

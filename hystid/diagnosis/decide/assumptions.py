@@ -38,7 +38,7 @@ from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.faults import DELAY, SATURATION
 from hystid.diagnosis.prepare.refused import NotDiagnosable
-from hystid.diagnosis.prepare.rest import held
+from hystid.diagnosis.prepare.rest import does_more_than_noise, held
 from hystid.diagnosis.prepare.segments import Part
 from hystid.numeric import Array, Flags, stretches
 
@@ -183,7 +183,8 @@ def held_at_rest(case: Case) -> Case | None:
 
 
 def _shows(part: Part, rest: Flags, runs: Runs) -> Flags:
-    """Stretches at rest, (n,), in which a free run of the model moves by more than the noise of some channel."""
+    """Stretches at rest, (n,), in which the force swings, and a free run of the model moves by more than the noise of
+    some channel: noise of a force moves a model too."""
     run = runs(part) if np.any(rest) else None
     if run is None:
         return np.zeros(len(part), dtype=bool)
@@ -192,7 +193,7 @@ def _shows(part: Part, rest: Flags, runs: Runs) -> Flags:
     moved["a"] = np.gradient(moved["v"], part.dt)
     for first, last in stretches(rest):
         inside = slice(first, last)
-        shown[inside] = any(
+        shown[inside] = does_more_than_noise(part.F[inside], part.noise["F"]) and any(
             np.std(moved[name][inside]) > _SEEN * part.noise[name] for name in part.measured if name in moved
         )
     return shown

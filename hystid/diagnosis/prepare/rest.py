@@ -57,7 +57,7 @@ def resting(part: Part) -> Flags:
     period = 1 / (part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))
     found = np.zeros(len(part), dtype=bool)
     for first, last in stretches(~np.repeat(moving, _WINDOW)):
-        strays = np.std(part.measured[name][first:last]) > _STRAYS * part.noise[name]
+        strays = does_more_than_noise(part.measured[name][first:last], part.noise[name])
         if last - first > max(_PERIODS * period, 4 * _WINDOW) and not strays:
             edge = max(int(_KEPT * period), _WINDOW)
             found[first + edge : last - edge] = True
@@ -72,6 +72,11 @@ def held(part: Part) -> Flags:
         channels = [(part.measured[name][first:last], part.noise[name]) for name in "xva" if name in part.measured]
         found[first:last] = all(np.std(values) < _LOUDER * noise for values, noise in channels)
     return found
+
+
+def does_more_than_noise(values: Array, noise: float) -> bool:
+    """Whether a channel does more in a long stretch than its noise in the long run."""
+    return bool(np.std(values) > _STRAYS * noise)
 
 
 def _moving(values: Array, noise: float) -> Flags:
