@@ -460,3 +460,18 @@ def test_a_displacement_that_was_integrated_denies_no_sign(seed: int) -> None:
     v = sosfiltfilt(high, cumulative_trapezoid(noisy[1], dx=dt, initial=0))
     x = sosfiltfilt(high, cumulative_trapezoid(v, dx=dt, initial=0))
     assert not examine([Recording("run", t, F=noisy[0], x=x, v=v, a=noisy[1])], m).refusals
+
+
+@pytest.mark.parametrize(("corner", "n"), [(0.125, 7600), (0.1, 4000), (0.15, 3000)])
+def test_noise_that_a_user_filtered_denies_no_mass(corner: float, n: int) -> None:
+    """The displacement was filtered to and fro below a part of the sample rate [cycles per sample], and differentiated
+    twice. In a steady tone its acceleration says nothing that the displacement does not, but for noise."""
+    rng, dt, mass = np.random.default_rng(3), 1 / 4900, 3.5
+    w, t = 2 * np.pi * 20.0, np.arange(n) / 4900
+    x, v, a = (1e-4 * w**k * np.sin(w * t + k * np.pi / 2) for k in range(3))
+    force = mass * a + 26 * v + 3e5 * x + 1.5 * np.tanh(v / 1e-3)
+    x, force = (u + 0.02 * np.std(u) * rng.standard_normal(n) for u in (x, force))
+    x = np.asarray(sosfiltfilt(butter(4, 2 * corner, output="sos"), x))
+    v = np.gradient(x, dt)
+    found = examine([Recording("filtered", t, F=force, x=x, v=v, a=np.gradient(v, dt))], mass).findings
+    assert not [item for item in found if item.slip == "wrong_mass"]

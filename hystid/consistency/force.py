@@ -14,6 +14,7 @@ import numpy as np
 from hystid.consistency.kinematics import ORDER, motion, spectrum
 from hystid.consistency.spectra import REACH, derived
 from hystid.recording import Array, Recording
+from hystid.smoothing.noise import noise_level
 
 _KNOTS = 7  # of the curve of the displacement: one stop on either side, a dead zone and a slope between them
 _AGAIN = 1.5  # width of the kernel that all columns pass, over that of the first: 92 % at the top of the band
@@ -281,7 +282,8 @@ def _columns(recording: Recording, curved: bool = False) -> _Columns | None:
     if len(force) < _FEWEST:
         return None
     last = list(names)[-1]  # the channel that the acceleration is taken from
-    draw = spectrum(names[last], dt).noise * np.random.default_rng(0).standard_normal(len(recording))
+    level = max(spectrum(names[last], dt).noise, noise_level(names[last], [recording.F], cautious=True))
+    draw = level * np.random.default_rng(0).standard_normal(len(recording))
     noise = derived(draw, 2 - ORDER[last], dt, width, curved)
     columns = _assembled(recording, found, force, noise)
     return columns.smoothed(_AGAIN * width) if curved and columns is not None else columns

@@ -26,8 +26,13 @@ _UNRESOLVED = 0.02  # of a difference of sixth order: the sum over a haversine o
 _LEVELS = 8  # of a channel with steps: fewer are noise of more than 20 dB, or a force that is switched
 _RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
-_FINE_BANDS = np.linspace(0.3, 0.98, 15)  # of the Nyquist frequency: where a filter may end the noise
+_WELL, _WIDER = 0.3, 1.16  # of the Nyquist frequency, above which that is so; edges of bands below that over each other
+_FINE_BANDS = np.concatenate([_WELL / _WIDER ** np.arange(12.0, 0.0, -1.0), np.linspace(_WELL, 0.98, 15)])  # where a
+# filter may end the noise
+_FLAT, _CAUTIOUS = 70, 25  # lines of a band below, so that three of them tell what is flat from what falls by the
+# square of the frequency, and from what a mass moves
 _SHELF, _STEEP = 3, 3.0  # bands of noise before a filter, and its fall in power at least
+_CLIFF = 10.0  # the same where motion may end by itself
 _ORDER = 12  # power of the frequency by which noise falls behind a filter of sixth order: what a mass moves falls by 4,
 # and by 6 where a force jumps
 _CORNER = 1.1  # what the corner of a filter takes from the last of them, besides chance
@@ -43,10 +48,10 @@ _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from ro
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 
 
-def noise_level(channel: Array, others: Sequence[Array] = (), *, drives: bool = False) -> float:
+def noise_level(channel: Array, others: Sequence[Array] = (), *, drives: bool = False, cautious: bool = False) -> float:
     """Standard deviation of the white noise on a channel (its unit): where a filter has taken its upper end away, that
-    before the filter. others, drives: as in ``filtered_beyond``."""
-    return max(unfiltered_level(channel), filtered_beyond(channel, others, drives=drives)[1])
+    before the filter. others, drives, cautious: as in ``filtered_beyond``."""
+    return max(unfiltered_level(channel), filtered_beyond(channel, others, drives=drives, cautious=cautious)[1])
 
 
 def unfiltered_level(channel: Array) -> float:
@@ -163,7 +168,12 @@ def _by_spectrum(channel: Array) -> float:
 
 
 def filtered_beyond(
-    channel: Array, others: Sequence[Array] = (), *, drives: bool = False, corners: Collection[float] = ()
+    channel: Array,
+    others: Sequence[Array] = (),
+    *,
+    drives: bool = False,
+    corners: Collection[float] = (),
+    cautious: bool = False,
 ) -> tuple[float, float]:
     """Frequency [cycles per sample] at which a filter ends the white noise of a channel (n,), and the level of that
     noise (its unit); 0.5 and 0 where none does well below half the sample rate.
@@ -172,12 +182,15 @@ def filtered_beyond(
     there all the time: a force that is as loud at all frequencies up to its highest is most of it, an impact is brief.
     What ``others`` share with it is motion. drives: whether the channel is such a force, which may not be seen to move
     anything; of a motion that others would share, noise may be as much as the rest. corners: such frequencies of the
-    same channel in other recordings: the recorder filters here as well, and motion may hide it.
+    same channel in other recordings: the recorder filters here as well, and motion may hide it. cautious: rather take
+    some motion for noise than noise for motion, in a recording that is too short to tell.
     """
     most = _HALF if others and not drives else _SMALL
     window = np.hanning(len(channel))
     lines = np.fft.rfft((channel - np.mean(channel)) * window)
-    edges = (_FINE_BANDS * (len(lines) - 1)).astype(int)
+    told = (1 - 1 / _WIDER) * _FINE_BANDS * (len(lines) - 1) >= (_CAUTIOUS if cautious else _FLAT)
+    bands = _FINE_BANDS[told | (_FINE_BANDS >= _WELL)]
+    edges = (bands * (len(lines) - 1)).astype(int)
     if np.min(np.diff(edges)) < _LINES:
         return 0.5, 0.0
     middle = window > 0.5
@@ -186,22 +199,22 @@ def filtered_beyond(
         rows = np.concatenate([np.zeros(first), lines[first:end]])
         return np.asarray(np.fft.irfft(rows, len(channel))[middle] / window[middle])
 
-    for last in _ends_of_shelves(np.abs(lines) ** 2, edges):
+    for last in _ends_of_shelves(np.abs(lines) ** 2, edges, bands):
         first, end = edges[last - _SHELF], edges[last]
         shelf = inside(first, end)
         if not _is_steady(shelf, end - first):
             continue
-        if any(_shared(channel, other, _FINE_BANDS[[last - _SHELF, last]]) > _MOTION for other in others):
+        if any(_shared(channel, other, bands[[last - _SHELF, last]]) > _MOTION for other in others):
             continue
         level = _level(channel, shelf, first, end, len(lines))
         if level**2 < most * float(np.var(channel)):
-            return 0.5 * float(_FINE_BANDS[last]), level
+            return 0.5 * float(bands[last]), level
     for last in range(1, len(edges)):
         first, end = edges[last - 1], edges[last]
-        if 0.5 * _FINE_BANDS[last] in corners:
+        if 0.5 * bands[last] in corners:
             level = _level(channel, inside(first, end), first, end, len(lines))
             if level**2 < most * float(np.var(channel)):
-                return 0.5 * float(_FINE_BANDS[last]), level
+                return 0.5 * float(bands[last]), level
     return 0.5, 0.0
 
 
@@ -211,16 +224,16 @@ def _level(channel: Array, inside: Array, first: int, end: int, count: int) -> f
     return min(float(np.std(inside) / np.sqrt(share)), _at_most(channel, end / (count - 1)))
 
 
-def _ends_of_shelves(power: Array, edges: NDArray[np.intp]) -> Iterator[int]:
+def _ends_of_shelves(power: Array, edges: NDArray[np.intp], bands: Array) -> Iterator[int]:
     """Bands, from the highest down, before which a spectrum is flat, and from which on it falls steeply."""
     level = np.array([float(np.median(power[low:high])) for low, high in pairwise(edges)])
-    chance = _SPREAD / np.sqrt(np.min(np.diff(edges)))
+    chances = _SPREAD / np.sqrt(np.diff(edges))
     for last in range(len(level) - 1, _SHELF - 1, -1):
         shelf = level[last - _SHELF : last]
-        middle = 0.5 * (_FINE_BANDS[last:-1] + _FINE_BANDS[last + 1 :])
-        least = np.minimum(1 / _STEEP, (_FINE_BANDS[last] / middle) ** _ORDER)
-        flat = np.max(shelf) < (_CORNER + 4 * chance) * np.min(shelf)
-        if flat and np.any(level[last:] * (1 + 2 * chance) < least * np.median(shelf)):
+        middle = 0.5 * (bands[last:-1] + bands[last + 1 :])
+        least = np.minimum(1 / (_STEEP if bands[last - _SHELF] >= _WELL else _CLIFF), (bands[last] / middle) ** _ORDER)
+        flat = np.max(shelf) < (_CORNER + 4 * np.max(chances[last - _SHELF : last])) * np.min(shelf)
+        if flat and np.any(level[last:] * (1 + 2 * chances[last:]) < least * np.median(shelf)):
             yield last
 
 
