@@ -149,7 +149,7 @@ def test_noise_that_a_law_is_said_to_add_explains_nothing(stiffening: Diagnosis)
 def test_what_noise_adds_grows_without_a_jump(stiffening: Diagnosis) -> None:
     """Two fits of one law differ in the last digits: neither is believed to be much louder than the other."""
     criterion, hypothesis = fits(stiffening, 0.0)
-    drawn = criterion.problem.noise_added(hypothesis.fit.hypothesis)
+    drawn = criterion.problem.noise_added(hypothesis.fit.hypothesis, 3)
     spread = np.array([-1.0, 0.0, 1.0])
 
     def added(mean: float) -> float:
@@ -172,11 +172,11 @@ def test_noise_counts_once_where_nobody_knows_where_a_law_stands(stiffening: Dia
     """What rows leave there is said to be unknown: noise of the motion in it is a part of that."""
     criterion, hypothesis = fits(stiffening, 0.0)
     problem, here = criterion.problem, hypothesis.fit.hypothesis
-    draws, nothing = problem.movements(here), np.zeros(1)
+    draws, nothing = [problem.reduce(moved) for moved in problem.moved(here)], np.zeros(1)
     assert np.all(problem.noise_added(here) != 0.0)
     try:
         problem.reduce.distrust(draws, nothing, np.ones(problem.reduce.count))
-        assert np.all(problem.noise_added(here) == 0.0)
+        assert np.all(problem.noise_added(replace(here)) == 0.0)
     finally:
         problem.reduce.trust()
 

@@ -188,7 +188,7 @@ class Criterion:
         """Mean square that noise alone leaves of a fit: as much more than of the baseline as draws of the noise agree
         on (Student's t, shrunk by the garrote of Breiman 1995), so that no limit parts two fits of one law.
         """
-        more = self.problem.noise_added(fit.hypothesis) - self._added
+        more = self.problem.noise_added(fit.hypothesis, len(self._added)) - self._added
         mean, error = float(np.mean(more)), float(np.std(more, ddof=1)) / np.sqrt(len(more))
         by_chance = float(student.ppf(1 - 0.5 * _BY_CHANCE, len(more) - 1)) * error
         return self.floor + mean * max(1.0 - (by_chance / mean) ** 2, 0.0) if mean else self.floor

@@ -109,7 +109,7 @@ def _told(problem: Problem, hypothesis: Hypothesis) -> list[Array]:
 def error_of(problem: Problem, hypothesis: Hypothesis, told: Sequence[Array]) -> float:
     """Standard error of the force that mass and law say, told, (n,) per part [N]: what noise of the motion does to it,
     and all that it leaves of the force where no channel shows the motion."""
-    moved = problem.moved(hypothesis)[0]
+    moved = next(problem.moved(hypothesis))
     errors = [hypothesis.mass() * p.jitter[0][2] + force for p, force in zip(problem.parts, moved, strict=True)]
     unseen = [p.slow(p.F - one) if p.lowest else np.zeros_like(one) for p, one in zip(problem.parts, told, strict=True)]
     return float(np.hypot(np.std(np.concatenate(errors)), np.std(np.concatenate(unseen))))

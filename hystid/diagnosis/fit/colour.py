@@ -20,6 +20,7 @@ from scipy.optimize import lsq_linear
 from hystid.diagnosis.fit.curves import cells, curves
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
+from hystid.diagnosis.prepare.draws import Draw
 from hystid.diagnosis.prepare.filtering import filtered
 from hystid.diagnosis.prepare.reduction import ROWS, colouring
 from hystid.diagnosis.prepare.segments import Part, band
@@ -116,8 +117,11 @@ def _coloured(part: Part, colour: tuple[float, float], since: float) -> Part:
     """A part with the colour of its noise, and so the draws of what noise does to its motion."""
     made = replace(part, colour=colour, since=since)
     response = colouring(part) / colouring(made)
-    jitter = tuple(tuple(filtered(u.astype(float), response).astype(np.float32) for u in draw) for draw in part.jitter)
-    return replace(made, jitter=jitter)
+
+    def coloured(draw: Draw) -> Draw:
+        return tuple(filtered(u.astype(float), response).astype(np.float32) for u in draw)
+
+    return replace(made, jitter=part.jitter.changed(coloured))
 
 
 def _lasted(parts: Sequence[Part]) -> float:

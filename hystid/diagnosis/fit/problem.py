@@ -6,7 +6,7 @@ below a sample, a mass error), and amplitudes and shapes of the effects; ``desce
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -21,8 +21,9 @@ from hystid.diagnosis.model.baseline import Baseline, Held
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.memory import Memory
 from hystid.diagnosis.prepare.differences import interpolated
+from hystid.diagnosis.prepare.draws import ENOUGH
 from hystid.diagnosis.prepare.reduction import Reduction
-from hystid.diagnosis.prepare.segments import DRAWS, Part
+from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
@@ -31,6 +32,7 @@ LATE_LIMIT = 8.0  # samples
 MASS_TOLERANCE = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _REUSE = 0.04  # relative distance over which derivatives of the law are used again
+_DRAWS, _MOST_DRAWS = 12, 48  # of the noise, from which their scatter is known, and that are made at most
 _SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
 _KEPT = (40_000_000, 24_000_000, 16_000_000)  # bytes that are remembered: laws, forces of effects, rows per unit
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
@@ -48,6 +50,7 @@ class Problem:
         self._held = [self._hold(p, p.x, p.v) for p in self.parts]
         self._laws, self._forces, self._per_unit = (Memory(most) for most in _KEPT)
         self._last: tuple[Hypothesis, list[Array]] | None = None
+        self._added: tuple[Hypothesis | None, Array]
         self.weighed_by: tuple[Hypothesis, ...] = ()  # fits by which rows were weighed down
         self._slopes: list[tuple[tuple[float, ...], dict[str, _Slope]]] = []
         self.work = 0  # rows of residuals that were evaluated: what a search has cost, on any machine
@@ -73,7 +76,7 @@ class Problem:
         """Rows of what is reduced once and for all; to be called when the reduction has changed."""
         self._unit_rows = {name: self.reduce(columns) for name, columns in self._units.items()}
         self._acceleration = self.reduce([part.a for part in self.parts])
-        self._slopes = []
+        self._slopes, self._added = [], (None, np.zeros(0))
         self._per_unit.clear()
         self.forget_columns()
 
@@ -231,26 +234,32 @@ class Problem:
         known = self.reduce.level + self.reduce.left_open(fitted.residual)
         return known + float(np.mean(self.noise_added(fitted.hypothesis)))
 
-    def noise_added(self, hypothesis: Hypothesis) -> Array:
+    def noise_added(self, hypothesis: Hypothesis, draws: int = 0) -> Array:
         """What noise of the motion adds to the mean square that noise leaves, one value per draw of it, beyond what the
         whitening takes it for; rows that are weighed down for it, or in which a law may stand anywhere, hold that
-        already."""
-        added, told = [], self.reduce.told()
-        known = self.reduce.followed * float(np.mean(told))
-        for draw, moved in enumerate(self.movements(hypothesis)):
-            balance = self.reduce([self.baseline.mass * part.jitter[draw][3].astype(float) for part in self.parts])
-            added.append(float(np.mean(moved * (moved + 2 * balance) * told)) - known)
-        return np.array(added)
+        already.
 
-    def movements(self, hypothesis: Hypothesis) -> list[Array]:
-        """Rows of what draws of the regressors' noise make of the force; zeros where the law has no answer there, as at
-        the edge of what it allows."""
-        return [self.reduce(moved) for moved in self.moved(hypothesis)]
+        draws: how many; 0: as many as tell their mean twice as well as noise tells its own mean square.
+        """
+        known_of, found = self._added
+        if known_of is hypothesis and len(found) == (draws or len(found)):
+            return found
+        added, told = np.zeros(0), self.reduce.told()
+        known, enough = self.reduce.followed * float(np.mean(told)), 0.5 * np.sqrt(2 / self.reduce.count)
+        for draw, forces in enumerate(self.moved(hypothesis, draws or _MOST_DRAWS)):
+            pairs = zip(forces, self.parts, strict=True)
+            moved, balance = self.reduce([np.stack([u, self.baseline.mass * p.jitter[draw][3]]) for u, p in pairs])
+            added = np.append(added, np.mean(moved * (moved + 2 * balance) * told) - known)
+            if not draws and draw + 1 >= _DRAWS and np.std(added, ddof=1) < enough * np.sqrt(draw + 1):
+                break
+        self._added = hypothesis, added
+        return added
 
-    def moved(self, hypothesis: Hypothesis) -> list[list[Array]]:
-        """The same at every sample, per draw and part [N]."""
+    def moved(self, hypothesis: Hypothesis, draws: int = ENOUGH) -> Iterator[list[Array]]:
+        """What draws of the regressors' noise make of the force at every sample, per draw and part [N]; zeros where the
+        law has no answer there, as at the edge of what it allows."""
         here = self.predicted(hypothesis)
-        return [self._moved(hypothesis, draw, here) for draw in range(DRAWS)]
+        return (self._moved(hypothesis, draw, here) for draw in range(draws))
 
     def _moved(self, hypothesis: Hypothesis, draw: int, here: list[Array]) -> list[Array]:
         change = hypothesis.mass() - self.baseline.mass
@@ -275,7 +284,7 @@ class Problem:
         """
         self.weighed_by = hypotheses
         self.reduce.trust()
-        movements, filtered, sides = self.movements(hypotheses[0]), np.zeros(1), np.zeros(1)
+        movements, filtered, sides = [self.reduce(u) for u in self.moved(hypotheses[0])], np.zeros(1), np.zeros(1)
         if self.baseline.memoryless:
             found = [bends(partial(self._law_along, h.values), self.parts) for h in hypotheses]
             # Their sign changes with that of v: blocks would lose it.

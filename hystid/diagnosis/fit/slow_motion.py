@@ -20,6 +20,7 @@ from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.fit.windows import for_recording
 from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.freerun import free_run
+from hystid.diagnosis.prepare.draws import Draw
 from hystid.diagnosis.prepare.segments import Part
 from hystid.numeric import Array
 
@@ -170,11 +171,12 @@ def _with_slow(part: Part, run: Array | None, octaves: int) -> Part:
         return part
     x, v = _led(part, part.x, part.v, run, octaves)
     still = np.zeros_like(run)  # what noise hides of slow motion is gone: the law knows it
-    jitter = tuple(
-        (*(u.astype(np.float32) for u in _led(part, dx.astype(float), dv.astype(float), still, octaves)), *others)
-        for dx, dv, *others in part.jitter
-    )
-    return replace(part, x=x, v=v, jitter=jitter)
+
+    def led(draw: Draw) -> Draw:
+        motion = _led(part, draw[0].astype(float), draw[1].astype(float), still, octaves)
+        return (*(u.astype(np.float32) for u in motion), *draw[2:])
+
+    return replace(part, x=x, v=v, jitter=part.jitter.changed(led))
 
 
 def _led(part: Part, x: Array, v: Array, run: Array, octaves: int) -> tuple[Array, Array]:

@@ -74,7 +74,7 @@ def _rests(part: Part, mass: float) -> bool | None:
     def velocity(v: NDArray[np.floating], a: NDArray[np.floating]) -> float:
         return float(np.mean(v[:_FIRST]) - since * np.mean(a[:_FIRST]))
 
-    draws = part.jitter or ((np.zeros(1),) * 4,)
+    draws = part.jitter.first()
     slow, quick = (
         float(np.sqrt(np.mean(np.square(errors))))
         for errors in zip(*((velocity(dv, da), np.mean(da[:_FIRST])) for _, dv, da, _ in draws), strict=True)

@@ -10,11 +10,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from hystid.diagnosis.prepare.decay import MODEL_ERROR
 from hystid.diagnosis.prepare.differences import FIRST, SECOND, advanced, stencil
+from hystid.diagnosis.prepare.draws import Draw, Draws
 from hystid.diagnosis.prepare.filtering import filtered, quick_length
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.numeric import Array
@@ -30,9 +30,7 @@ from hystid.smoothing.noise import (
 )
 from hystid.smoothing.smoother import Smoothed, error_of_x, smooth
 
-Single = NDArray[np.float32]
 _SLOWEST, _QUICKEST = 0.01, 0.99  # shares of the power of the velocity below the slowest and the quickest motion
-DRAWS = 3
 _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
 _STOPS = 4.0  # standard deviations of noise on a level at which a channel stops: one sample in 30,000 lies below
 
@@ -59,8 +57,7 @@ class Part:
     error_of_x: what noise leaves in x, over frequencies from 0 to pi per sample [m], (m,); white noise of standard
     deviation 1 has 1 everywhere. noise_ends: frequency [cycles per sample] up to which the noise of all channels is
     white.
-    jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia; in single
-    precision, as they are many.
+    jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia.
     """
 
     name: str
@@ -79,7 +76,7 @@ class Part:
     past: int = 0
     timed: bool = True
     extra: Mapping[str, Array] = field(repr=False, default_factory=dict)
-    jitter: tuple[tuple[Single, ...], ...] = field(repr=False, default=())
+    jitter: Draws = field(repr=False, default_factory=Draws)
     sees_x: bool = True
     colour: tuple[float, float] = (0.0, 0.0)
     since: float = 0.0
@@ -156,7 +153,7 @@ class Part:
         return self._error(2)
 
     def _error(self, order: int) -> Array:
-        squares = np.mean([np.asarray(draw[order], dtype=float) ** 2 for draw in self.jitter], axis=0)
+        squares = np.mean([np.asarray(draw[order], dtype=float) ** 2 for draw in self.jitter.first()], axis=0)
         if self.louder:
             return np.asarray(np.sqrt(uniform_filter1d(squares, len(self) // SECTIONS)))
         return np.full(len(self), float(np.sqrt(np.mean(squares))))
@@ -207,7 +204,7 @@ def prepare_part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
         channels, valid, motion.roughness.lowest, 0, not recording.quasi_static,
         {name: column for name, column in recording.extra.items() if len(column) == len(F)},
-        _jitter(measured, noise, dt, motion, (seed, louder)), louder=louder,
+        _drawn(measured, noise, dt, motion, (seed, louder)), louder=louder,
         error_of_x=error_of_x({name: noise[name] for name in measured}, dt, motion.roughness),
         noise_ends=min(end for end, _ in ends.values()),
     )  # fmt: skip
@@ -298,29 +295,30 @@ def _inertia(measured: dict[str, Array], dt: float, motion: Smoothed) -> tuple[A
     return found, order
 
 
-def _jitter(
+def _drawn(
     measured: dict[str, Array],
     noise: dict[str, float],
     dt: float,
     motion: Smoothed,
     of: tuple[int, Mapping[str, Array]],
-) -> tuple[tuple[Single, ...], ...]:
+) -> Draws:
     """The smoother is linear, so that smoothed noise is the error that noise leaves.
 
     of: seed, and by how much the noise of channels is louder for a while.
     """
     seed, louder = of
-    rng = np.random.default_rng(seed)
-    draws = []
     stairs = {name: steps(values) for name, values in measured.items()}
-    for _ in range(DRAWS):
+
+    def draw(number: int) -> Draw:
+        rng = np.random.default_rng((seed, number))
         drawn = {name: rng.standard_normal(len(values)) for name, values in measured.items()}
         held = {name: values if (at := stairs[name]) is None else values[at] for name, values in drawn.items()}
         only_noise = {name: noise[name] * louder.get(name, 1.0) * values for name, values in held.items()}
         error = smooth(only_noise, noise, dt, motion.roughness, _of_motion(louder))
         errors = (error.x, error.v, error.a, _inertia(only_noise, dt, error)[0])
-        draws.append(tuple(values.astype(np.float32) for values in errors))
-    return tuple(draws)
+        return tuple(values.astype(np.float32) for values in errors)
+
+    return Draws(draw)
 
 
 def visible(parts: Sequence[Part], mass: float = 0.0) -> tuple[list[Part], list[str]]:

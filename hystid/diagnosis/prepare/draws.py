@@ -1,0 +1,33 @@
+"""Draws of the error that noise of the channels leaves in the smoothed motion, made when they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Draw = tuple[NDArray[np.float32], ...]
+ENOUGH = 3  # draws that tell how large an error is
+
+
+class Draws:
+    """Errors of x, v and a after smoothing, and of the inertia, (n,) each, by the number of the draw; in single
+    precision, as they are many. What was drawn is kept: all that is compared is compared at the same draws."""
+
+    def __init__(self, make: Callable[[int], Draw] = lambda number: (np.zeros(1, np.float32),) * 4) -> None:
+        self._make = make
+        self._made: dict[int, Draw] = {}
+
+    def __getitem__(self, number: int) -> Draw:
+        if number not in self._made:
+            self._made[number] = self._make(number)
+        return self._made[number]
+
+    def first(self, count: int = ENOUGH) -> list[Draw]:
+        """So many draws."""
+        return [self[number] for number in range(count)]
+
+    def changed(self, by: Callable[[Draw], Draw]) -> Draws:
+        """The same after what was done to the motion."""
+        return Draws(lambda number: by(self[number]))
