@@ -71,15 +71,16 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
     _check_content([*tests, *unseen])
     tests, unseen = [without_spikes(test) for test in tests], [without_spikes(test) for test in unseen]
     read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
-    tests, unseen, given = _with_decays(read.tests, read.unseen, given)
+    measured = _measured_only([*read.tests, *read.unseen], len(read.tests))
+    tests, unseen, given = _with_decays(measured[: len(read.tests)], measured[len(read.tests) :], given)
     clipped = stopped(tests, slow=given.mass == 0 or all(test.quasi_static for test in tests))
-    measured = _measured_only([*_bounded(tests), *_bounded(unseen)], len(tests))
-    largest = max((float(np.std(test.F)) for test in measured if test.F is not None), default=0.0)
+    integrated = all(t.a is not None and t.x is not None and is_noise_free(t.x) for t in tests)
+    bounded = _bounded([*tests, *unseen])
+    largest = max((float(np.std(test.F)) for test in bounded if test.F is not None), default=0.0)
     tests, unseen = (
         [_with_noise(test, i, largest) for i, test in enumerate(where_white(group))]
-        for group in (measured[: len(tests)], measured[len(tests) :])
+        for group in (bounded[: len(tests)], bounded[len(tests) :])
     )
-    integrated = all(t.a is not None and t.x is not None and is_noise_free(t.x) for t in measured[: len(tests)])
     return Taken(tests, unseen, given, read.faults, clipped, read.misread, read.doubts, tuple(read.tests), integrated)
 
 
