@@ -64,6 +64,15 @@ class Choice:
         """Whether something is missing that has no name."""
         return not self.named and self.missing
 
+    def without_names(self) -> Choice:
+        """The same where nothing is named: what was named contradicts the recordings, and is as unknown as anything."""
+        listed = tuple(replace(c, probability=0.0) for c in self.posterior.candidates)
+        held = replace(self.posterior, candidates=listed, unknown=1.0 - self.posterior.nothing)
+        return Choice(
+            self.before, self.before, self.floor_before, self.floor_before, held, trials=self.trials,
+            untestable=self.untestable,
+        )  # fmt: skip
+
     @property
     def best(self) -> Fit:
         """The fit that leaves least."""

@@ -21,7 +21,7 @@ from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.resonances import resonances, several_masses
 from hystid.diagnosis.prepare.rest import resting
 from hystid.diagnosis.prepare.segments import prepare_parts
-from hystid.diagnosis.prove.runs import Run, Runs, free_runs
+from hystid.diagnosis.prove.runs import Run, Runs, free_runs, led_away
 from hystid.diagnosis.tell import locate
 from hystid.diagnosis.tell.advice import next_experiment
 from hystid.diagnosis.tell.alone import CLEAR, REST, SKEW, changes
@@ -36,6 +36,9 @@ _CLOSE = 0.02  # error of a free run that integration and interpolation alone ma
 def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     """The result, and the extended model as text where something is named."""
     runs = _runs(case, choice)
+    away = led_away(runs.answer.choice, runs) if choice.named else ""
+    if away:
+        runs = _runs(case, choice.without_names())
     answer, choice, (before, after) = runs.answer, runs.answer.choice, (runs.before, runs.after)
     found = findings(answer)
     names = [part.name for part in case.problem.parts]
@@ -54,8 +57,8 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     masses += zeros_instead(case.problem, choice.after.hypothesis)
     lines = periodic_forces(choice.after)
     said = (
-        *(line.sentence() for line in lines), *case.notes, *_late(case, choice), *runs.notes, *told, *remains, *masses,
-        *(one.sentence() for one in depends),
+        *(line.sentence() for line in lines), *case.notes, *_late(case, choice), *runs.notes, *told,
+        *filter(None, [away]), *remains, *masses, *(one.sentence() for one in depends),
     )  # fmt: skip
     unknown = None
     if choice.unknown:
@@ -153,11 +156,11 @@ def _noise(case: Case) -> float:
 def _floor(case: Case, choice: Choice) -> float:
     """Share of the force that is noise: NRMSE that a perfect model would reach. Noise of the motion is in the inertia
     and, through the law, in the restoring force."""
-    mass, drawn = case.baseline.mass, case.problem.moved(choice.after.hypothesis)
+    mass, drawn = case.baseline.mass, list(case.problem.moved(choice.after.hypothesis))
     shares = []
     for i, part in enumerate(case.problem.parts):
         inertia = 3 if part.inertia_order == 0 else 2  # as measured, or smoothed: see Problem.balance_shown
-        errors = [moved[i] + mass * draw[inertia] for moved, draw in zip(drawn, part.jitter, strict=True)]
+        errors = [moved[i] + mass * draw[inertia] for moved, draw in zip(drawn, part.jitter.first(), strict=True)]
         told = _told(case.problem, i)
         seen = [(error - part.slow(error) if part.lowest else error)[told] for error in errors]
         noise = np.sqrt(part.noise["F"] ** 2 + np.mean(np.square(seen)))
