@@ -21,6 +21,7 @@ from hystid.diagnosis.decide.criterion import (
     Hypothesis,
     Posterior,
     effective_states,
+    variance_of_states,
     zero_probability,
 )
 from hystid.diagnosis.decide.hypotheses import Search
@@ -503,3 +504,16 @@ def test_wrong_forms_take_what_is_wrong_with_a_form_and_no_other_law(relaxes: bo
     share = max(wrong_forms(case.problem, fit)) / left
     # Eight coefficients follow any smooth curve to some per cent; a relaxation is in quadrature with the motion.
     assert share < 0.1 if relaxes else share > 0.9
+
+
+def test_a_noise_level_that_is_off_widens_no_interval(stiffening: Diagnosis) -> None:
+    """What a law leaves beyond it does, as it comes again wherever the motion does."""
+    criterion, hypothesis = fits(stiffening, 0.0)
+    fit, problem = hypothesis.fit, criterion.problem
+
+    def variance(left: float) -> float:
+        return variance_of_states(problem, replace(fit, chi2=criterion.floor + left))
+
+    assert variance(0.9 * criterion.slack) == variance(0.0) == pytest.approx(1.0)
+    beyond = criterion.each * criterion.slack
+    assert variance(3.0 * criterion.slack) == pytest.approx(1.0 + 2.0 * beyond, rel=0.05)

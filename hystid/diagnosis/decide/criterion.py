@@ -171,9 +171,9 @@ class Criterion:
         less = max(self._open - self.problem.reduce.left_open(fit.residual), 0.0)
         known = floor if np.isfinite(floor) else self.floor
         known = min(known, max(fit.chi2 + less, self.floor))  # noise that a law is said to add, as far as it is there
-        return max(fit.chi2 + less - known - self.level, self._standing(fit, known))
+        return max(fit.chi2 + less - known - self.level, self.standing(fit, known))
 
-    def _standing(self, fit: Fit, known: float) -> float:
+    def standing(self, fit: Fit, known: float) -> float:
         """Mean square of what stands in the means over the states that the motion visits, beyond what noise leaves of
         it: noise averages out there, however loud it is said to be. -inf where it is none, as far as noise can tell.
         """
@@ -328,7 +328,7 @@ class Criterion:
             p + self.form(m, whole, exact=h.exact, laws=h.laws) + self.prior(len(h.names), windowed=h.windowed) - d
             for h, p, m, d in zip(found, plain, misfits, moved, strict=True)
         ]
-        doubt = 0.0 if is_noise else -self.doubt(whole, self._standing(self.baseline, self.floor))
+        doubt = 0.0 if is_noise else -self.doubt(whole, self.standing(self.baseline, self.floor))
         doubt = -math.inf if self.problem.is_held else doubt
         nothing = float(np.log(PRIOR["nothing"])) + self.likelihood(whole) + doubt - far
         # What contradicts a law does not contradict that something else is missing.
@@ -381,9 +381,11 @@ def leaves_noise(problem: Problem, fit: Fit) -> bool:
 
 
 def variance_of_states(problem: Problem, fit: Fit) -> float:
-    """Variance of an average over one state of the motion, in units of the noise, with what a fit leaves there."""
+    """Variance of an average over one state of the motion, in units of the noise, with what a fit leaves: in such
+    averages, or beyond what a wrong noise level feigns."""
     criterion = Criterion(problem, fit, 1)
-    return 1.0 + criterion.each * max(criterion.misfit(fit, criterion.floor), 0.0)
+    stands = criterion.standing(fit, criterion.floor)
+    return 1.0 + criterion.each * max(stands, criterion.misfit(fit, criterion.floor) - criterion.slack, 0.0)
 
 
 def zero_probability(share: float) -> float:
