@@ -1,12 +1,15 @@
 """A channel that stops at a level, against what the other channels say of it."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from hystid.diagnosis.prepare.clipping import level_of, saturated_motion
-from hystid.recording import Recording
+from hystid.recording import Recording, read
 from tests.test_colour import noise as coloured
 
+DATA = Path(__file__).parents[2] / "shared" / "data"
 ERROR = 0.003  # of what the others say, of a motion of 1
 T = np.arange(4000) / 1000.0
 BLOW = np.exp(-T) * np.sin(2 * np.pi * 4.0 * T)  # dies away: each excursion is another one
@@ -54,3 +57,10 @@ def test_noise_of_another_colour_is_no_level(pink: float, top: float, stops: boo
         x, v = (u + 0.1 * np.std(u) * coloured(rng, pink) for u in (x, v))
         found = saturated_motion([Recording("test", t, F=v, x=x, v=v)])
         assert (found is not None and found.channel == "v") == stops
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the recordings of other laboratories are not beside this checkout")
+def test_a_channel_goes_no_further_than_where_it_stops() -> None:
+    """The speed that a servo estimates lags behind its motion, and is up to 28 % beyond what looked like a level."""
+    servo = read(DATA / "servo_pendulum_bam" / "xl330_up_and_down_kp200.csv")
+    assert saturated_motion([servo]) is None

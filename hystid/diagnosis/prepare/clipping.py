@@ -122,9 +122,15 @@ def _by_level(levels: Sequence[float], lacking: Sequence[float]) -> float:
 def near_top(channels: Sequence[Array], noise: float) -> list[Flags] | None:
     """Samples that may stand at a level, (n,) per recording; None where there are few, or noise hides any level."""
     top = max(float(np.max(np.abs(values))) for values in channels)
-    near = [np.abs(values) > top - BELOW * noise - _DIGITS * top for values in channels]
+    near = [np.abs(values) > _lowest(channels, noise) for values in channels]
     is_hidden = BELOW * noise > (1 - _LOWEST) * top
     return None if is_hidden or sum(map(np.count_nonzero, near)) < _FEWEST else near
+
+
+def _lowest(channels: Sequence[Array], noise: float) -> float:
+    """Lowest sample of channels that stop: beyond their level there is noise, and what filters leave, and no more."""
+    top = max(float(np.max(np.abs(values))) for values in channels)
+    return top - BELOW * noise - _DIGITS * top
 
 
 def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
@@ -144,8 +150,8 @@ def _saturated(recordings: Sequence[Recording], name: str) -> Fault | None:
         told.append(getattr(bridged, name))
         errors.append(_bridging_error(known, own, recording.dt, bridged, name))
     found = level_of(channels, told, max(errors))
-    if found is None:
-        return None
+    if found is None or found[0] < _lowest(channels, noise):
+        return None  # a channel goes no further than where it stops, but for its noise
     level, count = found
     return Fault(SATURATION, name, level, float(noise / np.sqrt(count)), count / sum(map(len, recordings)))
 
