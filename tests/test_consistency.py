@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid, solve_ivp
-from scipy.signal import butter, savgol_filter, sosfilt, sosfiltfilt
+from scipy.signal import butter, lsim, savgol_filter, sosfilt, sosfiltfilt
 
 from hystid.compiled import CompiledModel
 from hystid.consistency import admit, examine
@@ -462,16 +463,36 @@ def test_a_displacement_that_was_integrated_denies_no_sign(seed: int) -> None:
     assert not examine([Recording("run", t, F=noisy[0], x=x, v=v, a=noisy[1])], m).refusals
 
 
-@pytest.mark.parametrize(("corner", "n"), [(0.125, 7600), (0.1, 4000), (0.15, 3000)])
-def test_noise_that_a_user_filtered_denies_no_mass(corner: float, n: int) -> None:
-    """The displacement was filtered to and fro below a part of the sample rate [cycles per sample], and differentiated
-    twice. In a steady tone its acceleration says nothing that the displacement does not, but for noise."""
-    rng, dt, mass = np.random.default_rng(3), 1 / 4900, 3.5
-    w, t = 2 * np.pi * 20.0, np.arange(n) / 4900
+def low_passed(corner: float) -> Callable[[Array], Array]:
+    """A filter to and fro; corner in cycles per sample."""
+    return lambda values: np.asarray(sosfiltfilt(butter(4, 2 * corner, output="sos"), values))
+
+
+FILTERS: dict[str, tuple[Callable[[Array], Array], int]] = {
+    "low": (low_passed(0.125), 7600),
+    "lower": (low_passed(0.1), 4000),
+    "short": (low_passed(0.15), 3000),
+    "mean": (lambda values: np.convolve(values, np.ones(9) / 9, "same"), 7600),
+    "Savitzky-Golay": (lambda values: np.asarray(savgol_filter(values, 21, 3)), 7600),
+}
+
+
+@pytest.mark.parametrize("kind", FILTERS)
+def test_noise_that_a_user_filtered_is_no_motion(kind: str) -> None:
+    """In a steady tone the acceleration says nothing that the displacement does not, but for noise, which denies no
+    mass; and a blow by a hammer is not earlier than what it moves."""
+    smooth, n = FILTERS[kind]
+    dt, mass, damping, stiffness = 1 / 4900, 3.5, 26.0, 3e5
+    t, rng = np.arange(n) / 4900, np.random.default_rng(3)
+    w = 2 * np.pi * 20.0
     x, v, a = (1e-4 * w**k * np.sin(w * t + k * np.pi / 2) for k in range(3))
-    force = mass * a + 26 * v + 3e5 * x + 1.5 * np.tanh(v / 1e-3)
-    x, force = (u + 0.02 * np.std(u) * rng.standard_normal(n) for u in (x, force))
-    x = np.asarray(sosfiltfilt(butter(4, 2 * corner, output="sos"), x))
-    v = np.gradient(x, dt)
-    found = examine([Recording("filtered", t, F=force, x=x, v=v, a=np.gradient(v, dt))], mass).findings
-    assert not [item for item in found if item.slip == "wrong_mass"]
+    tone = mass * a + damping * v + stiffness * x + 1.5 * np.tanh(v / 1e-3)
+    blows = np.sum([150 * np.exp(-(((t - at) / 0.002) ** 2)) for at in (0.1, 0.25, 0.4)], axis=0)
+    moved = lsim(([1.0], [mass, damping, stiffness]), blows, t)[1]
+    for force, motion in ((tone, x), (blows, moved)):
+        F, seen = (u + 0.02 * np.std(u) * rng.standard_normal(n) for u in (force, motion))
+        seen = smooth(seen)
+        speed = np.gradient(seen, dt)
+        for more in ({}, {"v": speed, "a": np.gradient(speed, dt)}):
+            found = examine([Recording("filtered", t, F=F, x=seen, **more)], mass).findings
+            assert not [item for item in found if item.slip in ("wrong_mass", "wrong_unit", "swapped_sign", "lag")]

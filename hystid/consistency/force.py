@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hystid.consistency.kinematics import ORDER, motion, spectrum
-from hystid.consistency.spectra import REACH, derived
+from hystid.consistency.spectra import REACH, bands, derived
 from hystid.recording import Array, Recording
 from hystid.smoothing.noise import noise_level
 
@@ -282,8 +282,7 @@ def _columns(recording: Recording, curved: bool = False) -> _Columns | None:
     if len(force) < _FEWEST:
         return None
     last = list(names)[-1]  # the channel that the acceleration is taken from
-    level = max(spectrum(names[last], dt).noise, noise_level(names[last], [recording.F], cautious=True))
-    draw = level * np.random.default_rng(0).standard_normal(len(recording))
+    draw = _loudest(recording, last) * np.random.default_rng(0).standard_normal(len(recording))
     noise = derived(draw, 2 - ORDER[last], dt, width, curved)
     columns = _assembled(recording, found, force, noise)
     return columns.smoothed(_AGAIN * width) if curved and columns is not None else columns
@@ -311,11 +310,30 @@ def _assembled(recording: Recording, found: dict[int, Array], force: Array, nois
     return _Columns(force, signed, _curve(found[0]), memory, found[0], noise)
 
 
+def _noise(recording: Recording, name: str) -> float:
+    """Standard deviation of the white noise of a channel, before a filter that may end it: rather too loud."""
+    others = [] if recording.F is None else [recording.F]
+    values = motion(recording)[name]
+    return max(spectrum(values, recording.dt).noise, noise_level(values, others, cautious=True))
+
+
+def _loudest(recording: Recording, name: str) -> float:
+    """The same, or that of all that the channel shows above its main frequency and shares with no force: a filter of
+    any form leaves noise near the motion as it was."""
+    values, held = motion(recording)[name], spectrum(motion(recording)[name], recording.dt)
+    main = int(np.argmax(held.density)) if len(held.density) else 0
+    shared: Array | list[float] = [] if recording.F is None else bands(values, recording.F, recording.dt).coherence
+    alone = [level for level, one in zip(held.density[main:], shared[main:], strict=False) if one < EXPLAINED]
+    return max(_noise(recording, name), float(np.sqrt(np.pi * max(alone, default=0.0))))
+
+
 def _width(recording: Recording) -> float:
     """Kernel that keeps what stands above the noise of the channel that the motion is taken from."""
     names = motion(recording)
     last = list(names)[-1]
-    top = spectrum(names[last], recording.dt).signal_band(10.0)[1] * recording.dt
+    held = spectrum(names[last], recording.dt)
+    louder = _noise(recording, last) / max(held.noise, 1e-300)
+    top = held.signal_band(10.0 * louder**2)[1] * recording.dt
     widest = max(1.5, len(recording) / 400)
     return float(np.clip(1.2 / max(top, 1e-3), 1.5, min(widest, 60.0)))
 
