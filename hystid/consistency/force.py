@@ -318,13 +318,14 @@ def _noise(recording: Recording, name: str) -> float:
 
 
 def _loudest(recording: Recording, name: str) -> float:
-    """The same, or that of all that the channel shows above its main frequency and shares with no force: a filter of
-    any form leaves noise near the motion as it was."""
-    values, held = motion(recording)[name], spectrum(motion(recording)[name], recording.dt)
-    main = int(np.argmax(held.density)) if len(held.density) else 0
-    shared: Array | list[float] = [] if recording.F is None else bands(values, recording.F, recording.dt).coherence
-    alone = [level for level, one in zip(held.density[main:], shared[main:], strict=False) if one < EXPLAINED]
-    return max(_noise(recording, name), float(np.sqrt(np.pi * max(alone, default=0.0))))
+    """The same, or that of all that the channel shows beyond what it shares with the force, but for the skirt of that:
+    a filter of any form leaves noise near the motion as it was."""
+    values = motion(recording)[name]
+    held, shared = spectrum(values, recording.dt), [0]
+    if recording.F is not None:
+        shared += list(np.flatnonzero(bands(values, recording.F, recording.dt).seen))
+    beyond = float(np.max(held.density[shared[-1] + 2 :], initial=0.0))
+    return max(_noise(recording, name), float(np.sqrt(np.pi * beyond)))
 
 
 def _width(recording: Recording) -> float:
