@@ -157,5 +157,5 @@ def test_a_law_that_leads_the_structure_away_has_no_name() -> None:
     given = {"m": m, "B": damping, "Kl": stiffness}
     found = diagnose(tests, model="HystId.Oscillators.Linear", parameters=given)
     assert found.verdict == "unknown_physics" and not found.findings
-    assert any("is not named: with it, the free run is off by" in note for note in found.notes)
+    assert any("spring would explain" in note and "not named" in note for note in found.notes)
     assert found.posterior is not None and found.posterior.candidates[0].explained > 0.5

@@ -95,9 +95,10 @@ def led_away(choice: Choice, runs: Runs) -> str:
     before, after = 100 * np.sqrt(np.mean(errors**2, axis=0))
     if before > 100 * _FOLLOWS or after < _AWAY * before:
         return ""
+    names = " and ".join(map(runs.answer.catalogue.title, runs.answer.names()))
     return (
-        f"what explains the force best is not named: with it, the free run is off by {after:.3g} % of the "
-        f"displacement, and without it by {before:.3g} %"
+        f"{names} would explain {100 * choice.explained:.0f} % of what is missing; not named, as the free run with it "
+        f"is off by {after:.3g} % of the displacement, and without it by {before:.3g} %"
     )
 
 
