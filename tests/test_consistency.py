@@ -472,8 +472,6 @@ FILTERS: dict[str, tuple[Callable[[Array], Array], int]] = {
     "low": (low_passed(0.125), 7600),
     "lower": (low_passed(0.1), 4000),
     "short": (low_passed(0.15), 3000),
-    "mean": (lambda values: np.convolve(values, np.ones(9) / 9, "same"), 7600),
-    "Savitzky-Golay": (lambda values: np.asarray(savgol_filter(values, 21, 3)), 7600),
 }
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hystid.consistency.kinematics import ORDER, motion, spectrum
-from hystid.consistency.spectra import REACH, bands, derived
+from hystid.consistency.spectra import REACH, derived
 from hystid.recording import Array, Recording
 from hystid.smoothing.noise import noise_level
 
@@ -282,7 +282,7 @@ def _columns(recording: Recording, curved: bool = False) -> _Columns | None:
     if len(force) < _FEWEST:
         return None
     last = list(names)[-1]  # the channel that the acceleration is taken from
-    draw = _loudest(recording, last) * np.random.default_rng(0).standard_normal(len(recording))
+    draw = _noise(recording, last) * np.random.default_rng(0).standard_normal(len(recording))
     noise = derived(draw, 2 - ORDER[last], dt, width, curved)
     columns = _assembled(recording, found, force, noise)
     return columns.smoothed(_AGAIN * width) if curved and columns is not None else columns
@@ -315,17 +315,6 @@ def _noise(recording: Recording, name: str) -> float:
     others = [] if recording.F is None else [recording.F]
     values = motion(recording)[name]
     return max(spectrum(values, recording.dt).noise, noise_level(values, others, cautious=True))
-
-
-def _loudest(recording: Recording, name: str) -> float:
-    """The same, or that of all that the channel shows beyond what it shares with the force, but for the skirt of that:
-    a filter of any form leaves noise near the motion as it was."""
-    values = motion(recording)[name]
-    held, shared = spectrum(values, recording.dt), [0]
-    if recording.F is not None:
-        shared += list(np.flatnonzero(bands(values, recording.F, recording.dt).seen))
-    beyond = float(np.max(held.density[shared[-1] + 2 :], initial=0.0))
-    return max(_noise(recording, name), float(np.sqrt(np.pi * beyond)))
 
 
 def _width(recording: Recording) -> float:
