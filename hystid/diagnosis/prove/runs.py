@@ -32,7 +32,6 @@ from hystid.numeric import Array
 _LONGEST = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
 _BALANCE = 1.3  # rise of the balance's mean square up to which an output-error fit agrees with the measured forces
 _AWAY = 2.0  # error of the free run with what is named over that without: four times the power is left unexplained
-_FOLLOWS = 0.5  # error of the free run without it, below which the run follows: three quarters of the power
 Run = list[tuple[Array | None, float | None]]
 
 
@@ -93,12 +92,13 @@ def led_away(choice: Choice, runs: Runs) -> str:
         return ""
     errors = np.array([(before, np.inf if after is None else after) for before, after in pairs])
     before, after = 100 * np.sqrt(np.mean(errors**2, axis=0))
-    if before > 100 * _FOLLOWS or after < _AWAY * before:
+    if before > 100 / _AWAY or after < _AWAY * before:  # beyond, so much more is what no motion at all would be off by
         return ""
+    off = f"is off by {after:.3g} % of the displacement" if np.isfinite(after) else "runs away"
     names = " and ".join(map(runs.answer.catalogue.title, runs.answer.names()))
     return (
         f"{names} would explain {100 * choice.explained:.0f} % of what is missing; not named, as the free run with it "
-        f"is off by {after:.3g} % of the displacement, and without it by {before:.3g} %"
+        f"{off}, and without it is off by {before:.3g} %"
     )
 
 

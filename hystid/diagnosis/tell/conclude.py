@@ -48,7 +48,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
         Errors(p.name, f, (b[1], a[1])) for p, f, b, a in zip(case.unseen, force[1], before[1], after[1], strict=True)
     )
     verdict = answer.verdict()
-    told = _not_borne_out(choice, unseen) if choice.named else []
+    told = _not_borne_out(choice, unseen) if choice.named else [away] if away else []
     told += changes(case.problem, choice.before) if choice.unknown else []
     depends = tuple(dependences(case.problem, choice.after.hypothesis, choice.before.hypothesis))
     remains = _rest(choice)
@@ -57,8 +57,8 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     masses += zeros_instead(case.problem, choice.after.hypothesis)
     lines = periodic_forces(choice.after)
     said = (
-        *(line.sentence() for line in lines), *case.notes, *_late(case, choice), *runs.notes, *told,
-        *filter(None, [away]), *remains, *masses, *(one.sentence() for one in depends),
+        *(line.sentence() for line in lines), *case.notes, *_late(case, choice), *runs.notes, *told, *remains, *masses,
+        *(one.sentence() for one in depends),
     )  # fmt: skip
     unknown = None
     if choice.unknown:
