@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hystid.consistency.kinematics import ORDER, motion, spectrum
+from hystid.consistency.kinematics import ORDER, ChannelSpectrum, motion, spectrum
 from hystid.consistency.spectra import REACH, derived
 from hystid.recording import Array, Recording
 from hystid.smoothing.noise import noise_level
@@ -271,7 +271,10 @@ def _columns(recording: Recording, curved: bool = False) -> _Columns | None:
     names, dt = motion(recording), recording.dt
     if recording.F is None or not names or not np.ptp(recording.F):
         return None
-    width = _width(recording)
+    last = list(names)[-1]  # the channel that the acceleration is taken from
+    held = spectrum(names[last], dt)
+    level = max(held.noise, noise_level(names[last], [recording.F], cautious=True))
+    width = _width(held, level, dt, len(recording))
     found: dict[int, Array] = {}
     for target in (0, 1, 2):
         sources = [name for name in names if ORDER[name] <= target]
@@ -281,8 +284,7 @@ def _columns(recording: Recording, curved: bool = False) -> _Columns | None:
     force = derived(recording.F, 0, dt, width, curved)
     if len(force) < _FEWEST:
         return None
-    last = list(names)[-1]  # the channel that the acceleration is taken from
-    draw = _noise(recording, last) * np.random.default_rng(0).standard_normal(len(recording))
+    draw = level * np.random.default_rng(0).standard_normal(len(recording))
     noise = derived(draw, 2 - ORDER[last], dt, width, curved)
     columns = _assembled(recording, found, force, noise)
     return columns.smoothed(_AGAIN * width) if curved and columns is not None else columns
@@ -310,21 +312,11 @@ def _assembled(recording: Recording, found: dict[int, Array], force: Array, nois
     return _Columns(force, signed, _curve(found[0]), memory, found[0], noise)
 
 
-def _noise(recording: Recording, name: str) -> float:
-    """Standard deviation of the white noise of a channel, before a filter that may end it: rather too loud."""
-    others = [] if recording.F is None else [recording.F]
-    values = motion(recording)[name]
-    return max(spectrum(values, recording.dt).noise, noise_level(values, others, cautious=True))
-
-
-def _width(recording: Recording) -> float:
-    """Kernel that keeps what stands above the noise of the channel that the motion is taken from."""
-    names = motion(recording)
-    last = list(names)[-1]
-    held = spectrum(names[last], recording.dt)
-    louder = _noise(recording, last) / max(held.noise, 1e-300)
-    top = held.signal_band(10.0 * louder**2)[1] * recording.dt
-    widest = max(1.5, len(recording) / 400)
+def _width(held: ChannelSpectrum, level: float, dt: float, samples: int) -> float:
+    """Kernel that keeps what stands above the noise of the channel that the motion is taken from. level: of that noise,
+    before a filter that may end it."""
+    top = held.signal_band(10.0 * (level / max(held.noise, 1e-300)) ** 2)[1] * dt
+    widest = max(1.5, samples / 400)
     return float(np.clip(1.2 / max(top, 1e-3), 1.5, min(widest, 60.0)))
 
 
