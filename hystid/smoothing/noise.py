@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import coherence
-from scipy.special import betainc, binom
+from scipy.special import betainc, binom, chdtri
 
 from hystid.numeric import Array
+from hystid.smoothing.kernels import corner, kernel_of_smoothing, response
 
 _DIFFERENCES = 6
 _SECTION, SECTIONS = 128, 24  # samples of a section at least, and sections at most, in which noise may be louder
@@ -33,6 +35,10 @@ _FLAT, _CAUTIOUS = 70, 25  # lines of a band below, so that three of them tell w
 # square of the frequency, and from what a mass moves
 _SHELF, _STEEP = 3, 3.0  # bands of noise before a filter, and its fall in power at least
 _CLIFF = 10.0  # the same where motion may end by itself
+_RARELY = 1e-3  # chance by which bands of smoothed noise are further from what their filter leaves
+_MISREAD = 2.0  # by which noise must be louder before a filter than behind it: chance, and filters of recorders near
+# half the sample rate, are below
+_LEAK = 1e-2  # of a response, below which a window and rounding leave more in a spectrum than noise
 _ORDER = 12  # power of the frequency by which noise falls behind a filter of sixth order: what a mass moves falls by 4,
 # and by 6 where a force jumps
 _CORNER = 1.1  # what the corner of a filter takes from the last of them, besides chance
@@ -48,10 +54,33 @@ _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from ro
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
 
 
+class NoiseBefore(NamedTuple):
+    """White noise of a channel before a filter.
+
+    end: frequency [cycles per sample] up to which the filter passes it, 0.5 without one. level: its standard deviation,
+    0 without one. kernel: of a user's smoothing, (k,), None for another filter, which leaves nothing beyond its end.
+    """
+
+    end: float = 0.5
+    level: float = 0.0
+    kernel: Array | None = None
+
+    def passed(self, cycles: Array) -> Array:
+        """Share of the power that the filter leaves, over frequencies [cycles per sample], (n,)."""
+        return np.where(cycles <= self.end, 1.0, 0.0) if self.kernel is None else response(self.kernel, cycles)
+
+    def behind(self, white: Array) -> Array:
+        """White noise (n,) behind the filter."""
+        if self.end == 0.5:
+            return white
+        lines = np.fft.rfft(white) * np.sqrt(self.passed(np.linspace(0, 0.5, len(white) // 2 + 1)))
+        return np.asarray(np.fft.irfft(lines, len(white)))
+
+
 def noise_level(channel: Array, others: Sequence[Array] = (), *, drives: bool = False, cautious: bool = False) -> float:
     """Standard deviation of the white noise on a channel (its unit): where a filter has taken its upper end away, that
     before the filter. others, drives, cautious: as in ``filtered_beyond``."""
-    return max(unfiltered_level(channel), filtered_beyond(channel, others, drives=drives, cautious=cautious)[1])
+    return max(unfiltered_level(channel), filtered_beyond(channel, others, drives=drives, cautious=cautious).level)
 
 
 def unfiltered_level(channel: Array) -> float:
@@ -174,9 +203,8 @@ def filtered_beyond(
     drives: bool = False,
     corners: Collection[float] = (),
     cautious: bool = False,
-) -> tuple[float, float]:
-    """Frequency [cycles per sample] at which a filter ends the white noise of a channel (n,), and the level of that
-    noise (its unit); 0.5 and 0 where none does well below half the sample rate.
+) -> NoiseBefore:
+    """White noise of a channel (n,) before a filter that ends it well below half the sample rate.
 
     Such noise is flat up to a corner, and falls more steeply than a motion does. It is a small part of the channel, and
     there all the time: a force that is as loud at all frequencies up to its highest is most of it, an impact is brief.
@@ -192,13 +220,14 @@ def filtered_beyond(
     bands = _FINE_BANDS[told | (_FINE_BANDS >= _WELL)]
     edges = (bands * (len(lines) - 1)).astype(int)
     if np.min(np.diff(edges)) < _LINES:
-        return 0.5, 0.0
-    middle = window > 0.5
+        return NoiseBefore()
 
     def inside(first: int, end: int) -> Array:
-        rows = np.concatenate([np.zeros(first), lines[first:end]])
-        return np.asarray(np.fft.irfft(rows, len(channel))[middle] / window[middle])
+        return _in_band(lines, first, end, window)
 
+    found = _smoothed(channel, others, lines, window, corners)
+    if found is not None and found[1] ** 2 < most * float(np.var(channel)):
+        return NoiseBefore(corner(found[0]), found[1], found[0])
     for last in _ends_of_shelves(np.abs(lines) ** 2, edges, bands):
         first, end = edges[last - _SHELF], edges[last]
         shelf = inside(first, end)
@@ -208,14 +237,57 @@ def filtered_beyond(
             continue
         level = _level(channel, shelf, first, end, len(lines))
         if level**2 < most * float(np.var(channel)):
-            return 0.5 * float(bands[last]), level
+            return NoiseBefore(0.5 * float(bands[last]), level)
     for last in range(1, len(edges)):
         first, end = edges[last - 1], edges[last]
         if 0.5 * bands[last] in corners:
             level = _level(channel, inside(first, end), first, end, len(lines))
             if level**2 < most * float(np.var(channel)):
-                return 0.5 * float(bands[last]), level
-    return 0.5, 0.0
+                return NoiseBefore(0.5 * float(bands[last]), level)
+    return NoiseBefore()
+
+
+def _in_band(lines: NDArray[np.complex128], first: int, end: int, window: Array) -> Array:
+    """A channel in a band of its spectrum, where its window is above one half."""
+    rows = np.concatenate([np.zeros(first), lines[first:end]])
+    middle = window > 0.5
+    return np.asarray(np.fft.irfft(rows, len(window))[middle] / window[middle])
+
+
+def smoothing_kernel(channel: Array, others: Sequence[Array] = (), *, drives: bool = False) -> Array | None:
+    """The kernel, (k,), with which a user smoothed a channel (n,), as its noise shows; None where it does not. others,
+    drives: as in ``filtered_beyond``."""
+    window = np.hanning(len(channel))
+    found = _smoothed(channel, others, np.fft.rfft((channel - np.mean(channel)) * window), window)
+    most = _HALF if others and not drives else _SMALL
+    return found[0] if found is not None and found[1] ** 2 < most * float(np.var(channel)) else None
+
+
+def _smoothed(
+    channel: Array, others: Sequence[Array], lines: NDArray[np.complex128], window: Array, known: Collection[float] = ()
+) -> tuple[Array, float] | None:
+    """The kernel of a user's smoothing, and the level of the noise before; None where the upper part of a spectrum is
+    not that of smoothed noise. known: corners of kernels that other recordings show."""
+    edges = (_FINE_BANDS[_FINE_BANDS >= _WELL] * (len(lines) - 1)).astype(int)
+    first, end = edges[0], edges[-1]
+    kernel = kernel_of_smoothing(np.abs(lines) ** 2, first, end) if np.min(np.diff(edges)) >= _LINES else None
+    if kernel is None:
+        return None
+    passed = response(kernel, np.linspace(0, 0.5, len(lines)))
+    used = passed > _LEAK * np.max(passed[first:end])
+    white = np.where(used, lines / np.sqrt(np.maximum(passed, np.finfo(float).tiny)), 0.0)
+    bands = [np.abs(white[low:high][used[low:high]]) ** 2 for low, high in pairwise(edges)]
+    bands = [band for band in bands if len(band) >= _LINES]
+    apart = np.log([np.median(band) for band in bands])
+    apart = (apart - np.mean(apart)) * np.sqrt([2 * len(band) for band in bands]) / _SPREAD
+    inside, count = _in_band(white, first, end, window), int(np.count_nonzero(used[first:end]))
+    if corner(kernel) not in known:
+        is_alike = len(bands) > _SHELF and np.sum(apart**2) < chdtri(len(bands) - 1, _RARELY)
+        shared = (_shared(channel, other, np.array([first, end]) / len(lines)) for other in others)
+        if not is_alike or not _is_steady(inside, count) or any(one > _MOTION for one in shared):
+            return None
+    level = float(np.std(inside) / np.sqrt(count / (len(lines) - 1)))
+    return (kernel, level) if level > _MISREAD * unfiltered_level(channel) else None
 
 
 def _level(channel: Array, inside: Array, first: int, end: int, count: int) -> float:

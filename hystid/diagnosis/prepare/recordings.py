@@ -13,9 +13,11 @@ from hystid.diagnosis.prepare.decay import is_free, released, with_noise
 from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.given import Given
 from hystid.diagnosis.prepare.independence import measured_alike
+from hystid.diagnosis.prepare.interpolated import where_measured
 from hystid.diagnosis.prepare.readings import consistent
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.prepare.spikes import without_spikes
+from hystid.diagnosis.prepare.user_smoothing import smoothed_alike
 from hystid.errors import RecordingError, UsageError
 from hystid.processing import prepare
 from hystid.recording import Recording, Sources, loaded
@@ -69,12 +71,14 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         raise
     _check_apart(tests, unseen)
     _check_content([*tests, *unseen])
-    tests, unseen = [without_spikes(test) for test in tests], [without_spikes(test) for test in unseen]
+    tests, unseen = ([where_measured(without_spikes(test)) for test in group] for group in (tests, unseen))
     read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
     measured = _measured_only([*read.tests, *read.unseen], len(read.tests))
     tests, unseen, given = _with_decays(measured[: len(read.tests)], measured[len(read.tests) :], given)
     clipped = stopped(tests, slow=given.mass == 0 or all(test.quasi_static for test in tests))
     integrated = all(t.a is not None and t.x is not None and is_noise_free(t.x) for t in tests)
+    if not clipped:  # a level is not seen behind a filter
+        tests, unseen = smoothed_alike(tests), smoothed_alike(unseen)
     bounded = _bounded([*tests, *unseen])
     largest = max((float(np.std(test.F)) for test in bounded if test.F is not None), default=0.0)
     tests, unseen = (

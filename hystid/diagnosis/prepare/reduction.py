@@ -25,6 +25,7 @@ _MOST, _STRETCHES = 40_000, 24  # rows beyond which stretches of each recording 
 _DECAY = 10.0  # radians at the corner of a whitening filter after which nothing is left of an end (exp(-7))
 _AT_ONCE = 8  # columns that are reduced together: more leave the processor's cache
 _SHORT = 7  # samples per block that are added column by column
+_SPECTRUM = 4096  # lines over which a spectrum is averaged
 _JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
 
 
@@ -39,7 +40,8 @@ class Reduction:
     def __init__(self, parts: Sequence[Part], mass: float) -> None:
         self.parts = tuple(parts)
         total = sum(len(part) for part in parts)
-        self.block = max(1, min(total // ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
+        alike = int(0.5 / min(part.noise_ends for part in parts))  # samples whose noise a filter makes one
+        self.block = max(alike, min(total // ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
         self._trust: Array | None = None
         self._open = np.zeros(1)  # variance that rows have as nobody knows where a law stands
         slopes = _slopes(parts, mass)
@@ -160,14 +162,17 @@ class Reduction:
 
     def followed_at(self, index: int, cycles: Array) -> Array:
         """The same of one part at frequencies [cycles per sample]."""
-        shares = self._followed[index]
-        return np.asarray(np.interp(2 * cycles, np.linspace(0.0, 1.0, len(shares)), shares))
+        return _over_band(self._followed[index], cycles)
 
     def _overall(self, share: Callable[[int, Array], Array]) -> float:
-        """Mean over the band of the rows of a share of the noise that is known of each part at frequencies [cycles per
-        sample]."""
-        cycles = np.linspace(0.0, 0.5 / self.block, 2049)[1:]
-        shares = [float(np.mean(share(i, cycles))) for i in range(len(self.parts))]
+        """What averages of a block leave of a share of the noise that is known of each part at frequencies [cycles per
+        sample]; white noise leaves 1."""
+        cycles = np.linspace(0.0, 0.5, _SPECTRUM + 1)[1:]
+        averaged = np.sin(np.pi * cycles * self.block) ** 2 / np.sin(np.pi * cycles) ** 2 / self.block
+        shares = [
+            float(np.mean(share(i, cycles) * averaged * _over_band(part.noise_passed, cycles)))
+            for i, part in enumerate(self.parts)
+        ]
         mean = float(np.average(shares, weights=[len(part) for part in self.parts]))
         return mean if self._trust is None else mean * float(np.mean(self._trust**2))
 
@@ -413,6 +418,12 @@ def _slopes(parts: Sequence[Part], mass: float) -> tuple[float, float]:
     found = np.zeros(2)
     found[known] = np.linalg.lstsq((motion[known] / size[known, None]).T, force, rcond=None)[0] / size[known]
     return float(found[0]), float(found[1])
+
+
+def _over_band(column: Array, cycles: Array) -> Array:
+    """A column (m,) over equal steps of the frequency from 0 to half of the sample rate, at others [cycles per
+    sample]."""
+    return np.asarray(np.interp(2 * cycles, np.linspace(0.0, 1.0, len(column)), column))
 
 
 def _response(weights: Array, omega: Array) -> Array:

@@ -22,6 +22,7 @@ from hystid.numeric import Flags as Flags
 from hystid.recording import Recording
 from hystid.smoothing.noise import (
     SECTIONS,
+    NoiseBefore,
     between_samples,
     filtered_beyond,
     louder_for_a_while,
@@ -32,6 +33,7 @@ from hystid.smoothing.smoother import Smoothed, error_of_x, smooth
 
 _SLOWEST, _QUICKEST = 0.01, 0.99  # shares of the power of the velocity below the slowest and the quickest motion
 _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
+_LINES = 512  # over which a response is kept
 _STOPS = 4.0  # standard deviations of noise on a level at which a channel stops: one sample in 30,000 lies below
 
 
@@ -56,7 +58,8 @@ class Part:
     rest: samples that are not valid for nothing but that nothing moves there.
     error_of_x: what noise leaves in x, over frequencies from 0 to pi per sample [m], (m,); white noise of standard
     deviation 1 has 1 everywhere. noise_ends: frequency [cycles per sample] up to which the noise of all channels is
-    white.
+    white; noise_passed: power that filters leave of it over frequencies from 0 to pi per sample, (m,), of the
+    channel of which they leave most.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia.
     """
 
@@ -85,6 +88,7 @@ class Part:
     rest: Flags | None = field(repr=False, default=None)
     error_of_x: Array = field(repr=False, default_factory=lambda: np.zeros(2))
     noise_ends: float = 0.5
+    noise_passed: Array = field(repr=False, default_factory=lambda: np.ones(2))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -171,8 +175,8 @@ def prepare_parts(
     """The parts of recordings that one recorder made: it filters a channel in all of them alike."""
     corners: dict[str, set[float]] = {}
     for recording in recordings:
-        for name, (end, _) in _noise_ends(_all_channels(recording), {}).items():
-            corners.setdefault(name, set()).update({end} - {0.5})
+        for name, before in _noise_before(_all_channels(recording), {}).items():
+            corners.setdefault(name, set()).update({before.end} - {0.5})
     return [prepare_part(recording, seed + i, stopped, corners) for i, recording in enumerate(recordings)]
 
 
@@ -192,10 +196,10 @@ def prepare_part(
     channels = _all_channels(recording)
     # what is integrated does not know slow motion better than integration allows, however quiet it is
     limited = frozenset("F" if "x" in measured else channels)
-    ends = _noise_ends(channels, corners or {})
-    levels = {name: max(unfiltered_level(y), ends[name][1]) for name, y in channels.items()}
+    before = _noise_before(channels, corners or {})
+    levels = {name: max(unfiltered_level(y), before[name].level) for name, y in channels.items()}
     noise = {name: _at_least(name in limited, level, channels[name]) for name, level in levels.items()}
-    louder = _louder(channels, noise, limited, {name for name, (end, _) in ends.items() if end == 0.5})
+    louder = _louder(channels, noise, limited, {name for name, one in before.items() if one.end == 0.5})
     gapped, valid = _without_stops(channels, noise, stopped or {})
     seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
     motion = smooth(seen, noise, dt, None, _of_motion(louder), force)
@@ -204,9 +208,9 @@ def prepare_part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
         channels, valid, motion.roughness.lowest, 0, not recording.quasi_static,
         {name: column for name, column in recording.extra.items() if len(column) == len(F)},
-        _drawn(measured, noise, dt, motion, (seed, louder)), louder=louder,
+        _drawn(measured, noise, dt, motion, (seed, louder, before)), louder=louder,
         error_of_x=error_of_x({name: noise[name] for name in measured}, dt, motion.roughness),
-        noise_ends=min(end for end, _ in ends.values()),
+        noise_ends=min(one.end for one in before.values()), noise_passed=_passed(list(before.values())),
     )  # fmt: skip
 
 
@@ -214,14 +218,19 @@ def _all_channels(recording: Recording) -> dict[str, Array]:
     return {**measured_motion(recording), "F": recording.channel("F")}
 
 
-def _noise_ends(
-    channels: Mapping[str, Array], corners: Mapping[str, Collection[float]]
-) -> dict[str, tuple[float, float]]:
-    """Frequencies [cycles per sample] up to which the noise of each channel is white, and its level before a filter."""
+def _noise_before(channels: Mapping[str, Array], corners: Mapping[str, Collection[float]]) -> dict[str, NoiseBefore]:
+    """Noise of each channel before a filter that ends it."""
     return {
         name: filtered_beyond(y, _others(name, channels), drives=name == "F", corners=corners.get(name, ()))
         for name, y in channels.items()
     }
+
+
+def _passed(before: Sequence[NoiseBefore]) -> Array:
+    """Power that filters leave of noise, of the channel of which they leave most, over frequencies from 0 to pi."""
+    if any(one.end == 0.5 for one in before):
+        return np.ones(2)
+    return np.asarray(np.max([one.passed(np.linspace(0, 0.5, _LINES)) for one in before], axis=0))
 
 
 def _others(name: str, channels: Mapping[str, Array]) -> list[Array]:
@@ -300,18 +309,18 @@ def _drawn(
     noise: dict[str, float],
     dt: float,
     motion: Smoothed,
-    of: tuple[int, Mapping[str, Array]],
+    of: tuple[int, Mapping[str, Array], Mapping[str, NoiseBefore]],
 ) -> Draws:
     """The smoother is linear, so that smoothed noise is the error that noise leaves.
 
-    of: seed, and by how much the noise of channels is louder for a while.
+    of: seed, by how much the noise of channels is louder for a while, and what it was before filters.
     """
-    seed, louder = of
+    seed, louder, before = of
     stairs = {name: steps(values) for name, values in measured.items()}
 
     def draw(number: int) -> Draw:
         rng = np.random.default_rng((seed, number))
-        drawn = {name: rng.standard_normal(len(values)) for name, values in measured.items()}
+        drawn = {name: before[name].behind(rng.standard_normal(len(values))) for name, values in measured.items()}
         held = {name: values if (at := stairs[name]) is None else values[at] for name, values in drawn.items()}
         only_noise = {name: noise[name] * louder.get(name, 1.0) * values for name, values in held.items()}
         error = smooth(only_noise, noise, dt, motion.roughness, _of_motion(louder))
