@@ -108,9 +108,9 @@ def _is_everywhere(problem: Problem, before: Fit, after: Fit) -> bool:
 
 
 def periodic_forces(fitted: Fit) -> tuple[PeriodicForce, ...]:
-    """The periodic forces of a fit, but those of which it leaves nothing: beside a law that was missing, what looked
-    like one may be gone."""
-    found = []
+    """The periodic forces of a fit, but those of which it leaves no more than chance: beside a law that was missing, or
+    noise that is louder at some frequencies, what looked like one may be gone."""
+    found, tried = [], len(fitted.residual)  # as many frequencies as rows, at most
     for i, term in enumerate(fitted.hypothesis.terms):
         if term.effect.id != HUM:
             continue
@@ -119,7 +119,7 @@ def periodic_forces(fitted: Fit) -> tuple[PeriodicForce, ...]:
             size = float(np.hypot(term.values[sine], term.values[cosine]))
             error = float(np.hypot(fitted.stderr((str(i), sine)), fitted.stderr((str(i), cosine)))) / np.sqrt(2)
             sizes.append((size, error))
-        if not sum((size / error) ** 2 for size, error in sizes if error > 0) < _by_chance(len(sizes)):
+        if not sum((size / error) ** 2 for size, error in sizes if error > 0) < _by_chance(len(sizes), tried):
             found.append(PeriodicForce(float(term.effect.form), tuple(sizes)))
     return tuple(found)
 
