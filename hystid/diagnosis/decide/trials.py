@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from hystid.diagnosis.decide.limits import AT_END, TOUCHED, is_itself
-from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
+from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, is_mass
 from hystid.diagnosis.fit.problem import DELAY_LIMIT, LATE_LIMIT, MASS_TOLERANCE, Problem, standing
 from hystid.diagnosis.fit.search import (
     ABSORBED,
@@ -22,6 +23,7 @@ from hystid.diagnosis.fit.search import (
 )
 from hystid.diagnosis.model.channel_effects import DRIFT, HIGH_PASS, RANGE
 from hystid.diagnosis.model.effects import Effect
+from hystid.errors import NumericalError
 
 SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
 _PROMISING = 0.3  # share of the largest gain of a scan that makes a form worth a fit
@@ -261,9 +263,18 @@ def _wider(problem: Problem, found: Sequence[Trial], library: Sequence[Effect]) 
         near = (Term(effect, {**at, **same}) for at in effect.grid(problem.scales, law.values))
         starts = [replace(here, terms=(*here.terms[:-1], term)) for term in near if is_itself(problem, term, signals)]
         if starts:
-            made = try_fit(problem, min(starts, key=lambda start: standing(problem, start).chi2), incumbent=best.chi2)
+            made = try_fit(problem, min(starts, key=partial(_left, problem)), incumbent=best.chi2)
             if made is not None:
                 yield Trial(effect.id, effect.form, effect.size, made)
+
+
+def _left(problem: Problem, start: Hypothesis) -> float:
+    """Mean square that a hypothesis leaves as it stands; without end where it has no answer, as a mode that is too
+    quick for the samples has not."""
+    try:
+        return standing(problem, start).chi2
+    except NumericalError:
+        return np.inf
 
 
 def is_within(effect: Effect, shapes: Collection[str], size: int) -> bool:
