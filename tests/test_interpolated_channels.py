@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from benchmarks.sound_rigs import sound_rig
@@ -68,6 +70,20 @@ def test_what_was_measured_at_every_sample_stays() -> None:
     ):
         recording = Recording("r", T, F=rng.standard_normal(len(T)), x=values)
         assert where_measured(recording) is recording
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0, 1), st.integers(1, 400), st.sampled_from(["walk", "noise", "levels"]))
+@settings(max_examples=60, deadline=None)
+def test_any_channel_is_taken(seed: int, resting: float, count: int, kind: str) -> None:
+    """Channels that rest, jump and go on: nothing is divided by nothing, and what remains was there."""
+    rng = np.random.default_rng(seed)
+    steps = rng.standard_normal(200 + count) * (rng.random(200 + count) > resting)
+    values = {"walk": np.cumsum(steps), "noise": steps, "levels": np.round(np.cumsum(steps))}[kind]
+    t = np.arange(len(values)) * 1e-3
+    with np.errstate(all="raise"):
+        used = where_measured(Recording("r", t, F=rng.standard_normal(len(t)), x=values))
+    assert used.x is not None
+    assert set(used.x) <= set(values)
 
 
 @pytest.mark.parametrize("kind", ["linear", "spline"])

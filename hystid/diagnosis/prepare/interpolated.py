@@ -61,12 +61,11 @@ def _between_samples(values: Array) -> tuple[str, int, int] | None:
         return None
     bends = np.flatnonzero(~straight[1:] & straight[:-1])
     apart = np.diff(bends)
-    if not len(apart):
+    usual = np.abs(apart - np.median(apart)) <= 1 if len(apart) else np.zeros(1, dtype=bool)
+    if np.mean(usual) < _MOST:  # a channel with steps is straight at times, but not from time to time
         return None
-    usual = np.abs(apart - np.median(apart)) <= 1
     step = int(np.ceil(np.mean(apart[usual])))
-    # a channel with steps is straight at times, but not from time to time
-    if np.mean(usual) < _MOST or step > _LONGEST or not _shows_motion(values, values[::step]):
+    if step > _LONGEST or not _shows_motion(values, values[::step]):
         return None
     return "linear", 0, step
 
