@@ -342,3 +342,17 @@ def test_channels_that_were_computed_count_for_nothing_in_a_free_decay() -> None
     (finding,) = found.findings
     assert finding.effect in ("backlash", "two_sided_stop")
     assert finding.parameters["gap"].value == pytest.approx(gap, rel=0.02)  # of the deck's noise-free cases
+
+
+@pytest.mark.parametrize(("force", "place"), [(0.05, 1e-5), (0.02, 2e-5)])
+def test_what_is_far_louder_than_a_channel_shows_is_no_noise(force: float, place: float) -> None:
+    """A force that turns with the place, finer than any table of the motion: it knows neither x nor v as far as a table
+    tells, and is 60 % of the force."""
+    rng, t = np.random.default_rng(5), np.arange(6000) * 1e-3
+    omega = 2 * np.pi * np.array([[2.1], [5.3]])
+    swings = np.array([[4e-3], [1.5e-3]]) * np.exp(1j * (omega * t + np.array([[0.0], [1.0]])))
+    x, v = np.sum(swings, axis=0).imag, np.sum(1j * omega * swings, axis=0).imag
+    F = 3000 * v + 1e4 * x + 40 * np.tanh(v / 1e-3) + 200 * np.sin(1e4 * x)
+    test = Recording("r", t, F=F + force * rng.standard_normal(6000), x=x + place * rng.standard_normal(6000))
+    found = diagnose(test, model="HystId.Oscillators.Linear", parameters={"m": 0.0, "B": 2500.0, "Kl": 9000.0})
+    assert found.verdict == "unknown_physics"

@@ -27,6 +27,11 @@ _TWO_SIDED = 1.96  # standard deviations that hold 95 % of a normal distribution
 _LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
 _PERIODS = 8  # in a recording, from which power is a line: its peak in the spectrum is four frequencies wide
 _SHOCKS = 3.6  # kurtosis; 3 for Gaussian noise
+_LOUDEST, _MISREAD = (
+    0.05,
+    2.0,
+)  # power of noise over that of the force, 13 dB, that is believed of a channel which shows
+# less noise by more than a factor
 _RARE, _LITTLE = 3.8, 0.05  # standard deviations, and share of the power beyond them that is no shock: where noise is
 # louder than its level says, so is that of the motion, and a law that jumps is off by a sample here and there
 
@@ -44,20 +49,30 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
     residual = problem.reduce.evenly(fitted.residual)  # weights that follow the motion would make any noise follow it
     sure = np.split(problem.reduce.sure(), ends)
-    if not all(map(np.any, sure)):
-        return False  # a law that is sure of nothing says nothing of what it leaves
+    if min(map(np.count_nonzero, sure)) < _CELLS**2:
+        return False  # a law that is sure of next to nothing says nothing of what it leaves: fewer rows than cells
     residuals = [_standard(residual, seen) for residual, seen in zip(np.split(residual, ends), sure, strict=True)]
     if any(_has_shocks(residual) or _has_line(residual) for residual in residuals):
         return False
     # An acceleration whose noise is louder than it seems holds noise that the residual is made of, and that of the
     # balance the noise of the force. Between the two is one that holds neither. Where any of them says that the
     # residual does not know the motion, it does not.
-    for i, (columns, left) in enumerate(zip(motion, problem.balance_shown(fitted.hypothesis), strict=True)):
+    balances, floor = (
+        problem.balance_shown(fitted.hypothesis),
+        problem.reduce.level + problem.reduce.left_open(fitted.residual),
+    )
+    shares = [
+        float(np.sum(left**2) / np.sum(part.F**2))
+        for left, part in zip(balances, problem.parts, strict=True)
+        if np.any(part.F)
+    ]
+    if fitted.chi2 > _MISREAD * floor and min(shares, default=0.0) > _LOUDEST:
+        return False
+    for i, (columns, left) in enumerate(zip(motion, balances, strict=True)):
         mass = fitted.hypothesis.mass()
         columns.append(columns[2] + problem.reduce.plain(i, left) / mass if mass else columns[2])
         columns.append(_between_two(columns[2], columns[5], residuals[i]))
     pairs = [(0, 1), (3, 1), (4, 0), (4, 1)]
-    floor = problem.reduce.level + problem.reduce.left_open(fitted.residual)
     excess = max(0.0, 1.0 - floor / fitted.chi2)
     counts = np.array([np.count_nonzero(seen) for seen in sure])
     known = (_KNOWN[0] + _KNOWN[1] * excess) * float(np.sum(counts))
