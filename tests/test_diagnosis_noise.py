@@ -20,7 +20,7 @@ from hystid.diagnosis.prepare.recordings import take
 from hystid.diagnosis.prepare.segments import prepare_part, prepare_parts
 from hystid.modelica import compile_model
 from hystid.recording import Recording, read_all
-from hystid.smoothing.noise import noise_level, smoothing_kernel
+from hystid.smoothing.noise import filtered_beyond, noise_level
 from hystid.smoothing.smoother import smooth
 from tests.test_diagnosis import JENKINS, LINEAR, case, run, spec
 from tests.test_diagnosis_windows import DAMPING, FS, MASS, STIFFNESS, posed
@@ -119,7 +119,7 @@ def test_noise_is_read_before_what_a_user_smoothed(kernel: np.ndarray) -> None:
     for _ in range(40):
         channel = np.sin(40 * t) + 0.3 * np.sin(170 * t + 1) + 0.02 * rng.standard_normal(len(t))
         smoothed = convolve1d(channel, kernel)
-        if (found := smoothing_kernel(smoothed)) is None:
+        if (found := filtered_beyond(smoothed).kernel) is None:
             continue
         assert found == pytest.approx(kernel, abs=1e-12)
         levels.append(noise_level(smoothed))
@@ -133,13 +133,15 @@ def test_what_nobody_smoothed_has_no_kernel() -> None:
     rng, t = np.random.default_rng(8), np.arange(5000) * 1e-3
     slow, white = np.sin(2 * np.pi * 5 * t), [rng.standard_normal(len(t)) for _ in range(40)]
     for noise in white:
-        assert smoothing_kernel(slow + 0.02 * noise) is None
-        assert smoothing_kernel(slow + 0.02 * decimated(noise, 0.3)) is None
-        assert smoothing_kernel(np.cumsum(np.cumsum(noise)) + 1e-3 * noise) is None  # what a mass makes of a force
+        assert filtered_beyond(slow + 0.02 * noise).kernel is None
+        assert filtered_beyond(slow + 0.02 * decimated(noise, 0.3)).kernel is None
+        assert (
+            filtered_beyond(np.cumsum(np.cumsum(noise)) + 1e-3 * noise).kernel is None
+        )  # what a mass makes of a force
     # A force that was smoothed, and is nothing but that, is one: noise is a small part of a channel.
-    assert smoothing_kernel(convolve1d(white[0], np.ones(5) / 5), drives=True) is None
-    assert smoothing_kernel(slow) is None
-    assert smoothing_kernel(np.zeros(5000)) is None
+    assert filtered_beyond(convolve1d(white[0], np.ones(5) / 5), drives=True).kernel is None
+    assert filtered_beyond(slow).kernel is None
+    assert filtered_beyond(np.zeros(5000)).kernel is None
 
 
 @pytest.mark.parametrize(
@@ -158,7 +160,7 @@ def test_what_a_user_smoothed_is_compared_with_a_force_that_is_smoothed_alike(na
         tests.append(Recording(place, t, F=noisy[0], x=convolve1d(noisy[1], kernel)))
     found = diagnose(tests, model=f"HystId.Oscillators.{name}", parameters={**values, "B": 4.5})
     assert found.verdict in ("consistent", "recalibrated")
-    assert any(f"x was smoothed over {len(kernel)} samples" in n and "F is smoothed alike" in n for n in found.notes)
+    assert any(f"x was smoothed over {len(kernel)} samples" in n and "so F is smoothed alike" in n for n in found.notes)
     assert found.choice is not None
     # Some 600 to 2,000 rows: 4 to 6 % of what noise leaves, and the level of either channel is known to 3 %.
     assert found.choice.before.chi2 == pytest.approx(found.choice.floor_before, rel=0.25)

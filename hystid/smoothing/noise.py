@@ -36,7 +36,7 @@ _FLAT, _CAUTIOUS = 70, 25  # lines of a band below, so that three of them tell w
 _SHELF, _STEEP = 3, 3.0  # bands of noise before a filter, and its fall in power at least
 _CLIFF = 10.0  # the same where motion may end by itself
 _RARELY = 1e-3  # chance by which bands of smoothed noise are further from what their filter leaves
-_MISREAD = 2.0  # by which noise must be louder before a filter than behind it: chance, and filters of recorders near
+MISREAD = 2.0  # by which noise must be louder before a filter than behind it: chance, and filters of recorders near
 # half the sample rate, are below
 _LEAK = 1e-2  # of a response, below which a window and rounding leave more in a spectrum than noise
 _ORDER = 12  # power of the frequency by which noise falls behind a filter of sixth order: what a mass moves falls by 4,
@@ -47,7 +47,7 @@ _PARTS, _CHANCE = 8, 5.0  # of a recording, in which noise is as loud but for ch
 _MOTION = 0.5  # coherence of what is motion for the most part; noise shares a tenth in so many parts by chance
 _BRIEF = 3.7  # four standard errors of a standard deviation over that by the median, times the root of the lines
 _LINES = 10  # of the spectrum in each band at least, whose median is known to 40 % then
-_SMALL, _HALF = 0.05, 0.5  # shares of the power of a channel that noise of 13 dB is, and noise as loud as the rest
+SMALL, _HALF = 0.05, 0.5  # shares of the power of a channel that noise of 13 dB is, and noise as loud as the rest
 _SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
 _APART = 0.9  # the estimates differ by 6 % by chance (8,000 samples); only a clear difference counts
 _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from rounding in a text file
@@ -213,7 +213,7 @@ def filtered_beyond(
     same channel in other recordings: the recorder filters here as well, and motion may hide it. cautious: rather take
     some motion for noise than noise for motion, in a recording that is too short to tell.
     """
-    most = _HALF if others and not drives else _SMALL
+    most = _HALF if others and not drives else SMALL
     window = np.hanning(len(channel))
     lines = np.fft.rfft((channel - np.mean(channel)) * window)
     told = (1 - 1 / _WIDER) * _FINE_BANDS * (len(lines) - 1) >= (_CAUTIOUS if cautious else _FLAT)
@@ -226,8 +226,8 @@ def filtered_beyond(
         return _in_band(lines, first, end, window)
 
     found = _smoothed(channel, others, lines, window, corners)
-    if found is not None and found[1] ** 2 < most * float(np.var(channel)):
-        return NoiseBefore(corner(found[0]), found[1], found[0])
+    if found is not None and found.level**2 < most * float(np.var(channel)):
+        return found
     for last in _ends_of_shelves(np.abs(lines) ** 2, edges, bands):
         first, end = edges[last - _SHELF], edges[last]
         shelf = inside(first, end)
@@ -254,19 +254,10 @@ def _in_band(lines: NDArray[np.complex128], first: int, end: int, window: Array)
     return np.asarray(np.fft.irfft(rows, len(window))[middle] / window[middle])
 
 
-def smoothing_kernel(channel: Array, others: Sequence[Array] = (), *, drives: bool = False) -> Array | None:
-    """The kernel, (k,), with which a user smoothed a channel (n,), as its noise shows; None where it does not. others,
-    drives: as in ``filtered_beyond``."""
-    window = np.hanning(len(channel))
-    found = _smoothed(channel, others, np.fft.rfft((channel - np.mean(channel)) * window), window)
-    most = _HALF if others and not drives else _SMALL
-    return found[0] if found is not None and found[1] ** 2 < most * float(np.var(channel)) else None
-
-
 def _smoothed(
     channel: Array, others: Sequence[Array], lines: NDArray[np.complex128], window: Array, known: Collection[float] = ()
-) -> tuple[Array, float] | None:
-    """The kernel of a user's smoothing, and the level of the noise before; None where the upper part of a spectrum is
+) -> NoiseBefore | None:
+    """White noise before a user's smoothing; None where the upper part of a spectrum is
     not that of smoothed noise. known: corners of kernels that other recordings show."""
     edges = (_FINE_BANDS[_FINE_BANDS >= _WELL] * (len(lines) - 1)).astype(int)
     first, end = edges[0], edges[-1]
@@ -287,7 +278,7 @@ def _smoothed(
         if not is_alike or not _is_steady(inside, count) or any(one > _MOTION for one in shared):
             return None
     level = float(np.std(inside) / np.sqrt(count / (len(lines) - 1)))
-    return (kernel, level) if level > _MISREAD * unfiltered_level(channel) else None
+    return NoiseBefore(corner(kernel), level, kernel) if level > MISREAD * unfiltered_level(channel) else None
 
 
 def _level(channel: Array, inside: Array, first: int, end: int, count: int) -> float:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
+from hystid.smoothing.noise import MISREAD, SMALL
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -27,11 +28,6 @@ _TWO_SIDED = 1.96  # standard deviations that hold 95 % of a normal distribution
 _LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
 _PERIODS = 8  # in a recording, from which power is a line: its peak in the spectrum is four frequencies wide
 _SHOCKS = 3.6  # kurtosis; 3 for Gaussian noise
-_LOUDEST, _MISREAD = (
-    0.05,
-    2.0,
-)  # power of noise over that of the force, 13 dB, that is believed of a channel which shows
-# less noise by more than a factor
 _RARE, _LITTLE = 3.8, 0.05  # standard deviations, and share of the power beyond them that is no shock: where noise is
 # louder than its level says, so is that of the motion, and a law that jumps is off by a sample here and there
 
@@ -57,17 +53,12 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     # An acceleration whose noise is louder than it seems holds noise that the residual is made of, and that of the
     # balance the noise of the force. Between the two is one that holds neither. Where any of them says that the
     # residual does not know the motion, it does not.
-    balances, floor = (
-        problem.balance_shown(fitted.hypothesis),
-        problem.reduce.level + problem.reduce.left_open(fitted.residual),
-    )
-    shares = [
-        float(np.sum(left**2) / np.sum(part.F**2))
-        for left, part in zip(balances, problem.parts, strict=True)
-        if np.any(part.F)
-    ]
-    if fitted.chi2 > _MISREAD * floor and min(shares, default=0.0) > _LOUDEST:
-        return False
+    balances = problem.balance_shown(fitted.hypothesis)
+    floor = problem.reduce.level + problem.reduce.left_open(fitted.residual)
+    moved = [(left, part.F) for left, part in zip(balances, problem.parts, strict=True) if np.any(part.F)]
+    least = min((float(np.sum(left**2) / np.sum(F**2)) for left, F in moved), default=0.0)
+    if fitted.chi2 > MISREAD**2 * floor and least > SMALL:
+        return False  # no channel is off by as much that shows less
     for i, (columns, left) in enumerate(zip(motion, balances, strict=True)):
         mass = fitted.hypothesis.mass()
         columns.append(columns[2] + problem.reduce.plain(i, left) / mass if mass else columns[2])

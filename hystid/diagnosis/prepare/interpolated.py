@@ -10,24 +10,25 @@ from hystid.recording import Recording
 
 _LONGEST = 32  # samples from one that was measured to the next one
 _ZERO = 0.02  # of the differences of a channel, that is left by rounding in a text file where it has none
-_FEWEST = 200  # samples that must remain
 _MOST = 0.9  # of the samples at one distance from those that were measured: shocks may be in the others
-_OFTEN = 0.15  # share of samples on a straight line: noise has a hundredth of them
+_OFTEN = (
+    0.15  # share of samples without a difference, at least a quarter of those of a polynomial: noise has a hundredth
+)
 _CURVES = (("linear", 2), ("cubic", 4))  # kinds of interpolation, and the order of differences that it leaves none of
-_TOLD = "{0} has {1} interpolation between every {2}. sample: those in between were not measured, and are not used"
+_TOLD = "{0} was interpolated ({1}): one sample in {2} was measured, and the others are not used"
 
 
-def where_measured(test: Recording) -> Recording:
+def where_measured(test: Recording, fewest: int) -> Recording:
     """A recording at the samples at which the channel that was interpolated most was measured, with a note.
 
     A polynomial between samples has no differences of a higher order there, and noise that differs from that of what
-    was measured.
+    was measured. fewest: samples that must remain.
     """
     found = [(name, *one) for name, values in test.channels("Fxva").items() if (one := _knots(values)) is not None]
     if not found:
         return test
     name, kind, first, step = max(found, key=lambda one: one[3])
-    if (len(test) - first) // step < _FEWEST:
+    if (len(test) - first) // step < fewest:
         return test
     return test.part(slice(first, None, step), f"{test.name}: {_TOLD.format(name, kind, step)}")
 
@@ -38,6 +39,8 @@ def _knots(values: Array) -> tuple[str, int, int] | None:
         return None
     for kind, order in _CURVES:
         difference = np.abs(np.diff(values, order))
+        if np.mean(difference < _ZERO * _rms(difference)) < _OFTEN:
+            continue
         for step in range(_LONGEST, order - 1, -1):
             phases = [difference[phase::step] for phase in range(step)]
             usual = max(float(np.median(phase)) for phase in phases)

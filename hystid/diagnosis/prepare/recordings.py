@@ -71,7 +71,7 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         raise
     _check_apart(tests, unseen)
     _check_content([*tests, *unseen])
-    tests, unseen = ([where_measured(without_spikes(test)) for test in group] for group in (tests, unseen))
+    tests, unseen = ([where_measured(without_spikes(test), SHORTEST) for test in group] for group in (tests, unseen))
     read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
     measured = _measured_only([*read.tests, *read.unseen], len(read.tests))
     tests, unseen, given = _with_decays(measured[: len(read.tests)], measured[len(read.tests) :], given)

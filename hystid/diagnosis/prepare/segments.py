@@ -175,7 +175,7 @@ def prepare_parts(
     """The parts of recordings that one recorder made: it filters a channel in all of them alike."""
     corners: dict[str, set[float]] = {}
     for recording in recordings:
-        for name, before in _noise_before(_all_channels(recording), {}).items():
+        for name, before in noise_before(_all_channels(recording), {}).items():
             corners.setdefault(name, set()).update({before.end} - {0.5})
     return [prepare_part(recording, seed + i, stopped, corners) for i, recording in enumerate(recordings)]
 
@@ -196,7 +196,7 @@ def prepare_part(
     channels = _all_channels(recording)
     # what is integrated does not know slow motion better than integration allows, however quiet it is
     limited = frozenset("F" if "x" in measured else channels)
-    before = _noise_before(channels, corners or {})
+    before = noise_before(channels, corners or {})
     levels = {name: max(unfiltered_level(y), before[name].level) for name, y in channels.items()}
     noise = {name: _at_least(name in limited, level, channels[name]) for name, level in levels.items()}
     louder = _louder(channels, noise, limited, {name for name, one in before.items() if one.end == 0.5})
@@ -218,7 +218,7 @@ def _all_channels(recording: Recording) -> dict[str, Array]:
     return {**measured_motion(recording), "F": recording.channel("F")}
 
 
-def _noise_before(channels: Mapping[str, Array], corners: Mapping[str, Collection[float]]) -> dict[str, NoiseBefore]:
+def noise_before(channels: Mapping[str, Array], corners: Mapping[str, Collection[float]]) -> dict[str, NoiseBefore]:
     """Noise of each channel before a filter that ends it."""
     return {
         name: filtered_beyond(y, _others(name, channels), drives=name == "F", corners=corners.get(name, ()))
