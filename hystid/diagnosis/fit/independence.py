@@ -45,8 +45,8 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
     residual = problem.reduce.evenly(fitted.residual)  # weights that follow the motion would make any noise follow it
     sure = np.split(problem.reduce.sure(), ends)
-    if min(map(np.count_nonzero, sure)) < _CELLS**2:
-        return False  # a law that is sure of next to nothing says nothing of what it leaves: fewer rows than cells
+    if not all(map(np.any, sure)):
+        return False  # a law that is sure of nothing says nothing of what it leaves
     residuals = [_standard(residual, seen) for residual, seen in zip(np.split(residual, ends), sure, strict=True)]
     if any(_has_shocks(residual) or _has_line(residual) for residual in residuals):
         return False
@@ -55,9 +55,9 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     # residual does not know the motion, it does not.
     balances = problem.balance_shown(fitted.hypothesis)
     floor = problem.reduce.level + problem.reduce.left_open(fitted.residual)
-    moved = [(left, part.F) for left, part in zip(balances, problem.parts, strict=True) if np.any(part.F)]
-    least = min((float(np.sum(left**2) / np.sum(F**2)) for left, F in moved), default=0.0)
-    if fitted.chi2 > MISREAD**2 * floor and least > SMALL:
+    force = problem.reduce.evenly(problem.reduce([part.F for part in problem.parts]))
+    loud = float(np.sum(residual**2)) > SMALL * float(np.sum(force**2))
+    if loud and fitted.chi2 > MISREAD**2 * floor:
         return False  # no channel is off by as much that shows less
     for i, (columns, left) in enumerate(zip(motion, balances, strict=True)):
         mass = fitted.hypothesis.mass()
@@ -75,7 +75,7 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
 
     def unknown(pair: tuple[int, int]) -> bool:
         cells = [_cells(m[pair[0]], m[pair[1]]) for m in motion]
-        return all(_independent(values, cells, known, shown) for values in (residuals, powers))
+        return all(_independent(values, sure, cells, known, shown) for values in (residuals, powers))
 
     return all(map(unknown, pairs)) and any(map(unknown, [(1, 2), (1, 5), (1, 6)]))
 
@@ -110,26 +110,32 @@ def _ranks(values: Array, bins: int) -> NDArray[np.int64]:
     return found
 
 
-def _independent(values: Sequence[Array], cells: Sequence[NDArray[np.int64]], known: float, shown: float) -> bool:
+def _independent(
+    values: Sequence[Array], sure: Sequence[Flags], cells: Sequence[NDArray[np.int64]], known: float, shown: float
+) -> bool:
     """Whether means of values differ between the cells no more than when the values are moved in time, and what moved
     ones show scatters by less than what would show.
 
-    known: power between the cells from which the values know them; shown: what all of the excess would show at least.
+    values: 0 where the law is not sure, and such rows count for no cell. known: power between the cells from which the
+    values know them; shown: what all of the excess would show at least.
     """
     shares = np.random.default_rng(0).uniform(0.05, 0.95, (_SHIFTS, len(values)))
-    moved = [
-        _between([np.roll(p, int(share * len(p))) for p, share in zip(values, row, strict=True)], cells)
-        for row in shares
-    ]
+
+    def moved_by(share: Array) -> float:
+        shifts = [int(one * len(seen)) for one, seen in zip(share, sure, strict=True)]
+        rolled = [[np.roll(p, shift) for p, shift in zip(group, shifts, strict=True)] for group in (values, sure)]
+        return _between(rolled[0], rolled[1], cells)
+
+    moved = [moved_by(share) for share in shares]
     scatter = _TWO_SIDED * float(np.std(moved))
-    return _between(values, cells) - float(np.median(moved)) <= max(known, scatter) and scatter <= shown
+    return _between(values, sure, cells) - float(np.median(moved)) <= max(known, scatter) and scatter <= shown
 
 
-def _between(values: Sequence[Array], cells: Sequence[NDArray[np.int64]]) -> float:
+def _between(values: Sequence[Array], sure: Sequence[Flags], cells: Sequence[NDArray[np.int64]]) -> float:
     """Power between the cells, summed over the recordings."""
     total = 0.0
-    for value, cell in zip(values, cells, strict=True):
-        count = np.bincount(cell, minlength=_CELLS**2)
+    for value, seen, cell in zip(values, sure, cells, strict=True):
+        count = np.bincount(cell[seen], minlength=_CELLS**2)
         sums = np.bincount(cell, weights=value, minlength=_CELLS**2)
         total += float(np.sum(sums**2 / np.maximum(count, 1)))
     return total
