@@ -409,15 +409,18 @@ def test_a_small_law_beside_one_that_explains_nearly_all_is_told() -> None:
     assert share[0] > 0.9 and share[1] < 0.1  # else the case would show nothing
 
 
-@pytest.mark.parametrize(("slow", "shown"), [(1, True), (400, False)])
-def test_a_rest_of_few_independent_samples_shows_nothing(slow: int, shown: bool) -> None:
-    """White noise is shown to be independent of the motion; noise of which ten values are independent is not."""
+@pytest.mark.parametrize(("slow", "known", "shown"), [(1, 4000, True), (400, 4000, False), (1, 71, False)])
+def test_a_rest_of_few_independent_samples_shows_nothing(slow: int, known: int, shown: bool) -> None:
+    """White noise is shown to be independent of the motion; noise of which ten values are independent is not, nor noise
+    of which next to all is where the law is not sure: as many rows as cells."""
     rng = np.random.default_rng(5)
     t = np.arange(4000) * 1e-3
     rest = np.convolve(rng.standard_normal(len(t) + slow), np.ones(slow), mode="same")[: len(t)]
     rest = (rest - np.mean(rest)) / np.std(rest)
+    sure = np.zeros(len(t), dtype=bool)
+    sure[rng.choice(len(t), known, replace=False)] = True
     cells = _cells(np.sin(9 * t), np.cos(9 * t))
-    assert _independent([rest], [cells], 0.08 * len(rest), 0.08 * len(rest)) == shown
+    assert _independent([rest * sure], [sure], [cells], 0.08 * known, 0.08 * known) == shown
 
 
 def test_few_samples_of_noise_may_be_loud(stiffening: Diagnosis) -> None:
