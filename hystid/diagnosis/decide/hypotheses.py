@@ -63,7 +63,7 @@ class Search:
     ) -> None:
         self.problem, self.baseline, self.effects, self.minima = problem, baseline, effects, minima
         parts = problem.parts
-        faults = [*force_drifts(len(parts)), *high_passes(parts), *ranges(parts), *clipped_force(problem, baseline)]
+        faults = [*force_drifts(parts), *high_passes(parts), *ranges(parts), *clipped_force(problem, baseline)]
         self.library = [*effects, *faults]
         self.candidates = scan(problem, baseline, self.library, progress)
         self.criterion = Criterion(problem, baseline, len({effect.id for effect in self.library}))

@@ -159,13 +159,10 @@ def _drifts(problem: Problem, fit: Fit, number: int) -> bool:
     """
     values, count = fit.hypothesis.terms[number].values, len(problem.parts)
 
-    def most(kinds: Sequence[str]) -> bool:
-        seen = [[f"{kind}_{k + 1}" for kind in kinds if f"{kind}_{k + 1}" in values] for k in range(count)]
-        clear = [any(_is_clear(fit, number, name) for name in names) for names in seen]
-        return 2 * sum(clear) > count
-
-    runs = any(name.startswith(("ramp", "bow")) for name in values)
-    return most(("ramp", "bow") if runs else ("offset",))
+    runs = any(not name.startswith("offset") for name in values)
+    kinds = {name.partition("_")[0] for name in values} - ({"offset"} if runs else set())
+    clear = [any(_is_clear(fit, number, f"{kind}_{k + 1}") for kind in kinds) for k in range(count)]
+    return 2 * sum(clear) > count
 
 
 def _restarts(problem: Problem, fitted: Fit, best: Trial) -> list[Trial]:

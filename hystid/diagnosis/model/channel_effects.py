@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.faults import SATURATION
-from hystid.diagnosis.prepare.segments import Part
+from hystid.diagnosis.prepare.segments import Part, band
 from hystid.numeric import Array
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
@@ -212,18 +212,24 @@ def ranges(parts: Sequence[Part]) -> list[Range]:
 
 
 class ForceDrift(ChannelEffect):
-    """The force channel has an offset and a ramp of its own in each recording.
+    """The force channel has an offset and a ramp of its own in each recording, with a bow, or further polynomials of
+    Legendre beside them: its zero wanders, or a filter took slow motion from one of the channels.
 
-    Amplitudes offset_1, ramp_1, ... [N, N/s]. Not a law of the structure, hence in the units of the signal and not in
-    Modelica. It appears in the balance as a force that is added to R.
+    Amplitudes offset_1, ramp_1, bow_1, degree3_1, ... [N, N/s, N, N]. Not a law of the structure, hence in the units of
+    the signal and not in Modelica. It appears in the balance as a force that is added to R.
     """
 
     @property
     def meanings(self) -> dict[str, str]:
         """What each parameter is."""
-        kinds = {"offset": "Mean force without any", "ramp": "Its change with time", "bow": "Its bend over time"}
-        parts = (name.partition("_") for name in self.amplitudes)
-        return {f"{kind}_{number}": f"{kinds[kind]}, in recording {number}" for kind, _, number in parts}
+        kinds = {
+            "offset": "Mean force without any",
+            "ramp": "Its change with time",
+            "bow": "Its bend over time",
+            "swing": "Standard deviation of the slow force that follows no motion",
+        }
+        numbers = sorted({name.partition("_")[2] for name in self.amplitudes})
+        return {f"{kind}_{n}": f"{meaning}, in recording {n}" for n in numbers for kind, meaning in kinds.items()}
 
     @property
     def needs_clock(self) -> bool:
@@ -236,23 +242,34 @@ class ForceDrift(ChannelEffect):
         number = signals.index + 1
         value = parameters.get(f"offset_{number}", 0.0) + parameters.get(f"ramp_{number}", 0.0) * (t - t[-1] / 2)
         curve = (t / t[-1] - 0.5) ** 2 - 1 / 12
-        return np.asarray(value + parameters.get(f"bow_{number}", 0.0) * curve)
+        value = value + parameters.get(f"bow_{number}", 0.0) * curve
+        higher = [parameters.get(f"degree{degree}_{number}", 0.0) for degree in range(_BOWED, _MOST)]
+        if any(higher):
+            value = value + np.polynomial.legendre.legval(
+                2 * t / t[-1] - 1, np.trim_zeros([0.0] * _BOWED + higher, "b")
+            )
+        return np.asarray(value)
 
 
-_KINDS = {"Constant": ("offset",), "": ("offset", "ramp"), "Bowed": ("offset", "ramp", "bow")}
+_BOWED, _MOST = 3, 24  # polynomials of a bow; and most that are fitted to a recording, for the time that it takes
+_KINDS = {"Constant": ("offset",), "": ("offset", "ramp"), "Bowed": ("offset", "ramp", "bow")} | {
+    f"Wandering{most}": ("offset", "ramp", "bow", *(f"degree{degree}" for degree in range(_BOWED, most)))
+    for most in (6, 12, _MOST)
+}
 
 
-def force_drifts(recordings: int) -> list[ForceDrift]:
-    """Drifts of the force channel over a number of recordings: a constant of each, of one recording a preload, with a
-    ramp, and with a curve."""
-    return [force_drift(recordings, form) for form in _KINDS if form != "Constant" or recordings > 1]
+def force_drifts(parts: Sequence[Part]) -> list[ForceDrift]:
+    """Drifts of the force channel: a constant of each recording, of one recording a preload, with a ramp, with a bow,
+    and with so many polynomials that the slowest motion has more periods than they have bends."""
+    recordings, periods = len(parts), min(band(part)[0] * part.dt * len(part) for part in parts)
+    forms = [form for form, kinds in _KINDS.items() if len(kinds) <= max(_BOWED, periods)]
+    return [force_drift(recordings, form) for form in forms if form != "Constant" or recordings > 1]
 
 
 def force_drift(recordings: int, form: str = "") -> ForceDrift:
-    """One form of the drift of the force channel: "Constant", "" with a ramp, or "Bowed"."""
-    kinds = _KINDS[form]
-    names: Sequence[str] = [f"{kind}_{i + 1}" for i in range(recordings) for kind in kinds]
-    units = {name: {"offset": "N", "ramp": "N/s", "bow": "N"}[name.partition("_")[0]] for name in names}
+    """One form of the drift of the force channel: "Constant", "" with a ramp, "Bowed", or "Wandering"."""
+    names: Sequence[str] = [f"{kind}_{i + 1}" for i in range(recordings) for kind in _KINDS[form]]
+    units = {name: "N/s" if name.startswith("ramp") else "N" for name in names}
     return ForceDrift(DRIFT, form, "", None, amplitudes=tuple(names), units=units)
 
 
@@ -261,4 +278,5 @@ def is_constant(values: Mapping[str, float], parts: Sequence[Part]) -> bool:
     offset = sum(values[f"offset_{i + 1}"] ** 2 for i in range(len(parts)))
     ramp = sum((values.get(f"ramp_{i + 1}", 0.0) * part.t[-1]) ** 2 / 12 for i, part in enumerate(parts))
     bow = sum(values.get(f"bow_{i + 1}", 0.0) ** 2 / 180 for i in range(len(parts)))
-    return bool(ramp + bow < _STEADY**2 * offset)
+    wave = any(name.startswith("degree") for name in values)
+    return not wave and bool(ramp + bow < _STEADY**2 * offset)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
@@ -67,7 +69,23 @@ def _finding(
         parameters = {"gain": Value(1 + answer.gain(), answer.gain_error(), "1")}
         return told(parameters, where), weight
     fitted = answer.at_the_structure(term, answer.stated(fit.hypothesis.terms.index(term), term))
-    return told(fitted, where), weight
+    return told(_summed(fitted), where), weight
+
+
+def _summed(values: Mapping[str, Value]) -> dict[str, Value]:
+    """Parameters for people: of Legendre polynomials of a drift the standard deviation that they make together, whose
+    squares have a mean of 1 / (2 degree + 1)."""
+    told, squares, errors = dict[str, Value](), defaultdict[str, float](float), defaultdict[str, float](float)
+    for name, value in values.items():
+        kind, _, number = name.partition("_")
+        if not kind.startswith("degree"):
+            told[name] = value
+            continue
+        share = 1 / (2 * int(kind.removeprefix("degree")) + 1)
+        squares[number] += share * value.value**2
+        errors[number] += (share * value.value * value.stderr) ** 2
+    swings = {n: Value(math.sqrt(s), math.sqrt(errors[n] / s), "N") for n, s in squares.items() if s}
+    return told | {f"swing_{number}": swing for number, swing in swings.items()}
 
 
 def _equivalents(name: str, answer: Answer) -> tuple[str, ...]:
