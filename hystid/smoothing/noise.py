@@ -116,7 +116,7 @@ def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
         return None
     base = float(np.median(level[level <= _LOUD * base]))
     loud = level > _LOUD * base
-    white = [_is_white(part) for part, is_loud in zip(parts, loud, strict=True) if is_loud]
+    white = [is_white(part) for part, is_loud in zip(parts, loud, strict=True) if is_loud]
     if 2 * sum(white) <= len(white):  # most of them: where noise begins, one section holds two levels
         return None
     while np.any(more := (level > _FLANK * base) & ~loud & (np.append(loud[1:], False) | np.append(False, loud[:-1]))):
@@ -137,7 +137,7 @@ def between_samples(channel: Array) -> Array:
     return np.where(rough > _SHOCK * np.median(rough), _UNRESOLVED * rough, 0.0)
 
 
-def _is_white(part: Array) -> bool:
+def is_white(part: Array) -> bool:
     """Whether a stretch shows white noise and no motion: differences of several orders agree, and have no shocks."""
     apart = abs(np.log(_by_differences(part, _HIGHER) / _by_differences(part)))
     difference = np.diff(part, _DIFFERENCES)

@@ -14,9 +14,11 @@ from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.prepare.given import Given
 from hystid.diagnosis.prepare.independence import measured_alike
 from hystid.diagnosis.prepare.interpolated import where_measured
+from hystid.diagnosis.prepare.levelled import with_lines_told
 from hystid.diagnosis.prepare.readings import consistent
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.diagnosis.prepare.spikes import without_spikes
+from hystid.diagnosis.prepare.tapered import between_tapers
 from hystid.diagnosis.prepare.user_smoothing import smoothed_alike
 from hystid.errors import RecordingError, UsageError
 from hystid.processing import prepare
@@ -71,7 +73,10 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         raise
     _check_apart(tests, unseen)
     _check_content([*tests, *unseen])
-    tests, unseen = ([where_measured(without_spikes(test), SHORTEST) for test in group] for group in (tests, unseen))
+    tests, unseen = (
+        [where_measured(between_tapers(without_spikes(with_lines_told(test)), SHORTEST), SHORTEST) for test in group]
+        for group in (tests, unseen)
+    )
     read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
     measured = _measured_only([*read.tests, *read.unseen], len(read.tests))
     tests, unseen, given = _with_decays(measured[: len(read.tests)], measured[len(read.tests) :], given)

@@ -8,9 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
+from scipy.linalg import orth
 from scipy.ndimage import maximum_filter1d
 
 from hystid.diagnosis.prepare.differences import FIRST, SECOND
@@ -44,6 +47,7 @@ class Reduction:
         self.block = max(alike, min(total // ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
         self._trust: Array | None = None
         self._open = np.zeros(1)  # variance that rows have as nobody knows where a law stands
+        self._basis: list[tuple[slice, Array]] | None = None
         slopes = _slopes(parts, mass)
         self._filters = [_Filter.of(part, _whitening(part, mass, slopes), mass) for part in parts]
         pairs = list(zip(self.parts, self._filters, strict=True))
@@ -56,12 +60,35 @@ class Reduction:
         self._even = self._evened() if any(one is not None for one in self._louder) else None
 
     def __call__(self, columns: Sequence[Array]) -> Array:
-        """Rows of all parts, (rows,), from one column (n,) per part; of k columns at once, (k, rows) from (k, n)."""
+        """Rows of all parts, (rows,), from one column (n,) per part; of k columns at once, (k, rows) from (k, n). Where
+        a user took straight lines off channels, they hold no slow polynomial that this leaves unknown."""
+        rows = self._weighted(columns)
+        for own, basis in self._unknown():
+            rows[..., own] -= (rows[..., own] @ basis) @ basis.T
+        return rows
+
+    def _weighted(self, columns: Sequence[Array]) -> Array:
         made = [column if f.response is None else f(column) for f, column in zip(self._filters, columns, strict=True)]
         rows = np.concatenate([self.plain(i, column) * self._weights[i] for i, column in enumerate(made)], axis=-1)
         if self._even is not None:
             rows *= self._even
         return rows if self._trust is None else rows * self._trust
+
+    def _unknown(self) -> list[tuple[slice, Array]]:
+        """Rows of recordings that hold a polynomial nobody knows, and an orthonormal basis of these, (rows, k)."""
+        degrees = [part.unknown_degree for part in self.parts]
+        if not any(degrees):
+            return []
+        if self._basis is None:
+            ends = np.cumsum([0, *(len(self.plain(i, part.x)) for i, part in enumerate(self.parts))])
+            own = [slice(first, end) for first, end in pairwise(ends)]
+            places = [np.linspace(-1.0, 1.0, len(part)) for part in self.parts]
+            lines: list[Array] = [legvander(place, max(degrees)).T for place in places]
+            rows = self._weighted(lines)
+            self._basis = [
+                (at, orth(rows[: 1 + degree, at].T)) for at, degree in zip(own, degrees, strict=True) if degree
+            ]
+        return self._basis
 
     def several(self, columns: Sequence[Sequence[Array]]) -> list[Array]:
         """Rows of several columns, each one per part: some at once, in half the time of one by one."""
@@ -102,12 +129,12 @@ class Reduction:
         spread = maximum_filter1d(np.mean([rows**2 for rows in draws], axis=0), 3)
         wide = spread + filtered**2 + unsure**2
         if float(np.quantile(wide, _RARE)) > _JUMP:
-            self._trust = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0)
+            self._trust, self._basis = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0), None
         self._open = np.where(unsure**2 > np.finfo(float).eps, unsure**2, 0.0)  # a law without a jump leaves rounding
 
     def trust(self) -> None:
         """Weigh all rows alike again."""
-        self._trust, self._open = None, np.zeros(1)
+        self._trust, self._open, self._basis = None, np.zeros(1), None
 
     def trusted(self, index: int) -> Array:
         """Weight of each sample of one part beside that of its noise, (n,): 1 where the law is sure, 0 where no row is

@@ -16,6 +16,7 @@ from hystid.diagnosis.prepare.decay import MODEL_ERROR
 from hystid.diagnosis.prepare.differences import FIRST, SECOND, advanced, stencil
 from hystid.diagnosis.prepare.draws import Draw, Draws
 from hystid.diagnosis.prepare.filtering import filtered, quick_length
+from hystid.diagnosis.prepare.levelled import unknown_degree
 from hystid.diagnosis.prepare.refused import NotDiagnosable
 from hystid.numeric import Array
 from hystid.numeric import Flags as Flags
@@ -60,6 +61,8 @@ class Part:
     deviation 1 has 1 everywhere. noise_ends: frequency [cycles per sample] up to which the noise of all channels is
     white; noise_passed: power that filters leave of it over frequencies from 0 to pi per sample, (m,), of the
     channel of which they leave most.
+    unknown_degree: of a polynomial of time in the balance that nobody knows, as a user took a straight line off a
+    channel; 0 for none.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia.
     """
 
@@ -89,6 +92,7 @@ class Part:
     error_of_x: Array = field(repr=False, default_factory=lambda: np.zeros(2))
     noise_ends: float = 0.5
     noise_passed: Array = field(repr=False, default_factory=lambda: np.ones(2))
+    unknown_degree: int = 0
 
     def __len__(self) -> int:
         return len(self.t)
@@ -211,6 +215,7 @@ def prepare_part(
         _drawn(measured, noise, dt, motion, (seed, louder, before)), louder=louder,
         error_of_x=error_of_x({name: noise[name] for name in measured}, dt, motion.roughness),
         noise_ends=min(one.end for one in before.values()), noise_passed=_passed(list(before.values())),
+        unknown_degree=unknown_degree(recording),
     )  # fmt: skip
 
 

@@ -1,0 +1,69 @@
+"""Channels that a user faded in and out by a window (a taper): their noise fades as well, which no sensor does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.special import binom
+
+from hystid.numeric import Array
+from hystid.recording import Recording
+from hystid.smoothing.noise import is_white
+
+_ORDER = 6  # of the differences that show the noise
+_ALIKE = 3.2  # values of such differences of white noise that say as much as one that is independent
+_BLOCK, _BLOCKS, _POINTS = (
+    16,
+    256,
+    8,
+)  # samples of a block at least, blocks of a recording at most, and points of a block
+_FLOORS = (1e-8, 1e-5, 1e-2)  # power over that of the noise, of what rounding after the window leaves at the ends
+_WINDOWS: tuple[Callable[[Array], Array], ...] = (
+    lambda share: np.sin(0.5 * np.pi * share) ** 4,  # power of a cosine taper (Tukey), of half a sine, of a trapezoid
+    lambda share: np.sin(0.5 * np.pi * share) ** 2,
+    lambda share: share**2,
+)
+_CHANCE = 1e-3  # probability of a taper by chance, over all that are tried
+_TOLD = "{0}: {1} fades in and out with its noise, as behind a window; {2} samples at either end are left out"
+
+
+def between_tapers(test: Recording, fewest: int) -> Recording:
+    """A recording without the ends at which a channel was faded in and out by a window, with a note. fewest: samples
+    that must remain."""
+    lengths = {name: _taper(values) for name, values in test.channels("Fxva").items() if test.direct(name)}
+    longest = max(lengths.values(), default=0)
+    if not longest or len(test) - 2 * longest < fewest:
+        return test
+    faded = " and ".join(name for name, length in lengths.items() if length)
+    return test.part(slice(longest, len(test) - longest), _TOLD.format(test.name, faded, longest))
+
+
+def _taper(channel: Array) -> int:
+    """Samples at either end over which the noise of a channel (n,) fades in, and out likewise; 0 where it does not.
+
+    Each block of differences has a mean square; that of noise behind a window follows the window. It competes with
+    noise that is as loud all the time, and with noise that begins and ends at once, as that of steps of a converter
+    while a structure rests.
+    """
+    size = max(_BLOCK, len(channel) // _BLOCKS)
+    count, quarter = len(channel) // size, len(channel) // 4
+    squares = np.diff(channel, _ORDER) ** 2 / binom(2 * _ORDER, _ORDER)
+    if count < 4 or not np.median(squares) or not is_white(channel[quarter:-quarter]):
+        return 0
+    power = np.array([float(np.mean(block)) for block in np.array_split(squares, count)])
+    power /= float(np.median(power[count // 4 : -(count // 4)]))
+    place = (np.arange(count * _POINTS) + 0.5) / _POINTS  # in blocks
+    from_end = np.minimum(place, count - place).reshape(count, _POINTS)
+
+    def likelihood(shape: Array) -> float:
+        known = np.mean(shape, axis=1)
+        return max(float(np.sum(-np.log(known + least) - power / (known + least))) for least in _FLOORS)
+
+    lengths = range(2, count // 2)
+    steps = max(likelihood(np.where(from_end < length, 0.0, 1.0)) for length in (0, *lengths))
+    found = [(likelihood(window(np.minimum(from_end / n, 1.0))), n) for window in _WINDOWS for n in lengths]
+    best, length = max(found)
+    odds = 0.5 * size / _ALIKE * (best - steps)
+    return int(length * size) if odds > math.log(len(found) / _CHANCE) else 0
