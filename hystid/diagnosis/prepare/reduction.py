@@ -83,8 +83,7 @@ class Reduction:
             ends = np.cumsum([0, *(len(self.plain(i, part.x)) for i, part in enumerate(self.parts))])
             own = [slice(first, end) for first, end in pairwise(ends)]
             places = [np.linspace(-1.0, 1.0, len(part)) for part in self.parts]
-            lines: list[Array] = [legvander(place, max(degrees)).T for place in places]
-            rows = self._weighted(lines)
+            rows = self._weighted([np.asarray(legvander(place, max(degrees)), np.float64).T for place in places])
             self._basis = [
                 (at, orth(rows[: 1 + degree, at].T)) for at, degree in zip(own, degrees, strict=True) if degree
             ]

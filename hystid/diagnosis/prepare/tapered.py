@@ -25,6 +25,8 @@ _WINDOWS: tuple[Callable[[Array], Array], ...] = (
     lambda share: np.sin(0.5 * np.pi * share) ** 2,
     lambda share: share**2,
 )
+_ROUNDED = 1e-3  # of the largest value, that three digits leave of what a window takes away
+_RESTS = 0.5  # share of samples that repeat the one before, from which a channel rests
 _CHANCE = 1e-3  # probability of a taper by chance, over all that are tried
 _TOLD = "{0}: {1} fades in and out with its noise, as behind a window; {2} samples at either end are left out"
 
@@ -63,7 +65,19 @@ def _taper(channel: Array) -> int:
 
     lengths = range(2, count // 2)
     steps = max(likelihood(np.where(from_end < length, 0.0, 1.0)) for length in (0, *lengths))
-    found = [(likelihood(window(np.minimum(from_end / n, 1.0))), n) for window in _WINDOWS for n in lengths]
-    best, length = max(found)
-    odds = 0.5 * size / _ALIKE * (best - steps)
-    return int(length * size) if odds > math.log(len(found) / _CHANCE) else 0
+    tried = [(window, length) for window in _WINDOWS for length in lengths]
+    each = [likelihood(window(np.minimum(from_end / length, 1.0))) for window, length in tried]
+    best = int(np.argmax(each))
+    window, length = tried[best]
+    odds = 0.5 * size / _ALIKE * (each[best] - steps)
+    faded = int(length * size) if odds > math.log(len(tried) / _CHANCE) else 0
+    return faded if faded and _fades(channel, (faded, size), window) else 0
+
+
+def _fades(channel: Array, known: tuple[int, int], window: Callable[[Array], Array]) -> bool:
+    """Whether a channel itself is within its window at both ends, and does not rest there. known: samples of the
+    window, and to how many they are known."""
+    samples, off = known
+    within = np.sqrt(window(np.minimum((np.arange(samples) + off) / samples, 1.0))) + _ROUNDED
+    ends = np.stack([channel[:samples], channel[: -samples - 1 : -1]])
+    return bool(np.all(np.abs(ends) <= within * np.max(np.abs(channel))) and np.mean(np.diff(ends) == 0.0) < _RESTS)
