@@ -8,6 +8,8 @@ import pytest
 
 from hystid.diagnosis import diagnose
 from hystid.diagnosis.model.channel_effects import force_drifts
+from hystid.diagnosis.prepare.segments import prepare_part
+from hystid.recording import Recording
 from tests.test_diagnosis_windows import MODEL, NOMINAL, STIFFNESS, motion, recorded
 
 LEVELS = (60.0, 45.0, 30.0)
@@ -79,5 +81,10 @@ def test_a_constant_of_each_recording_is_no_drift_and_no_charge_that_is_lost(see
 
 def test_a_constant_of_each_recording_needs_no_clock_and_is_no_other_of_one() -> None:
     """Of a single recording it is a constant force, which the library has already."""
-    assert [drift.form for drift in force_drifts(1)] == ["", "Bowed"]
-    assert [drift.needs_clock for drift in force_drifts(3)] == [False, True, True]
+    t = np.arange(400) * 1e-2
+    slow, quick = (prepare_part(Recording("r", t, F=np.sin(w * t), x=np.sin(w * t))) for w in (3.0, 30.0))
+    assert [drift.form for drift in force_drifts([slow])] == ["", "Bowed"]
+    assert [drift.needs_clock for drift in force_drifts([slow] * 3)] == [False, True, True]
+    wandering = [drift for drift in force_drifts([slow, quick][1:] * 2) if drift.form.startswith("Wandering")]
+    assert [len(drift.amplitudes) for drift in wandering] == [2 * 6, 2 * 12]  # of 19 periods
+    assert force_drifts([slow, quick])[-1].form == "Bowed"  # the slowest motion of all recordings counts
