@@ -67,6 +67,7 @@ def test_slow_motion_that_was_taken_off_is_a_force_that_wanders(seed: int, chann
         assert not any(name.startswith("degree") for name in finding.parameters)
         swing = finding.parameters.get("swing_1")
         assert swing is None or (swing.unit == "N" and 0 < swing.stderr < swing.value)
+        assert swing is None or any("a zero that wanders" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(("seed", "channels"), [(997102, "x"), (997107, "xva"), (997110, "x")])

@@ -226,7 +226,7 @@ class ForceDrift(ChannelEffect):
             "offset": "Mean force without any",
             "ramp": "Its change with time",
             "bow": "Its bend over time",
-            "swing": "Standard deviation of the slow force that follows no motion",
+            "swing": "Standard deviation of what wanders beside these",
         }
         numbers = sorted({name.partition("_")[2] for name in self.amplitudes})
         return {f"{kind}_{n}": f"{meaning}, in recording {n}" for n in numbers for kind, meaning in kinds.items()}
@@ -251,9 +251,10 @@ class ForceDrift(ChannelEffect):
         return np.asarray(value)
 
 
+_WANDERING = "Wandering"
 _BOWED, _MOST = 3, 24  # polynomials of a bow; and most that are fitted to a recording, for the time that it takes
 _KINDS = {"Constant": ("offset",), "": ("offset", "ramp"), "Bowed": ("offset", "ramp", "bow")} | {
-    f"Wandering{most}": ("offset", "ramp", "bow", *(f"degree{degree}" for degree in range(_BOWED, most)))
+    f"{_WANDERING}{most}": ("offset", "ramp", "bow", *(f"degree{degree}" for degree in range(_BOWED, most)))
     for most in (6, 12, _MOST)
 }
 
@@ -271,6 +272,11 @@ def force_drift(recordings: int, form: str = "") -> ForceDrift:
     names: Sequence[str] = [f"{kind}_{i + 1}" for i in range(recordings) for kind in _KINDS[form]]
     units = {name: "N/s" if name.startswith("ramp") else "N" for name in names}
     return ForceDrift(DRIFT, form, "", None, amplitudes=tuple(names), units=units)
+
+
+def wanders(effect: Effect) -> bool:
+    """Whether an effect is a drift of the force channel with more bends than a bow."""
+    return effect.id == DRIFT and effect.form.startswith(_WANDERING)
 
 
 def is_constant(values: Mapping[str, float], parts: Sequence[Part]) -> bool:

@@ -16,6 +16,7 @@ from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.windows import for_recording, has_windows
 from hystid.diagnosis.fit.zeros import zeros_instead
 from hystid.diagnosis.model.adapters import FmuModel
+from hystid.diagnosis.model.channel_effects import wanders
 from hystid.diagnosis.model.freerun import errors
 from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.resonances import resonances, several_masses
@@ -30,6 +31,10 @@ from hystid.diagnosis.tell.findings import findings, headline
 from hystid.diagnosis.tell.result import Diagnosis, Errors, Traces
 from hystid.numeric import Flags
 
+_WANDERS = (
+    "F and the motion differ by a slow force that no law follows: a zero that wanders, or a high-pass filter or a "
+    "baseline correction of one of the channels; give them as recorded, if you have them"
+)
 _CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
 
 
@@ -55,6 +60,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     masses = several_masses(resonances(case.problem.parts)) if remains or choice.unknown else []
     masses += _place(case) if remains or choice.unknown else []
     masses += zeros_instead(case.problem, choice.after.hypothesis)
+    remains += [_WANDERS] if any(wanders(term.effect) for term in choice.after.hypothesis.terms) else []
     lines = periodic_forces(choice.after)
     said = (
         *(line.sentence() for line in lines), *case.notes, *_late(case, choice), *runs.notes, *told, *remains, *masses,
