@@ -103,6 +103,8 @@ def test_what_begins_and_ends_at_rest_has_no_window() -> None:
         grows * np.sin(2 * np.pi * 3.3 * t) + 0.01 * white,
         np.sin(2 * np.pi * 3.3 * t) + 0.01 * (0.1 + grows) * white,
         grows * np.sin(2 * np.pi * 3.3 * t),
+        np.where(np.abs(t - 2) < 0.7, 0.0, np.sin(2 * np.pi * 3.3 * t) + 0.01 * white),  # it rests in the middle
+        np.zeros(4000),
     ):
         test = Recording("r", t, F=x + 0.01 * rng.standard_normal(4000), x=x)
         assert len(between_tapers(test, 200)) == 4000

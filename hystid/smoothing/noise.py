@@ -139,7 +139,10 @@ def between_samples(channel: Array) -> Array:
 
 def is_white(part: Array) -> bool:
     """Whether a stretch shows white noise and no motion: differences of several orders agree, and have no shocks."""
-    apart = abs(np.log(_by_differences(part, _HIGHER) / _by_differences(part)))
+    higher, lower = _by_differences(part, _HIGHER), _by_differences(part)
+    if not higher or not lower:
+        return False  # it rests for most of the time
+    apart = abs(np.log(higher / lower))
     difference = np.diff(part, _DIFFERENCES)
     kurtosis = float(np.mean(difference**4) / np.mean(difference**2) ** 2)
     return apart < _ORDERS_APART / np.sqrt(len(part)) and kurtosis < _SHOCKS

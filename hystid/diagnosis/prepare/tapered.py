@@ -14,11 +14,8 @@ from hystid.smoothing.noise import is_white
 
 _ORDER = 6  # of the differences that show the noise
 _ALIKE = 3.2  # values of such differences of white noise that say as much as one that is independent
-_BLOCK, _BLOCKS, _POINTS = (
-    16,
-    256,
-    8,
-)  # samples of a block at least, blocks of a recording at most, and points of a block
+_BLOCK, _BLOCKS = 16, 256  # samples of a block at least, and blocks of a recording at most
+_POINTS = 8  # of a block, at which a window is known
 _FLOORS = (1e-8, 1e-5, 1e-2)  # power over that of the noise, of what rounding after the window leaves at the ends
 _WINDOWS: tuple[Callable[[Array], Array], ...] = (
     lambda share: np.sin(0.5 * np.pi * share) ** 4,  # power of a cosine taper (Tukey), of half a sine, of a trapezoid
@@ -50,13 +47,16 @@ def _taper(channel: Array) -> int:
     noise that is as loud all the time, and with noise that begins and ends at once, as that of steps of a converter
     while a structure rests.
     """
+    if len(channel) < 8 * _BLOCK:
+        return 0
     size = max(_BLOCK, len(channel) // _BLOCKS)
     count, quarter = len(channel) // size, len(channel) // 4
     squares = np.diff(channel, _ORDER) ** 2 / binom(2 * _ORDER, _ORDER)
-    if count < 4 or not np.median(squares) or not is_white(channel[quarter:-quarter]):
-        return 0
     power = np.array([float(np.mean(block)) for block in np.array_split(squares, count)])
-    power /= float(np.median(power[count // 4 : -(count // 4)]))
+    usual = float(np.median(power[count // 4 : -(count // 4)]))
+    if not usual or not is_white(channel[quarter:-quarter]):
+        return 0
+    power /= usual
     place = (np.arange(count * _POINTS) + 0.5) / _POINTS  # in blocks
     from_end = np.minimum(place, count - place).reshape(count, _POINTS)
 

@@ -13,6 +13,7 @@ from hystid.diagnosis.decide.answer import GAIN, Answer, describe
 from hystid.diagnosis.decide.trials import DELAY
 from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.fit.windows import Windowed
+from hystid.diagnosis.model.channel_effects import wanders
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.faults import Fault
 from hystid.diagnosis.tell.locate import where_term
@@ -69,7 +70,7 @@ def _finding(
         parameters = {"gain": Value(1 + answer.gain(), answer.gain_error(), "1")}
         return told(parameters, where), weight
     fitted = answer.at_the_structure(term, answer.stated(fit.hypothesis.terms.index(term), term))
-    return told(_summed(fitted), where), weight
+    return told(_summed(fitted) if wanders(term.effect) else fitted, where), weight
 
 
 def _summed(values: Mapping[str, Value]) -> dict[str, Value]:
