@@ -151,14 +151,14 @@ def test_a_users_own_block_is_a_candidate(tmp_path: Path) -> None:
     block = tmp_path / "mine.mo"
     block.write_text(
         'block MagnetPull "Constant pull"\n  extends HystId.Interfaces.PartialEffect;\n'
-        '  parameter Real pull(unit = "N") = 0 "Pull";\nequation\n  f = pull;\nend MagnetPull;\n'
+        '  parameter Real degree_of_pull(unit = "N") = 0 "Pull";\nequation\n  f = degree_of_pull;\nend MagnetPull;\n'
     )
     found = diagnose(
         [_shaken()], model="HystId.Oscillators.Linear", parameters={"m": 0.0, "B": 20.0, "Kl": 1e4}, effects=block,
         exclude=("preload", "asymmetric_friction", "force_drift"), out=tmp_path / "out",
     )  # fmt: skip
     assert [finding.effect for finding in found.findings] == ["magnet_pull"]
-    assert abs(found.findings[0].parameters["pull"].value - 2.0) < 0.02
+    assert abs(found.findings[0].parameters["degree_of_pull"].value - 2.0) < 0.02
     assert "MagnetPull" in (tmp_path / "out" / "extended.mo").read_text()
 
 
