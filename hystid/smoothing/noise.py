@@ -26,7 +26,7 @@ _SHOCK = 10.0  # times the median difference: noise of any colour reaches 6
 _UNRESOLVED = 0.02  # of a difference of sixth order: the sum over a haversine of two to four samples is off by 5 % of
 # it in the median, and some nine samples share that
 _LEVELS = 8  # of a channel with steps: fewer are noise of more than 20 dB, or a force that is switched
-_RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
+RESTING = 0.4  # share of samples that repeat the one before, above which a channel is a staircase
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
 _WELL, _WIDER = 0.3, 1.16  # of the Nyquist frequency, above which that is so; edges of bands below that over each other
 _FINE_BANDS = np.concatenate([_WELL / _WIDER ** np.arange(12.0, 0.0, -1.0), np.linspace(_WELL, 0.98, 15)])  # where a
@@ -133,7 +133,7 @@ def between_samples(channel: Array) -> Array:
     its differences of sixth order are not far above those elsewhere."""
     if len(channel) < 64:
         return np.zeros(len(channel))
-    rough = maximum_filter1d(np.pad(np.abs(_differences(channel, _DIFFERENCES)), _DIFFERENCES // 2), _DIFFERENCES + 1)
+    rough = maximum_filter1d(np.pad(np.abs(scaled_differences(channel)), _DIFFERENCES // 2), _DIFFERENCES + 1)
     return np.where(rough > _SHOCK * np.median(rough), _UNRESOLVED * rough, 0.0)
 
 
@@ -156,11 +156,11 @@ def steps(channel: Array) -> NDArray[np.intp] | None:
     value alone, and one that is switched jumps: they are none.
     """
     resting = np.diff(channel) == 0.0
-    if np.mean(resting) < _RESTING or np.all(resting):
+    if np.mean(resting) < RESTING or np.all(resting):
         return None
     levels, count = np.unique(channel[1:][resting], return_counts=True)
     elsewhere = channel[1:] != levels[np.argmax(count)]
-    if np.mean(resting[elsewhere]) < _RESTING:
+    if np.mean(resting[elsewhere]) < RESTING:
         return None
     shown = channel[np.append(True, ~resting)]
     is_coarse = len(levels) >= _LEVELS and np.median(np.abs(np.diff(np.searchsorted(levels, shown)))) <= 1
@@ -179,10 +179,10 @@ def _by_steps(channel: Array) -> float:
 
 
 def _by_differences(channel: Array, order: int = _DIFFERENCES) -> float:
-    return float(np.median(np.abs(_differences(channel, order))) / 0.6745)
+    return float(np.median(np.abs(scaled_differences(channel, order))) / 0.6745)
 
 
-def _differences(channel: Array, order: int) -> Array:
+def scaled_differences(channel: Array, order: int = _DIFFERENCES) -> Array:
     """Differences of some order, scaled to the size of white noise."""
     return np.asarray(np.diff(channel, order) / np.sqrt(binom(2 * order, order)))
 
@@ -260,8 +260,8 @@ def _in_band(lines: NDArray[np.complex128], first: int, end: int, window: Array)
 def _smoothed(
     channel: Array, others: Sequence[Array], lines: NDArray[np.complex128], window: Array, known: Collection[float] = ()
 ) -> NoiseBefore | None:
-    """White noise before a user's smoothing; None where the upper part of a spectrum is
-    not that of smoothed noise. known: corners of kernels that other recordings show."""
+    """White noise before a user's smoothing; None where the upper part of a spectrum is not that of smoothed noise.
+    known: corners of kernels that other recordings show."""
     edges = (_FINE_BANDS[_FINE_BANDS >= _WELL] * (len(lines) - 1)).astype(int)
     first, end = edges[0], edges[-1]
     kernel = kernel_of_smoothing(np.abs(lines) ** 2, first, end) if np.min(np.diff(edges)) >= _LINES else None

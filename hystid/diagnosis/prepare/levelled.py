@@ -10,7 +10,7 @@ from hystid.consistency.kinematics import ORDER
 from hystid.numeric import Array
 from hystid.recording import Recording
 
-_EXACT = 1e-5  # of the standard deviation: rounding to four digits leaves less in 100 samples; a thousand independent
+_EXACT = 1e-5  # of the standard deviation: rounding to five digits leaves less in 100 samples; a thousand independent
 # samples have a mean and a slope as small in one recording of ten million
 _HOW = "measured, less a straight line"
 _TOLD = (

@@ -73,10 +73,7 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         raise
     _check_apart(tests, unseen)
     _check_content([*tests, *unseen])
-    tests, unseen = (
-        [where_measured(between_tapers(without_spikes(with_lines_told(test)), SHORTEST), SHORTEST) for test in group]
-        for group in (tests, unseen)
-    )
+    tests, unseen = ([_as_recorded(test) for test in group] for group in (tests, unseen))
     read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
     measured = _measured_only([*read.tests, *read.unseen], len(read.tests))
     tests, unseen, given = _with_decays(measured[: len(read.tests)], measured[len(read.tests) :], given)
@@ -91,6 +88,12 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         for group in (bounded[: len(tests)], bounded[len(tests) :])
     )
     return Taken(tests, unseen, given, read.faults, clipped, read.misread, read.doubts, tuple(read.tests), integrated)
+
+
+def _as_recorded(test: Recording) -> Recording:
+    """The samples of a recording that a sensor gave, as far as those that a user changed can be told."""
+    within = between_tapers(without_spikes(with_lines_told(test)), SHORTEST)
+    return where_measured(within, SHORTEST)
 
 
 def inputs_missing(refusal: RecordingError) -> bool:

@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.special import binom
 
 from hystid.numeric import Array
 from hystid.recording import Recording
-from hystid.smoothing.noise import is_white
+from hystid.smoothing.noise import RESTING, is_white, scaled_differences
 
-_ORDER = 6  # of the differences that show the noise
-_ALIKE = 3.2  # values of such differences of white noise that say as much as one that is independent
+_ALIKE = 3.2  # differences of sixth order of white noise that say as much as one that is independent: the sum of their
+# squared correlations, C(24, 12) / C(12, 6)^2
 _BLOCK, _BLOCKS = 16, 256  # samples of a block at least, and blocks of a recording at most
 _POINTS = 8  # of a block, at which a window is known
 _FLOORS = (1e-8, 1e-5, 1e-2)  # power over that of the noise, of what rounding after the window leaves at the ends
@@ -24,7 +23,6 @@ _WINDOWS: tuple[Callable[[Array], Array], ...] = (
 )
 _ROUNDED = 1e-3  # of the largest value, that three digits leave of what a window takes away
 _KNOWN = 0.1  # of a window's length, to which noise tells it: the last tenth of a cosine taper takes off 2 %
-_RESTS = 0.5  # share of samples that repeat the one before, from which a channel rests
 _CHANCE = 1e-3  # probability of a taper by chance, over all that are tried
 _TOLD = "{0}: {1} fades in and out with its noise, as behind a window; {2} samples at either end are left out"
 
@@ -51,7 +49,7 @@ def _taper(channel: Array) -> int:
         return 0
     size = max(_BLOCK, len(channel) // _BLOCKS)
     count, quarter = len(channel) // size, len(channel) // 4
-    squares = np.diff(channel, _ORDER) ** 2 / binom(2 * _ORDER, _ORDER)
+    squares = scaled_differences(channel) ** 2
     power = np.array([float(np.mean(block)) for block in np.array_split(squares, count)])
     usual = float(np.median(power[count // 4 : -(count // 4)]))
     if not usual or not is_white(channel[quarter:-quarter]):
@@ -81,4 +79,4 @@ def _fades(channel: Array, samples: int, block: float, window: Callable[[Array],
     place = np.arange(samples) / samples / (1 - _KNOWN) + block
     within = np.sqrt(window(np.minimum(place, 1.0))) + _ROUNDED
     ends = np.stack([channel[:samples], channel[: -samples - 1 : -1]])
-    return bool(np.all(np.abs(ends) <= within * np.max(np.abs(channel))) and np.mean(np.diff(ends) == 0.0) < _RESTS)
+    return bool(np.all(np.abs(ends) <= within * np.max(np.abs(channel))) and np.mean(np.diff(ends) == 0.0) < RESTING)
