@@ -12,5 +12,6 @@ equation
   f = Fc*w;
   annotation(Documentation(info = "<html><p>Bouc (1967), Wen (1976), scaled so that w tends to 1.</p></html>"),
     __HystId_effect(
-      becomes = {End(law = "coulomb_friction", of = x_c, below = 1, per = "resolution", fit = "equivalent")}));
+      becomes = {End(law = "cubic_stiffness", of = gamma, below = 0.02),
+        End(law = "coulomb_friction", of = x_c, below = 1, per = "resolution", fit = "equivalent")}));
 end HystereticFriction__BoucWen;
