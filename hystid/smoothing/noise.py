@@ -36,6 +36,7 @@ _FLAT, _CAUTIOUS = 70, 25  # lines of a band below, so that three of them tell w
 _SHELF, _STEEP = 3, 3.0  # bands of noise before a filter, and its fall in power at least
 _CLIFF = 10.0  # the same where motion may end by itself
 _RARELY = 1e-3  # chance by which bands of smoothed noise are further from what their filter leaves
+NOISE_ERROR = 0.05  # relative error of the noise power that is estimated from a recording
 MISREAD = 2.0  # by which noise must be louder before a filter than behind it: chance, and filters of recorders near
 # half the sample rate, are below
 _LEAK = 1e-2  # of a response, below which a window and rounding leave more in a spectrum than noise

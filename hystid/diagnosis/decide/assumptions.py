@@ -21,8 +21,8 @@ from hystid.diagnosis.fit.case import (
     at_rest,
     moved_slowly,
     never_let_go,
+    noise_beside,
     off_zero,
-    recoloured,
     swings_of_the_past,
     unseen_along,
     with_the_past,
@@ -260,7 +260,7 @@ def _numbers(choice: Choice) -> float:
 def _coloured(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     """With the colour of the noise as it is beside the law that fits best. Not where a law that left noise leaves more
     than noise then: the colour that was measured beside it is not that of the noise either."""
-    coloured = recoloured(case, choice.best) if choice.missing else None
+    coloured = noise_beside(case, choice.best) if choice.missing else None
     if coloured is None:
         return case, choice
     again = chosen(coloured, library, known=choice.posterior.likely)

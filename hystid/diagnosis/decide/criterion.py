@@ -29,10 +29,10 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
-from hystid.diagnosis.fit.colour import NOISE_ERROR
 from hystid.diagnosis.fit.curves import CELLS, CURVE, cells
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
+from hystid.smoothing.noise import NOISE_ERROR
 
 Array = NDArray[np.float64]
 

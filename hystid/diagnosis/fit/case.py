@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.colour import (
-    NOISE_ERROR,
     coloured_alike,
     fainter,
     slow_power,
@@ -24,8 +23,9 @@ from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import NO_LAW, without_knocks
 from hystid.diagnosis.fit.periodic import without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
-from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest
+from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest, refit_beside
 from hystid.diagnosis.fit.slow_motion import SlowMotion, lacks_slow_motion, settled_along, slow_motion_of
+from hystid.diagnosis.fit.velocity_sign import TURN
 from hystid.diagnosis.fit.windows import for_recording
 from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
@@ -34,7 +34,7 @@ from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.model.channel_effects import history
 from hystid.diagnosis.model.effects import Effect, Scales
 from hystid.diagnosis.model.redundancy import without_redundancy
-from hystid.diagnosis.model.starts import scaled, sizes_of
+from hystid.diagnosis.model.starts import scaled, sizes_of, turning
 from hystid.diagnosis.model.transients import beginning, maybe_holding
 from hystid.diagnosis.prepare import chain
 from hystid.diagnosis.prepare.faults import Fault
@@ -45,6 +45,7 @@ from hystid.diagnosis.prepare.segments import Flags, Part, band, prepare_parts, 
 from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
+from hystid.smoothing.noise import NOISE_ERROR
 
 Array = NDArray[np.float64]
 _LIBRARY = "HystId."
@@ -127,7 +128,8 @@ def pose(
         dampers = {v.name for v in real_parameters(code) if v.unit == "N.s/m"} - set(values) if still else set()
         start, rest = {**starts, **dict.fromkeys(dampers, 0.0), **values}, frozenset(fixed) | dampers
         base = baseline_of(model, code, start, rest, weighed=weighed, length=length, model=runs)
-        return replace(base, stated=frozenset(values)), told
+        most = _slowest_turns(parts, code, start) if model.startswith(_LIBRARY) else {}
+        return replace(base, stated=frozenset(values), highest={**base.highest, **most}), told
 
     baseline, told = begun(values)
     if (sentence := _no_force(baseline, parts)) and model.startswith(_LIBRARY):
@@ -321,23 +323,29 @@ def _colour(problem: Problem, refitted: Fit, *, led: bool = False) -> list[Part]
     return None
 
 
-def recoloured(case: Case, law: Fit) -> Case | None:
-    """The case with the colour of its noise measured beside a law that explains what the baseline leaves; None where
-    it is about the same there.
+def noise_beside(case: Case, law: Fit) -> Case | None:
+    """The case with its noise as it is beside a law that explains what the baseline leaves: with its colour there, and
+    the rows weighed down in which this law jumps. None where that is about the same.
 
-    What moves the structure slowly, or not at all, may have been taken for noise as long as no law explained it.
+    What moves the structure slowly, or not at all, may have been taken for noise as long as no law explained it, and
+    noise for a force; and a refit that is led astray jumps elsewhere.
     """
-    problem = case.problem
-    if not any(any(part.colour) for part in problem.parts):
+    problem, leaves_more = case.problem, law.chi2 > case.problem.floor(law) + NOISE_ERROR
+    was_white = not any(any(part.colour) for part in problem.parts)
+    if was_white and not leaves_more:
         return None
     white = problem.of(fainter(problem.parts, problem.parts, 0.0))
-    parts = _colour(white, refit_again(white, [law])[0]) or white.parts
-    louder = slow_power(problem.parts) / slow_power(parts)
-    if louder < _LOUDER and law.chi2 >= problem.floor(law) - NOISE_ERROR:
+    beside = refit_again(white, [law])[0]
+    coloured = _colour(white, beside)
+    again = problem.of(coloured or white.parts)
+    if coloured is not None:
+        beside = refit_again(again, [beside])[0]
+    is_noise_now = leaves_more and beside.chi2 < again.floor(beside) + NOISE_ERROR
+    is_fainter = slow_power(problem.parts) >= _LOUDER * slow_power(again.parts)
+    if not (is_noise_now or is_fainter or law.chi2 < problem.floor(law) - NOISE_ERROR):
         return None
-    again = problem.of(parts)
-    refitted, minima, nominal = refit_again(again, [case.refit, *case.minima])
-    unseen = tuple(coloured_alike(case.unseen, parts))
+    refitted, minima, nominal = refit_beside(again, [case.refit, *case.minima], beside)
+    unseen = tuple(coloured_alike(case.unseen, again.parts))
     return replace(case, problem=again, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=unseen)
 
 
@@ -463,6 +471,13 @@ def _starts(
         reason = "time only numbers the samples" if quasi_static else "inertia cannot be told from the other forces"
         notes.append(f"mass 0, as {reason}: the force is taken as the restoring force; give m where this is not so")
     return starts, notes if starts else []
+
+
+def _slowest_turns(parts: Sequence[Part], code: ModelCode, start: Mapping[str, float]) -> dict[str, float]:
+    """Largest speeds over which a law of the library may turn: beyond, it is no contact that turns, but a damper, and a
+    refit takes it for what is missing."""
+    most = TURN * max(float(np.max(np.abs(part.v))) for part in parts)
+    return {name: max(most, start.get(name, 0.0)) for name in turning(real_parameters(code))}
 
 
 def scales_of(parts: Sequence[Part], baseline: Baseline) -> Scales:

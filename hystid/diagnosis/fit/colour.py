@@ -26,7 +26,6 @@ from hystid.diagnosis.prepare.reduction import ROWS, colouring
 from hystid.diagnosis.prepare.segments import Part, band
 
 Array = NDArray[np.float64]
-NOISE_ERROR = 0.05  # relative error of the noise power that is estimated from a recording
 _POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of their own
 _FIRST = 3  # line of the spectrum from which the polynomial and the window leave it alone
 _BELOW = 0.5  # share of the lowest frequency of the motion below which the window leaks nothing of it

@@ -83,10 +83,15 @@ def refit_at_rest(
     if friction is None:
         return None
     sure = problem.reduce.sure()
+    found = refit_beside(problem, before, friction)
+    return found if np.any(sure & ~problem.reduce.sure()) else None
+
+
+def refit_beside(problem: Problem, before: Sequence[Fit], law: Fit) -> tuple[Fit, tuple[Fit, ...], float]:
+    """The same from fits of another problem with the same recordings, with the rows weighed down in which a law jumps
+    that explains what they leave: a refit that is led astray jumps elsewhere."""
     nominal = Hypothesis(dict(problem.baseline.nominal), before[0].hypothesis.terms)
-    problem.distrust(friction.hypothesis, nominal)
-    if not np.any(sure & ~problem.reduce.sure()):
-        return None
+    problem.distrust(law.hypothesis, nominal)
     made = [one for fit in before if (one := try_fit(problem, fit.hypothesis, 25)) is not None]
     best, *others = sorted(made or before[:1], key=lambda f: f.chi2)
     return best, _minima(best, others), float(np.mean(problem.rows(nominal) ** 2))

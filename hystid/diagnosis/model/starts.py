@@ -78,6 +78,14 @@ def _correlation(one: Array, other: Array) -> float:
     return float(np.mean((one - np.mean(one)) * (other - np.mean(other)))) / spread if spread > 0 else 0.0
 
 
+def turning(variables: Sequence[Variable]) -> list[str]:
+    """Speeds over which a law turns with the direction of motion, where its default is to turn at once.
+
+    variables: the real parameters of a class of the library.
+    """
+    return [v.name for v in variables if v.unit == "m/s" and v.min == 0 and not v.start]
+
+
 def scaled(
     variables: Sequence[Variable], given: Mapping[str, float], sizes: Sizes, hysteretic: bool
 ) -> dict[str, float]:
@@ -97,7 +105,7 @@ def scaled(
     largest: dict[str, float] = {}
     for variable in variables:
         largest[variable.unit] = max(largest.get(variable.unit, 0.0), abs(variable.start or 0.0))
-    sharp = {v.name: _ROUNDED * sizes.speed for v in variables if v.unit == "m/s" and v.min == 0 and not v.start}
+    sharp = {name: _ROUNDED * sizes.speed for name in turning(variables)}
     known = [v for v in variables if v.start and v.unit in target]
     sized = {v.name: float(v.start or 0.0) * target[v.unit] / largest[v.unit] for v in known}
     return {name: value for name, value in {**sharp, **sized}.items() if name not in given}

@@ -20,6 +20,7 @@ from hystid.diagnosis.prepare.differences import FIRST, SECOND
 from hystid.diagnosis.prepare.filtering import filtered, quick_length
 from hystid.diagnosis.prepare.segments import Part, band
 from hystid.numeric import Array, Flags
+from hystid.smoothing.noise import NOISE_ERROR
 from hystid.smoothing.smoother import BELOW
 
 ROWS = 16_000  # of the least squares problems; more are averaged in blocks
@@ -129,7 +130,7 @@ class Reduction:
         wide = spread + filtered**2 + unsure**2
         if float(np.quantile(wide, _RARE)) > _JUMP:
             self._trust, self._basis = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0), None
-        self._open = np.where(unsure**2 > np.finfo(float).eps, unsure**2, 0.0)  # a law without a jump leaves rounding
+        self._open = unsure**2
 
     def trust(self) -> None:
         """Weigh all rows alike again."""
@@ -164,7 +165,7 @@ class Reduction:
 
     def told(self) -> Flags:
         """Rows, (rows,), that are not weighed down, and in which it is known where a law stands."""
-        return np.asarray(self.sure() & (self._open == 0.0))
+        return np.asarray(self.sure() & (self._open < NOISE_ERROR))
 
     @property
     def is_local(self) -> bool:
