@@ -170,7 +170,8 @@ class Criterion:
         baseline gains nothing. floor: of the noise; NaN for that of the baseline."""
         less = max(self._open - self.problem.reduce.left_open(fit.residual), 0.0)
         known = floor if np.isfinite(floor) else self.floor
-        known = min(known, max(fit.chi2 + less, self.floor))  # noise that a law is said to add, as far as it is there
+        # Noise that a law is said to add, as far as it is there at the level that noise has.
+        known = min(known, max(fit.chi2 + less - self.level, self.floor))
         return max(fit.chi2 + less - known - self.level, self.standing(fit, known))
 
     def standing(self, fit: Fit, known: float) -> float:
