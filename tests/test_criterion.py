@@ -147,6 +147,15 @@ def test_noise_that_a_law_is_said_to_add_explains_nothing(stiffening: Diagnosis)
     assert criterion.misfit(before, before.chi2) > 10 * criterion.slack
 
 
+def test_noise_that_a_law_adds_counts_at_the_level_that_noise_has(stiffening: Diagnosis) -> None:
+    criterion, hypothesis = fits(stiffening, 0.0)
+    below, added = 0.1 * criterion.floor, 0.05 * criterion.floor
+    plain, noisy = (replace(hypothesis.fit, chi2=criterion.floor + more - below) for more in (0.0, added))
+    quiet = criterion.at(-below)  # the noise is a tenth less than the channels show
+    assert quiet.misfit(plain, criterion.floor) == pytest.approx(0.0, abs=1e-12)  # rounding
+    assert quiet.misfit(noisy, criterion.floor + added) == pytest.approx(0.0, abs=1e-12)  # as good as the other
+
+
 def test_what_noise_adds_grows_without_a_jump(stiffening: Diagnosis) -> None:
     """Two fits of one law differ in the last digits: neither is believed to be much louder than the other."""
     criterion, hypothesis = fits(stiffening, 0.0)
