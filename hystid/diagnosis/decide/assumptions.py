@@ -258,14 +258,16 @@ def _numbers(choice: Choice) -> float:
 
 
 def _coloured(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
-    """With the colour of the noise as it is beside the law that fits best. Not where a law that left noise leaves more
-    than noise then: the colour that was measured beside it is not that of the noise either."""
-    coloured = noise_beside(case, choice.best) if choice.missing else None
-    if coloured is None:
+    """With the noise as it is beside the law that fits best. Not where a law that left noise leaves more than noise
+    then: the colour that was measured beside it is not that of the noise either. Nor where one that left more makes all
+    of it go away without a name: it may have been in the rows in which that law jumps."""
+    beside = noise_beside(case, choice.best) if choice.missing else None
+    if beside is None:
         return case, choice
-    again = chosen(coloured, library, known=choice.posterior.likely)
-    is_worse = leaves_noise(case.problem, choice.best) and not leaves_noise(coloured.problem, again.best)
-    return (case, choice) if is_worse else (coloured, again)
+    again = chosen(beside, library, known=choice.posterior.likely)
+    left_noise = leaves_noise(case.problem, choice.best)
+    is_worse = not leaves_noise(beside.problem, again.best) if left_noise else not again.missing
+    return (case, choice) if is_worse else (beside, again)
 
 
 def _is_doubtful(choice: Choice) -> bool:
