@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hystid.diagnosis import diagnose
-from hystid.diagnosis.fit.case import Case, pose, recoloured
+from hystid.diagnosis.fit.case import Case, noise_beside, pose
 from hystid.diagnosis.fit.colour import _above_all, _fitted, _seen, coloured_alike, fainter
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.prepare.given import given_parameters
@@ -129,10 +129,10 @@ def test_a_force_that_rectifies_is_no_noise() -> None:
 def test_noise_that_is_louder_than_what_a_law_leaves_is_measured_anew() -> None:
     """Slow physics may be taken for noise; beside the law that explains it the noise is what it was."""
     case = posed(rig(1, 0.0), rig(2, 0.0))
-    assert recoloured(case, case.refit) is None
+    assert noise_beside(case, case.refit) is None
     loud = case.problem.of(coloured_alike(case.problem.parts, [replace(case.problem.parts[0], colour=(1.0, 0.0))]))
     (law, *_), floor = refit_again(loud, [case.refit]), case.problem.floor(case.refit)
-    again = recoloured(replace(case, problem=loud), law)
+    again = noise_beside(replace(case, problem=loud), law)
     assert again is not None and again.problem.parts[0].colour == (0.0, 0.0)
     # the draws of the noise are filtered there and back, but for what their ends lose: rounding of single precision
     assert again.problem.floor(again.refit) == pytest.approx(floor, rel=1e-3)
