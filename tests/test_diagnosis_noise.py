@@ -66,6 +66,18 @@ def test_noise_that_is_loud_beside_a_motion_is_read_before_the_filter_as_well() 
     assert noise_level(channel, []) < 0.01
 
 
+def test_loud_noise_of_a_force_is_read_before_a_filter_that_another_recording_shows() -> None:
+    """A test at a tenth of the level: its force has 11 dB of noise, which alone may be a force that is loud at all
+    frequencies. Behind the filter it was read 500 times too small."""
+    rng, t = np.random.default_rng(6), np.arange(6000) * 1e-3
+    motion, runs = np.sin(2 * np.pi * 5 * t), []
+    for name, size in (("loud", 1.0), ("low", 0.1)):
+        noise = [decimated(rng.standard_normal(len(t)), 0.37) for _ in range(2)]
+        runs.append(Recording(name, t, F=size * motion + 0.02 * noise[0], x=size * motion + 0.002 * noise[1]))
+    for part in prepare_parts(runs):
+        assert part.noise["F"] == pytest.approx(0.02, rel=0.1)  # as above
+
+
 @pytest.mark.parametrize("hidden_by", ["tail", "burst"])
 def test_noise_is_read_before_a_filter_that_another_recording_shows(hidden_by: str) -> None:
     """One recorder filters a channel in all recordings; in the second one the motion hides where its noise ends."""

@@ -246,7 +246,7 @@ def filtered_beyond(
         first, end = edges[last - 1], edges[last]
         if 0.5 * bands[last] in corners:
             level = _level(channel, inside(first, end), first, end, len(lines))
-            if level**2 < most * float(np.var(channel)):
+            if level**2 < _HALF * float(np.var(channel)):
                 return NoiseBefore(0.5 * float(bands[last]), level)
     return NoiseBefore()
 
