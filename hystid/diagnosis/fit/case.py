@@ -341,8 +341,8 @@ def noise_beside(case: Case, law: Fit) -> Case | None:
     if coloured is not None:
         beside = refit_again(again, [beside])[0]
     is_noise_now = leaves_more and beside.chi2 < again.floor(beside) + NOISE_ERROR
-    if was_white and coloured is not None:  # a force that nobody has modelled may be slow as well
-        is_noise_now &= is_noise(again, beside)
+    if coloured is not None:  # a force that nobody has modelled may be slow as well
+        is_noise_now = is_noise_now and is_noise(again, beside)
     is_fainter = slow_power(problem.parts) >= _LOUDER * slow_power(again.parts)
     if not (is_noise_now or is_fainter or law.chi2 < problem.floor(law) - NOISE_ERROR):
         return None
