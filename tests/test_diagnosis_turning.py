@@ -7,18 +7,13 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from hystid.diagnosis import diagnose
-from hystid.diagnosis.fit.velocity_sign import TURN
-from hystid.diagnosis.tell.result import Diagnosis
 from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import NOISE_ERROR
+from tests.test_colour import noise
+from tests.test_real_recordings import names
 
 CONTACT = "HystId.Oscillators.PecorariSolodov"
-
-
-def names(found: Diagnosis) -> list[str]:
-    """Ids of what was found."""
-    return [finding.effect for finding in found.findings]
 
 
 def pecorari(x: Array, v: Array, stiffness: float, x0: float, x1: float) -> Array:
@@ -27,18 +22,11 @@ def pecorari(x: Array, v: Array, stiffness: float, x0: float, x1: float) -> Arra
     return np.asarray(stiffness * way * (0.5 * (x0 - x1) - np.maximum(-way * x - x1, 0.0)))
 
 
-def noise(rng: np.random.Generator, count: int, pink: float) -> Array:
-    """Noise of unit power, (count,), of which a share falls as 1/f."""
-    line = np.maximum(np.arange(count // 2 + 1), 1)
-    shape = np.sqrt(1 - pink + pink / line / np.mean(1 / line))
-    return np.asarray(np.fft.irfft(np.fft.rfft(rng.standard_normal(count)) * shape, count))
-
-
 def multisine(
     seed: int, rate: float, band: tuple[float, float], size: float, force: Callable[[Array, Array, Array], Array],
     channels: str, pink: float = 0.0,
 ) -> Recording:  # fmt: skip
-    """A motion that is given, the force that it takes, and 34 dB of noise on every channel."""
+    """A motion that is given, the force that it takes, with white noise of 34 dB and 1/f noise on every channel."""
     rng, t = np.random.default_rng(seed), np.arange(8000) / rate
     w, phase = 2 * np.pi * rng.uniform(*band, 9), rng.uniform(0, 2 * np.pi, 9)
     share = rng.uniform(0.3, 1.0, 9) / w
@@ -46,16 +34,16 @@ def multisine(
     x, v, a = (size / np.max(np.abs(x)) * y for y in (x, v, a))
     columns = {"F": force(x, v, a), "x": x, "v": v, "a": a}
     seen = {
-        name: y + 10 ** (-34 / 20) * np.std(y) * noise(rng, len(t), pink)
+        name: y + 10 ** (-34 / 20) * np.std(y) * noise(rng, pink, len(t))
         for name, y in columns.items()
         if name in "F" + channels
     }
     return Recording(f"test {seed}", t, **seen)
 
 
-@pytest.mark.parametrize("pink", [0.5, 0.7])
+@pytest.mark.parametrize("pink", [0.03, 0.06])
 def test_the_right_laws_leave_noise_beside_a_contact_that_turns(pink: float) -> None:
-    """The refit without them jumps at other places, and takes 1/f noise for a force: it was 60 to 80 % sure."""
+    """The refit without them jumps at other places, and takes 1/f noise for a force: it was 66 and 72 % sure."""
 
     def force(x: Array, v: Array, a: Array) -> Array:
         missing = 1.35e4 * np.abs(v) * v + 2e12 * x**3
@@ -85,7 +73,7 @@ def test_a_refit_leaves_a_contact_a_contact() -> None:
     fastest = max(float(np.max(np.abs(test.v))) for test in tests if test.v is not None)
     assert found.problem is not None and found.final is not None
     most = found.problem.baseline.highest["v_turn"]
-    assert most == pytest.approx(TURN * fastest, rel=0.1)  # noise of 2 % is in the largest sample
+    assert most == pytest.approx(0.05 * fastest, rel=0.1)  # noise of 2 % is in the largest sample
     assert found.final.hypothesis.values["v_turn"] <= most
 
 

@@ -89,7 +89,7 @@ def decided(
         case, choice = _moving(case, choice, library, posed(rested=False))
     if case.may_hold and choice.missing and _changes(choice):
         case, choice = _moving(case, choice, library, posed(rested=False, holding=True))
-    case, choice = _coloured(case, choice, library)
+    case, choice = _with_noise_beside(case, choice, library)
     case, choice = _slowly(case, choice, library)
     case, choice = _held(*_sound(case, choice, library), library)
     if integrated and choice.unknown:
@@ -257,7 +257,7 @@ def _numbers(choice: Choice) -> float:
     return next((c.hypothesis.numbers for c in choice.posterior.candidates if frozenset(c.names) == named), np.inf)
 
 
-def _coloured(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+def _with_noise_beside(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     """With the noise as it is beside the law that fits best. Not where a law that left noise leaves more than noise
     then: the colour that was measured beside it is not that of the noise either. Nor where one that left more makes all
     of it go away without a name: it may have been in the rows in which that law jumps."""

@@ -12,12 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.diagnosis.fit.colour import (
-    coloured_alike,
-    fainter,
-    slow_power,
-    with_colour,
-)
+from hystid.diagnosis.fit.colour import coloured_alike, fainter, slow_power, with_colour
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import NO_LAW, without_knocks
@@ -25,7 +20,7 @@ from hystid.diagnosis.fit.periodic import without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest, refit_beside
 from hystid.diagnosis.fit.slow_motion import SlowMotion, lacks_slow_motion, settled_along, slow_motion_of
-from hystid.diagnosis.fit.velocity_sign import TURN
+from hystid.diagnosis.fit.velocity_sign import longest_turn
 from hystid.diagnosis.fit.windows import for_recording
 from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
@@ -128,7 +123,7 @@ def pose(
         dampers = {v.name for v in real_parameters(code) if v.unit == "N.s/m"} - set(values) if still else set()
         start, rest = {**starts, **dict.fromkeys(dampers, 0.0), **values}, frozenset(fixed) | dampers
         base = baseline_of(model, code, start, rest, weighed=weighed, length=length, model=runs)
-        most = _slowest_turns(parts, code, start) if model.startswith(_LIBRARY) else {}
+        most = _longest_turns(parts, code, start) if model.startswith(_LIBRARY) else {}
         return replace(base, stated=frozenset(values), highest={**base.highest, **most}), told
 
     baseline, told = begun(values)
@@ -475,11 +470,10 @@ def _starts(
     return starts, notes if starts else []
 
 
-def _slowest_turns(parts: Sequence[Part], code: ModelCode, start: Mapping[str, float]) -> dict[str, float]:
+def _longest_turns(parts: Sequence[Part], code: ModelCode, start: Mapping[str, float]) -> dict[str, float]:
     """Largest speeds over which a law of the library may turn: beyond, it is no contact that turns, but a damper, and a
     refit takes it for what is missing."""
-    most = TURN * max(float(np.max(np.abs(part.v))) for part in parts)
-    return {name: max(most, start.get(name, 0.0)) for name in turning(real_parameters(code))}
+    return {name: max(longest_turn(parts), start.get(name, 0.0)) for name in turning(real_parameters(code))}
 
 
 def scales_of(parts: Sequence[Part], baseline: Baseline) -> Scales:

@@ -65,7 +65,7 @@ def refit(
 def refit_again(problem: Problem, before: Sequence[Fit]) -> tuple[Fit, tuple[Fit, ...], float]:
     """The same from fits of another problem with the same recordings, of which the noise is known better now."""
     made = [one for fit in before if (one := try_fit(problem, fit.hypothesis, 25)) is not None]
-    nominal = Hypothesis(dict(problem.baseline.nominal), before[0].hypothesis.terms)
+    nominal = _nominal(problem, before)
     return _without_jumps(problem, sorted(made or before[:1], key=lambda f: f.chi2), nominal)
 
 
@@ -82,16 +82,25 @@ def refit_at_rest(
     friction = try_term(problem, before[0], scanned[0].term) if scanned else None
     if friction is None:
         return None
-    sure = problem.reduce.sure()
-    found = refit_beside(problem, before, friction)
-    return found if np.any(sure & ~problem.reduce.sure()) else None
+    sure, nominal = problem.reduce.sure(), _nominal(problem, before)
+    problem.distrust(friction.hypothesis, nominal)
+    return _weighed(problem, before, nominal) if np.any(sure & ~problem.reduce.sure()) else None
 
 
 def refit_beside(problem: Problem, before: Sequence[Fit], law: Fit) -> tuple[Fit, tuple[Fit, ...], float]:
     """The same from fits of another problem with the same recordings, with the rows weighed down in which a law jumps
     that explains what they leave: a refit that is led astray jumps elsewhere."""
-    nominal = Hypothesis(dict(problem.baseline.nominal), before[0].hypothesis.terms)
+    nominal = _nominal(problem, before)
     problem.distrust(law.hypothesis, nominal)
+    return _weighed(problem, before, nominal)
+
+
+def _nominal(problem: Problem, before: Sequence[Fit]) -> Hypothesis:
+    return Hypothesis(dict(problem.baseline.nominal), before[0].hypothesis.terms)
+
+
+def _weighed(problem: Problem, before: Sequence[Fit], nominal: Hypothesis) -> tuple[Fit, tuple[Fit, ...], float]:
+    """Fits again with the rows weighed as they are."""
     made = [one for fit in before if (one := try_fit(problem, fit.hypothesis, 25)) is not None]
     best, *others = sorted(made or before[:1], key=lambda f: f.chi2)
     return best, _minima(best, others), float(np.mean(problem.rows(nominal) ** 2))

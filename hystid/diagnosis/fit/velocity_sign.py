@@ -13,7 +13,7 @@ from hystid.diagnosis.prepare.segments import Part
 
 Array = NDArray[np.float64]
 Law = Callable[[Sequence[Array]], list[Array]]  # force per part [N] at other velocities [m/s] beside the displacements
-TURN = 0.05  # share of the peak speed over which a contact may turn
+_TURN = 0.05  # share of the peak speed over which a contact may turn
 _ROUND = 12**-0.5  # share of a jump that the shape of a turn leaves open, where the law has its own turn (uniform)
 _FILTERED = 0.3  # share of a jump that filters of the recording chain leave open in the samples beside it
 _AT_ONCE = 1e-6  # share of the peak speed over which a jump is one
@@ -37,7 +37,7 @@ def bends(law: Law, parts: Sequence[Part]) -> tuple[list[Array], list[Array]]:
 
     falling, rising = (_steady(law, parts, way * _AT_ONCE * fastest) for way in (-1, 1))
     jump = max(float(np.max(np.abs(r - f))) for r, f in zip(rising, falling, strict=True))
-    slow, quick = bend([TURN * fastest] * len(parts)), bend([p.a * p.dt for p in parts])
+    slow, quick = bend([_TURN * fastest] * len(parts)), bend([p.a * p.dt for p in parts])
     sharp = jump > 0.5 * max(float(np.max(b)) for b in slow)
     return [(1.0 if sharp else _ROUND) * s for s in slow], [_FILTERED * q for q in quick]
 
@@ -53,12 +53,12 @@ def unsure(law: Law, parts: Sequence[Part]) -> list[Array]:
     hardest = float(max(np.max(np.abs(part.a)) for part in parts))
     points, shares = hermegauss(_NODES)
     turned = [law([p.v + node * e for p, e in zip(parts, error, strict=True)]) for node in points]
-    sliding = [_steady(law, parts, side * TURN * fastest) for side in (-2, -1, 1, 2)]
+    sliding = [_steady(law, parts, side * _TURN * fastest) for side in (-2, -1, 1, 2)]
     weights, nodes = shares[:, None] / np.sum(shares), points[:, None]
     found = []
     for i, (part, e) in enumerate(zip(parts, error, strict=True)):
         further, back, forth, beyond = (forces[i] for forces in sliding)
-        damper = ((beyond - forth) + (back - further)) / (2 * TURN * fastest)
+        damper = ((beyond - forth) + (back - further)) / (2 * _TURN * fastest)
         bent = np.array([forces[i] for forces in turned]) - damper * nodes * e
         variance = np.sum(weights * (bent - np.sum(weights * bent, axis=0)) ** 2, axis=0)
         jump = (forth - back) - (beyond - forth) - (back - further)
@@ -69,7 +69,12 @@ def unsure(law: Law, parts: Sequence[Part]) -> list[Array]:
 
 def turns_at_once(transition: float, parts: Sequence[Part]) -> bool:
     """Whether a law turns over so little speed [m/s] as a contact does: one that takes more says what holds there."""
-    return transition < TURN * _fastest(parts)
+    return transition < longest_turn(parts)
+
+
+def longest_turn(parts: Sequence[Part]) -> float:
+    """Largest speed [m/s] over which a contact turns."""
+    return _TURN * _fastest(parts)
 
 
 def _standing_still(part: Part, error: Array, fastest: float, hardest: float) -> Array:
