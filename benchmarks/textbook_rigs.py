@@ -1,9 +1,10 @@
 """Rigs with one textbook effect each, simulated apart from the library and from the proof: is it named?
 
-    python -m benchmarks.textbook_rigs --seed S --cases N [--kind cubic mass ...] [--channels a va]
+    python -m benchmarks.textbook_rigs --seed S --cases N [--kind cubic mass ...] [--channels a va] [--let-go struck]
 
 A mass on a spring and a damper takes a force of six kinds; one effect is added that its user does not know, as a
-textbook writes it, or none. 0.1 to 300 kg, 2 to 200 Hz; any of x, v and a, with 28 dB of noise to none. Prints
+textbook writes it, or none. 0.1 to 300 kg, 2 to 200 Hz; any of x, v and a, with 28 dB of noise to none. With --let-go
+the rig is let go in one of five ways, once to three times, and nobody records a force. Prints
 each case that is not right, and the counts: right (the effect, or one that the recordings cannot tell from it), near
 (another of its family, or another beside it), unknown, missed, wrong, alarm.
 """
@@ -15,6 +16,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -27,6 +29,8 @@ from hystid.recording import Recording
 
 State = Sequence[float]  # x, v, and states of the effect
 Law = Callable[[State, float], tuple[float, tuple[float, ...]]]  # force, and rates of these states, at a time
+_CHANNELS = ("x", "a", "xv", "xa", "va", "xva")
+_SNR = (28, 34, 34, 40, 60, 80, np.inf)  # dB
 _STEPS = 6  # of Runge and Kutta's method (order 4) per sample; frequencies reach a fifteenth of the sample rate
 
 
@@ -214,12 +218,26 @@ def _forced(kind: str, t: Array, f0: float, rng: np.random.Generator) -> Array:
     return np.asarray(force / np.max(np.abs(force)))
 
 
+def _rig(rng: np.random.Generator) -> tuple[Rig, float]:
+    """A rig, and its resonance [Hz]."""
+    m, f0, damping = 10 ** rng.uniform(-1, 2.5), 10 ** rng.uniform(0.3, 2.3), rng.uniform(0.008, 0.05)
+    w = 2 * np.pi * f0
+    return Rig(m, 2 * damping * m * w, m * w**2, w, 10 ** rng.uniform(-4, -2), rng.uniform(0.5, 1.5)), f0
+
+
+def _believed(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
+    return {"m": rig.m, "B": rig.c * rng.uniform(0.8, 1.25), "Kl": rig.k * rng.uniform(0.93, 1.07)}
+
+
+def _noisy(y: Array, snr: float, rng: np.random.Generator) -> Array:
+    return np.asarray(y + 10 ** (-snr / 20) * np.std(y) * rng.standard_normal(len(y)))
+
+
 def textbook_rig(seed: int, name: str, channels: str = "") -> tuple[Recording, dict[str, float], str]:
     """A recording with one effect, what its user believes, and the case in words. channels: "" for any."""
     rng, kind = np.random.default_rng([seed, 77]), KINDS[name]
-    m, f0, damping = 10 ** rng.uniform(-1, 2.5), 10 ** rng.uniform(0.3, 2.3), rng.uniform(0.008, 0.05)
-    w = 2 * np.pi * f0
-    rig = Rig(m, 2 * damping * m * w, m * w**2, w, 10 ** rng.uniform(-4, -2), rng.uniform(0.5, 1.5))
+    rig, f0 = _rig(rng)
+    m = rig.m
     t = np.arange(int(rng.integers(5000, 12000))) / (rng.uniform(30, 90) * f0)
     excitation = str(rng.choice(["random", "burst", "sweep", "stepped", "hammer", "chirps"]))
     force = _forced(excitation, t, f0, rng)
@@ -228,16 +246,50 @@ def textbook_rig(seed: int, name: str, channels: str = "") -> tuple[Recording, d
     added = kind.law(rig) if kind.law else nothing
     x, v, a = moved(rig, m * (1 + kind.mass * rig.s), added, t, force)
     seen = np.interp(t - kind.late * rig.s * t[1], t, force) * (1 + kind.gain * rig.s)
-    drawn = str(rng.choice(["x", "a", "xv", "xa", "va", "xva"]))
-    snr = float(rng.choice([28, 34, 34, 40, 60, 80, np.inf]))
+    drawn, snr = str(rng.choice(_CHANNELS)), float(rng.choice(_SNR))
     columns = {
-        c: y + 10 ** (-snr / 20) * np.std(y) * rng.standard_normal(len(t))
-        for c, y in (("F", seen), ("x", x), ("v", v), ("a", a))
-        if c in "F" + (channels or drawn)
+        c: _noisy(y, snr, rng) for c, y in (("F", seen), ("x", x), ("v", v), ("a", a)) if c in "F" + (channels or drawn)
     }
-    believed = {"m": m, "B": rig.c * rng.uniform(0.8, 1.25), "Kl": rig.k * rng.uniform(0.93, 1.07)}
+    believed = _believed(rig, rng)
     words = f"{excitation}, {channels or drawn}, {snr:.0f} dB, {len(t)} samples"
     return Recording(f"{name} {seed}", t, **columns), believed, words
+
+
+RELEASES = ("pulled", "struck", "recorded", "again", "driven")
+
+
+def released_rig(seed: int, name: str, how: str, channels: str = "") -> tuple[list[Recording], dict[str, float], str]:
+    """Free decays of a rig with one effect, without a force. how: "pulled" slowly, and recorded from its release on;
+    "struck", and recorded from the end of the blow on; with the blow "recorded"; with three blows; or "driven" at
+    its resonance, and then left alone."""
+    rng, kind = np.random.default_rng([seed, 99]), KINDS[name]
+    rig, f0 = _rig(rng)
+    rate, count = rng.uniform(30, 90) * f0, int(rng.integers(3000, 8000))
+    drawn, snr = channels or str(rng.choice(_CHANNELS)), float(rng.choice(_SNR))
+    tests = []
+    for number in range(int(rng.integers(1, 4))):
+        size = rig.X * (rng.uniform(0.4, 1) if number else 1)
+        before = {"pulled": int(40 * rate / f0), "struck": int(0.15 * rate / f0)}.get(how, 0)
+        t = np.arange(before + count) / rate
+        force = _let_go(how, t, before, rig, rng) * size
+        motion = moved(rig, rig.m, kind.law(rig) if kind.law else _plain(lambda x, v, t: 0.0), t, force)
+        columns = {c: _noisy(y[before:], snr, rng) for c, y in zip("xva", motion, strict=True) if c in drawn}
+        tests.append(Recording(f"{name} {seed}-{number + 1}", t[before:] - t[before], **columns))
+    return tests, _believed(rig, rng), f"{how}, {drawn}, {snr:.0f} dB, {len(tests)} of {count} samples"
+
+
+def _let_go(how: str, t: Array, before: int, rig: Rig, rng: np.random.Generator) -> Array:
+    """The force that nobody records, (n,), for a motion of 1 m."""
+    period, last = 2 * np.pi / rig.w, float(t[-1])
+    if how == "pulled":
+        return np.asarray(rig.k * np.where(t < t[before], np.minimum(2 * t / t[before], 1.0), 0.0))
+    if how == "driven":
+        return np.asarray(np.where(t < 0.35 * last, rig.c * rig.w * np.sin(rig.w * t), 0.0))
+    blows = np.arange(3 if how == "again" else 1)
+    starts = [0.0] if how == "struck" else rng.uniform(0.2, 10) * period + blows * last / 3
+    blow = rig.m * rig.w * np.pi / (0.3 * period)  # of half a sine over 0.15 periods: its impulse is m w
+    places = [(t - start) / (0.15 * period) for start in starts]
+    return np.asarray(sum(np.where((u > 0) & (u < 1), blow * np.sin(np.pi * u), 0.0) for u in places))
 
 
 def judged(kind: Kind, verdict: str, found: set[str]) -> str:
@@ -259,22 +311,26 @@ def main() -> None:
     parser.add_argument("--cases", type=int, required=True, help="of each kind")
     parser.add_argument("--kind", nargs="*", choices=KINDS, default=list(KINDS))
     parser.add_argument("--channels", nargs="*", choices=("x", "v", "a", "xv", "xa", "va", "xva"), default=[""])
+    parser.add_argument("--let-go", nargs="*", choices=RELEASES, default=[""], help="free decays without a force")
     given = parser.parse_args()
     counts: Counter[str] = Counter()
-    for name in given.kind:
-        for seed in range(given.seed, given.seed + given.cases):
-            for channels in given.channels:
-                recording, believed, words = textbook_rig(seed, name, channels)
-                try:
-                    answer = diagnose(recording, model="HystId.Oscillators.Linear", parameters=believed)
-                except HystidError as error:
-                    said, how = str(error), "refused"
-                else:
-                    said = ", ".join(f"{f.effect} {f.confidence:.2f}" for f in answer.findings) or answer.headline
-                    how = judged(KINDS[name], answer.verdict, {f.effect for f in answer.findings})
-                counts[how] += 1
-                if how != "right":
-                    print(f"{how}: {recording.name} ({words}): {said}", flush=True)
+    seeds = range(given.seed, given.seed + given.cases)
+    for name, seed, channels, release in product(given.kind, seeds, given.channels, given.let_go):
+        tests: Recording | list[Recording]
+        if release:
+            tests, believed, words = released_rig(seed, name, release, channels)
+        else:
+            tests, believed, words = textbook_rig(seed, name, channels)
+        try:
+            answer = diagnose(tests, model="HystId.Oscillators.Linear", parameters=believed)
+        except HystidError as error:
+            said, how = str(error), "refused"
+        else:
+            said = ", ".join(f"{f.effect} {f.confidence:.2f}" for f in answer.findings) or answer.headline
+            how = judged(KINDS[name], answer.verdict, {f.effect for f in answer.findings})
+        counts[how] += 1
+        if how != "right":
+            print(f"{how}: {name} {seed} ({words}): {said}", flush=True)
     print(", ".join(f"{how}: {count}" for how, count in sorted(counts.items())))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import StateSpace, lsim
 
-from benchmarks.textbook_rigs import KINDS, Rig, judged, moved, textbook_rig
+from benchmarks.textbook_rigs import KINDS, Rig, judged, moved, released_rig, textbook_rig
 from hystid.diagnosis import diagnose
 
 
@@ -26,3 +26,19 @@ def test_a_mass_is_named_from_a_velocity_and_an_acceleration(seed: int) -> None:
     recording, believed, _ = textbook_rig(seed, "mass", "va")
     found = diagnose(recording, model="HystId.Oscillators.Linear", parameters=believed)
     assert judged(KINDS["mass"], found.verdict, {finding.effect for finding in found.findings}) == "right"
+
+
+@pytest.mark.parametrize(
+    ("kind", "how", "seed"),
+    [
+        ("none", "struck", 2), ("none", "again", 3), ("coulomb", "pulled", 1), ("coulomb", "recorded", 2),
+        ("cubic", "struck", 3), ("square", "again", 1), ("two_stops", "pulled", 4), ("bouc_wen", "struck", 1),
+        ("absorber", "pulled", 2), ("absorber", "struck", 3), ("drag", "struck", 4),
+    ],
+)  # fmt: skip
+def test_a_free_decay_is_read_however_the_rig_was_let_go(kind: str, how: str, seed: int) -> None:
+    """Most of each recording is rest. The motion was looked for at frequencies of the noise, and the mass, which
+    scales all forces alike, was made smaller until noise explained what was missing."""
+    tests, believed, _ = released_rig(seed, kind, how)
+    found = diagnose(tests, model="HystId.Oscillators.Linear", parameters=believed)
+    assert judged(KINDS[kind], found.verdict, {finding.effect for finding in found.findings}) == "right"

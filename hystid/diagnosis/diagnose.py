@@ -22,8 +22,8 @@ from hystid.diagnosis.model.catalogue import Catalogue, catalogue_of
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
-from hystid.diagnosis.prepare.recordings import SHORTEST, Taken, take
-from hystid.diagnosis.prepare.refused import NotDiagnosable
+from hystid.diagnosis.prepare.recordings import Taken, take
+from hystid.diagnosis.prepare.refused import SHORTEST, NotDiagnosable
 from hystid.diagnosis.prove.unchanged import unchanged
 from hystid.diagnosis.tell.conclude import conclude, free_run_only
 from hystid.diagnosis.tell.result import Diagnosis

@@ -9,6 +9,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from scipy.optimize import isotonic_regression
 from scipy.signal import savgol_coeffs
 
 from hystid.numeric import Array
@@ -23,7 +24,8 @@ def kernel_of_smoothing(power: Array, first: int, end: int) -> Array | None:
     """The kernel that these lines of a periodogram (n,) are most probable under.
 
     White noise behind a kernel has independent lines of exponential distribution (Whittle, 1953). None where white
-    noise without a kernel is as probable, or nothing is there.
+    noise without a kernel is as probable, or any spectrum that falls and never rises, as that of motion, or nothing is
+    there.
     """
     width = -(-len(power) // _LINES)
     count = len(power) // width
@@ -35,9 +37,9 @@ def kernel_of_smoothing(power: Array, first: int, end: int) -> Array | None:
     responses = responses + _NULL * responses.mean(axis=1, keepdims=True)
     deviance = width * (len(binned) * np.log(np.mean(binned / responses, axis=1)) + np.sum(np.log(responses), axis=1))
     best = int(np.argmin(deviance))
-    if deviance[best] > width * len(binned) * np.log(np.mean(binned)) - 2 * np.log(len(responses)):
-        return None
-    return _kernels()[best]
+    white = width * len(binned) * np.log(np.mean(binned))
+    falling = width * float(np.sum(np.log(isotonic_regression(binned, increasing=False).x)))
+    return _kernels()[best] if deviance[best] <= min(white - 2 * np.log(len(responses)), falling) else None
 
 
 @lru_cache(maxsize=1)

@@ -64,7 +64,7 @@ class Search:
         self.problem, self.baseline, self.effects, self.minima = problem, baseline, effects, minima
         parts = problem.parts
         faults = [*force_drifts(parts), *high_passes(parts), *ranges(parts), *clipped_force(problem, baseline)]
-        self.library = [*effects, *faults]
+        self.library = [*effects, *([] if problem.unforced else faults)]
         self.candidates = scan(problem, baseline, self.library, progress)
         self.criterion = Criterion(problem, baseline, len({effect.id for effect in self.library}))
         self.first: list[Trial] = []

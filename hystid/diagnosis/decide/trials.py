@@ -320,7 +320,7 @@ def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> li
     """A late force channel, and a mass beyond its tolerance: tried where the refit runs into their limits."""
     found = []
     here = fitted.hypothesis
-    if abs(here.delay) > 0.8 * DELAY_LIMIT and not here.late:
+    if abs(here.delay) > 0.8 * DELAY_LIMIT and not here.late and not problem.unforced:
         made = try_fit(problem, replace(here, late=True))
         if made is not None and abs(made.hypothesis.delay) > DELAY_LIMIT:
             found.append(Trial(DELAY, "", 1, made))

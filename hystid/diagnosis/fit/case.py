@@ -67,11 +67,11 @@ _BEGUN = 3  # times that the beginning, and knocks, are judged again by a refit
 class Case:
     """Everything that the decision works on.
 
-    nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. unforced: the force is
-    known to be zero. catalogue: what the effects declare of themselves. rested: contacts are taken for at rest before a
-    recording that begins in mid-motion. may_hold: they are where one begins still, and may hold a force. complete: the
-    recordings with the samples whose force depends on what was before; none where there are no others. struck: the
-    recordings with the samples that knocks are said to strike, likewise.
+    nominal_chi2: mean square at the nominal parameters. timeless: laws of time cannot show. catalogue: what the effects
+    declare of themselves. rested: contacts are taken for at rest before a recording that begins in mid-motion.
+    may_hold: they are where one begins still, and may hold a force. complete: the recordings with the samples whose
+    force depends on what was before; none where there are no others. struck: the recordings with the samples that
+    knocks are said to strike, likewise.
     """
 
     problem: Problem
@@ -84,7 +84,6 @@ class Case:
     unseen: tuple[Part, ...]
     notes: tuple[str, ...]
     timeless: bool = False
-    unforced: bool = False
     catalogue: Catalogue = field(default_factory=Catalogue, repr=False)
     rested: bool = False
     may_hold: bool = False
@@ -115,7 +114,7 @@ def pose(
     rate_law = not baseline_of(model, code, values, frozenset(fixed), model=runs).reads_x()
     parts, hidden = without_x(parts) if rate_law else visible(parts, values.get("m", 0.0))
     parts, rests = without_rest(parts)
-    parts = [replace(part, pace=parts[0].dt / part.dt) for part in parts]
+    parts = [replace(part, pace=parts[0].dt / part.dt, forced=not given.unforced) for part in parts]
     length = max(float(np.max(np.abs(part.x))) for part in parts)
 
     def begun(values: Mapping[str, float]) -> tuple[Baseline, list[str]]:
@@ -134,6 +133,8 @@ def pose(
         raise NumericalError(f"{sentence}; give parameters at which {model} has an answer on these recordings")
     complete = parts
     parts, kept, running = beginning(parts, baseline, baseline.nominal, holding=holding)
+    if given.unforced:  # friction holds what has died away off its zero, which nothing else shows
+        kept = tuple(range(len(parts)))
     baseline, held_back = without_redundancy(baseline, parts)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
     if not problem.reduce.count:
@@ -157,7 +158,7 @@ def pose(
         running = [*(told for told in running if not told.startswith(begun_so)), *(f"{b}{_RESTED}" for b in begun_so)]
     held = beginning(held, baseline, refitted.hypothesis.values, holding=holding)[0]
     every, knocked = problem.parts, None
-    for _ in range(_BEGUN):  # knocks lead the refit astray, which hides some of them
+    for _ in range(0 if given.unforced else _BEGUN):  # knocks lead the refit astray, and what dies away repeats nothing
         found = without_knocks(problem.of(every), refitted)
         if found is None or (knocked is not None and _all_same(found.parts, knocked.parts)):
             break
@@ -185,7 +186,7 @@ def pose(
     )
     return Case(
         problem, baseline, refitted, minima, nominal, (*taken.faults, *sensors.faults), sensors.consistency,
-        tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]), given.unforced,
+        tuple(held), notes, timeless or chain.one_speed([part.x for part in parts]),
         catalogue or Catalogue(), resting is not None, not holding and maybe_holding(complete, baseline),
         _with_beginnings(problem.parts, remembering), tuple(struck),
     )  # fmt: skip

@@ -68,6 +68,11 @@ class Problem:
         return all(part.sees_x for part in self.parts)
 
     @property
+    def unforced(self) -> bool:
+        """Whether no recording has a force, as it is known to be zero."""
+        return not any(part.forced for part in self.parts)
+
+    @property
     def is_held(self) -> bool:
         """Whether rest counts, which does only where a force swings in it: something holds the structure then."""
         return any(p.rest is not None and p.valid is not None and bool(np.any(p.rest & p.valid)) for p in self.parts)

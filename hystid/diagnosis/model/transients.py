@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.model.baseline import Baseline
-from hystid.diagnosis.prepare.recordings import SHORTEST
 from hystid.diagnosis.prepare.reduction import longest_trim
+from hystid.diagnosis.prepare.refused import SHORTEST
 from hystid.diagnosis.prepare.segments import Part
 from hystid.numeric import Array
 

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.signal import find_peaks
 
-from hystid.diagnosis.prepare.refused import NotDiagnosable
+from hystid.diagnosis.prepare.refused import SHORTEST, NotDiagnosable
 from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import is_noise_free, noise_level
@@ -22,12 +21,16 @@ PER_MASS = (
     "free decay: the force is known to be zero, and the mass is taken as 1 as nobody gave it: all forces and "
     "parameters are per unit of mass (N/kg; a stiffness in 1/s2, a damping in 1/s)"
 )
-_PERIODS = 4  # of the motion, over which its size is measured
+_PERIODS = 2  # of the motion, over which its size is measured
 _PLATEAU = 0.97  # share of the largest size at which a driven motion still is: a decay begins below it
+_STEADY = 8  # such a stretch is an eighth of a decay, which else falls by more in it: the eighth root of 0.7 is 0.956
 _FALLEN = 0.7  # share of the first size below which a motion has decayed at all
-_THIRD, _SHORTEST = 1 / 3, 400  # fall of the motion over one piece, and its samples: twice what a diagnosis needs
+_DRIVEN = "{}: it was driven by a force that nobody recorded; record F, or give the free decay alone"
+_QUICK = f"dies away within {{}} samples: at least {SHORTEST} are needed; record it at a higher rate"
+_AGAIN = 0.1  # share of the largest size that a motion has which is let go again
 _RISEN, _CLEAR = 1.5, 5.0  # times the smallest size so far, and times the noise, from which it was pushed again
 _SWINGS, _SHALLOW = 4, 0.02  # reversals of two periods, and share of the range below which one is none
+_CHANCE = 0.1  # probability that white noise reaches any line of a spectrum (half as many lines as samples): 1 in 20
 _GONE = 0.01  # share of the first size below which a motion is creep, or rounding
 MODEL_ERROR = 5e-4  # share of a channel that integration and interpolation leave (66 dB); besides, a force of zero is
 # known no better than what the noise of the motion makes of it: sensors drift below the motion
@@ -54,77 +57,106 @@ def is_free(test: Recording) -> bool:
 def released(tests: Sequence[Recording], mass: float | None, *, held: bool = False) -> Released:
     """Recordings without a force, cut to their free decay, with a force that is zero but for the error of a model.
 
-    What does not die away is left out, and told, where others show a force, or are ``held`` out. mass [kg]: as given;
+    What does not die away is left out, and told, where others can be used, or it is ``held`` out. mass [kg]: as given;
     None for 1 where no recording has a force. Raises NoDecay.
     """
     unscaled = mass is None and all(is_free(test) for test in tests)
     driven = not all(is_free(test) for test in tests)  # these know the zero of x; friction may hold it off its zero
-    made: list[Recording] = []
+    made, refusals = list[Recording](), list[NoDecay]()
     told = [PER_MASS] if unscaled else []
     for i, test in enumerate(tests):
         try:
-            made += _decay(test, mass or 1.0, i, driven) if is_free(test) else [test]
+            made += _decays(test, mass or 1.0, i, driven) if is_free(test) else [test]
         except NoDecay as refused:
-            if not (driven or held):
-                raise
-            told.append(f"left out: {refused}")
+            refusals.append(refused)
+    if refusals and not (made or held):
+        raise refusals[0]
+    told += [f"left out: {refused}" for refused in refusals]
     return Released(made, unscaled, tuple(told))
 
 
-def _decay(test: Recording, mass: float, seed: int, driven: bool) -> list[Recording]:
-    """The part of a recording in which the motion dies away, in pieces over each of which it falls to a third.
-
-    Pieces, because the motion is smoothed and weighed by one level of noise against one size of the motion each.
-    """
+def _decays(test: Recording, mass: float, seed: int, driven: bool) -> list[Recording]:
+    """The parts of a recording in which the motion dies away: one for each time that it was let go. Raises NoDecay."""
     name, values = next(iter(test.channels("xva").items()))
-    power = np.abs(np.fft.rfft((values - np.mean(values)) * np.hanning(len(values)))) ** 2
-    power = power * np.arange(len(power)) ** (0 if name == "a" else 2)  # creep to a place of rest is no oscillation
-    line = int(np.argmax(power[1:])) + 1
-    omega, noise = 2 * np.pi * line / (len(values) * test.dt), noise_level(values)
+    noise = noise_level(values)
+    line = _line(values, noise, 0 if name == "a" else 2)
     window = int(np.clip(_PERIODS * len(values) / line, 16, len(values) // 4))
-    count = len(values) // window
-    size = np.std(values[: count * window].reshape(count, window), axis=1)
-    last = int(np.flatnonzero(size >= _PLATEAU * np.max(size))[-1])
-    first = last + 1 if last else 0  # a recording that begins with its largest motion begins with the decay
-    falling = size[first:]
-    if len(falling) < 2 or np.min(falling) > _FALLEN * size[last]:
-        raise _driven(test, "does not die away")
-    if _swings(values[first * window :], noise) < _SWINGS:
-        raise _driven(test, f"does not swing (fewer than {_SWINGS} reversals)")
-    least = np.minimum.accumulate(falling)
-    gone = falling < max(_CLEAR * noise, _GONE * falling[0])
-    ends = np.flatnonzero(gone | (falling > _RISEN * least))  # gone, or pushed again
-    end = int(ends[0]) if len(ends) else len(falling)
-    edges = [0]
-    for k in range(1, end):
-        long = (k - edges[-1]) * window >= _SHORTEST and (end - k) * window >= _SHORTEST
-        if long and falling[k] < _THIRD * falling[edges[-1]]:
-            edges.append(k)
-    places = [(first + k) * window for k in (*edges, max(end, edges[-1] + 1))]
+    places, why = _places(values, window, noise)
+    if not places:
+        raise NoDecay(f"{test.name} has no force, and its motion {why}")
     zero = float(np.mean(values[-window:])) if name == "x" and not driven else 0.0  # it rests where no force is
-    told = (
-        f"{test.name}: free decay, the force is zero; used from {test.t[places[0]]:.4g} s to "
-        f"{test.t[min(places[-1], len(test) - 1)]:.4g} s, where the motion dies away"
-        + (f", in {len(edges)} pieces" if len(edges) > 1 else "")
-    )
-    made, quiet = [], is_noise_free(values)
-    for number, (begin, stop) in enumerate(pairwise(places)):
-        piece = test.part(slice(begin, stop))
+    omega, quiet = 2 * np.pi * line / (len(values) * test.dt), is_noise_free(values)
+    stretches = " and ".join(f"{test.t[p.start]:.4g} to {test.t[min(p.stop, len(test) - 1)]:.4g} s" for p in places)
+    told = f"{test.name}: free decay, the force is zero; used from {stretches}, where the motion dies away"
+    made = []
+    for number, place in enumerate(places):
+        piece = test.part(place)
         piece = with_noise(piece, seed + number) if quiet else piece
-        level = float(np.hypot(MODEL_ERROR * np.std(values[begin:stop]), noise))
+        level = float(np.hypot(MODEL_ERROR * np.std(values[place]), noise))
         draw = np.random.default_rng((seed, number)).standard_normal(len(piece))
         force = mass * omega ** (2 - "xva".index(name)) * level * draw
         x = None if piece.x is None else piece.x - zero
-        title = f"{test.name}-{number + 1}" if len(edges) > 1 else test.name
+        title = f"{test.name}-{number + 1}" if len(places) > 1 else test.name
         made.append(replace(piece, name=title, F=force, x=x, notes=(told, *test.notes) if not number else ()))
     return made
 
 
-def _driven(test: Recording, why: str) -> NoDecay:
-    return NoDecay(
-        f"{test.name} has no force, and its motion {why}: it was driven by a force that nobody recorded; record F, or "
-        "give the free decay alone"
-    )
+def _places(values: Array, window: int, noise: float) -> tuple[list[slice], str]:
+    """Samples in which a channel dies away, one stretch after the other, and why there are none."""
+    count = len(values) // window
+    size = np.std(values[: count * window].reshape(count, window), axis=1)
+    found, why, least = list[slice](), _DRIVEN.format("does not die away"), max(_CLEAR * noise, _AGAIN * np.max(size))
+    last = int(np.flatnonzero(size >= _PLATEAU * np.max(size))[-1])
+    while last < count:
+        first = last + 1 if last else 0  # a recording that begins with its largest motion begins with the decay
+        falling = size[first:]
+        gone = np.flatnonzero(falling < max(_CLEAR * noise, _GONE * size[last]))
+        pushed = np.flatnonzero(falling > _RISEN * np.minimum.accumulate(falling)) - 1  # it may begin a window before
+        done = first + int(min([*gone[:1], *pushed[:1], len(falling)]))
+        fallen = len(falling) > 1 and np.min(size[first : done + 1]) <= _FALLEN * size[last]
+        first += _after_steady(size[first:done])
+        done = max(done, first + 1)
+        place = slice(first * window if first else _let_go(values[:window], noise), done * window)
+        if fallen and _swings(values[place.start :], noise) < _SWINGS:
+            why = _DRIVEN.format(f"does not swing (fewer than {_SWINGS} reversals)")
+        elif fallen and place.stop - place.start < SHORTEST:
+            why = _QUICK.format(place.stop - place.start)
+        elif fallen:
+            found.append(place)
+        last = done + int(np.argmax([*(size[done:] > least), True]))
+        while last + 1 < count and size[last + 1] > size[last]:
+            last += 1
+    return found, why
+
+
+def _let_go(values: Array, noise: float) -> int:
+    """Sample from which the first motion of a recording is free: the first one, or half a period after its largest
+    value where something rested before: a blow is over then."""
+    eighth = len(values) // (8 * _PERIODS)
+    if np.any(np.abs(values[:eighth] - values[0]) > _CLEAR * noise):
+        return 0
+    most = int(np.argmax(np.abs(values - values[0])))
+    return min(most + 4 * eighth, len(values) - 1)
+
+
+def _after_steady(size: Array) -> int:
+    """Number of windows up to the last stretch in which a motion does not fall: it is driven there."""
+    long = max(len(size) // _STEADY, 2)
+    runs = np.lib.stride_tricks.sliding_window_view(size, long) if len(size) >= long else np.zeros((0, long))
+    steady = np.flatnonzero(np.min(runs, axis=1) > _PLATEAU * np.max(runs, axis=1))
+    return int(steady[-1]) + long if len(steady) else 0
+
+
+def _line(values: Array, noise: float, order: int) -> int:
+    """Number of periods of the oscillation in a recording. order: power of the frequency by which what is slow counts
+    less: creep to a place of rest is no oscillation.
+
+    Without a taper: a motion that dies away is loudest at its beginning. Lines that white noise reaches are none.
+    """
+    power = np.abs(np.fft.rfft(values - np.mean(values))) ** 2
+    chance = len(values) * noise**2 * np.log(len(values) / _CHANCE)
+    beyond = np.maximum(power - chance, 0.0) * np.arange(len(power), dtype=float) ** order
+    return int(np.argmax(beyond[1:])) + 1
 
 
 def _swings(values: Array, noise: float) -> int:

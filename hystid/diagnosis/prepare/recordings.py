@@ -16,7 +16,7 @@ from hystid.diagnosis.prepare.independence import measured_alike
 from hystid.diagnosis.prepare.interpolated import where_measured
 from hystid.diagnosis.prepare.levelled import with_lines_told
 from hystid.diagnosis.prepare.readings import consistent
-from hystid.diagnosis.prepare.refused import NotDiagnosable
+from hystid.diagnosis.prepare.refused import SHORTEST, NotDiagnosable
 from hystid.diagnosis.prepare.spikes import without_spikes
 from hystid.diagnosis.prepare.tapered import between_tapers
 from hystid.diagnosis.prepare.user_smoothing import smoothed_alike
@@ -25,7 +25,6 @@ from hystid.processing import prepare
 from hystid.recording import Recording, Sources, loaded
 from hystid.smoothing.noise import is_noise_free
 
-SHORTEST = 200  # samples: below this nothing can be told from noise
 # faults that the diagnosis names instead of refusing them
 TOLERATED = ("clipped", "missing_force", "not_one_motion")
 _MOST = 1_200_000  # samples of all recordings together: memory stays below 1 GB
@@ -154,10 +153,12 @@ def _with_decays(
 ) -> tuple[list[Recording], list[Recording], Given]:
     """Recordings whose force is known, free decays too; a mass of 1 where nothing gives a scale. Raises NoDecay."""
     given = replace(given, unforced=all(is_free(test) for test in tests))
+    if given.unforced:  # all forces scale with the mass, and none of them is known
+        given = replace(given, fixed=given.fixed | {"m"}, free=given.free - {"m"})
     used = released(tests, given.mass)
     held = released(unseen, 1.0 if used.unscaled else given.mass, held=True)
     if used.unscaled:
-        given = replace(given, values={**given.values, "m": 1.0}, fixed=given.fixed | {"m"})
+        given = replace(given, values={**given.values, "m": 1.0})
     told = used.notes if used.unscaled else (*used.notes, *held.notes)
     used.tests[0] = replace(used.tests[0], notes=(*told, *used.tests[0].notes))
     return used.tests, held.tests, given

@@ -52,6 +52,7 @@ class Part:
     past: samples after the first one that are run backwards before it: a law with memory begins as in mid-motion.
     louder: noise of a channel over ``noise``, (n,), where it is louder for a while, or shocks are too short to be seen.
     timed: whether time was measured; else it only numbers the samples. extra: further columns of the file, (n,) each.
+    forced: whether a force was recorded; else it is known to be zero.
     sees_x: whether the displacement is known at all frequencies that matter.
     colour: power of the noise of all channels over its white part, times the frequency [cycles per sample], and times
     its square: 1/f noise, and a wandering zero. since: age of the zeros of the sensors, at least [s].
@@ -83,6 +84,7 @@ class Part:
     timed: bool = True
     extra: Mapping[str, Array] = field(repr=False, default_factory=dict)
     jitter: Draws = field(repr=False, default_factory=Draws)
+    forced: bool = True
     sees_x: bool = True
     colour: tuple[float, float] = (0.0, 0.0)
     since: float = 0.0
