@@ -92,3 +92,18 @@ def test_a_spectrum_that_only_falls_shows_no_smoothing() -> None:
 def test_a_decay_of_few_samples_is_refused_and_says_what_to_do() -> None:
     with pytest.raises(NoDecay, match=r"dies away within \d+ samples: at least 200 are needed; record it at a higher"):
         released([measured(ringing(0.0, 0.3))], None)
+
+
+def test_driven_motion_that_falls_for_a_while_is_no_decay() -> None:
+    """Noise through a resonance: its peaks rise between those that fall."""
+    t = np.arange(LONG) / RATE
+    sway = np.interp(t, np.linspace(0, 6, 25), 1 + 0.6 * np.sin(2.4 * np.arange(25.0)))
+    with pytest.raises(NoDecay, match="it was driven by a force that nobody recorded"):
+        released([Recording("shaken", t, x=1e-3 * sway * np.sin(W * t))], None)
+
+
+def test_what_is_unknown_in_a_free_decay_may_be_a_force_that_was_not_recorded() -> None:
+    tests, believed, _ = released_rig(1, "parametric", "struck")
+    found = diagnose(tests, model="HystId.Oscillators.Linear", parameters=believed)
+    assert found.verdict == "unknown_physics"
+    assert any("no force was recorded" in note for note in found.notes)

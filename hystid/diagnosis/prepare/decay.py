@@ -27,6 +27,7 @@ _STEADY = 8  # such a stretch is an eighth of a decay, which else falls by more 
 _FALLEN = 0.7  # share of the first size below which a motion has decayed at all
 _DRIVEN = "{}: it was driven by a force that nobody recorded; record F, or give the free decay alone"
 _QUICK = f"dies away within {{}} samples: at least {SHORTEST} are needed; record it at a higher rate"
+_DEEP = 1 / 3  # share of the first size below which a motion has died away, though its peaks rise now and then
 _AGAIN = 0.1  # share of the largest size that a motion has which is let go again
 _RISEN, _CLEAR = 1.5, 5.0  # times the smallest size so far, and times the noise, from which it was pushed again
 _SWINGS, _SHALLOW = 4, 0.02  # reversals of two periods, and share of the range below which one is none
@@ -112,17 +113,22 @@ def _places(values: Array, window: int, noise: float) -> tuple[list[slice], str]
         falling = size[first:]
         gone = np.flatnonzero(falling < max(_CLEAR * noise, _GONE * size[last]))
         pushed = np.flatnonzero(falling > _RISEN * np.minimum.accumulate(falling)) - 1  # it may begin a window before
-        done = first + int(min([*gone[:1], *pushed[:1], len(falling)]))
-        fallen = len(falling) > 1 and np.min(size[first : done + 1]) <= _FALLEN * size[last]
+        end = int(min([*gone[:1], *pushed[:1], len(falling)]))
+        if last and end in pushed[:1] and end - np.argmin(falling[: end + 1]) > 1:  # no blow is so slow
+            return [], _DRIVEN.format("dies away and swells")
+        done = first + end
+        fell = float(np.min(size[first : done + 1], initial=np.inf) / size[last])
         first += _after_steady(size[first:done])
         done = max(done, first + 1)
         place = slice(first * window if first else _let_go(values[:window], noise), done * window)
-        if fallen and _swings(values[place.start :], noise) < _SWINGS:
+        if fell > _FALLEN or (fell > _DEEP and not _only_falls(values[place], noise)):
+            pass  # what is driven falls as well for a while
+        elif _swings(values[place.start :], noise) < _SWINGS:
             why = _DRIVEN.format(f"does not swing (fewer than {_SWINGS} reversals)")
-        elif fallen and place.stop - place.start < SHORTEST:
-            why = _QUICK.format(place.stop - place.start)
-        elif fallen:
+        elif place.stop - place.start >= SHORTEST:
             found.append(place)
+        elif end in gone[:1]:
+            why = _QUICK.format(place.stop - place.start)
         last = done + int(np.argmax([*(size[done:] > least), True]))
         while last + 1 < count and size[last + 1] > size[last]:
             last += 1
@@ -161,8 +167,18 @@ def _line(values: Array, noise: float, order: int) -> int:
 
 def _swings(values: Array, noise: float) -> int:
     """Number of reversals: what is moved there and back, and then rests, is no structure that was let go."""
+    return sum(map(len, _peaks(values, noise)))
+
+
+def _only_falls(values: Array, noise: float) -> bool:
+    """Whether no peak is higher than the one before on the same side, as of one mass that nothing drives."""
+    return all(bool(np.all(np.diff(peaks) < _CLEAR * noise)) for peaks in _peaks(values, noise))
+
+
+def _peaks(values: Array, noise: float) -> list[Array]:
+    """Heights of the peaks of either side, one after the other."""
     deep = max(_CLEAR * noise, _SHALLOW * float(np.ptp(values)))
-    return sum(len(find_peaks(side, prominence=deep)[0]) for side in (values, -values))
+    return [side[find_peaks(side, prominence=deep)[0]] for side in (values, -values)]
 
 
 def with_noise(test: Recording, seed: int) -> Recording:

@@ -35,6 +35,10 @@ _WANDERS = (
     "F and the motion differ by a slow force that no law follows: a zero that wanders, or a high-pass filter or a "
     "baseline correction of one of the channels; give them as recorded, if you have them"
 )
+_UNRECORDED = (
+    "no force was recorded, and it is taken to be zero: one that acted all the same leaves as much; record F, or give "
+    "the free decay alone"
+)
 _CLOSE = 0.02  # error of a free run that integration and interpolation alone may leave
 
 
@@ -55,6 +59,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     verdict = answer.verdict()
     told = _not_borne_out(choice, unseen) if choice.named else [away] if away else []
     told += changes(case.problem, choice.before) if choice.unknown else []
+    told += [_UNRECORDED] if choice.unknown and case.problem.unforced else []
     depends = tuple(dependences(case.problem, choice.after.hypothesis, choice.before.hypothesis))
     remains = _rest(choice)
     masses = several_masses(resonances(case.problem.parts)) if remains or choice.unknown else []
