@@ -24,8 +24,8 @@ def kernel_of_smoothing(power: Array, first: int, end: int) -> Array | None:
     """The kernel that these lines of a periodogram (n,) are most probable under.
 
     White noise behind a kernel has independent lines of exponential distribution (Whittle, 1953). None where white
-    noise without a kernel is as probable, or any spectrum that falls and never rises, as that of motion, or nothing is
-    there.
+    noise without a kernel is as probable, or a spectrum that falls in steps and never rises, as that of motion, each
+    step at its cost (Schwarz 1978), or nothing is there.
     """
     width = -(-len(power) // _LINES)
     count = len(power) // width
@@ -38,7 +38,8 @@ def kernel_of_smoothing(power: Array, first: int, end: int) -> Array | None:
     deviance = width * (len(binned) * np.log(np.mean(binned / responses, axis=1)) + np.sum(np.log(responses), axis=1))
     best = int(np.argmin(deviance))
     white = width * len(binned) * np.log(np.mean(binned))
-    falling = width * float(np.sum(np.log(isotonic_regression(binned, increasing=False).x)))
+    steps = isotonic_regression(binned, increasing=False)
+    falling = width * float(np.sum(np.log(steps.x))) + 0.5 * (len(steps.blocks) - 2) * np.log(len(binned))
     return _kernels()[best] if deviance[best] <= min(white - 2 * np.log(len(responses)), falling) else None
 
 
