@@ -1,9 +1,11 @@
 """Free decays: which samples of a recording without a force are used, and what is known of the force in them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from benchmarks.textbook_rigs import released_rig
+from benchmarks.textbook_rigs import released_rig, textbook_rig
 from hystid.diagnosis import diagnose
 from hystid.diagnosis.prepare.decay import NoDecay, released
 from hystid.numeric import Array
@@ -107,3 +109,10 @@ def test_what_is_unknown_in_a_free_decay_may_be_a_force_that_was_not_recorded() 
     found = diagnose(tests, model="HystId.Oscillators.Linear", parameters=believed)
     assert found.verdict == "unknown_physics"
     assert any("no force was recorded" in note for note in found.notes)
+
+
+def test_no_law_of_time_is_named_in_a_free_decay() -> None:
+    """A sweep whose force was not recorded: above the resonance the motion falls, and is ever quicker."""
+    driven, believed, _ = textbook_rig(23, "none")
+    found = diagnose(replace(driven, F=None), model="HystId.Oscillators.Linear", parameters=believed)
+    assert found.verdict in ("unknown_physics", "not_applicable")

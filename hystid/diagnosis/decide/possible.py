@@ -22,6 +22,7 @@ def possible(effects: Sequence[Effect], case: Case, exclude: Sequence[str]) -> t
     hidden |= set() if problem.timed else {effect.id for effect in effects if effect.needs_clock}
     if not problem.sees_x:  # laws of the displacement, and those that remember it
         hidden |= {effect.id for effect in effects if "x" in effect.reads or effect.remembers}
-    hidden |= {effect.id for effect in effects if problem.unforced and "a" in effect.reads}
+    if problem.unforced:  # the time goes on as the motion falls, and inertia has no scale
+        hidden |= {effect.id for effect in effects if "a" in effect.reads or effect.is_over_time}
     tried = [effect for effect in effects if effect.id not in {*exclude, *hidden}]
     return tried, (hidden - set(exclude)) & {effect.id for effect in effects}

@@ -37,11 +37,12 @@ _RIDGE = 1e-9  # of the squared length of columns, in a window and over all rows
 
 @np.errstate(over="ignore", invalid="ignore")  # columns that are not finite are left out
 def scan_windows(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> list[Candidate]:
-    """The best grid point of every form with its windows, the largest gain first; [] where time was not measured.
+    """The best grid point of every form with its windows, the largest gain first; [] where time was not measured, or
+    the motion falls as it goes on.
 
     Forms that would act in nearly all rows, or in hardly any, are left out.
     """
-    if not problem.timed:
+    if not problem.timed or problem.unforced:
         return []
     seen = _Seen(problem, fitted)
     found = [made for effect in effects if (made := seen.best(effect)) is not None]
