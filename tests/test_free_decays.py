@@ -97,7 +97,7 @@ def test_a_decay_of_few_samples_is_refused_and_says_what_to_do() -> None:
 
 
 def test_driven_motion_that_falls_for_a_while_is_no_decay() -> None:
-    """Noise through a resonance: its peaks rise between those that fall."""
+    """It falls to a third and swells again, over several periods each: no blow is so slow."""
     t = np.arange(LONG) / RATE
     sway = np.interp(t, np.linspace(0, 6, 25), 1 + 0.6 * np.sin(2.4 * np.arange(25.0)))
     with pytest.raises(NoDecay, match="it was driven by a force that nobody recorded"):

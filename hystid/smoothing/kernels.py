@@ -38,7 +38,7 @@ def kernel_of_smoothing(power: Array, first: int, end: int) -> Array | None:
     deviance = width * (len(binned) * np.log(np.mean(binned / responses, axis=1)) + np.sum(np.log(responses), axis=1))
     best = int(np.argmin(deviance))
     white = width * len(binned) * np.log(np.mean(binned))
-    steps = isotonic_regression(binned, increasing=False)
+    steps = isotonic_regression(binned, increasing=False)  # blocks: borders of its steps; a kernel has one level too
     falling = width * float(np.sum(np.log(steps.x))) + 0.5 * (len(steps.blocks) - 2) * np.log(len(binned))
     return _kernels()[best] if deviance[best] <= min(white - 2 * np.log(len(responses)), falling) else None
 

@@ -28,7 +28,6 @@ _FALLEN = 0.7  # share of the first size below which a motion has decayed at all
 _DRIVEN = "{}: it was driven by a force that nobody recorded; record F, or give the free decay alone"
 _QUICK = f"dies away within {{}} samples: at least {SHORTEST} are needed; record it at a higher rate"
 _DEEP = 1 / 3  # share of the first size below which a motion has died away, though its peaks rise now and then
-_AGAIN = 0.1  # share of the largest size that a motion has which is let go again
 _RISEN, _CLEAR = 1.5, 5.0  # times the smallest size so far, and times the noise, from which it was pushed again
 _SWINGS, _SHALLOW = 4, 0.02  # reversals of two periods, and share of the range below which one is none
 _CHANCE = 0.1  # probability that white noise reaches any line of a spectrum (half as many lines as samples): 1 in 20
@@ -106,7 +105,8 @@ def _places(values: Array, window: int, noise: float) -> tuple[list[slice], str]
     """Samples in which a channel dies away, one stretch after the other, and why there are none."""
     count = len(values) // window
     size = np.std(values[: count * window].reshape(count, window), axis=1)
-    found, why, least = list[slice](), _DRIVEN.format("does not die away"), max(_CLEAR * noise, _AGAIN * np.max(size))
+    found, why = list[slice](), _DRIVEN.format("does not die away")
+    seen = size > max(_CLEAR * noise, _GONE * np.max(size))
     last = int(np.flatnonzero(size >= _PLATEAU * np.max(size))[-1])
     while last < count:
         first = last + 1 if last else 0  # a recording that begins with its largest motion begins with the decay
@@ -121,15 +121,14 @@ def _places(values: Array, window: int, noise: float) -> tuple[list[slice], str]
         first += _after_steady(size[first:done])
         done = max(done, first + 1)
         place = slice(first * window if first else _let_go(values[:window], noise), done * window)
-        if fell > _FALLEN or (fell > _DEEP and not _only_falls(values[place], noise)):
-            pass  # what is driven falls as well for a while
-        elif _swings(values[place.start :], noise) < _SWINGS:
+        dies = fell < _DEEP or (fell < _FALLEN and _only_falls(values[place], noise))  # what is driven falls as well
+        if dies and _swings(values[place.start :], noise) < _SWINGS:
             why = _DRIVEN.format(f"does not swing (fewer than {_SWINGS} reversals)")
-        elif place.stop - place.start >= SHORTEST:
+        elif dies and place.stop - place.start >= SHORTEST:
             found.append(place)
-        elif end in gone[:1]:
+        elif dies and end in gone[:1]:
             why = _QUICK.format(place.stop - place.start)
-        last = done + int(np.argmax([*(size[done:] > least), True]))
+        last = done + int(np.argmax([*seen[done:], True]))
         while last + 1 < count and size[last + 1] > size[last]:
             last += 1
     return found, why
