@@ -39,6 +39,40 @@ def test_what_lasts_is_no_bad_sample() -> None:
         assert len(spikes(values)) == 0
 
 
+@pytest.mark.parametrize("height", [0.05, -0.3])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_bad_sample_within_the_range_stands_out_of_its_neighbours(height: float, noise: float) -> None:
+    x = np.sin(2 * np.pi * 7 * T) + noise * np.random.default_rng(1).standard_normal(len(T))
+    at = [812, 2001, 3333]
+    broken = x.copy()
+    broken[at] += height
+    assert spikes(broken).tolist() == at
+    assert len(spikes(x)) == 0
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+@pytest.mark.parametrize("place", [0.0, 0.3, 0.5])
+def test_a_stop_bends_a_displacement_and_steps_a_velocity(noise: float, place: float) -> None:
+    rng = np.random.default_rng(2)
+    for order, size in ((1, 1e-2), (0, 0.5)):  # a bend of 10 mm/s at once, and a step; smooth motion is beside them
+        values = np.sin(2 * np.pi * 7 * T) + noise * rng.standard_normal(len(T))
+        for at in (900, 1700, 2500):
+            late = T / T[1] - at - place
+            values += size * np.where(late > 0, late**order, 0.0)
+        assert len(spikes(values)) == 0
+
+
+def test_a_blow_of_a_sample_shows_in_the_motion_too() -> None:
+    x = np.zeros(len(T))
+    for at in (700, 1500, 2600):
+        x += 1e-3 * np.maximum(T / T[1] - at, 0.0)
+    a = np.pad(np.diff(x, 2), 1) / T[1] ** 2
+    assert len(spikes(a)) == 3
+    kept = without_spikes(Recording("blows", T, x=x, a=a))
+    assert kept.a is not None
+    np.testing.assert_array_equal(kept.a, a)
+
+
 def test_many_outliers_are_noise_of_another_kind() -> None:
     wild = motion(6)
     wild[::50] *= 9

@@ -1,4 +1,9 @@
-"""Bad samples of a data link: single ones that stand far outside everything else."""
+"""Bad samples of a data link: single ones that stand out of their neighbours as nothing else in a channel does.
+
+Whatever moves a structure lasts, and a sensor behind its filter shows it in some samples. Each sample is compared with
+the polynomial of third degree through two neighbours on either side. A bad one leaves a fourth difference there; a step
+of the motion leaves a third one, and a bend a second.
+"""
 
 from __future__ import annotations
 
@@ -6,52 +11,62 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import convolve1d, maximum_filter1d
+from scipy.stats import chi2, norm
 
+from hystid.diagnosis.prepare.pairs import CHANCE
 from hystid.numeric import Array, Flags
 from hystid.recording import Recording
 
 _FEW = (10, 1e-3)  # samples, or share of them: more are no accidents
-_OUTSIDE = 0.5  # of the range of all other samples, by which a bad one lies beyond it
+_OUTSIDE = 0.5  # of what any other sample leaves, by which a bad one leaves more
 _ALONE = 0.9  # of its height that its neighbours do not share: a pulse of three samples shares two thirds
-_USUAL = 0.99  # quantile of the size of all others, up to which neighbours are what the channel always shows
 _WIDTH = 3  # samples on either side that count as neighbours
+_BAD = np.array([0, 1, -4, 6, -4, 1, 0]) / 6  # what a bad sample leaves at itself and its neighbours
+_STEPS = [np.roll([1, -3, 3, -1, 0, 0, 0], k)[:, None] for k in range(4)]  # what a step leaves, up to a factor
+_BENDS = [np.column_stack([np.roll([1, -2, 1, 0, 0, 0, 0], k + i) for i in (0, 1)]) for k in (1, 2)]
 
 
 def without_spikes(test: Recording) -> Recording:
-    """A recording with single samples bridged that stand alone beyond the range of all others; notes say which.
+    """A recording with single bad samples bridged; notes say which.
 
-    A blow or an impact lasts several samples, stays within what the channel shows elsewhere, or shows in force and
-    acceleration alike: an error of the data link is in one of them.
+    A blow or an impact lasts several samples, or shows in force and acceleration, or in acceleration and motion, alike:
+    an error of the data link is in one of them.
     """
     bridged: dict[str, Array] = {}
     notes = []
     channels = test.channels("Fxva")
     for name, values in channels.items():
-        if len(values) < 4 * _WIDTH or not len(bad := spikes(values)):
+        if len(values) < 8 * _WIDTH or not len(bad := spikes(values)):
             continue
-        other = channels.get("F") if name == "a" else _acceleration(channels) if name == "F" else None
-        if len(bad := bad if other is None else bad[~_stands_out(other, bad)]):
+        below = {c: y for c, y in channels.items() if c in "vx" or (c, name) == ("a", "F")}
+        shown = {"F": [_acceleration(below)], "a": [channels.get("F"), _acceleration(below)]}
+        for other in shown.get(name, []):
+            bad = bad if other is None else bad[~_stands_out(other, bad)]
+        if len(bad):
             bridged[name] = _bridged(values, bad)
             notes.append(
-                f"{test.name}: {len(bad)} samples of channel {name} stand alone far beyond all others (the first at "
-                f"{test.t[bad[0]]:.6g} s): taken for errors of the data link, and bridged"
+                f"{test.name}: {len(bad)} samples of channel {name} stand alone, far from their neighbours (the first "
+                f"at {test.t[bad[0]]:.6g} s): taken for errors of the data link, and bridged"
             )
     return test.with_channels(bridged, *notes)
 
 
 def spikes(values: Array) -> NDArray[np.int64]:
-    """Indices of single samples far beyond the range of all others."""
+    """Indices of single samples that stand out of their neighbours far beyond all others."""
+    left = convolve1d(values, _BAD[1:-1], mode="nearest")
+    left[: 2 * _WIDTH] = left[-2 * _WIDTH :] = 0.0
     most = _most(len(values))
-    centre = float(np.median(values))
-    ranked = np.argsort(-np.abs(values - centre))[: most + 1]
-    rest = np.abs(np.delete(values, ranked) - centre)
-    limit = (1 + _OUTSIDE) * float(np.max(rest)) if len(rest) else np.inf
-    usual = float(np.quantile(rest, _USUAL)) if len(rest) else np.inf
-    far = np.sort(ranked[np.abs(values[ranked] - centre) > limit])
-    if not 0 < len(far) <= most:
+    rest = np.abs(left)
+    tops: list[int] = []
+    while len(tops) <= most:
+        tops.append(int(np.argmax(rest)))
+        rest[tops[-1] - _WIDTH : tops[-1] + _WIDTH + 1] = 0.0
+    far = [k for k in tops if abs(left[k]) > (1 + _OUTSIDE) * np.max(rest)]
+    if len(far) > most:
         return np.zeros(0, dtype=np.int64)
-    return np.array([k for k in far if _is_alone(values, int(k), usual, centre)], dtype=np.int64)
+    noise = float(np.median(rest)) / float(norm.ppf(0.75))
+    return np.array(sorted(k for k in far if _is_alone(left[k - _WIDTH : k + _WIDTH + 1], noise)), dtype=np.int64)
 
 
 def _acceleration(channels: Mapping[str, Array]) -> Array | None:
@@ -86,6 +101,17 @@ def _bridged(values: Array, bad: NDArray[np.int64]) -> Array:
     return out
 
 
-def _is_alone(values: Array, at: int, usual: float, centre: float) -> bool:
-    near = np.delete(values[max(0, at - _WIDTH) : at + _WIDTH + 1], min(at, _WIDTH)) - centre
-    return bool(np.max(np.abs(near)) < (1 - _ALONE) * abs(values[at] - centre) + usual)
+def _is_alone(left: Array, noise: float) -> bool:
+    """Whether a sample is bad, and nothing else: by what it leaves at itself and its neighbours, (7,), beside noise of
+    some standard deviation."""
+    as_bad = _unlike(left, _BAD[:, None])
+    as_motion = min(_unlike(left, shape) for shape in (*_STEPS, *_BENDS))
+    usual = noise**2 * float(chi2.isf(CHANCE, len(left) - 1))
+    return (
+        as_bad < (1 - _ALONE) ** 2 * float(left @ left) + usual and as_motion - as_bad > -2 * np.log(CHANCE) * noise**2
+    )
+
+
+def _unlike(left: Array, shape: Array) -> float:
+    """Sum of the squares that are left of values, (n,), beside the best sum of the columns of a shape, (n, k)."""
+    return float(np.sum((left - shape @ np.linalg.lstsq(shape, left, rcond=None)[0]) ** 2))
