@@ -1,14 +1,15 @@
-"""An AC-coupled velocity or acceleration: a high-pass of first order, found beside the other channels and taken out.
+"""An AC-coupled channel of the motion: a high-pass of first order, found beside the other channels and taken out.
 
-Such a sensor shows y where the motion is y + c times the integral of y, with c its corner [rad/s]. Integrated as often
-as it takes to the channel below, that is linear in c: no channel has to be derived, whose noise is white then, and no
-line of a spectrum leaks into another one. A clock that is late is linear in its lag likewise, and the two are compared.
+Such a sensor, or an integrator that lets slow motion go, shows y where the motion is y + c times the integral of y,
+with c its corner [rad/s]. Integrated as often as it takes to the channel below, that is linear in c: no channel has to
+be derived, whose noise is white then, and no line of a spectrum leaks into another one. A clock that is late is linear in its lag likewise, and the two are compared.
 A filter that takes a hundredth of the power is seen at the door (``consistency.filters``); this is for those below.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from itertools import combinations
 from math import comb
 from typing import NamedTuple
 
@@ -17,39 +18,41 @@ from scipy.integrate import cumulative_trapezoid
 
 from hystid.consistency.kinematics import ORDER
 from hystid.diagnosis.prepare.faults import COUPLED, Fault
-from hystid.diagnosis.prepare.pairs import CHANCE, UNKNOWN, Estimate, agreed, sections
+from hystid.diagnosis.prepare.pairs import CHANCE, LEFT, UNKNOWN, Estimate, agreed, sections
 from hystid.diagnosis.prepare.segments import measured_motion
 from hystid.numeric import Array
 from hystid.recording import Recording
 
 
 def coupled(tests: Sequence[Recording], without: Collection[str] = ()) -> Fault | None:
-    """The velocity or acceleration that is AC-coupled in all recordings, with its corner [rad/s]; None where the
+    """The channel of the motion that is AC-coupled in all recordings, with its corner [rad/s]; None where the
     sections of no pair of channels agree on a corner, or a late clock explains more.
 
     without: channels that say nothing, as they stop at a level.
     """
     channels = [measured_motion(test) for test in tests]
     names = [name for name in "xva" if all(name in motion for motion in channels) and name not in without]
-    for name in (high for high in "av" if high in names):
-        found, against = [], 0.0
-        for low in names[: names.index(name)]:
-            corner, odds = _corner(low, name, tests, CHANCE / comb(len(names), 2))  # so many pairs may agree by chance
-            against += odds
-            found += [corner] if corner.agrees and corner.value > 0 else []
-        if found and against < 0:
-            weights = np.array([1 / corner.stderr**2 for corner in found])
-            value = float(weights @ [corner.value for corner in found] / np.sum(weights))
-            return Fault(COUPLED, name, value, float(1 / np.sqrt(np.sum(weights))))
+    chance = CHANCE / max(1, 2 * comb(len(names), 2))  # so many channels of pairs may agree by chance
+    for name in reversed(names):
+        others = [other for other in names if other != name]
+        own = [_corner(name, *sorted((name, other), key="xva".index), tests, chance) for other in others]
+        found = [(corner.value, corner.stderr) for corner, _ in own if corner.agrees and corner.value > 0]
+        if found and sum(odds for _, odds in own) < 0:
+            values, errors = np.array(found).T
+            corner, stderr = float(np.average(values, weights=errors**-2)), float(np.sum(errors**-2) ** -0.5)
+            return Fault(COUPLED, name, corner, stderr, left_out=name != names[-1])
     return None
 
 
 def uncoupled(recording: Recording, fault: Fault) -> Recording:
     """Copy with what an AC-coupled channel lost put back. What it had lost before the recording, and its zero, are what
-    the channel below says, or none where that is not there."""
+    the channel below says, or none where that is not there. A channel that loses what a higher one shows has no use, and is
+    left out: of which order its filter is nobody knows."""
     motion = measured_motion(recording)
     if fault.channel not in motion:
         return recording
+    if fault.left_out:
+        return recording.with_channels({fault.channel: None})
     values, dt = motion[fault.channel], recording.dt
     whole = values + fault.size * _integral(values - np.mean(values), dt, 1)
     below = [low for low in "vx" if low in motion and ORDER[low] < ORDER[fault.channel]]
@@ -60,23 +63,36 @@ def uncoupled(recording: Recording, fault: Fault) -> Recording:
     return recording.with_channels({fault.channel: whole})
 
 
-def _corner(low: str, high: str, tests: Sequence[Recording], chance: float) -> tuple[Estimate, float]:
-    """Corner of the higher of two channels [rad/s], which agrees by chance with a probability, and ln of the odds of a
-    lag against it."""
-    values, weights, odds = [], [], 0.0
+def _corner(name: str, low: str, high: str, tests: Sequence[Recording], chance: float) -> tuple[Estimate, float]:
+    """Corner of one of two channels [rad/s], which agrees by chance with a probability, and ln of the odds of a lag
+    against it."""
+    values, variances, odds = [], [], 0.0
     order = ORDER[high] - ORDER[low]
     for test in tests:
         motion = measured_motion(test)
         for lower, upper in sections(motion[low], motion[high]):
-            swings = upper - np.mean(upper)
-            corner, late = (_beside(lower, swings, test.dt, order, order + more) for more in (1, -1))
-            if corner.gain > 0:  # else the channels show two motions here
+            swings, dt = upper - np.mean(upper), test.dt
+            whole = _integral(swings, dt, order)
+            # what the higher channel lost is an integral of its own; what the lower one lost, likewise
+            lost = _integral(whole, dt, 1) if name == high else -_integral(lower - np.mean(lower), dt, 1)
+            corner = _beside(lower, whole, lost, order)
+            late = _beside(lower, whole, _integral(swings, dt, order - 1), order)
+            if corner.gain > 0 and corner.left < LEFT * np.sum((lower - np.mean(lower)) ** 2):  # else two motions
                 values.append(corner.share)
-                weights.append(1 / corner.variance)
+                variances.append(corner.variance)
                 odds += 0.5 * len(lower) * float(np.log(corner.left / late.left))
     if not values:
         return UNKNOWN, 0.0
-    return agreed(np.array(values), np.array(weights), chance=chance), odds
+    found, weights = np.array(values), 1 / np.array(variances)
+    return agreed(found, 1 / (1 / weights + _between(found, weights)), chance=chance), odds
+
+
+def _between(values: Array, weights: Array) -> float:
+    """Variance between sections beside what their noise, of inverse variances (k,), makes (DerSimonian and Laird 1986).
+    """
+    total = float(np.sum(weights))
+    scatter = float(weights @ (values - weights @ values / total) ** 2) - (len(values) - 1)
+    return max(0.0, scatter) / max(total - float(weights @ weights) / total, 1e-300)
 
 
 class _Fit(NamedTuple):
@@ -89,11 +105,11 @@ class _Fit(NamedTuple):
     left: float
 
 
-def _beside(lower: Array, upper: Array, dt: float, order: int, other: int) -> _Fit:
-    """The lower of two channels, (n,), as a gain times ``order`` integrals of the upper one, and ``other`` integrals
+def _beside(lower: Array, whole: Array, further: Array, order: int) -> _Fit:
+    """The lower of two channels, (n,), as a gain times ``order`` integrals of the upper one, and a further column
     beside it. Each integral has a constant that nobody knows."""
     place = np.linspace(-1.0, 1.0, len(lower))
-    columns = [_integral(upper, dt, other), _integral(upper, dt, order), *(place**k for k in range(order + 2))]
+    columns = [further, whole, *(place**k for k in range(order + 2))]
     table = np.column_stack(columns)
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     basis, triangle = np.linalg.qr(table / size)

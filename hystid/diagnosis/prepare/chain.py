@@ -134,9 +134,7 @@ def examined(tests: Sequence[Recording], unseen: Sequence[Recording], clipped: S
     faults = list(stopped(tests) if clipped is None else clipped)
     tests, unseen, dead = _without_dead(tests, unseen, {fault.channel for fault in faults})
     tests, unseen, zeros = _without_zeros(tests, unseen)
-    filtered = coupled(tests, {fault.channel for fault in faults})
-    if filtered is not None:
-        tests, unseen = ([uncoupled(test, filtered) for test in group] for group in (tests, unseen))
+    tests, unseen, filtered = _uncoupled(tests, unseen, {fault.channel for fault in faults})
     found = pairs(tests)
     late = _late_channel(_sound(found, faults))
     held = late is not None and _jumps_with_force(tests, late)
@@ -151,7 +149,7 @@ def examined(tests: Sequence[Recording], unseen: Sequence[Recording], clipped: S
     tests = [_rescaled(test, alone[test.name]) if test.name in alone else test for test in tests]
     if not any(fault.channel in "xva" for fault in faults):
         faults += [f for f in (saturated_motion(tests),) if f is not None]
-    repaired = [fault for fault in (*dead, *zeros, filtered, late, scaled) if fault is not None]
+    repaired = [fault for fault in (*dead, *zeros, *filtered, late, scaled) if fault is not None]
     named = [fault for fault in repaired if fault.id == DELAY and _is_named(fault)]
     notes = (*(fault.sentence() for fault in repaired), *([_HELD] if held else []))
     notes += tuple(f"{name}: {fault.sentence()}" for name, fault in alone.items())
@@ -260,6 +258,18 @@ def zero_of(test: Recording, name: str, sources: str) -> Estimate | None:
         found.append(float(np.mean(window * upper) - np.mean(steep * (lower - np.mean(lower)))))
     zero = agreed(np.array(found), np.ones(len(found)))
     return zero if zero.agrees else None
+
+
+def _uncoupled(
+    tests: Sequence[Recording], unseen: Sequence[Recording], stopped: set[str]
+) -> tuple[Sequence[Recording], Sequence[Recording], list[Fault]]:
+    """Recordings without the AC coupling of their channels, of which one at least is sound."""
+    found: list[Fault] = []
+    while (fault := coupled(tests, stopped | {fault.channel for fault in found})) is not None:
+        tests = [uncoupled(test, fault) for test in tests]
+        unseen = [uncoupled(test, fault) for test in unseen]
+        found.append(fault)
+    return tests, unseen, found
 
 
 def _late_channel(found: Sequence[ChannelPair]) -> Fault | None:

@@ -25,7 +25,7 @@ class Fault:
     size: delay in samples; level at which the channel stops, or its zero (its unit); gain; largest correlation with the
     other channels where it is dead; corner of its AC coupling [rad/s]. stderr: its standard error, from the scatter
     between sections of the recordings. share: share of the samples that it touches; of a zero, its size over the
-    standard deviation of the channel. seconds: delay in seconds.
+    standard deviation of the channel. seconds: delay in seconds. left_out: whether the channel is left out for it.
     """
 
     id: str
@@ -34,6 +34,7 @@ class Fault:
     stderr: float
     share: float = 1.0
     seconds: float = 0.0
+    left_out: bool = False
 
     def sentence(self) -> str:
         """What was done about it, for people."""
@@ -56,10 +57,9 @@ class Fault:
             )
         if self.id == COUPLED:
             corner, error = (value / (2 * np.pi) for value in (self.size, self.stderr))
-            return (
-                f"channel {name} leads as an AC-coupled sensor does, with a corner at {corner:.3g} ({error:.1g}) Hz: "
-                "what it lost is put back"
-            )
+            known = f" ({error:.1g})" if error > 1e-6 * corner else ""  # what was computed from another is exact
+            done = "left out" if self.left_out else "what it lost is put back"
+            return f"channel {name} leads as an AC-coupled sensor does, with a corner at {corner:.3g}{known} Hz: {done}"
         if self.id == DEAD:
             return f"channel {name} does not follow the motion that the other channels agree on: left out"
         return f"channel {name} stops at {self.size:.4g} {unit}, in {100 * self.share:.2g} % of the samples"

@@ -30,7 +30,7 @@ _FEWEST = 1.5  # effective sections below which there is no scatter
 _HIGHEST = 1.0  # rad per sample up to which the differences that derive a channel are exact to 0.1 %
 _COHERENT = 0.5  # coherence from which a frequency counts
 _FURTHEST = 0.25  # share of a recording over which a coarse lag is sought: three quarters still overlap
-_LEFT = 0.1  # share of the power beside which a shift or a factor is all: clipping or a filter leaves more
+LEFT = 0.1  # share of the power beside which a shift or a factor is all: clipping or a filter leaves more
 _SEEN = 0.1  # share of the power of both channels that is motion, below which noise hides how they fit together
 _APART = 0.5  # difference of the halves of the band over their mean, from which it is a filter: phase over frequency
 # falls with the square of the frequency beside a corner, and halves are apart by a factor of 1.3 at least
@@ -110,7 +110,7 @@ def _pair(recordings: Sequence[Recording], low: str, high: str) -> ChannelPair:
         shift, step = round(coarse / recording.dt), recording.dt
         for one, other in sections(*_moved(derived, measured, shift)):
             found += [(h, (shift + lag) * step, gain, w / step**2) for h, lag, gain, w in _spectra(one, other)]
-    if not found or not seen or correlation**2 < 1 - _LEFT:
+    if not found or not seen or correlation**2 < 1 - LEFT:
         return ChannelPair(low, high, UNKNOWN, UNKNOWN, correlation, seen, dt)
     half, lag, gain, weight = np.array(found).T
     estimates = [agreed(values, weight, _between(values, weight, half)) for values in (lag, gain)]
