@@ -124,6 +124,35 @@ def test_an_ac_coupled_channel_is_told_with_its_corner_and_put_back(corner: floa
     assert np.std(left) < 0.02 * np.std(sound.channel("a"))  # twice the noise that it has
 
 
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("corner", [0.2, 1.0])
+def test_integrators_that_let_slow_motion_go_are_left_out_beside_the_acceleration(corner: float, order: int) -> None:
+    """Amplifiers integrate with a high-pass: their v and x lead, and a alone is right. Their noise is that of a."""
+    record = motion(6, n=3 * N)
+    b, a = butter(order, corner, "high", fs=1 / DT)
+    v = lfilter(b, a, cumulative_trapezoid(record.channel("a"), dx=DT, initial=0.0))
+    x = lfilter(b, a, cumulative_trapezoid(v, dx=DT, initial=0.0))
+    found = examined([replace(record, x=x, v=v)], [])
+    assert {(fault.id, fault.channel) for fault in found.repaired} == {(COUPLED, "v"), (COUPLED, "x")}
+    assert all("left out" in fault.sentence() for fault in found.repaired)
+    assert found.tests[0].x is None and found.tests[0].v is None
+    turns = 1.0 if order == 1 else np.sqrt(2.0)  # a filter of second order turns the phase by as much more
+    (size,) = (fault.size / (2 * np.pi) for fault in found.repaired if fault.channel == "v")
+    # the bilinear transform warps; of second order, what is not first is left out, and is most where noise wanders
+    assert size == pytest.approx(turns * corner, rel=0.01 if order == 1 else 0.05)
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.03])
+def test_an_ac_coupled_velocity_beside_a_displacement_alone_is_put_back(noise: float) -> None:
+    sound = replace(motion(8, noise=noise, n=3 * N), a=None)
+    b, a = butter(1, 0.5, "high", fs=1 / DT)
+    found = examined([replace(sound, v=lfilter(b, a, sound.channel("v")))], [])
+    (fault,) = found.repaired
+    assert (fault.id, fault.channel, fault.left_out) == (COUPLED, "v", False)
+    assert abs(fault.size / (2 * np.pi) - 0.5) < max(5 * fault.stderr, 0.005)
+    assert np.std(found.tests[0].channel("v") - sound.channel("v")) < 2 * noise * np.std(sound.channel("v"))
+
+
 @pytest.mark.parametrize(("channel", "gain"), [("x", 1.05), ("v", 0.9), ("a", 1.2)])
 def test_the_gain_of_one_of_three_channels_is_told_with_its_error(channel: str, gain: float) -> None:
     record = motion(5)
