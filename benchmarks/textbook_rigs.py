@@ -1,10 +1,12 @@
 """Rigs with one textbook effect each, simulated apart from the library and from the proof: is it named?
 
     python -m benchmarks.textbook_rigs --seed S --cases N [--kind cubic mass ...] [--channels a va] [--let-go struck]
+    python -m benchmarks.textbook_rigs --seed S --cases N [--recorder "bad samples" "integrators 1" ...]
 
 A mass on a spring and a damper takes a force of six kinds; one effect is added that its user does not know, as a
 textbook writes it, or none. 0.1 to 300 kg, 2 to 200 Hz; any of x, v and a, with 28 dB of noise to none. With --let-go
-the rig is let go in one of five ways, once to three times, and nobody records a force; laws alone show then. Prints
+the rig is let go in one of five ways, once to three times, and nobody records a force; laws alone show then. With
+--recorder the channels, of 34 to 60 dB, are changed as laboratories do (``benchmarks.recorders``). Prints
 each case that is not right, and the counts: right (the effect, or one that the recordings cannot tell from it), near
 (another of its family, or another beside it), unknown, missed, wrong, alarm, refused.
 """
@@ -22,6 +24,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.proof.decoys import CALM
+from benchmarks.recorders import RECORDERS, Bench
 from hystid import diagnose
 from hystid.errors import HystidError
 from hystid.numeric import Array
@@ -233,8 +236,11 @@ def _noisy(y: Array, snr: float, rng: np.random.Generator) -> Array:
     return np.asarray(y + 10 ** (-snr / 20) * np.std(y) * rng.standard_normal(len(y)))
 
 
-def textbook_rig(seed: int, name: str, channels: str = "") -> tuple[Recording, dict[str, float], str]:
-    """A recording with one effect, what its user believes, and the case in words. channels: "" for any."""
+def textbook_rig(
+    seed: int, name: str, channels: str = "", recorder: str = ""
+) -> tuple[Recording, dict[str, float], str]:
+    """A recording with one effect, what its user believes, and the case in words. channels, recorder: "" for any, and
+    for one that changes nothing."""
     rng, kind = np.random.default_rng([seed, 77]), KINDS[name]
     rig, f0 = _rig(rng)
     m = rig.m
@@ -247,11 +253,18 @@ def textbook_rig(seed: int, name: str, channels: str = "") -> tuple[Recording, d
     x, v, a = moved(rig, m * (1 + kind.mass * rig.s), added, t, force)
     seen = np.interp(t - kind.late * rig.s * t[1], t, force) * (1 + kind.gain * rig.s)
     drawn, snr = str(rng.choice(_CHANNELS)), float(rng.choice(_SNR))
+    if recorder:
+        needed, change = RECORDERS[recorder]
+        drawn, snr = needed or drawn, float(np.clip(snr, 34, 60))
     columns = {
         c: _noisy(y, snr, rng) for c, y in (("F", seen), ("x", x), ("v", v), ("a", a)) if c in "F" + (channels or drawn)
     }
     believed = _believed(rig, rng)
-    words = f"{excitation}, {channels or drawn}, {snr:.0f} dB, {len(t)} samples"
+    if recorder:
+        columns = change(Bench(f0, 1 / float(t[1]), rng), columns)
+    words = ", ".join(
+        [excitation, channels or drawn, f"{snr:.0f} dB", f"{len(t)} samples", *([recorder] if recorder else [])]
+    )
     return Recording(f"{name} {seed}", t, **columns), believed, words
 
 
@@ -313,18 +326,20 @@ def main() -> None:
     parser.add_argument("--cases", type=int, required=True, help="of each kind")
     parser.add_argument("--kind", nargs="*", choices=KINDS, default=list(KINDS))
     parser.add_argument("--channels", nargs="*", choices=("x", "v", "a", "xv", "xa", "va", "xva"), default=[""])
+    parser.add_argument("--recorder", nargs="*", choices=RECORDERS, default=[""], help="what was done to the channels")
     parser.add_argument("--let-go", nargs="*", choices=RELEASES, default=[""], help="free decays without a force")
     given = parser.parse_args()
     counts: Counter[str] = Counter()
     seeds = range(given.seed, given.seed + given.cases)
-    for name, seed, channels, release in product(given.kind, seeds, given.channels, given.let_go):
+    every = product(given.kind, seeds, given.channels, given.let_go, given.recorder)
+    for name, seed, channels, release, recorder in every:
         if release and KINDS[name].right and KINDS[name].law is None:
             continue
         tests: Recording | list[Recording]
         if release:
             tests, believed, words = released_rig(seed, name, release, channels)
         else:
-            tests, believed, words = textbook_rig(seed, name, channels)
+            tests, believed, words = textbook_rig(seed, name, channels, recorder)
         try:
             answer = diagnose(tests, model="HystId.Oscillators.Linear", parameters=believed)
         except HystidError as error:

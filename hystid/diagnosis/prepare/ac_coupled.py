@@ -2,8 +2,9 @@
 
 Such a sensor, or an integrator that lets slow motion go, shows y where the motion is y + c times the integral of y,
 with c its corner [rad/s]. Integrated as often as it takes to the channel below, that is linear in c: no channel has to
-be derived, whose noise is white then, and no line of a spectrum leaks into another one. A clock that is late is linear in its lag likewise, and the two are compared.
-A filter that takes a hundredth of the power is seen at the door (``consistency.filters``); this is for those below.
+be derived, whose noise is white then, and no line of a spectrum leaks into another one. A clock that is late is linear
+in its lag likewise, and the two are compared. A filter that takes a hundredth of the power is seen at the door
+(``consistency.filters``); this is for those below.
 """
 
 from __future__ import annotations
@@ -34,8 +35,7 @@ def coupled(tests: Sequence[Recording], without: Collection[str] = ()) -> Fault 
     names = [name for name in "xva" if all(name in motion for motion in channels) and name not in without]
     chance = CHANCE / max(1, 2 * comb(len(names), 2))  # so many channels of pairs may agree by chance
     for name in reversed(names):
-        others = [other for other in names if other != name]
-        own = [_corner(name, *sorted((name, other), key="xva".index), tests, chance) for other in others]
+        own = [_corner(name, low, high, tests, chance) for low, high in combinations(names, 2) if name in (low, high)]
         found = [(corner.value, corner.stderr) for corner, _ in own if corner.agrees and corner.value > 0]
         if found and sum(odds for _, odds in own) < 0:
             values, errors = np.array(found).T
@@ -46,8 +46,8 @@ def coupled(tests: Sequence[Recording], without: Collection[str] = ()) -> Fault 
 
 def uncoupled(recording: Recording, fault: Fault) -> Recording:
     """Copy with what an AC-coupled channel lost put back. What it had lost before the recording, and its zero, are what
-    the channel below says, or none where that is not there. A channel that loses what a higher one shows has no use, and is
-    left out: of which order its filter is nobody knows."""
+    the channel below says, or none where that is not there. A channel that loses what a higher one shows has no use and
+    is left out: of which order its filter is nobody knows."""
     motion = measured_motion(recording)
     if fault.channel not in motion:
         return recording
