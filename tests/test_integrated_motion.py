@@ -39,7 +39,7 @@ def tests(tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
 @pytest.mark.parametrize(
     ("corner", "told"),
     [
-        # next to no slow motion is lost: a second-order filter turns the phase as one of first order does, by root 2 more
+        # next to no slow motion is lost: a filter of second order turns the phase as one of first order, by root 2 more
         (0.5, [f"channel {c} leads as an AC-coupled sensor does" for c in "xv"]),
         (3.0, ["channel x is left out, as x loses motion below", "channel v is left out, as v loses motion below"]),
     ],

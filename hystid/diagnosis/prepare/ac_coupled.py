@@ -88,8 +88,7 @@ def _corner(name: str, low: str, high: str, tests: Sequence[Recording], chance: 
 
 
 def _between(values: Array, weights: Array) -> float:
-    """Variance between sections beside what their noise, of inverse variances (k,), makes (DerSimonian and Laird 1986).
-    """
+    """Variance between sections beside what their noise, of inverse variances (k,), makes (DerSimonian, Laird 1986)."""
     total = float(np.sum(weights))
     scatter = float(weights @ (values - weights @ values / total) ** 2) - (len(values) - 1)
     return max(0.0, scatter) / max(total - float(weights @ weights) / total, 1e-300)

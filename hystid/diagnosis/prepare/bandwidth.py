@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.signal import get_window, welch
+from scipy.signal import coherence, get_window, welch
 
 from hystid.numeric import Array
 from hystid.recording import Recording
@@ -25,6 +25,7 @@ _DIGITS = 100.0  # over the rounding of eight digits: what seven digits, and the
 _MOTION = 0.95  # share of the power that is motion at least: noise of 20 dB holds a hundredth
 _BEYOND, _STEEP = 1.5, 100.0  # frequency over the corner, and fall of the power up to there: a mass leaves a fifth,
 # a filter of fourth order run both ways a thousandth
+_ALIKE = 0.5  # coherence from which more of a shelf is motion than noise
 _SHORTEST = 400  # samples that must remain
 
 
@@ -77,10 +78,26 @@ def where_white(tests: Sequence[Recording]) -> list[Recording]:
     Samples are left out, no filter is applied: noise that is white stays so, and what was low-passed holds nothing that
     could fold back.
     """
-    if all(is_noise_free(test.channel("F")) for test in tests):
+    if all(is_noise_free(test.channel("F")) and not _is_filtered(test) for test in tests):
         return list(tests)  # a simulation: what falls steeply is the motion
     found = [_corners(tests, name) for name in "xva"]
     return [_thinned(test, min(each)) for test, *each in zip(tests, *found, strict=True)]
+
+
+def _is_filtered(test: Recording) -> bool:
+    """Whether force and motion were low-passed with noise: up to a corner each, and there each has a noise of its own.
+    What both have in common is motion, which may end as steeply."""
+    channels = [values for name in "Fxva" if (values := getattr(test, name)) is not None]
+    corners = [corner(values, test.dt) for values in channels]
+    length = min(len(test) // 8, 2048)
+    for values, end in zip(channels[1:], corners[1:], strict=True):
+        top = min(corners[0], end)
+        if np.isfinite(corners[0]) and np.isfinite(end):
+            frequency, alike = coherence(channels[0], values, fs=1 / test.dt, nperseg=length)
+            shelf = (frequency > (1 - _SHELF / _FEWEST) * top) & (frequency < top)
+            if np.any(shelf) and float(np.median(alike[shelf])) < _ALIKE:
+                return True
+    return False
 
 
 def _corners(tests: Sequence[Recording], name: str) -> list[float]:
