@@ -8,7 +8,7 @@ textbook writes it, or none. 0.1 to 300 kg, 2 to 200 Hz; any of x, v and a, with
 the rig is let go in one of five ways, once to three times, and nobody records a force; laws alone show then. With
 --recorder the channels, of 34 to 60 dB, are changed as laboratories do (``benchmarks.recorders``). Prints
 each case that is not right, and the counts: right (the effect, or one that the recordings cannot tell from it), near
-(another of its family, or another beside it), unknown, missed, wrong, alarm, refused.
+(another of its family or its class, or another beside it), unknown, missed, wrong, alarm, refused.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -305,8 +305,8 @@ def _let_go(how: str, t: Array, before: int, rig: Rig, rng: np.random.Generator)
     return np.asarray(sum(np.where((u > 0) & (u < 1), blow * np.sin(np.pi * u), 0.0) for u in places))
 
 
-def judged(kind: Kind, verdict: str, found: set[str]) -> str:
-    """How right an answer is."""
+def judged(kind: Kind, verdict: str, found: set[str], alike: Collection[str] = ()) -> str:
+    """How right an answer is. alike: what it says that it cannot tell from what it found."""
     if verdict == "not_applicable":
         return "refused"
     if kind.right in ((), ("",)):
@@ -315,7 +315,7 @@ def judged(kind: Kind, verdict: str, found: set[str]) -> str:
     if found and found <= {*kind.right, *kind.near}:
         return "right" if found <= set(kind.right) else "near"
     if found:
-        return "near" if found & set(kind.right) else "wrong"
+        return "near" if {*found, *alike} & set(kind.right) else "wrong"
     return "missed" if verdict in CALM else "unknown"
 
 
@@ -346,7 +346,8 @@ def main() -> None:
             said, how = str(error), "refused"
         else:
             said = ", ".join(f"{f.effect} {f.confidence:.2f}" for f in answer.findings) or answer.headline
-            how = judged(KINDS[name], answer.verdict, {f.effect for f in answer.findings})
+            alike = [other for f in answer.findings for other in f.alike]
+            how = judged(KINDS[name], answer.verdict, {f.effect for f in answer.findings}, alike)
         counts[how] += 1
         if how != "right":
             print(f"{how}: {name} {seed} ({words}): {said}", flush=True)
