@@ -88,3 +88,7 @@ def test_a_constant_of_each_recording_needs_no_clock_and_is_no_other_of_one() ->
     wandering = [drift for drift in force_drifts([slow, quick][1:] * 2) if drift.form.startswith("Wandering")]
     assert [len(drift.amplitudes) for drift in wandering] == [2 * 6, 2 * 12]  # of 19 periods
     assert force_drifts([slow, quick])[-1].form == "Bowed"  # the slowest motion of all recordings counts
+    still = replace(quick, rest=np.arange(len(t)) > 0.4 * len(t))  # what polynomials do there no fit sees
+    assert [drift.form for drift in force_drifts([still])] == ["", "Bowed"]
+    blind = replace(quick, lowest=7 * np.pi / t[-1])  # six bends in the time are slower than all that is seen
+    assert [drift.form for drift in force_drifts([blind])] == ["Wandering12"]

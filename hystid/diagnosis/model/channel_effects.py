@@ -261,9 +261,14 @@ _KINDS = {"Constant": ("offset",), "": ("offset", "ramp"), "Bowed": ("offset", "
 
 def force_drifts(parts: Sequence[Part]) -> list[ForceDrift]:
     """Drifts of the force channel: a constant of each recording, of one recording a preload, with a ramp, with a bow,
-    and with so many polynomials that the slowest motion has more periods than they have bends."""
+    and with so many polynomials that the slowest motion has more periods than they have bends: none more than a bow
+    where half of a recording is rest, which no fit sees. None that is slower than all motion that is seen: each half
+    of a period is a bend."""
     recordings, periods = len(parts), min(band(part)[0] * part.dt * len(part) for part in parts)
-    forms = [form for form, kinds in _KINDS.items() if len(kinds) <= max(_BOWED, periods)]
+    if any(part.rest is not None and 2 * np.count_nonzero(part.rest) > len(part) for part in parts):
+        periods = 0.0
+    unseen = min(part.lowest * part.dt * len(part) / np.pi for part in parts)
+    forms = [form for form, kinds in _KINDS.items() if unseen < len(kinds) <= max(_BOWED, periods)]
     return [force_drift(recordings, form) for form in forms if form != "Constant" or recordings > 1]
 
 
