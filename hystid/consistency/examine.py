@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from hystid.consistency import words
+from hystid.consistency.bad_samples import bad_samples, without_bad_samples
 from hystid.consistency.channel_faults import CERTAIN, MATTERS, PHASE, channel_faults
 from hystid.consistency.cut_off import kept_size, with_full_sizes
 from hystid.consistency.filters import Form, filtered
@@ -59,7 +60,8 @@ _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
 
 
 def admit(recordings: Sequence[Recording], mass: float | None = None, accept: Collection[str] = ()) -> list[Recording]:
-    """The recordings, with what is doubtful about them among their warnings, after the door of every command.
+    """The recordings, with what is doubtful about them among their warnings, after the door of every command: bad
+    samples of a data link are bridged.
 
     accept: slips whose findings are warnings here. Raises RecordingError with one line per finding that is none.
     """
@@ -69,7 +71,8 @@ def admit(recordings: Sequence[Recording], mass: float | None = None, accept: Co
     told = {name: tuple(str(n) for n in found.notes if n.recording == name) for name in {r.name for r in recordings}}
     for note in found.notes:
         _log.warning("hystid: warning: %s", note)
-    return [replace(r, warnings=(*r.warnings, *told[r.name])) if told[r.name] else r for r in recordings]
+    whole = [without_bad_samples(recording) for recording in recordings]
+    return [replace(r, warnings=(*r.warnings, *told[r.name])) if told[r.name] else r for r in whole]
 
 
 def examine(recordings: Sequence[Recording], mass: float | None = None) -> Examination:
@@ -80,8 +83,14 @@ def examine(recordings: Sequence[Recording], mass: float | None = None) -> Exami
     """
     if mass is not None and not (math.isfinite(mass) and mass >= 0):
         mass = None  # every command refuses such a mass in its own words
-    found = [_one(recording, mass and own_mass(recording, mass)) for recording in recordings]
+    bridged = [without_bad_samples(recording) for recording in recordings]
+    found = [_one(recording, mass and own_mass(recording, mass)) for recording in bridged]
     findings = [finding for _, several in found for finding in several]
+    findings += [
+        words.bad_samples(recording.name, name, len(bad), float(recording.t[bad[0]]))
+        for recording in recordings
+        for name, bad in bad_samples(recording).items()
+    ]
     return Examination([item for item, _ in found], findings, tuple(recordings))
 
 

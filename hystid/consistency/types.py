@@ -20,8 +20,9 @@ class Finding:
     """One slip of one recording.
 
     slip: rule that ``--accept`` knows: "wrong_unit", "swapped_sign", "swapped_channels", "not_one_motion", "lag",
-    "filtered", "drift", "wrong_mass". seen: what was measured, as numbers. sentence: what was found; mend: what to do,
-    both clauses without a full stop. repair: the option that mends it, as {"reverse": "F"} or {"unit": "a=g"}.
+    "filtered", "drift", "wrong_mass", "bad_samples". seen: what was measured, as numbers. sentence: what was found;
+    mend: what to do, both clauses without a full stop. repair: the option that mends it, as {"reverse": "F"} or
+    {"unit": "a=g"}.
     """
 
     recording: str

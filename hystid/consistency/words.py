@@ -222,6 +222,14 @@ def drift(name: str, channel: str, share: float, limit: float) -> Finding:
     return Finding(name, channel, "drift", sentence, mend, "note", {"share": share, "limit": limit})
 
 
+def bad_samples(name: str, channel: str, number: int, first: float) -> Finding:
+    """Single samples that stand alone. first: time of the first one [s]."""
+    many = f"{number} samples stand" if number > 1 else "one sample stands"
+    sentence = f"{many} alone, far from their neighbours (the first at {first:.6g} s), as errors of a data link do"
+    mend = "diagnose, identify and validate bridge them; look at the cable and the range of the recorder"
+    return Finding(name, channel, "bad_samples", sentence, mend, "note", {"samples": number, "first": first})
+
+
 def unrelated(name: str, p: Pair) -> Finding:
     """Two channels that have nothing in common."""
     sentence = f"{p.high} does not follow {_DERIVATIVES[p.low, p.high]} (both move alike in no band)"

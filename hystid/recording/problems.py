@@ -33,6 +33,7 @@ RULES = {
     "lag": "all channels share one clock",
     "filtered": "no channel loses a band of the motion that another one shows",
     "drift": "no channel wanders where the others rest",
+    "bad_samples": "no sample stands alone, far from its neighbours",
 }
 
 

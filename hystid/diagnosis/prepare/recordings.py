@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hystid.consistency.bad_samples import without_bad_samples
 from hystid.diagnosis.prepare.bandwidth import where_white
 from hystid.diagnosis.prepare.clipping import stopped
 from hystid.diagnosis.prepare.decay import is_free, released, with_noise
@@ -17,7 +18,6 @@ from hystid.diagnosis.prepare.interpolated import where_measured
 from hystid.diagnosis.prepare.levelled import with_lines_told
 from hystid.diagnosis.prepare.readings import consistent
 from hystid.diagnosis.prepare.refused import SHORTEST, NotDiagnosable
-from hystid.diagnosis.prepare.spikes import without_spikes
 from hystid.diagnosis.prepare.tapered import between_tapers
 from hystid.diagnosis.prepare.user_smoothing import smoothed_alike
 from hystid.errors import RecordingError, UsageError
@@ -91,7 +91,7 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
 
 def _as_recorded(test: Recording) -> Recording:
     """The samples of a recording that a sensor gave, as far as those that a user changed can be told."""
-    within = between_tapers(without_spikes(with_lines_told(test)), SHORTEST)
+    within = between_tapers(without_bad_samples(with_lines_told(test)), SHORTEST)
     return where_measured(within, SHORTEST)
 
 

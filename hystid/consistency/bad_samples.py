@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve1d, maximum_filter1d
 from scipy.stats import chi2, norm
 
-from hystid.diagnosis.prepare.pairs import CHANCE
 from hystid.numeric import Array, Flags
 from hystid.recording import Recording
 
+_CHANCE = 1e-3  # that a sound sample is taken for a bad one, or a step of the motion
 _FEW = (10, 1e-3)  # samples, or share of them: more are no accidents
 _OUTSIDE = 0.5  # of what any other sample leaves, by which a bad one leaves more
 _ALONE = 0.9  # of its height that its neighbours do not share: a pulse of three samples shares two thirds
@@ -27,33 +27,40 @@ _STEPS = [np.roll([1, -3, 3, -1, 0, 0, 0], k)[:, None] for k in range(4)]  # wha
 _BENDS = [np.column_stack([np.roll([1, -2, 1, 0, 0, 0, 0], k + i) for i in (0, 1)]) for k in (1, 2)]
 
 
-def without_spikes(test: Recording) -> Recording:
-    """A recording with single bad samples bridged; notes say which.
+def bad_samples(recording: Recording) -> dict[str, NDArray[np.int64]]:
+    """Indices of the bad samples of each channel that has some.
 
     A blow or an impact lasts several samples, or shows in force and acceleration, or in acceleration and motion, alike:
     an error of the data link is in one of them.
     """
-    bridged: dict[str, Array] = {}
-    notes = []
-    channels = test.channels("Fxva")
+    found = {}
+    channels = recording.channels("Fxva")
     for name, values in channels.items():
-        if len(values) < 8 * _WIDTH or not len(bad := spikes(values)):
+        if len(values) < 8 * _WIDTH or not len(bad := standing_out(values)):
             continue
         below = {c: y for c, y in channels.items() if c in "vx" or (c, name) == ("a", "F")}
         shown = {"F": [_acceleration(below)], "a": [channels.get("F"), _acceleration(below)]}
         for other in shown.get(name, []):
             bad = bad if other is None else bad[~_stands_out(other, bad)]
         if len(bad):
-            bridged[name] = _bridged(values, bad)
-            notes.append(
-                f"{test.name}: {len(bad)} samples of channel {name} stand alone, far from their neighbours (the first "
-                f"at {test.t[bad[0]]:.6g} s): taken for errors of the data link, and bridged"
-            )
-    return test.with_channels(bridged, *notes)
+            found[name] = bad
+    return found
 
 
-def spikes(values: Array) -> NDArray[np.int64]:
-    """Indices of single samples that stand out of their neighbours far beyond all others."""
+def without_bad_samples(recording: Recording) -> Recording:
+    """A recording with its single bad samples bridged; notes say which."""
+    channels, bridged, notes = recording.channels("Fxva"), {}, []
+    for name, bad in bad_samples(recording).items():
+        bridged[name] = _bridged(channels[name], bad)
+        notes.append(
+            f"{recording.name}: {len(bad)} samples of channel {name} stand alone, far from their neighbours (the first "
+            f"at {recording.t[bad[0]]:.6g} s): taken for errors of the data link, and bridged"
+        )
+    return recording.with_channels(bridged, *notes)
+
+
+def standing_out(values: Array) -> NDArray[np.int64]:
+    """Indices of single samples of a channel, (n,), that stand out of their neighbours far beyond all others."""
     left = convolve1d(values, _BAD[1:-1], mode="nearest")
     left[: 2 * _WIDTH] = left[-2 * _WIDTH :] = 0.0
     most = _most(len(values))
@@ -78,12 +85,12 @@ def _acceleration(channels: Mapping[str, Array]) -> Array | None:
 
 
 def _stands_out(values: Array, at: NDArray[np.int64]) -> Flags:
-    """Whether a channel, too, stands out of its surroundings at each of some samples, or beside them, as nowhere else
-    but at a few."""
+    """Whether a channel, too, stands out of its surroundings at each of some samples, or beside them, far beyond all
+    but a few others."""
     padded = np.pad(values, _WIDTH, mode="edge")
     out = np.abs(values - 0.5 * (padded[: -2 * _WIDTH] + padded[2 * _WIDTH :]))
     few = _WIDTH * _most(len(values))
-    limit = max(float(np.sort(out)[-min(few, len(out))]), np.finfo(float).tiny)
+    limit = max((1 + _OUTSIDE) * float(np.sort(out)[-min(few, len(out))]), np.finfo(float).tiny)
     return np.asarray(maximum_filter1d(out, 3)[at] >= limit)
 
 
@@ -106,9 +113,9 @@ def _is_alone(left: Array, noise: float) -> bool:
     some standard deviation."""
     as_bad = _unlike(left, _BAD[:, None])
     as_motion = min(_unlike(left, shape) for shape in (*_STEPS, *_BENDS))
-    usual = noise**2 * float(chi2.isf(CHANCE, len(left) - 1))
+    usual = noise**2 * float(chi2.isf(_CHANCE, len(left) - 1))
     return (
-        as_bad < (1 - _ALONE) ** 2 * float(left @ left) + usual and as_motion - as_bad > -2 * np.log(CHANCE) * noise**2
+        as_bad < (1 - _ALONE) ** 2 * float(left @ left) + usual and as_motion - as_bad > -2 * np.log(_CHANCE) * noise**2
     )
 
 
