@@ -63,16 +63,18 @@ def standing_out(values: Array) -> NDArray[np.int64]:
     """Indices of single samples of a channel, (n,), that stand out of their neighbours far beyond all others."""
     left = convolve1d(values, _BAD[1:-1], mode="nearest")
     left[: 2 * _WIDTH] = left[-2 * _WIDTH :] = 0.0
-    most = _most(len(values))
-    rest = np.abs(left)
+    most, size = _most(len(values)), np.abs(left)
+    around = 2 * _WIDTH + 1
+    largest = np.argpartition(size, -min(around * (most + 1), len(size)))[-around * (most + 1) :]
     tops: list[int] = []
-    while len(tops) <= most:
-        tops.append(int(np.argmax(rest)))
-        rest[tops[-1] - _WIDTH : tops[-1] + _WIDTH + 1] = 0.0
-    far = [k for k in tops if abs(left[k]) > (1 + _OUTSIDE) * np.max(rest)]
+    for k in largest[np.argsort(-size[largest])].tolist():
+        if len(tops) <= most and size[k] > 0:
+            tops.append(k)
+            size[k - _WIDTH : k + _WIDTH + 1] = 0.0
+    far = [k for k in tops if abs(left[k]) > (1 + _OUTSIDE) * np.max(size)]
     if len(far) > most:
         return np.zeros(0, dtype=np.int64)
-    noise = float(np.median(rest)) / float(norm.ppf(0.75))
+    noise = float(np.median(size)) / float(norm.ppf(0.75))
     return np.array(sorted(k for k in far if _is_alone(left[k - _WIDTH : k + _WIDTH + 1], noise)), dtype=np.int64)
 
 
