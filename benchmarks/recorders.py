@@ -15,7 +15,7 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from hystid.numeric import Array
 
 Columns = dict[str, Array]
-_CORNER = 0.1  # of the resonance, at which integrators let slow motion go
+_CORNER = 0.1  # of the high-pass of integrators, over the resonance
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Bench:
         return np.asarray(filtered(butter(order, corner, side, fs=self.rate, output="sos"), values))
 
     def integrated(self, columns: Columns, order: int, *, both: bool) -> Columns:
-        """F and a, with v and x from a by integrators that let slow motion go."""
+        """F and a, with v and x from a by integrators with a high-pass."""
         made = {name: columns[name] for name in "Fa"}
         for name, below in (("v", "a"), ("x", "v")):
             integral = cumulative_trapezoid(made[below], dx=1 / self.rate, initial=0)

@@ -262,9 +262,7 @@ def textbook_rig(
     believed = _believed(rig, rng)
     if recorder:
         columns = change(Bench(f0, 1 / float(t[1]), rng), columns)
-    words = ", ".join(
-        [excitation, channels or drawn, f"{snr:.0f} dB", f"{len(t)} samples", *([recorder] if recorder else [])]
-    )
+    words = f"{excitation}, {channels or drawn}, {snr:.0f} dB, {len(t)} samples" + (recorder and f", {recorder}")
     return Recording(f"{name} {seed}", t, **columns), believed, words
 
 
@@ -329,6 +327,8 @@ def main() -> None:
     parser.add_argument("--recorder", nargs="*", choices=RECORDERS, default=[""], help="what was done to the channels")
     parser.add_argument("--let-go", nargs="*", choices=RELEASES, default=[""], help="free decays without a force")
     given = parser.parse_args()
+    if any(given.recorder) and (any(given.channels) or any(given.let_go)):
+        parser.error("--recorder chooses channels itself, and is for forced tests: leave --channels and --let-go out")
     counts: Counter[str] = Counter()
     seeds = range(given.seed, given.seed + given.cases)
     every = product(given.kind, seeds, given.channels, given.let_go, given.recorder)

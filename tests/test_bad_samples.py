@@ -74,6 +74,14 @@ def test_a_blow_of_a_sample_shows_in_the_motion_too() -> None:
     np.testing.assert_array_equal(kept.a, a)
 
 
+def test_one_bad_sample_is_told_as_one_and_short_channels_have_no_others() -> None:
+    x = motion(9)
+    x[1234] += 0.4
+    (note,) = (note for note in without_bad_samples(Recording("link", T, x=x)).notes if "data link" in note)
+    assert "1 sample of channel x stands alone, far from its neighbours (at 1.234 s)" in note
+    assert len(standing_out(x[1234 - 20 : 1234 + 20])) == 0
+
+
 def test_many_outliers_are_noise_of_another_kind() -> None:
     wild = motion(6)
     wild[::50] *= 9

@@ -126,7 +126,7 @@ def test_an_ac_coupled_channel_is_told_with_its_corner_and_put_back(corner: floa
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("corner", [0.2, 1.0])
-def test_integrators_that_let_slow_motion_go_are_left_out_beside_the_acceleration(corner: float, order: int) -> None:
+def test_integrators_with_a_high_pass_are_left_out_beside_the_acceleration(corner: float, order: int) -> None:
     """Amplifiers integrate with a high-pass: their v and x lead, and a alone is right. Their noise is that of a."""
     record = motion(6, n=3 * N)
     b, a = butter(order, corner, "high", fs=1 / DT)

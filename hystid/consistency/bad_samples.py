@@ -36,7 +36,7 @@ def bad_samples(recording: Recording) -> dict[str, NDArray[np.int64]]:
     found = {}
     channels = recording.channels("Fxva")
     for name, values in channels.items():
-        if len(values) < 8 * _WIDTH or not len(bad := standing_out(values)):
+        if not len(bad := standing_out(values)):
             continue
         below = {c: y for c, y in channels.items() if c in "vx" or (c, name) == ("a", "F")}
         shown = {"F": [_acceleration(below)], "a": [channels.get("F"), _acceleration(below)]}
@@ -47,25 +47,33 @@ def bad_samples(recording: Recording) -> dict[str, NDArray[np.int64]]:
     return found
 
 
-def without_bad_samples(recording: Recording) -> Recording:
-    """A recording with its single bad samples bridged; notes say which."""
+def without_bad_samples(recording: Recording, found: Mapping[str, NDArray[np.int64]] | None = None) -> Recording:
+    """A recording with its single bad samples bridged; notes say which. found: these samples, where they are known."""
     channels, bridged, notes = recording.channels("Fxva"), {}, []
-    for name, bad in bad_samples(recording).items():
+    for name, bad in (bad_samples(recording) if found is None else found).items():
         bridged[name] = _bridged(channels[name], bad)
-        notes.append(
-            f"{recording.name}: {len(bad)} samples of channel {name} stand alone, far from their neighbours (the first "
-            f"at {recording.t[bad[0]]:.6g} s): taken for errors of the data link, and bridged"
-        )
+        told = alone(len(bad), float(recording.t[bad[0]]), of=f" of channel {name}")
+        notes.append(f"{recording.name}: {told}: taken for errors of the data link, and bridged")
     return recording.with_channels(bridged, *notes)
 
 
+def alone(number: int, first: float, of: str = "") -> str:
+    """That so many samples, the first at a time [s], are bad: a clause."""
+    if number == 1:
+        return f"1 sample{of} stands alone, far from its neighbours (at {first:.6g} s)"
+    return f"{number} samples{of} stand alone, far from their neighbours (the first at {first:.6g} s)"
+
+
 def standing_out(values: Array) -> NDArray[np.int64]:
-    """Indices of single samples of a channel, (n,), that stand out of their neighbours far beyond all others."""
+    """Indices of single samples of a channel, (n,), that stand out of their neighbours far beyond all others; none
+    where a channel is too short to have others."""
+    most, around = _most(len(values)), 2 * _WIDTH + 1
+    if len(values) < around * (most + 1) + 4 * _WIDTH:
+        return np.zeros(0, dtype=np.int64)
     left = convolve1d(values, _BAD[1:-1], mode="nearest")
     left[: 2 * _WIDTH] = left[-2 * _WIDTH :] = 0.0
-    most, size = _most(len(values)), np.abs(left)
-    around = 2 * _WIDTH + 1
-    largest = np.argpartition(size, -min(around * (most + 1), len(size)))[-around * (most + 1) :]
+    size = np.abs(left)
+    largest = np.argpartition(size, -around * (most + 1))[-around * (most + 1) :]
     tops: list[int] = []
     for k in largest[np.argsort(-size[largest])].tolist():
         if len(tops) <= most and size[k] > 0:

@@ -83,15 +83,14 @@ def examine(recordings: Sequence[Recording], mass: float | None = None) -> Exami
     """
     if mass is not None and not (math.isfinite(mass) and mass >= 0):
         mass = None  # every command refuses such a mass in its own words
-    bridged = [without_bad_samples(recording) for recording in recordings]
-    found = [_one(recording, mass and own_mass(recording, mass)) for recording in bridged]
-    findings = [finding for _, several in found for finding in several]
-    findings += [
-        words.bad_samples(recording.name, name, len(bad), float(recording.t[bad[0]]))
-        for recording in recordings
-        for name, bad in bad_samples(recording).items()
-    ]
-    return Examination([item for item, _ in found], findings, tuple(recordings))
+    found, findings = [], []
+    for recording in recordings:
+        bad = bad_samples(recording)
+        examined, several = _one(without_bad_samples(recording, bad), mass and own_mass(recording, mass))
+        found.append(examined)
+        findings += several
+        findings += [words.bad_samples(recording.name, c, len(at), float(recording.t[at[0]])) for c, at in bad.items()]
+    return Examination(found, findings, tuple(recordings))
 
 
 def check(

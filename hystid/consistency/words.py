@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from hystid.consistency.bad_samples import alone
 from hystid.consistency.force import Force
 from hystid.consistency.kinematics import Pair
 from hystid.consistency.slips import CALIBRATION, LINEAR, USUAL, Explanation, Slip
@@ -224,9 +225,8 @@ def drift(name: str, channel: str, share: float, limit: float) -> Finding:
 
 def bad_samples(name: str, channel: str, number: int, first: float) -> Finding:
     """Single samples that stand alone. first: time of the first one [s]."""
-    many = f"{number} samples stand" if number > 1 else "one sample stands"
-    sentence = f"{many} alone, far from their neighbours (the first at {first:.6g} s), as errors of a data link do"
-    mend = "diagnose, identify and validate bridge them; look at the cable and the range of the recorder"
+    sentence = f"{alone(number, first)}, as errors of a data link do"
+    mend = "diagnose, identify and validate bridge such samples; look at the cable and the range of the recorder"
     return Finding(name, channel, "bad_samples", sentence, mend, "note", {"samples": number, "first": first})
 
 

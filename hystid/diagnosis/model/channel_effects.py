@@ -14,7 +14,7 @@ from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.faults import SATURATION
 from hystid.diagnosis.prepare.segments import Part, band
-from hystid.numeric import Array
+from hystid.numeric import Array, stretches
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
 HIGH_PASS, RANGE = "force_high_pass", "force_range"
@@ -261,15 +261,20 @@ _KINDS = {"Constant": ("offset",), "": ("offset", "ramp"), "Bowed": ("offset", "
 
 def force_drifts(parts: Sequence[Part]) -> list[ForceDrift]:
     """Drifts of the force channel: a constant of each recording, of one recording a preload, with a ramp, with a bow,
-    and with so many polynomials that the slowest motion has more periods than they have bends: none more than a bow
-    where half of a recording is rest, which no fit sees. None that is slower than all motion that is seen: each half
-    of a period is a bend."""
-    recordings, periods = len(parts), min(band(part)[0] * part.dt * len(part) for part in parts)
-    if any(part.rest is not None and 2 * np.count_nonzero(part.rest) > len(part) for part in parts):
-        periods = 0.0
+    and with so many polynomials as all recordings tell. None that is slower than all motion that is seen: each half of
+    a period is a bend."""
+    recordings, most = len(parts), max(_BOWED, min(map(_bends, parts)))
     unseen = min(part.lowest * part.dt * len(part) / np.pi for part in parts)
-    forms = [form for form, kinds in _KINDS.items() if unseen < len(kinds) <= max(_BOWED, periods)]
+    forms = [form for form, kinds in _KINDS.items() if unseen < len(kinds) <= most]
     return [force_drift(recordings, form) for form in forms if form != "Constant" or recordings > 1]
+
+
+def _bends(part: Part) -> float:
+    """How many bends of a drift a recording tells: fewer than the slowest motion has periods, and none of them within
+    a rest, which no fit sees."""
+    rests = stretches(part.rest) if part.rest is not None else []
+    longest = max((last - first for first, last in rests), default=1)
+    return min(band(part)[0] * part.dt, 1 / longest) * len(part)
 
 
 def force_drift(recordings: int, form: str = "") -> ForceDrift:

@@ -1,6 +1,6 @@
 """An AC-coupled channel of the motion: a high-pass of first order, found beside the other channels and taken out.
 
-Such a sensor, or an integrator that lets slow motion go, shows y where the motion is y + c times the integral of y,
+Such a sensor, or an integrator with a high-pass, shows y where the motion is y + c times the integral of y,
 with c its corner [rad/s]. Integrated as often as it takes to the channel below, that is linear in c: no channel has to
 be derived, whose noise is white then, and no line of a spectrum leaks into another one. A clock that is late is linear
 in its lag likewise, and the two are compared. A filter that takes a hundredth of the power is seen at the door
@@ -34,8 +34,9 @@ def coupled(tests: Sequence[Recording], without: Collection[str] = ()) -> Fault 
     channels = [measured_motion(test) for test in tests]
     names = [name for name in "xva" if all(name in motion for motion in channels) and name not in without]
     chance = CHANCE / max(1, 2 * comb(len(names), 2))  # so many channels of pairs may agree by chance
+    pairs = [_corners(low, high, tests, chance) for low, high in combinations(names, 2)]
     for name in reversed(names):
-        own = [_corner(name, low, high, tests, chance) for low, high in combinations(names, 2) if name in (low, high)]
+        own = [pair[name] for pair in pairs if name in pair]
         found = [(corner.value, corner.stderr) for corner, _ in own if corner.agrees and corner.value > 0]
         if found and sum(odds for _, odds in own) < 0:
             values, errors = np.array(found).T
@@ -63,28 +64,33 @@ def uncoupled(recording: Recording, fault: Fault) -> Recording:
     return recording.with_channels({fault.channel: whole})
 
 
-def _corner(name: str, low: str, high: str, tests: Sequence[Recording], chance: float) -> tuple[Estimate, float]:
-    """Corner of one of two channels [rad/s], which agrees by chance with a probability, and ln of the odds of a lag
-    against it."""
-    values, variances, odds = [], [], 0.0
-    order = ORDER[high] - ORDER[low]
+def _corners(low: str, high: str, tests: Sequence[Recording], chance: float) -> dict[str, tuple[Estimate, float]]:
+    """For each of two channels its corner [rad/s], which agrees by chance with a probability, and ln of the odds of a
+    lag against it."""
+    fits: dict[str, list[_Fit]] = {low: [], high: []}
+    odds, order = dict.fromkeys(fits, 0.0), ORDER[high] - ORDER[low]
     for test in tests:
         motion = measured_motion(test)
         for lower, upper in sections(motion[low], motion[high]):
             swings, dt = upper - np.mean(upper), test.dt
             whole = _integral(swings, dt, order)
-            # what the higher channel lost is an integral of its own; what the lower one lost, likewise
-            lost = _integral(whole, dt, 1) if name == high else -_integral(lower - np.mean(lower), dt, 1)
-            corner = _beside(lower, whole, lost, order)
             late = _beside(lower, whole, _integral(swings, dt, order - 1), order)
-            if corner.gain > 0 and corner.left < LEFT * np.sum((lower - np.mean(lower)) ** 2):  # else two motions
-                values.append(corner.share)
-                variances.append(corner.variance)
-                odds += 0.5 * len(lower) * float(np.log(corner.left / late.left))
-    if not values:
-        return UNKNOWN, 0.0
-    found, weights = np.array(values), 1 / np.array(variances)
-    return agreed(found, 1 / (1 / weights + _between(found, weights)), chance=chance), odds
+            # what the higher channel lost is an integral of its own; what the lower one lost, likewise
+            lost = {high: _integral(whole, dt, 1), low: -_integral(lower - np.mean(lower), dt, 1)}
+            for name, column in lost.items():
+                corner = _beside(lower, whole, column, order)
+                if corner.gain > 0 and corner.left < LEFT * np.sum((lower - np.mean(lower)) ** 2):  # else two motions
+                    fits[name].append(corner)
+                    odds[name] += 0.5 * len(lower) * float(np.log(corner.left / late.left))
+    return {name: (_agreed(found, chance), odds[name]) for name, found in fits.items()}
+
+
+def _agreed(found: Sequence[_Fit], chance: float) -> Estimate:
+    """What the sections say together."""
+    if not found:
+        return UNKNOWN
+    values, variances = np.array([(one.share, one.variance) for one in found]).T
+    return agreed(values, 1 / (variances + _between(values, 1 / variances)), chance=chance)
 
 
 def _between(values: Array, weights: Array) -> float:

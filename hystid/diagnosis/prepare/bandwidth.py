@@ -94,7 +94,8 @@ def _is_filtered(test: Recording) -> bool:
         top = min(corners[0], end)
         if np.isfinite(corners[0]) and np.isfinite(end):
             frequency, alike = coherence(channels[0], values, fs=1 / test.dt, nperseg=length)
-            shelf = (frequency > (1 - _SHELF / _FEWEST) * top) & (frequency < top)
+            lowest = (1 - _SHELF / _FEWEST) * top  # of a spectrum of the fewest bands, a shelf takes as much
+            shelf = (frequency > lowest) & (frequency < top)
             if np.any(shelf) and float(np.median(alike[shelf])) < _ALIKE:
                 return True
     return False
