@@ -12,6 +12,7 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from hystid import Diagnosis, check, diagnose
+from hystid.diagnosis.prepare.ac_coupled import coupled
 from hystid.recording import Recording
 
 MASS, DAMPING, STIFFNESS = 2.0, 12.0, 2e4
@@ -151,3 +152,15 @@ def test_a_low_pass_of_the_force_is_no_resonance() -> None:
         "channel_delay", "force_gain", "force_low_pass", "force_high_pass"
     }, answer.headline  # fmt: skip
     assert answer.verdict in ("sensor_fault", "unknown_physics")
+
+
+def test_a_stretch_at_rest_says_nothing_of_a_corner() -> None:
+    """Coarse channels stand still there, to the last digit: the corner was a ratio of two zeros, and a traceback."""
+    test = record("chirp", {}, "xv")
+    before = np.zeros(N // 2)
+    channels = {name: np.concatenate([before, test.channel(name)]) for name in "Fxv"}
+    step = {name: np.std(values) / 50 for name, values in channels.items()}
+    coarse = {name: np.round(values / step[name]) * step[name] for name, values in channels.items()}
+    coarse["x"] = coarse["x"] - 0.026078  # off its zero, by a number of which the mean is rounded
+    whole = Recording("after a rest", np.arange(len(coarse["F"])) / RATE, **coarse)
+    assert coupled([whole]) is None

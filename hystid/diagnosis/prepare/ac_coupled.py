@@ -72,6 +72,8 @@ def _corners(low: str, high: str, tests: Sequence[Recording], chance: float) -> 
     for test in tests:
         motion = measured_motion(test)
         for lower, upper in sections(motion[low], motion[high]):
+            if np.ptp(lower) == 0 or np.ptp(upper) == 0:  # what rests has lost nothing
+                continue
             swings, dt = upper - np.mean(upper), test.dt
             whole = _integral(swings, dt, order)
             late = _beside(lower, whole, _integral(swings, dt, order - 1), order)
