@@ -19,6 +19,7 @@ from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import Taken
+from hystid.diagnosis.tell.locate import _rate
 from hystid.numeric import Array
 from hystid.recording import Recording, loaded
 from tests.test_diagnosis import LINEAR, case, run, spec
@@ -159,3 +160,11 @@ def test_a_law_that_leads_the_structure_away_has_no_name() -> None:
     assert found.verdict == "unknown_physics" and not found.findings
     assert any("spring would explain" in note and "not named" in note for note in found.notes)
     assert found.posterior is not None and found.posterior.candidates[0].explained > 0.5
+
+
+def test_what_rests_at_one_place_has_no_speeds_to_compare(sound: tuple[Problem, Fit]) -> None:
+    """Most of a recording stands where it is furthest from zero: to tell the rate of an unknown force was a
+    traceback."""
+    problem, _ = sound
+    still = replace(problem.parts[0], x=np.full(len(problem.parts[0]), 1e-3))
+    assert _rate(problem.of([still]), [np.ones(len(still))]) == "not rate dependent"

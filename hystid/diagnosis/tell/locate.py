@@ -178,9 +178,10 @@ def _rate(problem: Problem, residuals: Sequence[Array]) -> str:
     x, v = (np.abs(np.concatenate([getattr(p, name) for p in problem.parts])) for name in ("x", "v"))
     r = np.concatenate(residuals)
     middle = (x > np.quantile(x, 0.3)) & (x < np.quantile(x, 0.9))
-    slow = middle & (v < np.quantile(v[middle], 0.3))
-    fast = middle & (v > np.quantile(v[middle], 0.7))
-    ratio = float(np.std(r[fast]) / max(np.std(r[slow]), 1e-300))
+    low, high = np.quantile(v[middle], (0.3, 0.7)) if np.any(middle) else (0.0, 0.0)
+    slow, fast = r[middle & (v < low)], r[middle & (v > high)]
+    told = len(slow) and len(fast)  # what mostly rests has no speeds to compare
+    ratio = float(np.std(fast) / max(np.std(slow), 1e-300)) if told else 1.0
     return (
         "stronger in fast motion"
         if ratio > 1.5
