@@ -24,6 +24,7 @@ from hystid.numeric import Array
 
 _INPUTS = frozenset("xvah")
 _SUBSTEPS = 24  # most steps per sample: a memory shorter than a 24th of the path per sample is friction without memory
+_TURNS = 0.5  # radians per step of an inner state: Runge and Kutta's method is off by 5e-4 of a turn there
 _SHORT = (0.003, 0.012)  # shares of the stroke over which friction may build up, below those of its distribution
 # Resonances are sought from the lower of these shares: of the lowest, and of the highest frequency that is excited,
 _BELOW = (0.7, 0.35)
@@ -71,6 +72,11 @@ class Scales:
     dt: float
     band: tuple[float, float]
     path: float
+
+    @property
+    def quickest(self) -> float:
+        """Time in which the quickest motion turns by a radian [s]."""
+        return 1 / (2 * np.pi * self.band[1])
 
 
 @dataclass(frozen=True)
@@ -146,7 +152,7 @@ class Effect:
         if self.is_path(shape):
             return 0.02 * scales.path, 3.0 * scales.path
         if self._is_lead(shape):
-            return _LEAD[0] / (2 * np.pi * scales.band[1]), 1 / (2 * np.pi * scales.band[0])
+            return _LEAD[0] * scales.quickest, 1 / (2 * np.pi * scales.band[0])
         low, high = shape_bounds(shape, scales)
         if self.needs_clock and shape.unit == "s" and shape in self.law.shapes:
             low = min(max(low, 1 / scales.band[0]), high)  # what is over in a period is how a recording begins
@@ -161,7 +167,7 @@ class Effect:
         if self.is_path(shape):
             return np.geomspace(0.1, 1.0, 3) * scales.path
         if self._is_lead(shape):
-            return np.array(_LEAD[1:]) / (2 * np.pi * scales.band[1])
+            return np.array(_LEAD[1:]) * scales.quickest
         return np.unique(np.clip(shape_values(shape, scales, fine=fine), *self.bounds(shape, scales)))
 
     @property
@@ -228,25 +234,25 @@ class Effect:
         known = signals.ready.get((model, substeps))
         if known is None:
             inputs = {name: getattr(signals, name) for name in sorted(self.reads) or ["x"]}
-            known = model.motion({}, inputs, signals.dt, substeps=substeps)
+            known = model.motion({}, inputs, signals.dt, interpolation="cubic", substeps=substeps)
             if "h" not in inputs:
                 signals.ready[model, substeps] = known
         return known
 
     @cached_property
-    def _paths(self) -> tuple[str, ...]:
-        """Shapes in metres over which inner states change: those that their derivatives depend on."""
+    def _steep(self) -> dict[str, str]:
+        """Units of the shapes on which the derivatives of inner states depend."""
         known = self.model.code.dependencies if self.model is not None else {}
         steep = {name for item, names in known.items() if item.startswith("der(") for name in names}
-        return tuple(shape.name for shape in self.shapes if shape.unit == "m" and shape.name in steep)
+        return {shape.name: shape.unit for shape in self.shapes if shape.name in steep}
 
     def _substeps(self, signals: Signals, parameters: Mapping[str, float]) -> int:
-        """Steps per sample with which a memory over a short path stays stable, however far a sample moves."""
-        lengths = [parameters.get(name, 0.0) for name in self._paths]
-        if not lengths:
-            return 1
-        shortest = min((length for length in lengths if length > 0), default=np.inf)
-        return int(np.clip(np.ceil(signals.path / shortest), 1, _SUBSTEPS))
+        """Steps per sample with which a memory over a short path or time stays stable, and a resonance."""
+        known = [(parameters.get(name, 0.0), unit) for name, unit in self._steep.items()]
+        steps = [signals.path / size for size, unit in known if unit == "m" and size > 0]
+        steps += [signals.dt / size / _TURNS for size, unit in known if unit == "s" and size > 0]
+        steps += [2 * np.pi * size * signals.dt / _TURNS for size, unit in known if unit == "Hz"]
+        return int(np.clip(np.ceil(max(steps, default=1.0)), 1, _SUBSTEPS))
 
     def units_at(self, shapes: Mapping[str, float]) -> list[dict[str, float]]:
         """Parameters with one of the amplitudes at 1 and the others at 0, for each in turn."""
@@ -361,7 +367,7 @@ def shape_bounds(shape: Variable, scales: Scales) -> tuple[float, float]:
     if shape.unit in tops:
         return _SMALLEST.get(shape.unit, 1e-3) * float(tops[shape.unit]), 1.5 * float(tops[shape.unit])
     if shape.unit == "s":
-        return 2.0 * scales.dt, 5.0 * scales.span
+        return min(2.0 * scales.dt, 0.5 * scales.quickest), 5.0 * scales.span
     if shape.unit == "Hz":
         return 0.5 * scales.band[0], 2.0 * scales.band[1]
     low = shape.min if shape.min is not None else 0.0
@@ -383,7 +389,7 @@ def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
     if shape.unit == "J":
         return np.geomspace(0.02, 0.5, 3) * high / 3
     if shape.unit == "s":
-        return np.geomspace(max(4 * scales.dt, 0.02 / scales.band[1]), scales.span / 2, 8)
+        return np.geomspace(max(min(4 * scales.dt, scales.quickest), 0.02 / scales.band[1]), scales.span / 2, 8)
     if shape.unit == "Hz":
         slow = min(_BELOW[0] * scales.band[0], _BELOW[1] * scales.band[1])
         first, last = max(low, slow, _SLOWEST * scales.band[1]), 0.85 * high
