@@ -1,11 +1,12 @@
 """Sound specimens in slow cyclic tests, where nothing has a mass: is anything said to be missing?
 
-    python -m benchmarks.sound_loops --seed S --cases N
+    python -m benchmarks.sound_loops --seed S --cases N [--damped]
 
 A testing machine prescribes x: sines, two tones, triangles that turn within a fiftieth of a period, or a random walk,
 of constant, growing or stepped amplitude. F is that of a specimen of the proof (``benchmarks.proof``): Linear, Jenkins,
 BoucWen or Iwan. x and F have 30 to 75 dB of noise each, in two cases of five in part as 1/f, in one of three behind a
-filter of the recorder, and 12, 16 or 24 bit or no steps. Prints each case that is not calm, and the counts.
+filter of the recorder, and 12, 16 or 24 bit or no steps. With --damped a damper has 1 to 30 % of the force of the
+spring. Prints each case that is not calm, and the counts.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ def prescribed(rng: Rng) -> tuple[str, Array, Array]:
     return f"{kind}, {envelope}", t, x / np.max(np.abs(x))
 
 
-def sound_loop(seed: int) -> Case:
-    """A specimen of any of ``MODELS``."""
+def sound_loop(seed: int, *, damped: bool = False) -> Case:
+    """A specimen of any of ``MODELS``; ``damped`` with a damper."""
     rng = np.random.default_rng(seed)
     model = str(rng.choice(MODELS))
     rig = draw_rig(model, rng)
@@ -64,7 +65,8 @@ def sound_loop(seed: int) -> Case:
     step = dt * (t[1] - t[0])
     x = rig.X * rng.uniform(0.9, 1.0) * shape
     v = np.gradient(x, step)
-    motion = follow(rig.terms(B=0.0), 0.0, 2 * step, x, v, np.gradient(v, step)).every(_OVER)
+    damper = 10 ** rng.uniform(-2, -0.5) * rig.parameters["Kl"] * np.std(x) / np.std(v) if damped else 0.0
+    motion = follow(rig.terms(B=damper), 0.0, 2 * step, x, v, np.gradient(v, step)).every(_OVER)
     pink = rng.uniform(0, 0.6) if rng.random() < 0.4 else 0.0
     filtered = rng.uniform(0.3, 0.45) if rng.random() < 1 / 3 else 0.0
     bits = int(rng.choice([0, 12, 16, 24]))
@@ -75,7 +77,7 @@ def sound_loop(seed: int) -> Case:
         lsb = 2.5 * np.max(np.abs(y)) / 2**bits
         columns[name] = np.round(y / lsb) * lsb if bits else y
         levels.append(f"{name} {snr:.0f} dB")
-    believed = nominal(rig, rng, far=rng.random() < 0.3) | {"m": 0.0, "B": 0.0}
+    believed = nominal(rig, rng, far=rng.random() < 0.3) | {"m": 0.0, "B": damper * 0.9}
     believed |= {"N": 8} if model == "Iwan" else {}
     words = f"{model}, {kind}, {', '.join(levels)}, 1/f {pink:.2f}, corner {filtered:.2f}, {bits} bit, {len(y)} samples"
     return Recording(f"loop {seed}", motion.t, **columns), f"HystId.Oscillators.{model}", believed, words
@@ -86,8 +88,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True, help="of the first case")
     parser.add_argument("--cases", type=int, required=True)
+    parser.add_argument("--damped", action="store_true", help="with a damper")
     given = parser.parse_args()
-    ask(map(sound_loop, range(given.seed, given.seed + given.cases)))
+    seeds = range(given.seed, given.seed + given.cases)
+    ask(sound_loop(seed, damped=given.damped) for seed in seeds)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import StateSpace, lsim
 
+from benchmarks.textbook_loops import KINDS as LOOPS
+from benchmarks.textbook_loops import textbook_loop
 from benchmarks.textbook_rigs import KINDS, Rig, judged, moved, released_rig, textbook_rig
 from hystid.diagnosis import diagnose
 
@@ -42,3 +44,10 @@ def test_a_free_decay_is_read_however_the_rig_was_let_go(kind: str, how: str, se
     tests, believed, _ = released_rig(seed, kind, how)
     found = diagnose(tests, model="HystId.Oscillators.Linear", parameters=believed)
     assert judged(KINDS[kind], found.verdict, {finding.effect for finding in found.findings}) == "right"
+
+
+@pytest.mark.parametrize("kind", ["none", "coulomb", "cubic", "play", "fades"])
+def test_a_slow_cyclic_test_is_read(kind: str) -> None:
+    recording, believed, _ = textbook_loop(103, kind)
+    found = diagnose(recording, model="HystId.Oscillators.Linear", parameters=believed)
+    assert judged(LOOPS[kind], found.verdict, {finding.effect for finding in found.findings}) == "right"

@@ -11,16 +11,18 @@ import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.fft import dct, idct
-from scipy.ndimage import uniform_filter1d
+from scipy.fft import dct, idct, next_fast_len
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.signal import coherence, spectrogram, welch
+from scipy.stats import norm
 
 from hystid.errors import UsageError
-from hystid.numeric import Array
+from hystid.numeric import Array, Flags
 from hystid.toolchain import shared_library
 
 CHANNELS = ("x", "v", "a")
@@ -38,6 +40,8 @@ _BLOCK = 100_000  # samples smoothed at a time, with an overlap far beyond the s
 _OVERLAP = 2_000
 _RESPONSE = 4096  # samples of an impulse response: beyond the memory of the smoother
 _ONE = 0.1  # noises of x by which x and the integral of v may differ
+_FINER = 2**0.5  # half an octave beyond the frequency up to which the smoother follows: what it takes begins there
+_BY_CHANCE = 0.001  # probability per sample that noise alone leaves so much there
 _LOUDER = (4.0, 16.0, 64.0, 256.0)  # power of the noise over that of its level, where they differ by more
 
 
@@ -136,6 +140,89 @@ def smooth(
     v = v if "v" in channels else _above(v, cut * dt)
     error = np.sqrt(np.maximum(spread, 0.0)) / unit
     return Smoothed(x, v, a, (float(error[0]), float(error[1]), float(error[2])), chosen)
+
+
+def taken(
+    channels: Mapping[str, Array],
+    noise: Mapping[str, float],
+    dt: float,
+    motion: Smoothed,
+    *,
+    drawn: Mapping[str, Array],
+    louder: Mapping[str, Array] | None = None,
+) -> tuple[Array, Array, Array]:
+    """What the smoother takes of the motion where that is sharper than elsewhere: of x [m], v [m/s], a [m/s2], (n,).
+
+    To the smoother a motion is as rough at all times. A triangle turns, a stop is met and a hammer strikes for an
+    instant, and it rounds that off. What it takes begins where it ceases to follow: it is seen in the half octave
+    beyond, where that holds more than noise does. As much more lies further on as the next half octave tells.
+    channels, noise, dt, louder: as in ``smooth``. motion: what it made of them. drawn: channels of noise alone.
+    """
+    roughness = motion.roughness
+    quickest, name = followed(noise, dt, roughness)
+    row = CHANNELS.index(name)
+    steps = [_FINER ** (2 * k * (roughness.order - row)) for k in (1, 2)]
+    finer = [replace(roughness, level=step * roughness.level) for step in steps]
+
+    def bands(of: Mapping[str, Array], first: Smoothed) -> list[Array]:
+        runs = [first, *(smooth(of, noise, dt, one, louder) for one in finer)]
+        return [_motion_of(getattr(two, name) - getattr(one, name), row, quickest, dt) for one, two in pairwise(runs)]
+
+    seen, chance = bands(channels, motion), bands(drawn, smooth(drawn, noise, dt, roughness, louder))
+    least = norm.isf(0.5 * _BY_CHANCE) * np.std(chance[0][row])
+    sharp = maximum_filter1d(np.abs(seen[0][row]) > least, max(3, int(0.5 / quickest)))
+    power, further = (
+        float(np.mean(there[1][sharp] ** 2) - np.mean(noises[1] ** 2)) if np.any(sharp) else 0.0
+        for there, noises in zip(seen, chance, strict=True)
+    )
+    # faded in and out as one motion: contacts would remember a way that has no way back
+    share = _faded(sharp, int(1 / quickest)) * _whole(further / power if power > 0 else 0.0, roughness.order, row)
+    x, v, a = seen[0]
+    rises = np.gradient(share, dt)
+    return share * x, share * v + rises * x, share * a + 2 * rises * v + np.gradient(rises, dt) * x
+
+
+def _motion_of(channel: Array, row: int, slowest: float, dt: float) -> Array:
+    """x, v and a, (3, n), of a channel of the motion (its row) that holds nothing slower than half of a frequency
+    [cycles per sample]: what is there is noise, and its integral would grow."""
+    length = next_fast_len(len(channel), real=True)
+    frequency = np.fft.rfftfreq(length)
+    turned = 2j * np.pi * np.maximum(frequency, 0.5 * slowest) / dt
+    lines = np.fft.rfft(channel, length) * (frequency >= 0.5 * slowest)
+    return np.stack([np.fft.irfft(lines * turned ** (k - row), length)[: len(channel)] for k in range(3)])
+
+
+def _whole(falls: float, order: int, row: int) -> float:
+    """What the smoother takes of a velocity, over what is in the half octave beyond.
+
+    falls: power in the next half octave over that in this one; at most that of a velocity that jumps, and at least that
+    of a motion as smooth as the smoother takes it to be. order: of the derivative of x that it takes for white noise;
+    row: of the channel by which it follows. Both follow as Butterworth filters do.
+    """
+    slope = 3 - 2 * np.log2(np.clip(falls, _FINER ** (3 - 2 * order), 1 / _FINER))  # of the spectrum of x, over 1/f
+    u = np.exp(np.linspace(-4, 8, 2000))  # frequency over that up to which it follows, in even steps of its logarithm
+    power = u ** (3 - slope)
+    coarse, fine = (1 / (1 + (u / by) ** (2 * (order - row))) for by in (1, _FINER))
+    return float(np.sqrt(np.sum(power * (1 - coarse) ** 2) / np.sum(power * (fine - coarse) ** 2)))
+
+
+def _faded(inside: Flags, width: int) -> Array:
+    """1 inside, 0 further away than so many samples, and smooth between, (n,)."""
+    window = np.hanning(width + 2)[1:-1]
+    near = maximum_filter1d(inside, 1 + 2 * (width // 2)).astype(float)
+    return np.asarray(np.convolve(near, window / np.sum(window), mode="same")[: len(near)])
+
+
+def followed(noise: Mapping[str, float], dt: float, roughness: Roughness) -> tuple[float, str]:
+    """Frequency [cycles per sample], up to 0.5, at which the smoother ceases to follow, as noise and motion are equal
+    there; and the channel by which it follows so far. noise: of the channels that it smooths."""
+    found = [(0.0, "x")]
+    for row, name in enumerate(CHANNELS):
+        if name in noise:
+            power = max((noise[name] * dt**row) ** 2, 1e-300)
+            found.append(((roughness.level / power) ** (0.5 / (roughness.order - row)) / (2 * np.pi), name))
+    quickest, name = max(found)
+    return min(quickest, 0.5), name
 
 
 def error_of_x(noise: Mapping[str, float], dt: float, roughness: Roughness) -> Array:

@@ -148,6 +148,7 @@ class Criterion:
         self._by_chance = float(chi2.ppf(1 - _BY_CHANCE, self.states))
         self._told = np.flatnonzero(problem.reduce.told())
         self._place = _places([problem])[0][self._told]
+        self._rounded = self._standing(problem.rounded(baseline.hypothesis))
 
     def at(self, level: float) -> Criterion:
         """The same where the noise is of another level: what a law leaves counts against the noise that there is."""
@@ -176,14 +177,17 @@ class Criterion:
 
     def standing(self, fit: Fit, known: float) -> float:
         """Mean square of what stands in the means over the states that the motion visits, beyond what noise leaves of
-        it: noise averages out there, however loud it is said to be. -inf where it is none, as far as noise can tell.
+        it, and what smoothing does: noise averages out there, however loud it is said to be. -inf where it is none, as
+        far as noise can tell.
         """
-        sums = np.bincount(self._place, fit.residual[self._told], CELLS**2)
+        noise = (known + max(self.level, 0.0)) / self.rows
+        stands = self._standing(fit.residual) - self._rounded
+        return stands - self.states * noise if stands > self._by_chance * noise else -math.inf
+
+    def _standing(self, rows: Array) -> float:
+        sums = np.bincount(self._place, rows[self._told], CELLS**2)
         counts = np.maximum(np.bincount(self._place, minlength=CELLS**2), 1)
-        noise = (known + max(self.level, 0.0)) / len(fit.residual)
-        most = self._by_chance * noise
-        stands = float(np.sum(sums**2 / counts)) / len(fit.residual)
-        return stands - self.states * noise if stands > most else -math.inf
+        return float(np.sum(sums**2 / counts)) / self.rows
 
     def floor_of(self, fit: Fit) -> float:
         """Mean square that noise alone leaves of a fit: as much more than of the baseline as draws of the noise agree

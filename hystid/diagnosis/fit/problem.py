@@ -7,7 +7,7 @@ below a sample, a mass error), and amplitudes and shapes of the effects; ``desce
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, Unknown, get, is_mass, is_source, put
 from hystid.diagnosis.fit.scanned import Columns, Scanned
+from hystid.diagnosis.fit.slopes import Slope, are_near
 from hystid.diagnosis.fit.velocity_sign import Law, bends, turns_at_once, unsure
 from hystid.diagnosis.model.baseline import Baseline, Held
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.memory import Memory
 from hystid.diagnosis.prepare.differences import interpolated
-from hystid.diagnosis.prepare.draws import ENOUGH
+from hystid.diagnosis.prepare.draws import ENOUGH, Draw
 from hystid.diagnosis.prepare.reduction import Reduction
 from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
@@ -31,7 +32,6 @@ DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fau
 LATE_LIMIT = 8.0  # samples
 MASS_TOLERANCE = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
-_REUSE = 0.04  # relative distance over which derivatives of the law are used again
 _DRAWS, _MOST_DRAWS = 12, 48  # of the noise, from which their scatter is known, and that are made at most
 _SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
 _KEPT = (40_000_000, 24_000_000, 16_000_000)  # bytes that are remembered: laws, forces of effects, rows per unit
@@ -52,7 +52,8 @@ class Problem:
         self._last: tuple[Hypothesis, list[Array]] | None = None
         self._added: tuple[Hypothesis | None, Array]
         self.weighed_by: tuple[Hypothesis, ...] = ()  # fits by which rows were weighed down
-        self._slopes: list[tuple[tuple[float, ...], dict[str, _Slope]]] = []
+        self._refit: Hypothesis | None = None  # and the one by which those were in which smoothing rounds off
+        self._slopes: list[tuple[tuple[float, ...], dict[str, Slope]]] = []
         self.work = 0  # rows of residuals that were evaluated: what a search has cost, on any machine
         self._units = self._linear_columns()
         self._reduce_anew()
@@ -237,12 +238,12 @@ class Problem:
         together less that of the balance.
         """
         known = self.reduce.level + self.reduce.left_open(fitted.residual)
-        return known + float(np.mean(self.noise_added(fitted.hypothesis)))
+        return known + float(np.mean(self.noise_added(fitted.hypothesis))) - self._rounds(fitted.hypothesis)
 
     def noise_added(self, hypothesis: Hypothesis, draws: int = 0) -> Array:
-        """What noise of the motion adds to the mean square that noise leaves, one value per draw of it, beyond what the
-        whitening takes it for; rows that are weighed down for it, or in which a law may stand anywhere, hold that
-        already.
+        """What noise of the motion, and what smoothing takes of it, add to the mean square that noise leaves, one value
+        per draw, beyond what the whitening takes it for; rows that are weighed down for it, or in which a law may stand
+        anywhere, hold that already.
 
         draws: how many; 0: as many as tell their mean twice as well as noise tells its own mean square.
         """
@@ -251,6 +252,7 @@ class Problem:
             return found
         added, told = np.zeros(0), self.reduce.told()
         known, enough = self.reduce.followed * float(np.mean(told)), 0.5 * np.sqrt(2 / self.reduce.count)
+        known -= self._rounds(hypothesis)
         for draw, forces in enumerate(self.moved(hypothesis, draws or _MOST_DRAWS)):
             pairs = zip(forces, self.parts, strict=True)
             moved, balance = self.reduce([np.stack([u, self.baseline.mass * p.jitter[draw][3]]) for u, p in pairs])
@@ -269,7 +271,7 @@ class Problem:
     def _moved(self, hypothesis: Hypothesis, draw: int, here: list[Array]) -> list[Array]:
         change = hypothesis.mass() - self.baseline.mass
         try:
-            there = self._shaken(hypothesis, draw)
+            there = self._shaken(hypothesis, [part.jitter[draw] for part in self.parts])
         except NumericalError:
             return [np.zeros_like(a) for a in here]
         moved = [b - a + change * p.jitter[draw][2] for p, a, b in zip(self.parts, here, there, strict=True)]
@@ -282,14 +284,17 @@ class Problem:
             moved = [force + more for force, more in zip(moved, own, strict=True)]
         return moved
 
-    def distrust(self, *hypotheses: Hypothesis) -> bool:
-        """Weigh down rows in which a law jumps; true where there are such rows.
+    def distrust(self, *hypotheses: Hypothesis, refit: Hypothesis | None = None) -> bool:
+        """Weigh down rows in which a law jumps, or smoothing rounds off; true where there are such rows.
 
-        hypotheses: the fit, and others that a law may have jumped in where the fit was led astray.
+        hypotheses: the fit, and others that a law may have jumped in where the fit was led astray. refit: without the
+        law that is missing, where the fit is one with it: what smoothing rounds off gives no law a lead.
         """
-        self.weighed_by = hypotheses
+        self.weighed_by, self._refit = hypotheses, refit
         self.reduce.trust()
         movements, filtered, sides = [self.reduce(u) for u in self.moved(hypotheses[0])], np.zeros(1), np.zeros(1)
+        judged = refit or hypotheses[0]  # laws that may be missing gain nothing by what is rounded off beside them
+        rounded = np.zeros(1) if judged.terms else self.reduce.rounded_off(self._taken(judged), self.rows(judged))
         if self.baseline.memoryless:
             found = [bends(partial(self._law_along, h.values), self.parts) for h in hypotheses]
             # Their sign changes with that of v: blocks would lose it.
@@ -299,7 +304,7 @@ class Problem:
             movements, filtered = [*movements, slow], quick
         if self.baseline.memoryless or self._turning_terms(hypotheses[0]):
             sides = self.reduce.spread(unsure(self._turning(hypotheses[0]), self.parts))
-        self.reduce.distrust(movements, filtered, sides)
+        self.reduce.distrust(movements, np.hypot(filtered, rounded), sides)
         self._reduce_anew()
         return self.reduce.weighs
 
@@ -324,10 +329,24 @@ class Problem:
 
         return law
 
-    def _shaken(self, hypothesis: Hypothesis, draw: int) -> list[Array]:
+    def rounded(self, hypothesis: Hypothesis) -> Array:
+        """What smoothing does to the force where it rounds the motion off: weighted rows, (rows,)."""
+        return self.reduce(self._taken(hypothesis))
+
+    def _rounds(self, hypothesis: Hypothesis) -> float:
+        return float(np.mean(self.rounded(hypothesis) ** 2 * self.reduce.told()))
+
+    def _taken(self, hypothesis: Hypothesis) -> list[Array]:
+        here = self.predicted(hypothesis)
+        try:
+            there = self._shaken(hypothesis, [part.jitter.taken for part in self.parts])
+        except NumericalError:
+            return [np.zeros_like(force) for force in here]
+        return [moved - force for force, moved in zip(here, there, strict=True)]
+
+    def _shaken(self, hypothesis: Hypothesis, errors: Sequence[Draw]) -> list[Array]:
         moved = []
-        for part in self.parts:
-            dx, dv, da, _ = part.jitter[draw]
+        for part, (dx, dv, da, _) in zip(self.parts, errors, strict=True):
             moved.append((part.x + dx, part.v + dv, part.a + da, part.dt))
         held = [self._hold(p, x, v) for p, (x, v, _, _) in zip(self.parts, moved, strict=True)]
         laws = self._follow(held, hypothesis.values)
@@ -349,7 +368,7 @@ class Problem:
         """The same problem on other parts, with the rows weighed down in which the same fits jump there."""
         made = self.of(parts)
         if self.weighed_by:
-            made.distrust(*self.weighed_by)
+            made.distrust(*self.weighed_by, refit=self._refit)
         return made
 
     def elsewhere(self, parts: Sequence[Part]) -> Problem:
@@ -357,7 +376,8 @@ class Problem:
         it stands."""
         made = self.of(parts)
         if self.weighed_by and made.reduce.count:
-            made.distrust(*(hypothesis.elsewhere() for hypothesis in self.weighed_by))
+            refit = self._refit.elsewhere() if self._refit else None
+            made.distrust(*(hypothesis.elsewhere() for hypothesis in self.weighed_by), refit=refit)
         return made
 
     def with_noise_again(self, draw: int, sign: float) -> Problem:
@@ -432,7 +452,7 @@ class Problem:
         return any(kind == "base" and name in self.baseline.shapes for kind, name in (u.key for u in unknowns))
 
     def _known_rows(
-        self, hypothesis: Hypothesis, unknown: Unknown, signals: list[Signals], slopes: Mapping[str, _Slope]
+        self, hypothesis: Hypothesis, unknown: Unknown, signals: list[Signals], slopes: Mapping[str, Slope]
     ) -> Array | None:
         """Rows of a column that are known without its samples; None where they are not."""
         kind, name = unknown.key
@@ -485,7 +505,7 @@ class Problem:
         there = self._force(hypothesis, replace(term, values={**term.values, unknown.key[1]: value + step}), signals)
         return [(g - f) / step for f, g in zip(self._force(hypothesis, term, signals), there, strict=True)]
 
-    def _law_rows(self, hypothesis: Hypothesis, name: str, signals: list[Signals], slope: _Slope) -> Array:
+    def _law_rows(self, hypothesis: Hypothesis, name: str, signals: list[Signals], slope: Slope) -> Array:
         """Rows of the derivative by a parameter of the law: directly, and through the effects that read its force."""
         rows, step = slope.rows, _STEP * (abs(hypothesis.values[name]) or 1.0)
         for term in hypothesis.terms:
@@ -496,12 +516,12 @@ class Problem:
                 rows = rows + self.reduce([(g - f) / step for f, g in zip(here, there, strict=True)])
         return rows
 
-    def _law_slopes(self, values: Mapping[str, float]) -> dict[str, _Slope]:
+    def _law_slopes(self, values: Mapping[str, float]) -> dict[str, Slope]:
         """Derivatives by each shape of the law, from a point at most a few per cent away: steps are checked by their
         cost."""
         shapes = tuple(values[name] for name in self.baseline.shapes)
         for known, slopes in self._slopes:
-            if _are_near(known, shapes):
+            if are_near(known, shapes):
                 return slopes
         here = self._law_at(values)
         at = {**self.baseline.nominal, **dict(zip(self.baseline.shapes, shapes, strict=True))}
@@ -512,7 +532,7 @@ class Problem:
             for step, pairs in zip(steps.values(), there, strict=True)
         ]
         rows = self.reduce.several([[R for R, _ in parts] for parts in moved])
-        made = {n: _Slope(r, [h for _, h in parts]) for n, r, parts in zip(steps, rows, moved, strict=True)}
+        made = {n: Slope(r, [h for _, h in parts]) for n, r, parts in zip(steps, rows, moved, strict=True)}
         size = sum(slope.nbytes for slope in made.values())
         most = max(_FEWEST, _SLOPES // max(size, 1))  # many fits begin at the same point
         self._slopes = [(shapes, made), *self._slopes[: most - 1]]
@@ -524,7 +544,7 @@ class Problem:
         Beside a corner of the law those of a point near by may lead nowhere.
         """
         shapes = tuple(hypothesis.values[name] for name in self.baseline.shapes)
-        near = [known for known, _ in self._slopes if _are_near(known, shapes)]
+        near = [known for known, _ in self._slopes if are_near(known, shapes)]
         if not near or near[0] == shapes:
             return False
         self._slopes = [entry for entry in self._slopes if entry[0] not in near]
@@ -547,24 +567,6 @@ class Problem:
                 moved = self._follow(self._held, {**base.nominal, name: base.nominal[name] + step})
                 units[name] = [(there - here) / step for (here, _), (there, _) in zip(start, moved, strict=True)]
         return units
-
-
-@dataclass(frozen=True)
-class _Slope:
-    """Derivative of the law by one of its shapes: of R as rows, of h per part."""
-
-    rows: Array = field(repr=False)
-    h: list[Array] = field(repr=False)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory."""
-        return self.rows.nbytes + sum(column.nbytes for column in self.h)
-
-
-def _are_near(known: Sequence[float], shapes: Sequence[float]) -> bool:
-    """Whether derivatives of the law at a known point serve at another one."""
-    return all(abs(there - here) <= _REUSE * abs(here) for there, here in zip(known, shapes, strict=True))
 
 
 def standing(problem: Problem, hypothesis: Hypothesis) -> Fit:

@@ -83,7 +83,7 @@ def refit_at_rest(
     if friction is None:
         return None
     sure, nominal = problem.reduce.sure(), _nominal(problem, before)
-    problem.distrust(friction.hypothesis, nominal)
+    problem.distrust(friction.hypothesis, nominal, refit=before[0].hypothesis)
     return _weighed(problem, before, nominal) if np.any(sure & ~problem.reduce.sure()) else None
 
 
@@ -91,7 +91,7 @@ def refit_beside(problem: Problem, before: Sequence[Fit], law: Fit) -> tuple[Fit
     """The same from fits of another problem with the same recordings, with the rows weighed down in which a law jumps
     that explains what they leave: a refit that is led astray jumps elsewhere."""
     nominal = _nominal(problem, before)
-    problem.distrust(law.hypothesis, nominal)
+    problem.distrust(law.hypothesis, nominal, refit=before[0].hypothesis)
     return _weighed(problem, before, nominal)
 
 

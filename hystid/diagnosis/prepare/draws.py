@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +12,27 @@ Draw = tuple[NDArray[np.float32], ...]
 ENOUGH = 3  # draws that tell how large an error is
 
 
+def _nothing() -> Draw:
+    return (np.zeros(1, np.float32),) * 4
+
+
 class Draws:
     """Errors of x, v and a after smoothing, and of the inertia, (n,) each, by the number of the draw; in single
-    precision, as they are many. What was drawn is kept: all that is compared is compared at the same draws."""
+    precision, as they are many. What was drawn is kept: all that is compared is compared at the same draws.
 
-    def __init__(self, make: Callable[[int], Draw] = lambda number: (np.zeros(1, np.float32),) * 4) -> None:
-        self._make = make
+    taken: what smoothing takes of the motion besides.
+    """
+
+    def __init__(
+        self, make: Callable[[int], Draw] = lambda number: _nothing(), taken: Callable[[], Draw] = _nothing
+    ) -> None:
+        self._make, self._taken = make, taken
         self._made: dict[int, Draw] = {}
+
+    @cached_property
+    def taken(self) -> Draw:
+        """What smoothing takes of x, v and a, (n,) each, and nothing of the inertia."""
+        return self._taken()
 
     def __getitem__(self, number: int) -> Draw:
         if number not in self._made:
@@ -29,5 +44,5 @@ class Draws:
         return [self[number] for number in range(count)]
 
     def changed(self, by: Callable[[Draw], Draw]) -> Draws:
-        """The same after what was done to the motion."""
-        return Draws(lambda number: by(self[number]))
+        """The same after what was done to the motion, which is linear."""
+        return Draws(lambda number: by(self[number]), lambda: by(self.taken))

@@ -30,7 +30,7 @@ from hystid.smoothing.noise import (
     steps,
     unfiltered_level,
 )
-from hystid.smoothing.smoother import Smoothed, error_of_x, smooth
+from hystid.smoothing.smoother import Smoothed, error_of_x, followed, smooth, taken
 
 _SLOWEST, _QUICKEST = 0.01, 0.99  # shares of the power of the velocity below the slowest and the quickest motion
 _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
@@ -63,7 +63,7 @@ class Part:
     white; noise_passed: power that filters leave of it over frequencies from 0 to pi per sample, (m,), of the
     channel of which they leave most.
     unknown_degree: of a polynomial of time in the balance that nobody knows, as a user took a straight line off a
-    channel; 0 for none.
+    channel; 0 for none. follows: frequency [cycles per sample] up to which smoothing follows the motion.
     jitter: draws of the error that channel noise leaves in (x, v, a) after smoothing, and of that in inertia.
     """
 
@@ -95,6 +95,7 @@ class Part:
     noise_ends: float = 0.5
     noise_passed: Array = field(repr=False, default_factory=lambda: np.ones(2))
     unknown_degree: int = 0
+    follows: float = 0.5
 
     def __len__(self) -> int:
         return len(self.t)
@@ -208,16 +209,17 @@ def prepare_part(
     louder = _louder(channels, noise, limited, {name for name, one in before.items() if one.end == 0.5})
     gapped, valid = _without_stops(channels, noise, stopped or {})
     seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
+    own = {name: noise[name] for name in measured}
     motion = smooth(seen, noise, dt, None, _of_motion(louder), force)
     inertia, order = _inertia(measured, dt, motion)
     return Part(
         recording.name, recording.t - recording.t[0], dt, F, motion.x, motion.v, motion.a, inertia, order, noise,
         channels, valid, motion.roughness.lowest, 0, not recording.quasi_static,
         {name: column for name, column in recording.extra.items() if len(column) == len(F)},
-        _drawn(measured, noise, dt, motion, (seed, louder, before)), louder=louder,
-        error_of_x=error_of_x({name: noise[name] for name in measured}, dt, motion.roughness),
+        _drawn(measured, seen, noise, dt, motion, (seed, louder, before)), louder=louder,
+        error_of_x=error_of_x(own, dt, motion.roughness),
         noise_ends=min(one.end for one in before.values()), noise_passed=_passed(list(before.values())),
-        unknown_degree=unknown_degree(recording),
+        unknown_degree=unknown_degree(recording), follows=followed(own, dt, motion.roughness)[0],
     )  # fmt: skip
 
 
@@ -313,28 +315,41 @@ def _inertia(measured: dict[str, Array], dt: float, motion: Smoothed) -> tuple[A
 
 def _drawn(
     measured: dict[str, Array],
+    seen: dict[str, Array],
     noise: dict[str, float],
     dt: float,
     motion: Smoothed,
     of: tuple[int, Mapping[str, Array], Mapping[str, NoiseBefore]],
 ) -> Draws:
-    """The smoother is linear, so that smoothed noise is the error that noise leaves.
+    """The smoother is linear: smoothed noise is the error that noise leaves, beside what is taken of the motion.
 
-    of: seed, by how much the noise of channels is louder for a while, and what it was before filters.
+    seen: what was measured, with gaps. of: seed, by how much the noise of channels is louder for a while, and what it
+    was before filters.
     """
     seed, louder, before = of
     stairs = {name: steps(values) for name, values in measured.items()}
 
-    def draw(number: int) -> Draw:
+    def only_noise(number: int) -> dict[str, Array]:
         rng = np.random.default_rng((seed, number))
         drawn = {name: before[name].behind(rng.standard_normal(len(values))) for name, values in measured.items()}
         held = {name: values if (at := stairs[name]) is None else values[at] for name, values in drawn.items()}
-        only_noise = {name: noise[name] * louder.get(name, 1.0) * values for name, values in held.items()}
-        error = smooth(only_noise, noise, dt, motion.roughness, _of_motion(louder))
-        errors = (error.x, error.v, error.a, _inertia(only_noise, dt, error)[0])
+        return {name: noise[name] * louder.get(name, 1.0) * values for name, values in held.items()}
+
+    def draw(number: int) -> Draw:
+        drawn = only_noise(number)
+        error = smooth(drawn, noise, dt, motion.roughness, _of_motion(louder))
+        errors = (error.x, error.v, error.a, _inertia(drawn, dt, error)[0])
         return tuple(values.astype(np.float32) for values in errors)
 
-    return Draws(draw)
+    def taken_away() -> Draw:
+        nothing, own = np.zeros(len(motion.x), np.float32), {name: noise[name] for name in measured}
+        beyond = min(0.5, 2 * followed(own, dt, motion.roughness)[0])
+        if any(before[name].end < beyond for name in measured):
+            return (nothing,) * 4  # a filter has taken away what would tell
+        lost = taken(seen, own, dt, motion, drawn=only_noise(0), louder=_of_motion(louder))
+        return (*(values.astype(np.float32) for values in lost), nothing)
+
+    return Draws(draw, taken_away)
 
 
 def visible(parts: Sequence[Part], mass: float = 0.0) -> tuple[list[Part], list[str]]:

@@ -138,6 +138,8 @@ def _where_known(diagnosis: Diagnosis) -> str:
     of its channel, or nobody knows on which side of a jump it stands, it does not."""
     percent = 100 if diagnosis.problem is None else round(100 * float(np.mean(diagnosis.problem.reduce.sure())))
     others = "in the others the motion is not known well enough to tell its force"
+    if percent == 0:
+        return ", as far as the noise of the motion lets its force be told"
     return f", in {percent} % of the samples; {others}" if percent < 100 else ""
 
 
