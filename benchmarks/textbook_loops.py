@@ -10,15 +10,12 @@ of noise to none. Prints each case that is not right, and the counts, in the wor
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 
 import numpy as np
 
 from benchmarks.sound_loops import prescribed
 from benchmarks.textbook_rigs import KINDS as OF_RIGS
-from benchmarks.textbook_rigs import Kind, Law, Rig, judged
-from hystid import diagnose
-from hystid.errors import HystidError
+from benchmarks.textbook_rigs import Kind, Law, Rig, ask
 from hystid.numeric import Array
 from hystid.recording import Recording
 
@@ -100,22 +97,8 @@ def main() -> None:
     parser.add_argument("--cases", type=int, required=True, help="of each kind")
     parser.add_argument("--kind", nargs="*", choices=KINDS, default=list(KINDS))
     given = parser.parse_args()
-    counts: Counter[str] = Counter()
-    for name in given.kind:
-        for seed in range(given.seed, given.seed + given.cases):
-            recording, believed, words = textbook_loop(seed, name)
-            try:
-                answer = diagnose(recording, model="HystId.Oscillators.Linear", parameters=believed)
-            except HystidError as error:
-                said, how = str(error), "refused"
-            else:
-                said = ", ".join(f"{f.effect} {f.confidence:.2f}" for f in answer.findings) or answer.headline
-                alike = [other for f in answer.findings for other in f.alike]
-                how = judged(KINDS[name], answer.verdict, {f.effect for f in answer.findings}, alike)
-            counts[how] += 1
-            if how != "right":
-                print(f"{how}: {name} {seed} ({words}): {said}", flush=True)
-    print(", ".join(f"{how}: {count}" for how, count in sorted(counts.items())))
+    seeds = range(given.seed, given.seed + given.cases)
+    ask((KINDS[name], f"{name} {seed}", textbook_loop(seed, name)) for name in given.kind for seed in seeds)
 
 
 if __name__ == "__main__":

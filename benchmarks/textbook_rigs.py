@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -32,6 +32,8 @@ from hystid.recording import Recording
 
 State = Sequence[float]  # x, v, and states of the effect
 Law = Callable[[State, float], tuple[float, tuple[float, ...]]]  # force, and rates of these states, at a time
+# Recordings, what their user believes, and the case in words.
+Case = tuple[Recording | list[Recording], dict[str, float], str]
 _CHANNELS = ("x", "a", "xv", "xa", "va", "xva")
 _SNR = (28, 34, 34, 40, 60, 80, np.inf)  # dB
 _STEPS = 6  # of Runge and Kutta's method (order 4) per sample; frequencies reach a fifteenth of the sample rate
@@ -317,6 +319,24 @@ def judged(kind: Kind, verdict: str, found: set[str], alike: Collection[str] = (
     return "missed" if verdict in CALM else "unknown"
 
 
+def ask(cases: Iterable[tuple[Kind, str, Case]]) -> None:
+    """Diagnose cases of a kind, each with a name; prints those that are not right, and the counts."""
+    counts: Counter[str] = Counter()
+    for kind, name, (tests, believed, words) in cases:
+        try:
+            answer = diagnose(tests, model="HystId.Oscillators.Linear", parameters=believed)
+        except HystidError as error:
+            said, how = str(error), "refused"
+        else:
+            said = ", ".join(f"{f.effect} {f.confidence:.2f}" for f in answer.findings) or answer.headline
+            alike = [other for f in answer.findings for other in f.alike]
+            how = judged(kind, answer.verdict, {f.effect for f in answer.findings}, alike)
+        counts[how] += 1
+        if how != "right":
+            print(f"{how}: {name} ({words}): {said}", flush=True)
+    print(", ".join(f"{how}: {count}" for how, count in sorted(counts.items())))
+
+
 def main() -> None:
     """See the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -329,29 +349,15 @@ def main() -> None:
     given = parser.parse_args()
     if any(given.recorder) and (any(given.channels) or any(given.let_go)):
         parser.error("--recorder chooses channels itself, and is for forced tests: leave --channels and --let-go out")
-    counts: Counter[str] = Counter()
     seeds = range(given.seed, given.seed + given.cases)
     every = product(given.kind, seeds, given.channels, given.let_go, given.recorder)
-    for name, seed, channels, release, recorder in every:
-        if release and KINDS[name].right and KINDS[name].law is None:
-            continue
-        tests: Recording | list[Recording]
-        if release:
-            tests, believed, words = released_rig(seed, name, release, channels)
-        else:
-            tests, believed, words = textbook_rig(seed, name, channels, recorder)
-        try:
-            answer = diagnose(tests, model="HystId.Oscillators.Linear", parameters=believed)
-        except HystidError as error:
-            said, how = str(error), "refused"
-        else:
-            said = ", ".join(f"{f.effect} {f.confidence:.2f}" for f in answer.findings) or answer.headline
-            alike = [other for f in answer.findings for other in f.alike]
-            how = judged(KINDS[name], answer.verdict, {f.effect for f in answer.findings}, alike)
-        counts[how] += 1
-        if how != "right":
-            print(f"{how}: {name} {seed} ({words}): {said}", flush=True)
-    print(", ".join(f"{how}: {count}" for how, count in sorted(counts.items())))
+    ask(
+        (KINDS[name], f"{name} {seed}", released_rig(seed, name, release, channels))
+        if release
+        else (KINDS[name], f"{name} {seed}", textbook_rig(seed, name, channels, recorder))
+        for name, seed, channels, release, recorder in every
+        if not release or KINDS[name].law is not None or not KINDS[name].right
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Triangles, as testing machines drive them: what smoothing takes where a motion turns is an error like any other."""
+"""Triangles, as testing machines drive them: where a motion turns, the bias of the smoother is an error to know."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy.signal import butter, sosfilt
 from hystid import diagnose
 from hystid.diagnosis.prepare.segments import prepare_part
 from hystid.recording import Recording
-from hystid.smoothing.smoother import smooth, taken
+from hystid.smoothing.smoother import bias, smooth
 
 _OVER, _PERIOD, _CYCLES = 16, 180, 12  # steps of the simulation per sample, samples per cycle
 _ROUND = 0.02  # of a cycle, within which it turns
@@ -28,7 +28,7 @@ def _noisy(y: np.ndarray, snr: float, rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("snr", [34, 46])
-def test_what_smoothing_takes_is_known_where_a_motion_turns(snr: float) -> None:
+def test_the_bias_of_the_smoother_is_known_where_a_motion_turns(snr: float) -> None:
     rng = np.random.default_rng(1)
     x, v = _triangle()
     noise = {"x": 10 ** (-snr / 20) * float(np.std(x))}
@@ -36,7 +36,7 @@ def test_what_smoothing_takes_is_known_where_a_motion_turns(snr: float) -> None:
     found = smooth(measured, noise, 1.0)
     drawn = {"x": noise["x"] * rng.standard_normal(len(x))}
     errors = smooth(drawn, noise, 1.0, found.roughness).v
-    away = taken(measured, noise, 1.0, found, drawn=drawn)[1]
+    away = bias(measured, noise, 1.0, found, drawn=drawn)[1]
     turns = np.abs(np.gradient(v)) > 0.02 * np.max(np.abs(v))
     error = float(np.std((found.v - v)[turns]))
     assert error > 3 * np.std(errors)  # noise tells a third of it at most
@@ -44,12 +44,12 @@ def test_what_smoothing_takes_is_known_where_a_motion_turns(snr: float) -> None:
     assert 0.5 < error / float(np.sqrt(np.mean(away[turns] ** 2 + np.var(errors)))) < 2
 
 
-def test_nothing_is_taken_of_a_sine() -> None:
+def test_a_sine_has_no_bias() -> None:
     rng, x = np.random.default_rng(2), np.sin(2 * np.pi * np.arange(3000) / 70)
     noise = {"x": 0.02 * float(np.std(x))}
     measured, drawn = ({"x": y + noise["x"] * rng.standard_normal(len(x))} for y in (x, 0 * x))
     found = smooth(measured, noise, 1.0)
-    away = taken(measured, noise, 1.0, found, drawn=drawn)
+    away = bias(measured, noise, 1.0, found, drawn=drawn)
     # Noise reaches the limit in one sample of a thousand, and takes its surroundings with it.
     assert np.mean(away[0] != 0) < 0.03
 
@@ -68,12 +68,12 @@ def test_a_damper_under_a_triangle_is_sound(of_x: float, of_force: float) -> Non
     assert answer.verdict == "recalibrated", answer.headline
 
 
-def test_nothing_is_told_to_be_taken_behind_a_filter() -> None:
-    """What lies beyond the filter is gone; and what is taken of a part has the length of the part."""
+def test_no_bias_is_told_behind_a_filter() -> None:
+    """What would show it is gone; and the bias of a part has the length of the part."""
     rng = np.random.default_rng(4)
     x, _ = _triangle()
     low_pass = butter(8, 0.7, output="sos")
     noisy = {name: sosfilt(low_pass, _noisy(values, 60, rng)) for name, values in (("x", x), ("F", 1e5 * x))}
     part = prepare_part(Recording("filtered", np.arange(len(x)) * 0.01, **noisy))
     assert part.noise_ends < min(0.5, 2 * part.follows)
-    assert all(len(u) == len(x) and not np.any(u) for u in part.jitter.taken)
+    assert all(len(u) == len(x) and not np.any(u) for u in part.jitter.bias)

@@ -273,16 +273,20 @@ def _smoothed(
     white = np.where(used, lines / np.sqrt(np.maximum(passed, np.finfo(float).tiny)), 0.0)
     bands = [np.abs(white[low:high][used[low:high]]) ** 2 for low, high in pairwise(edges)]
     bands = [band for band in bands if len(band) >= _LINES]
-    apart = np.log([np.median(band) for band in bands])
-    apart = (apart - np.mean(apart)) * np.sqrt([2 * len(band) for band in bands]) / _SPREAD
     inside, count = _in_band(white, first, end, window), int(np.count_nonzero(used[first:end]))
     if corner(kernel) not in known:
-        is_alike = len(bands) > _SHELF and np.sum(apart**2) < chdtri(len(bands) - 1, _RARELY)
+        is_alike = len(bands) > _SHELF and _scatter(bands) < chdtri(len(bands) - 1, _RARELY)
         shared = (_shared(channel, other, np.array([first, end]) / len(lines)) for other in others)
         if not is_alike or not _is_steady(inside, count) or any(one > _MOTION for one in shared):
             return None
     level = float(np.std(inside) / np.sqrt(count / (len(lines) - 1)))
     return NoiseBefore(corner(kernel), level, kernel) if level > MISREAD * unfiltered_level(channel) else None
+
+
+def _scatter(bands: Sequence[Array]) -> float:
+    """Sum of squares by which the medians of bands of lines are apart, in units of what chance leaves."""
+    apart = np.log([np.median(band) for band in bands])
+    return float(np.sum(((apart - np.mean(apart)) / _SPREAD) ** 2 * [2 * len(band) for band in bands]))
 
 
 def _level(channel: Array, inside: Array, first: int, end: int, count: int) -> float:

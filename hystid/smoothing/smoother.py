@@ -40,7 +40,7 @@ _BLOCK = 100_000  # samples smoothed at a time, with an overlap far beyond the s
 _OVERLAP = 2_000
 _RESPONSE = 4096  # samples of an impulse response: beyond the memory of the smoother
 _ONE = 0.1  # noises of x by which x and the integral of v may differ
-_FINER = 2**0.5  # half an octave beyond the frequency up to which the smoother follows: what it takes begins there
+_FINER = 2**0.5  # half an octave beyond the frequency up to which the smoother follows: its bias begins there
 _BY_CHANCE = 0.001  # probability per sample that noise alone leaves so much there
 _LOUDER = (4.0, 16.0, 64.0, 256.0)  # power of the noise over that of its level, where they differ by more
 
@@ -142,7 +142,7 @@ def smooth(
     return Smoothed(x, v, a, (float(error[0]), float(error[1]), float(error[2])), chosen)
 
 
-def taken(
+def bias(
     channels: Mapping[str, Array],
     noise: Mapping[str, float],
     dt: float,
@@ -151,16 +151,17 @@ def taken(
     drawn: Mapping[str, Array],
     louder: Mapping[str, Array] | None = None,
 ) -> tuple[Array, Array, Array]:
-    """What the smoother takes of the motion where that is sharper than elsewhere: of x [m], v [m/s], a [m/s2], (n,).
+    """Bias of the smoother where the motion is sharper than elsewhere: x [m], v [m/s], a [m/s2], (n,) each, of the
+    motion less what the smoother makes of it.
 
     To the smoother a motion is as rough at all times. A triangle turns, a stop is met and a hammer strikes for an
-    instant, and it rounds that off. What it takes begins where it ceases to follow: it is seen in the half octave
-    beyond, where that holds more than noise does. As much more lies further on as the next half octave tells.
+    instant, and it rounds that off. The bias begins at the frequency up to which it follows: it is seen in the half
+    octave beyond, where that holds more than noise does. How that falls to the next one tells how much lies further on.
     channels, noise, dt, louder: as in ``smooth``. motion: what it made of them. drawn: channels of noise alone.
     """
     roughness = motion.roughness
     quickest, name = followed(noise, dt, roughness)
-    row = CHANNELS.index(name)
+    quickest, row = max(quickest, 1 / len(motion.x)), CHANNELS.index(name)
     steps = [_FINER ** (2 * k * (roughness.order - row)) for k in (1, 2)]
     finer = [replace(roughness, level=step * roughness.level) for step in steps]
 
@@ -193,7 +194,7 @@ def _motion_of(channel: Array, row: int, slowest: float, dt: float) -> Array:
 
 
 def _whole(falls: float, order: int, row: int) -> float:
-    """What the smoother takes of a velocity, over what is in the half octave beyond.
+    """Bias of a velocity over what is in the half octave beyond the frequency up to which the smoother follows.
 
     falls: power in the next half octave over that in this one; at most that of a velocity that jumps, and at least that
     of a motion as smooth as the smoother takes it to be. order: of the derivative of x that it takes for white noise;

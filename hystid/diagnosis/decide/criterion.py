@@ -141,14 +141,14 @@ class Criterion:
         force = problem.reduce([part.F for part in problem.parts])
         restoring = problem.reduce([part.F - mass * part.inertia for part in problem.parts])
         self.force = float(max(np.mean(force**2), np.mean(restoring**2)))
-        self._added = problem.noise_added(baseline.hypothesis)
+        self._told = np.flatnonzero(problem.reduce.told())
+        self._added = self._added_by(baseline)
         self._open = problem.reduce.left_open(baseline.residual)
         self.floor = problem.reduce.level + self._open + float(np.mean(self._added))
         self.each = self.rows / self.states  # rows per independent value of the model error
         self._by_chance = float(chi2.ppf(1 - _BY_CHANCE, self.states))
-        self._told = np.flatnonzero(problem.reduce.told())
         self._place = _places([problem])[0][self._told]
-        self._rounded = self._standing(problem.rounded(baseline.hypothesis))
+        self._bias = self._standing(problem.bias_rows(baseline.hypothesis))
 
     def at(self, level: float) -> Criterion:
         """The same where the noise is of another level: what a law leaves counts against the noise that there is."""
@@ -177,11 +177,11 @@ class Criterion:
 
     def standing(self, fit: Fit, known: float) -> float:
         """Mean square of what stands in the means over the states that the motion visits, beyond what noise leaves of
-        it, and what smoothing does: noise averages out there, however loud it is said to be. -inf where it is none, as
-        far as noise can tell.
+        it, and the bias of the smoother: noise averages out there, however loud it is said to be. -inf where it is
+        none, as far as noise can tell.
         """
         noise = (known + max(self.level, 0.0)) / self.rows
-        stands = self._standing(fit.residual) - self._rounded
+        stands = self._standing(fit.residual) - self._bias
         return stands - self.states * noise if stands > self._by_chance * noise else -math.inf
 
     def _standing(self, rows: Array) -> float:
@@ -189,11 +189,16 @@ class Criterion:
         counts = np.maximum(np.bincount(self._place, minlength=CELLS**2), 1)
         return float(np.sum(sums**2 / counts)) / self.rows
 
+    def _added_by(self, fit: Fit, draws: int = 0) -> Array:
+        """What noise of the motion, one value per draw of it, and the bias of the smoother add to the mean square."""
+        bias = float(np.sum(self.problem.bias_rows(fit.hypothesis)[self._told] ** 2)) / self.rows
+        return self.problem.noise_added(fit.hypothesis, draws) + bias
+
     def floor_of(self, fit: Fit) -> float:
         """Mean square that noise alone leaves of a fit: as much more than of the baseline as draws of the noise agree
         on (Student's t, shrunk by the garrote of Breiman 1995), so that no limit parts two fits of one law.
         """
-        more = self.problem.noise_added(fit.hypothesis, len(self._added)) - self._added
+        more = self._added_by(fit, len(self._added)) - self._added
         mean, error = float(np.mean(more)), float(np.std(more, ddof=1)) / np.sqrt(len(more))
         by_chance = float(student.ppf(1 - 0.5 * _BY_CHANCE, len(more) - 1)) * error
         return self.floor + mean * max(1.0 - (by_chance / mean) ** 2, 0.0) if mean else self.floor

@@ -52,7 +52,7 @@ class Problem:
         self._last: tuple[Hypothesis, list[Array]] | None = None
         self._added: tuple[Hypothesis | None, Array]
         self.weighed_by: tuple[Hypothesis, ...] = ()  # fits by which rows were weighed down
-        self._refit: Hypothesis | None = None  # and the one by which those were in which smoothing rounds off
+        self._refit: Hypothesis | None = None  # and the one by which those were in which the smoother is biased
         self._slopes: list[tuple[tuple[float, ...], dict[str, Slope]]] = []
         self.work = 0  # rows of residuals that were evaluated: what a search has cost, on any machine
         self._units = self._linear_columns()
@@ -238,12 +238,12 @@ class Problem:
         together less that of the balance.
         """
         known = self.reduce.level + self.reduce.left_open(fitted.residual)
-        return known + float(np.mean(self.noise_added(fitted.hypothesis))) - self._rounds(fitted.hypothesis)
+        return known + float(np.mean(self.noise_added(fitted.hypothesis)))
 
     def noise_added(self, hypothesis: Hypothesis, draws: int = 0) -> Array:
-        """What noise of the motion, and what smoothing takes of it, add to the mean square that noise leaves, one value
-        per draw, beyond what the whitening takes it for; rows that are weighed down for it, or in which a law may stand
-        anywhere, hold that already.
+        """What noise of the motion adds to the mean square that noise leaves, one value per draw of it, beyond what the
+        whitening takes it for; rows that are weighed down for it, or in which a law may stand anywhere, hold that
+        already.
 
         draws: how many; 0: as many as tell their mean twice as well as noise tells its own mean square.
         """
@@ -252,7 +252,6 @@ class Problem:
             return found
         added, told = np.zeros(0), self.reduce.told()
         known, enough = self.reduce.followed * float(np.mean(told)), 0.5 * np.sqrt(2 / self.reduce.count)
-        known -= self._rounds(hypothesis)
         for draw, forces in enumerate(self.moved(hypothesis, draws or _MOST_DRAWS)):
             pairs = zip(forces, self.parts, strict=True)
             moved, balance = self.reduce([np.stack([u, self.baseline.mass * p.jitter[draw][3]]) for u, p in pairs])
@@ -285,16 +284,16 @@ class Problem:
         return moved
 
     def distrust(self, *hypotheses: Hypothesis, refit: Hypothesis | None = None) -> bool:
-        """Weigh down rows in which a law jumps, or smoothing rounds off; true where there are such rows.
+        """Weigh down rows in which a law jumps, or the smoother is biased; true where there are such rows.
 
         hypotheses: the fit, and others that a law may have jumped in where the fit was led astray. refit: without the
-        law that is missing, where the fit is one with it: what smoothing rounds off gives no law a lead.
+        law that is missing, where the fit is one with it: the bias gives no law a lead.
         """
         self.weighed_by, self._refit = hypotheses, refit
         self.reduce.trust()
         movements, filtered, sides = [self.reduce(u) for u in self.moved(hypotheses[0])], np.zeros(1), np.zeros(1)
-        judged = refit or hypotheses[0]  # laws that may be missing gain nothing by what is rounded off beside them
-        rounded = np.zeros(1) if judged.terms else self.reduce.rounded_off(self._taken(judged), self.rows(judged))
+        plain = refit or hypotheses[0]
+        biased = np.zeros(1) if plain.terms else self.reduce.biased(self._bias(plain), self.rows(plain))
         if self.baseline.memoryless:
             found = [bends(partial(self._law_along, h.values), self.parts) for h in hypotheses]
             # Their sign changes with that of v: blocks would lose it.
@@ -304,7 +303,7 @@ class Problem:
             movements, filtered = [*movements, slow], quick
         if self.baseline.memoryless or self._turning_terms(hypotheses[0]):
             sides = self.reduce.spread(unsure(self._turning(hypotheses[0]), self.parts))
-        self.reduce.distrust(movements, np.hypot(filtered, rounded), sides)
+        self.reduce.distrust(movements, np.hypot(filtered, biased), sides)
         self._reduce_anew()
         return self.reduce.weighs
 
@@ -329,17 +328,14 @@ class Problem:
 
         return law
 
-    def rounded(self, hypothesis: Hypothesis) -> Array:
-        """What smoothing does to the force where it rounds the motion off: weighted rows, (rows,)."""
-        return self.reduce(self._taken(hypothesis))
+    def bias_rows(self, hypothesis: Hypothesis) -> Array:
+        """What the bias of the smoother does to the force: weighted rows, (rows,)."""
+        return self.reduce(self._bias(hypothesis))
 
-    def _rounds(self, hypothesis: Hypothesis) -> float:
-        return float(np.mean(self.rounded(hypothesis) ** 2 * self.reduce.told()))
-
-    def _taken(self, hypothesis: Hypothesis) -> list[Array]:
+    def _bias(self, hypothesis: Hypothesis) -> list[Array]:
         here = self.predicted(hypothesis)
         try:
-            there = self._shaken(hypothesis, [part.jitter.taken for part in self.parts])
+            there = self._shaken(hypothesis, [part.jitter.bias for part in self.parts])
         except NumericalError:
             return [np.zeros_like(force) for force in here]
         return [moved - force for force, moved in zip(here, there, strict=True)]

@@ -24,7 +24,7 @@ from hystid.numeric import Array
 
 _INPUTS = frozenset("xvah")
 _SUBSTEPS = 24  # most steps per sample: a memory shorter than a 24th of the path per sample is friction without memory
-_TURNS = 0.5  # radians per step of an inner state: Runge and Kutta's method is off by 5e-4 of a turn there
+_TURNS = 0.5  # radians per step of an inner state: Runge and Kutta's method is off by 0.5**5 / 120 in each
 _SHORT = (0.003, 0.012)  # shares of the stroke over which friction may build up, below those of its distribution
 # Resonances are sought from the lower of these shares: of the lowest, and of the highest frequency that is excited,
 _BELOW = (0.7, 0.35)

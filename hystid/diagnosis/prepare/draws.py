@@ -20,19 +20,19 @@ class Draws:
     """Errors of x, v and a after smoothing, and of the inertia, (n,) each, by the number of the draw; in single
     precision, as they are many. What was drawn is kept: all that is compared is compared at the same draws.
 
-    taken: what smoothing takes of the motion besides.
+    bias: of the smoother, besides.
     """
 
     def __init__(
-        self, make: Callable[[int], Draw] = lambda number: _nothing(), taken: Callable[[], Draw] = _nothing
+        self, make: Callable[[int], Draw] = lambda number: _nothing(), bias: Callable[[], Draw] = _nothing
     ) -> None:
-        self._make, self._taken = make, taken
+        self._make, self._bias = make, bias
         self._made: dict[int, Draw] = {}
 
     @cached_property
-    def taken(self) -> Draw:
-        """What smoothing takes of x, v and a, (n,) each, and nothing of the inertia."""
-        return self._taken()
+    def bias(self) -> Draw:
+        """Bias of the smoother in x, v and a, (n,) each, and none of the inertia."""
+        return self._bias()
 
     def __getitem__(self, number: int) -> Draw:
         if number not in self._made:
@@ -45,4 +45,4 @@ class Draws:
 
     def changed(self, by: Callable[[Draw], Draw]) -> Draws:
         """The same after what was done to the motion, which is linear."""
-        return Draws(lambda number: by(self[number]), lambda: by(self.taken))
+        return Draws(lambda number: by(self[number]), lambda: by(self.bias))

@@ -30,7 +30,7 @@ _DECAY = 10.0  # radians at the corner of a whitening filter after which nothing
 _AT_ONCE = 8  # columns that are reduced together: more leave the processor's cache
 _SHORT = 7  # samples per block that are added column by column
 _SPECTRUM = 4096  # lines over which a spectrum is averaged
-_ROUGHLY = 4.0  # in power: half an octave tells what smoothing takes within a factor of two
+_ROUGHLY = 4.0  # in power: half an octave tells the bias of the smoother within a factor of two
 _JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
 
 
@@ -108,13 +108,13 @@ class Reduction:
             rows.append(np.sqrt(self.plain(i, power)) * self._weights[i])
         return np.concatenate(rows)
 
-    def rounded_off(self, away: Sequence[Array], left: Array) -> Array:
-        """Standard deviation of rows, (rows,), in which smoothing rounds the motion off; 0 where more is left there
-        than that explains: a law is missing, and they tell it as others do.
+    def biased(self, bias: Sequence[Array], left: Array) -> Array:
+        """Standard deviation of rows, (rows,), in which the smoother is biased; 0 where more is left there than that
+        explains: a law is missing, and they tell it as others do.
 
-        away: what it does to the force [N], one column per part. left: rows of what a fit leaves.
+        bias: what it does to the force [N], one column per part. left: rows of what a fit leaves.
         """
-        pairs = zip(away, self.parts, strict=True)
+        pairs = zip(bias, self.parts, strict=True)
         rows = self.spread([maximum_filter1d(np.abs(force), int(1 / part.follows)) for force, part in pairs])
         there = rows > 1
         explained = np.any(there) and np.mean(left[there] ** 2) <= _ROUGHLY * np.mean(1 + rows[there] ** 2)

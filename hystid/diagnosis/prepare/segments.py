@@ -30,7 +30,7 @@ from hystid.smoothing.noise import (
     steps,
     unfiltered_level,
 )
-from hystid.smoothing.smoother import Smoothed, error_of_x, followed, smooth, taken
+from hystid.smoothing.smoother import Smoothed, bias, error_of_x, followed, smooth
 
 _SLOWEST, _QUICKEST = 0.01, 0.99  # shares of the power of the velocity below the slowest and the quickest motion
 _HIDDEN = 0.05  # share of the force below the visible frequencies, beyond which a recording says too little
@@ -209,7 +209,6 @@ def prepare_part(
     louder = _louder(channels, noise, limited, {name for name, one in before.items() if one.end == 0.5})
     gapped, valid = _without_stops(channels, noise, stopped or {})
     seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
-    own = {name: noise[name] for name in measured}
     motion = smooth(seen, noise, dt, None, _of_motion(louder), force)
     inertia, order = _inertia(measured, dt, motion)
     return Part(
@@ -217,9 +216,9 @@ def prepare_part(
         channels, valid, motion.roughness.lowest, 0, not recording.quasi_static,
         {name: column for name, column in recording.extra.items() if len(column) == len(F)},
         _drawn(measured, seen, noise, dt, motion, (seed, louder, before)), louder=louder,
-        error_of_x=error_of_x(own, dt, motion.roughness),
+        error_of_x=error_of_x({name: noise[name] for name in measured}, dt, motion.roughness),
         noise_ends=min(one.end for one in before.values()), noise_passed=_passed(list(before.values())),
-        unknown_degree=unknown_degree(recording), follows=followed(own, dt, motion.roughness)[0],
+        unknown_degree=unknown_degree(recording), follows=max(followed(noise, dt, motion.roughness)[0], 1 / len(F)),
     )  # fmt: skip
 
 
@@ -321,7 +320,7 @@ def _drawn(
     motion: Smoothed,
     of: tuple[int, Mapping[str, Array], Mapping[str, NoiseBefore]],
 ) -> Draws:
-    """The smoother is linear: smoothed noise is the error that noise leaves, beside what is taken of the motion.
+    """The smoother is linear: smoothed noise is the error that noise leaves, beside the bias.
 
     seen: what was measured, with gaps. of: seed, by how much the noise of channels is louder for a while, and what it
     was before filters.
@@ -341,15 +340,15 @@ def _drawn(
         errors = (error.x, error.v, error.a, _inertia(drawn, dt, error)[0])
         return tuple(values.astype(np.float32) for values in errors)
 
-    def taken_away() -> Draw:
-        nothing, own = np.zeros(len(motion.x), np.float32), {name: noise[name] for name in measured}
-        beyond = min(0.5, 2 * followed(own, dt, motion.roughness)[0])
-        if any(before[name].end < beyond for name in measured):
-            return (nothing,) * 4  # a filter has taken away what would tell
-        lost = taken(seen, own, dt, motion, drawn=only_noise(0), louder=_of_motion(louder))
-        return (*(values.astype(np.float32) for values in lost), nothing)
+    def biased() -> Draw:
+        nothing = np.zeros(len(motion.x), np.float32)
+        octave = min(0.5, 2 * followed(noise, dt, motion.roughness)[0])
+        if any(before[name].end < octave for name in measured):
+            return (nothing,) * 4  # a filter took the octave away in which it would be seen
+        found = bias(seen, noise, dt, motion, drawn=only_noise(0), louder=_of_motion(louder))
+        return (*(values.astype(np.float32) for values in found), nothing)
 
-    return Draws(draw, taken_away)
+    return Draws(draw, biased)
 
 
 def visible(parts: Sequence[Part], mass: float = 0.0) -> tuple[list[Part], list[str]]:
