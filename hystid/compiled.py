@@ -320,10 +320,13 @@ def slopes_of(samples: Array, dt: float) -> Array:
     """Time derivative (n,) of uniform samples by central differences of order four, lower at the two ends."""
     if len(samples) < 3:
         return np.full_like(samples, (samples[-1] - samples[0]) / dt if len(samples) == 2 else 0.0)
-    slopes = np.gradient(samples, dt, edge_order=2)
-    if len(samples) > 4:
-        slopes[2:-2] = (8 * (samples[3:-1] - samples[1:-3]) - (samples[4:] - samples[:-4])) / (12 * dt)
-    return np.asarray(slopes)
+    if len(samples) < 5:
+        return np.asarray(np.gradient(samples, dt, edge_order=2))
+    slopes = np.empty(len(samples))
+    slopes[2:-2] = (8 * (samples[3:-1] - samples[1:-3]) - (samples[4:] - samples[:-4])) / (12 * dt)
+    slopes[:2] = np.gradient(samples[:4], dt, edge_order=2)[:2]
+    slopes[-2:] = np.gradient(samples[-4:], dt, edge_order=2)[-2:]
+    return slopes
 
 
 def check_finite(model: str, values: Mapping[str, Array], dt: float) -> None:

@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hystid.compiled import CompiledModel, Motion
+from hystid.compiled import CompiledModel, Interpolation, Motion
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
@@ -234,7 +234,8 @@ class Effect:
         known = signals.ready.get((model, substeps))
         if known is None:
             inputs = {name: getattr(signals, name) for name in sorted(self.reads) or ["x"]}
-            known = model.motion({}, inputs, signals.dt, interpolation="cubic", substeps=substeps)
+            between: Interpolation = "cubic" if self.remembers else "linear"  # without a memory only samples count
+            known = model.motion({}, inputs, signals.dt, interpolation=between, substeps=substeps)
             if "h" not in inputs:
                 signals.ready[model, substeps] = known
         return known

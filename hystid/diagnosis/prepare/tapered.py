@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -55,22 +56,33 @@ def _taper(channel: Array) -> int:
     if not usual or not is_white(channel[quarter:-quarter]):
         return 0
     power /= usual
+    windows, steps = _powers(count)
+    each = _likelihood(windows, power)
+    best = int(np.argmax(each))
+    number, length = divmod(best, count // 2 - 2)
+    window, length = _WINDOWS[number], length + 2
+    odds = 0.5 * size / _ALIKE * float(each[best] - np.max(_likelihood(steps, power)))
+    faded = int(length * size) if odds > math.log(len(each) / _CHANCE) else 0
+    return int((1 + _KNOWN) * faded) + size if faded and _fades(channel, faded, size / faded, window) else 0
+
+
+@lru_cache(maxsize=4)
+def _powers(count: int) -> tuple[Array, Array]:
+    """Mean power of each of so many blocks: behind all windows of all lengths, from two blocks to half of them,
+    (windows, count), and of noise that begins and ends at once, (lengths, count)."""
     place = (np.arange(count * _POINTS) + 0.5) / _POINTS  # in blocks
     from_end = np.minimum(place, count - place).reshape(count, _POINTS)
+    lengths = np.arange(2, count // 2)[:, None, None]
+    windows = [np.mean(window(np.minimum(from_end / lengths, 1.0)), axis=-1) for window in _WINDOWS]
+    steps = np.mean(from_end >= np.concatenate([[[[0]]], lengths]), axis=-1)
+    return np.concatenate(windows), steps
 
-    def likelihood(shape: Array) -> float:
-        known = np.mean(shape, axis=1)
-        return max(float(np.sum(-np.log(known + least) - power / (known + least))) for least in _FLOORS)
 
-    lengths = range(2, count // 2)
-    steps = max(likelihood(np.where(from_end < length, 0.0, 1.0)) for length in (0, *lengths))
-    tried = [(window, length) for window in _WINDOWS for length in lengths]
-    each = [likelihood(window(np.minimum(from_end / length, 1.0))) for window, length in tried]
-    best = int(np.argmax(each))
-    window, length = tried[best]
-    odds = 0.5 * size / _ALIKE * (each[best] - steps)
-    faded = int(length * size) if odds > math.log(len(tried) / _CHANCE) else 0
-    return int((1 + _KNOWN) * faded) + size if faded and _fades(channel, faded, size / faded, window) else 0
+def _likelihood(shapes: Array, power: Array) -> Array:
+    """Logarithm of the likelihood, up to a constant, of blocks of such a power (count,), were their mean one of the
+    shapes (k, count): of the best floor, (k,)."""
+    made = [np.log(shapes + least) + power / (shapes + least) for least in _FLOORS]
+    return np.asarray(-np.min([np.sum(one, axis=-1) for one in made], axis=0))
 
 
 def _fades(channel: Array, samples: int, block: float, window: Callable[[Array], Array]) -> bool:
