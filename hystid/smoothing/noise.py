@@ -30,7 +30,7 @@ RESTING = 0.4  # share of samples that repeat the one before, above which a chan
 _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings that are sampled well hold noise alone
 _WELL, _WIDER = 0.3, 1.16  # of the Nyquist frequency, above which that is so; edges of bands below that over each other
 _FINE_BANDS = np.concatenate([_WELL / _WIDER ** np.arange(12.0, 0.0, -1.0), np.linspace(_WELL, 0.98, 15)])  # where a
-# filter may end the noise
+# filter may end the noise; a short recording has fewer above _WELL
 _FLAT, _CAUTIOUS = 70, 25  # lines of a band below, so that three of them tell what is flat from what falls by the
 # square of the frequency, and from what a mass moves
 _SHELF, _STEEP = 3, 3.0  # bands of noise before a filter, and its fall in power at least
@@ -217,20 +217,24 @@ def filtered_beyond(
     same channel in other recordings: the recorder filters here as well, and motion may hide it. cautious: rather take
     some motion for noise than noise for motion, in a recording that is too short to tell.
     """
-    most = _HALF if others and not drives else SMALL
+    loudest = _HALF if others and not drives else SMALL
     window = np.hanning(len(channel))
     lines = np.fft.rfft((channel - np.mean(channel)) * window)
     told = (1 - 1 / _WIDER) * _FINE_BANDS * (len(lines) - 1) >= (_CAUTIOUS if cautious else _FLAT)
-    bands = _FINE_BANDS[told | (_FINE_BANDS >= _WELL)]
+    above = _FINE_BANDS[_FINE_BANDS >= _WELL]
+    most = int((above[-1] - _WELL) * (len(lines) - 1) / (_LINES + 1))  # that hold so many lines, however they are cut
+    if most < len(above) - 1:
+        above = np.linspace(_WELL, above[-1], most + 1)
+    bands = np.concatenate([_FINE_BANDS[told & (_FINE_BANDS < _WELL)], above])
     edges = (bands * (len(lines) - 1)).astype(int)
-    if np.min(np.diff(edges)) < _LINES:
+    if len(bands) < _SHELF + 2:
         return NoiseBefore()
 
     def inside(first: int, end: int) -> Array:
         return _in_band(lines, first, end, window)
 
     found = _smoothed(channel, others, lines, window, corners)
-    if found is not None and found.level**2 < most * float(np.var(channel)):
+    if found is not None and found.level**2 < loudest * float(np.var(channel)):
         return found
     for last in _ends_of_shelves(np.abs(lines) ** 2, edges, bands):
         first, end = edges[last - _SHELF], edges[last]
@@ -240,7 +244,7 @@ def filtered_beyond(
         if any(_shared(channel, other, bands[[last - _SHELF, last]]) > _MOTION for other in others):
             continue
         level = _level(channel, shelf, first, end, len(lines))
-        if level**2 < most * float(np.var(channel)):
+        if level**2 < loudest * float(np.var(channel)):
             return NoiseBefore(0.5 * float(bands[last]), level)
     for last in range(1, len(edges)):
         first, end = edges[last - 1], edges[last]
