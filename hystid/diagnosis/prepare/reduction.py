@@ -380,13 +380,15 @@ def _whitening(part: Part, mass: float, slopes: tuple[float, float]) -> Array | 
     """
     derived = _is_derived(part, mass)
     coloured = any(part.colour)
-    if not derived and not part.lowest and not coloured:
-        return None
     n = 2 * quick_length(len(part))
     omega = 2 * np.pi * np.arange(n // 2 + 1) / n
     power = np.ones_like(omega)
     if derived:
-        power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2 + _restoring(part, slopes, omega)
+        power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2
+    if _moves(part, mass, slopes):
+        power += _restoring(part, mass, slopes, omega)
+    elif not derived and not part.lowest and not coloured:
+        return None
     if part.lowest:
         turn = omega**2 + (BELOW["v" if "v" in part.noise else "a"] * part.first) ** 2
         drift = part.noise["v"] * part.dt / np.sqrt(turn) if "v" in part.noise else part.noise["a"] * part.dt**2 / turn
@@ -399,21 +401,28 @@ def _whitening(part: Part, mass: float, slopes: tuple[float, float]) -> Array | 
     return np.asarray(np.sqrt(high / (1.0 + high) / power))
 
 
-def _restoring(part: Part, slopes: tuple[float, float], omega: Array) -> Array:
-    """Power that noise of the displacement makes through the restoring force over that of the force channel, at angular
+def _restoring(part: Part, mass: float, slopes: tuple[float, float], omega: Array) -> Array:
+    """Power that noise of the displacement makes through the restoring force over that of the balance, at angular
     frequencies [rad per sample]; 0 where the displacement was not measured."""
     if "x" not in part.noise:
         return np.zeros_like(omega)
     error = np.interp(omega, np.linspace(0, np.pi, len(part.error_of_x)), part.error_of_x)
-    return np.asarray((np.hypot(slopes[0], slopes[1] * omega / part.dt) * error / part.noise["F"]) ** 2)
+    return np.asarray((np.hypot(slopes[0], slopes[1] * omega / part.dt) * error / part.balance_noise(mass)) ** 2)
+
+
+def _moves(part: Part, mass: float, slopes: tuple[float, float]) -> bool:
+    """Whether the noise of the displacement is whitened as well: where the acceleration was derived from it, and where
+    it is louder through the restoring force than all other noise."""
+    omega = np.linspace(0, np.pi, len(part.error_of_x))
+    return _is_derived(part, mass) or bool(np.max(_restoring(part, mass, slopes, omega)) > 1)
 
 
 def _followed(part: Part, response: Array | None, mass: float, slopes: tuple[float, float]) -> Array:
     """The same after whitening, at equal steps of the frequency from 0 to half of the sample rate."""
-    if response is None or "x" not in part.noise or not _is_derived(part, mass):
+    if response is None or not _moves(part, mass, slopes):
         return np.zeros(2)
     white = response / colouring(part) if any(part.colour) else response
-    return np.asarray(_restoring(part, slopes, np.linspace(0, np.pi, len(response))) * white**2)
+    return np.asarray(_restoring(part, mass, slopes, np.linspace(0, np.pi, len(response))) * white**2)
 
 
 def colouring(part: Part) -> Array:
