@@ -55,6 +55,17 @@ def test_noise_is_read_before_the_filter_that_ends_it(corner: float, n: int, ste
     assert np.median(found) == pytest.approx(0.02, rel=0.1) and np.min(found) > 0.8 * 0.02
 
 
+@pytest.mark.parametrize(("corner", "n"), [(0.4, 200), (0.4, 324), (0.3, 324)])
+def test_noise_of_a_short_recording_is_read_before_its_filter(corner: float, n: int) -> None:
+    rng, t = np.random.default_rng(0), np.arange(n)
+    motion = np.sin(2 * np.pi * t / 60 + 1) + 0.3 * np.sin(2 * np.pi * t / 35)
+    noise = [0.01 * decimated(rng.standard_normal(n + 200), corner)[100:-100] for _ in range(30)]
+    found = [noise_level(motion + one) for one in noise]
+    # 0.3: ten lines of a spectrum tell a power to 30 %; three bands are compared, and a filter takes from the last.
+    assert np.median(found) == pytest.approx(0.01, rel=0.3)
+    assert np.mean([filtered_beyond(motion + 0.01 * rng.standard_normal(n)).end < 0.5 for _ in range(30)]) < 0.05
+
+
 def test_noise_that_is_loud_beside_a_motion_is_read_before_the_filter_as_well() -> None:
     """As of a test at a low level: 9 dB below the motion, and not shared with the force, which is as loud as ever."""
     rng, t = np.random.default_rng(3), np.arange(6000) * 1e-3
@@ -207,6 +218,19 @@ def test_noise_of_the_displacement_is_no_physics_however_quiet_the_force(
     assert found.findings == () and found.verdict == "recalibrated"
     # What is told as noise is what a sound rig leaves; three draws of noise in a narrow band scatter by a tenth.
     assert found.noise_floor == pytest.approx(found.force_nrmse[1], rel=0.3)
+
+
+@pytest.mark.parametrize("seed", [3, 12, 15, 55])
+def test_noise_of_the_displacement_in_a_slow_test_is_no_mass(seed: int) -> None:
+    """A spring and a damper, nothing of which has a mass: smoothed noise of x is in the force, and in its own second
+    derivative, with opposite signs."""
+    rng, t = np.random.default_rng(seed), np.arange(600) * 0.02
+    x = 1e-3 * np.sin(2 * np.pi * t / 1.4) * (0.3 + 0.7 * t / t[-1])
+    force = 5e4 * x + 1500 * np.gradient(x, t)
+    force += 10 ** (-67 / 20) * np.std(force) * rng.standard_normal(len(t))
+    slow = Recording("slow", t, F=force, x=x + 10 ** (-38 / 20) * np.std(x) * rng.standard_normal(len(t)))
+    answer = diagnose(slow, model="HystId.Oscillators.Linear", parameters={"m": 0.0, "B": 1400.0, "Kl": 5.2e4})
+    assert answer.verdict in ("consistent", "recalibrated")
 
 
 def test_coloured_noise_is_no_mismatch(tmp_path: Path) -> None:
