@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -49,6 +49,14 @@ def _checked(low: float | None, high: float | None, text: str) -> Band:
     return low or None, high
 
 
+def _pair(band: Band | None) -> Band:
+    if band is None:
+        return None, None
+    if isinstance(band, str) or not isinstance(band, Sequence) or len(band) != 2:
+        raise UsageError(f"band {band!r}: two frequencies in Hz are needed, as (5.0, 500.0); None leaves a side open")
+    return band[0], band[1]
+
+
 def prepare(recording: Recording, *, band: Band | None = None, decimate: int = 1, mass: float = 0.0) -> Recording:
     """Everything between a recording and its restoring force: x, v, a, F and R on one grid, shape (n,).
 
@@ -69,7 +77,7 @@ def prepare(recording: Recording, *, band: Band | None = None, decimate: int = 1
     if not math.isfinite(mass) or mass < 0:
         raise UsageError(f"--mass {mass:g}: a mass in kg of 0 or more is needed (0: F is the restoring force itself)")
     (recording,) = loaded([recording])
-    low, high = band or (None, None)
+    low, high = _pair(band)
     derived = derive(recording, mass=mass, low=low, high=high)
     if low and any(how.startswith("integral") for how in derived.origin.values()):
         ends = _memory(low, "highpass", derived)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hystid import check, diagnose, identify, prepare, read, regress, simulate
+from hystid.diagnosis.prepare.given import given_parameters
 from hystid.errors import HystidError
 from hystid.recording import Recording
 
@@ -73,6 +74,14 @@ WRONG_TYPES: dict[str, tuple[Callable[[Any], object], Any]] = {
     "a recording is a file, and this is of type int": (read, 3),
     "an FMU is a file, and this is of type int": (regress, 3),
     "an FMU is a file, and this is of type NoneType": (lambda fmu: simulate(fmu, "harmonic:5Hz@1N,1s"), None),
+    "parameters: parameters are an object of name: value, not a list": (
+        lambda given: diagnose([Recording("mine", T, F=F, x=X)], model=LINEAR, parameters=given),
+        [2.5],
+    ),
+    r"layers must be .*found '5,5'": (lambda layers: identify("no.csv", mass=0.0, layers=layers), "5,5"),
+    "layers must be .*found 5": (lambda layers: identify("no.csv", mass=0.0, layers=layers), 5),
+    "band '5-50Hz': two frequencies": (lambda band: prepare(Recording("mine", T, F=F, x=X), band=band), "5-50Hz"),
+    "is of type ndarray": (lambda table: diagnose(table, model=LINEAR), np.stack([T, F, X])),
     "--dt a: a time step": (lambda dt: simulate("no.fmu", "harmonic:5Hz@1N,1s", dt=dt), "a"),
 }
 
@@ -82,3 +91,49 @@ def test_what_is_no_path_and_no_number_is_told_in_a_sentence(said: str) -> None:
     call, given = WRONG_TYPES[said]
     with pytest.raises(HystidError, match=said):
         call(given)
+
+
+class Labelled:
+    """A column with labels of its own, as in a data frame: -1 is none of them."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self.values = dict(enumerate(values))
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, label: int) -> float:
+        return self.values[label]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.array(list(self.values.values()), dtype)
+
+
+MASKED = np.ma.masked_less(X, -0.9e-3)
+KINDS: dict[str, Callable[[Any], Any]] = {
+    "list": list,
+    "column of a data frame": lambda values: Labelled(values),
+    "single precision": np.float32,
+    "read only": lambda values: np.broadcast_to(values, (N,)),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_columns_may_be_of_any_kind_that_holds_numbers(kind: str) -> None:
+    made = Recording("mine", KINDS[kind](T), F=KINDS[kind](F), x=KINDS[kind](X), extra={"u_mr": KINDS[kind](X)})
+    for values in (made.t, made.F, made.x, made.extra["u_mr"]):
+        assert isinstance(values, np.ndarray)
+        assert values.dtype == np.float64
+    assert "400 samples at 500 Hz" in made.summary()
+    np.testing.assert_allclose(made.x, X, rtol=1e-6)  # single precision holds seven digits
+    assert not check([made], mass=0.0).refusals
+
+
+def test_masked_samples_are_no_numbers() -> None:
+    with pytest.raises(HystidError, match=f"{MASKED.mask.sum()} samples are no numbers"):
+        check([Recording("mine", T, F=F, x=MASKED)], mass=0.0)
+
+
+def test_numbers_of_numpy_are_parameters() -> None:
+    given = given_parameters({"m": np.float32(2.5), "n": np.int64(3)})
+    assert given.values == {"m": 2.5, "n": 3.0}

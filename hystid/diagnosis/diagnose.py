@@ -63,7 +63,7 @@ def diagnose(
     >>> answer.verdict, answer.findings[0].title
     ('missing_physics', 'hysteretic friction')
     """
-    if not recordings:
+    if recordings is None or (isinstance(recordings, Sequence) and not recordings):
         raise UsageError("no recording was given: name at least one file")
     given = given_parameters(parameters)
     try:

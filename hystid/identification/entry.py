@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal
 
@@ -238,8 +238,9 @@ def _given(prediction: Prediction | None) -> Prediction:
 def _check(mass: float, layers: Sequence[int], method: str) -> None:
     if not (isinstance(mass, Real) and 0 <= mass < np.inf):
         raise UsageError(f"mass must be a number of at least 0 kg, found {mass!r}")
-    if not layers or any(neurons < 1 for neurons in layers):
-        raise UsageError(f"layers must be neurons per hidden layer, each at least 1, as 5,5; found {tuple(layers)}")
+    whole = isinstance(layers, Sequence) and all(isinstance(neurons, Integral) for neurons in layers)
+    if not (whole and layers and min(layers) >= 1):
+        raise UsageError(f"layers must be neurons per hidden layer, each at least 1, as 5,5; found {layers!r}")
     if method not in ("published", "refined"):
         raise UsageError(f"method must be 'published' or 'refined', found {method!r}")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,10 @@ class Recording(Result, report="recording"):
     accepted: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "name", printable(self.name, 200))
+        object.__setattr__(self, "name", printable(str(self.name), 200))
+        for column in ("t", *CHANNELS):
+            object.__setattr__(self, column, _as_array(getattr(self, column)))
+        object.__setattr__(self, "extra", {name: _as_array(values) for name, values in self.extra.items()})
 
     def __len__(self) -> int:
         return len(self.t)
@@ -107,6 +111,16 @@ class Recording(Result, report="recording"):
         extra = {name: values[kept] for name, values in self.extra.items()}
         cut = {name: values[kept] for name, values in self.channels().items()}
         return replace(self, t=self.t[kept], extra=extra).with_channels(cut, *notes)
+
+
+def _as_array(values: Any) -> Any:
+    """Numbers of a list, a data frame's column or a narrower array as float64; what holds none is left for
+    ``validated`` to refuse. Masked samples are no numbers."""
+    if values is None or np.asarray(values).dtype.kind not in "fiub":
+        return values
+    if isinstance(values, np.ma.MaskedArray):
+        return np.ma.filled(values.astype(np.float64), np.nan)
+    return np.asarray(values, np.float64)
 
 
 def write_csv(recording: Recording, path: str | Path, *, comments: tuple[str, ...] = ()) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -32,7 +33,7 @@ class Given:
 
 def _is_number(value: object) -> TypeGuard[float]:
     """Whether it is a finite number; whole numbers of JSON may have any number of digits."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return False
     try:
         return math.isfinite(value)
@@ -46,7 +47,7 @@ def given_parameters(parameters: str | Path | Mapping[str, Any] | None) -> Given
     if parameters is None:
         return Given({}, frozenset())
     where = "parameters"
-    if not isinstance(parameters, Mapping):
+    if isinstance(parameters, str | Path):
         where = str(parameters)
         parameters = json_of(Path(parameters), UsageError)
     if not isinstance(parameters, Mapping):
