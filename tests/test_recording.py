@@ -101,6 +101,40 @@ def test_voltages_need_a_sensitivity(tmp_path: Path) -> None:
         read(path, sensitivity={"F": "22.4 mV/m", "a": "1"})
 
 
+def test_a_sensitivity_without_a_voltage_is_told(tmp_path: Path) -> None:
+    path = write(tmp_path / "newton.csv", {"t [s]": T, "F [N]": F, "x [m]": X})
+    found = read(path, sensitivity={"F": "22.4 mV/N", "a": "100 mV/g"})
+    np.testing.assert_allclose(found.channel("F"), F, atol=1e-6)
+    assert "it is in N and no voltage" in "".join(found.warnings)
+    assert "--sensitivity a is given, and there is no such channel" in "".join(found.warnings)
+
+
+def test_a_column_without_unit_is_a_voltage_where_its_sensor_is_given(tmp_path: Path) -> None:
+    path = write(tmp_path / "bare.csv", {"t [s]": T, "F": F * 0.0224, "x [m]": X})
+    found = read(path, sensitivity={"F": "22.4 mV/N"})
+    np.testing.assert_allclose(found.channel("F"), F, atol=1e-6)
+    assert "taken as V" in "".join(found.warnings)
+
+
+def test_a_torque_in_volts_turns(tmp_path: Path) -> None:
+    path = write(tmp_path / "volt.csv", {"t [s]": T, "Torque [V]": F * 0.0224, "Angle [deg]": np.rad2deg(X)})
+    found = read(path, sensitivity={"F": "22.4 mV/N.m"})
+    assert found.rotational
+    np.testing.assert_allclose(found.channel("F"), F, atol=1e-6)
+    both = write(tmp_path / "volts.csv", {"t [s]": T, "Torque [V]": F, "Angle [V]": X})
+    assert read(both, sensitivity={"F": "1 V/N.m", "x": "1 V/rad"}).rotational
+
+
+def test_wishes_that_a_file_has_nothing_for_are_told(tmp_path: Path) -> None:
+    path = write(tmp_path / "two.csv", {"t [s]": T, "F [N]": F, "x [m]": X, "Load2 [N]": 2 * F})
+    found = read(path, names={"F": "Laod2"}, units={"v": "mm/s"}, reverse=["a"])
+    told = "".join(found.warnings)
+    assert "there is no column 'Laod2' (--channel F=Laod2); column 'F' is taken" in told
+    assert "--unit v is given, and there is no such channel" in told
+    assert "--reverse a is given, and there is no such channel" in told
+    assert not read(path, names={"F": "Load2"}, units={"x": "m"}, reverse=["F"]).warnings
+
+
 def test_own_column_names_are_chosen_and_near_misses_answered(tmp_path: Path) -> None:
     path = write(tmp_path / "own.csv", {"t [s]": T, "Sensor 1 [N]": F, "LVDT [mm]": 1e3 * X})
     assert "there is no channel F" in refused(path)

@@ -70,6 +70,7 @@ def interpret(table: Table, wishes: Wishes | None = None) -> Channels:
     for column in table.columns:
         reading.take(column)
     reading.time_from_rate()
+    reading.unmet()
     return Channels(
         reading.values, reading.extra, reading.origin, reading.units, reading.rotational,
         tuple(reading.notes), tuple(reading.problems),
@@ -126,11 +127,13 @@ class _Reading:
         if channel is None or channel == "t":
             return False
         unit = self._unit(channel, column)
-        return _angular(unit, channel) if unit else turns(self.numbered.get(column.name, column.name))
+        stated = unit and not _is_voltage(unit)
+        return _angular(unit, channel) if stated else turns(self.numbered.get(column.name, column.name))
 
     def _unit(self, channel: str, column: Column) -> str:
         """The unit that counts, as a symbol: the user's word before the header's; "" where there is none."""
-        return self.wishes.units.get(channel) or unit_symbol(column.unit or "")
+        sensed = channel in self.wishes.sensitivity and not column.counts
+        return self.wishes.units.get(channel) or unit_symbol(column.unit or "") or ("V" if sensed else "")
 
     def take(self, column: Column) -> None:
         channel = self.wanted.get(column.name) or self._canonical(column.name)
@@ -155,6 +158,25 @@ class _Reading:
         n = max(column.values.size for column in self.table.columns)
         self.values["t"] = np.arange(n) / self.table.sample_rate
         self.origin["t"] = f"from the sample rate {self.table.sample_rate:g} Hz in the file"
+
+    def unmet(self) -> None:
+        """Warn of each wish that this table has nothing for: a slip of the pen would pass in silence."""
+        told = []
+        for channel, name in self.wishes.names.items():
+            if channel in self.taken and self.wanted.get(self.taken[channel]) != channel:
+                found = f"there is no column '{name}' (--channel {channel}={name})"
+                told.append((channel, found, f"column '{self.taken[channel]}' is taken"))
+        groups = {"unit": self.wishes.units, "reverse": self.wishes.reverse, "sensitivity": self.wishes.sensitivity}
+        for option, channels in groups.items():
+            lacking = [channel for channel in channels if channel not in self.taken]
+            told += [(c, f"--{option} {c} is given, and there is no such channel", "it is left out") for c in lacking]
+        for channel in self.wishes.sensitivity:
+            unit = self.units.get(channel, "V")
+            if unit not in ("", *_NOT_STATED) and not _is_voltage(unit):
+                found = f"it is in {unit} and no voltage, so that --sensitivity {channel} is not used"
+                told.append((channel, found, f"leave it out, or give --unit {channel}=V"))
+        for channel, found, action in told:
+            self.problems.append(self.table.problem("columns", found, action, channel, severity="warning"))
 
     def _canonical(self, name: str) -> str | None:
         if name in self.wanted.values():
@@ -232,6 +254,10 @@ class _Reading:
             self.problems.append(self.table.problem("columns", f"{channel} is a voltage ({unit})", action, channel))
             return None
         per_volt = self.sensitivity[channel]
+        if not column.unit and channel not in self.wishes.units:
+            text = f"column {column.name} has no unit and is taken as V, as a sensitivity is given"
+            action = f"write '{column.name} [V]'"
+            self.problems.append(self.table.problem("columns", text, action, channel, severity="warning"))
         self.notes.append(f"{channel} converted from {unit} with {per_volt:.10g} {self.si[channel]}/V")
         return column.values * parse(unit).factor * per_volt
 
@@ -267,7 +293,10 @@ def _clock(t: Array) -> tuple[str, str] | None:
 
 
 def _is_voltage(unit: str) -> bool:
-    return dict(parse(unit).exponents) == dict(parse("V").exponents)
+    try:
+        return dict(parse(unit).exponents) == dict(parse("V").exponents)
+    except UsageError:
+        return False
 
 
 def _sensitivity(channel: str, text: str, si: Mapping[str, str]) -> float:
