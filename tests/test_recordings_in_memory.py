@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hystid import check, diagnose, identify, prepare, read, regress, simulate
+from hystid import check, diagnose, identify, prepare, read, regress, simulate, study, validate
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.errors import HystidError
 from hystid.recording import Recording
@@ -137,3 +139,34 @@ def test_masked_samples_are_no_numbers() -> None:
 def test_numbers_of_numpy_are_parameters() -> None:
     given = given_parameters({"m": np.float32(2.5), "n": np.int64(3)})
     assert given.values == {"m": 2.5, "n": 3.0}
+
+
+TOGETHER: dict[str, Callable[..., object]] = {
+    "diagnose": lambda used, unseen: diagnose(used, model=LINEAR, parameters={"m": 0}, holdout=unseen),
+    "identify": lambda used, unseen: identify(used, mass=0.0, ensemble=1, holdout=unseen),
+    "study": lambda used, unseen: study.grid(used, holdout=unseen, mass=0.0, out=Path("study")),
+}
+ONCE = Recording("once", T, F=F, x=X)
+TWICE = Recording("twice", T, F=2 * F, x=2 * X)
+
+
+@pytest.mark.parametrize("entry", TOGETHER)
+def test_one_test_counts_once(entry: str) -> None:
+    with pytest.raises(HystidError, match="again has the same samples as once"):
+        TOGETHER[entry]([ONCE, replace(ONCE, name="again")], [TWICE])
+    with pytest.raises(HystidError, match=r"again is held out and used \(once has the same samples\)"):
+        TOGETHER[entry]([ONCE], [replace(ONCE, name="again")])
+
+
+@pytest.mark.parametrize("entry", TOGETHER)
+def test_rigs_that_turn_and_that_do_not_are_two(entry: str) -> None:
+    with pytest.raises(HystidError, match="the rig turns in twice"):
+        TOGETHER[entry]([ONCE], [replace(TWICE, rotational=True)])
+
+
+def test_a_surrogate_is_compared_with_its_own_kind_of_rig(tmp_path: Path) -> None:
+    model = identify([ONCE, TWICE], mass=0.0, ensemble=1, method="published", workers=1).save(tmp_path / "model")
+    for file in ("surrogate.fmu", "surrogate.onnx"):
+        assert validate(model / file, ONCE).figures("force_nrmse").size == 1
+        with pytest.raises(HystidError, match="once is of a rig that turns"):
+            validate(model / file, replace(ONCE, rotational=True))

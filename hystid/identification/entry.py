@@ -33,7 +33,7 @@ from hystid.networks.ensemble import workers_of
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, draw, rule_of, split_indices
 from hystid.networks.trust import Spread
-from hystid.recording import Array, Recording, Sources, loaded
+from hystid.recording import Array, Recording, Sources, check_together, loaded
 from hystid.turning_points import TurningPoints
 
 Method = Literal["published", "refined"]
@@ -98,7 +98,9 @@ def identify(
     _check(mass, layers, method)
     data.check_counts(ensemble, samples, seed, workers, "ensemble")
     law = _law(model, holdout)
-    recordings, holdout = (admit(loaded(group), mass) for group in (recordings, holdout))
+    recordings, holdout = loaded(recordings), loaded(holdout)
+    check_together(recordings, holdout)
+    recordings, holdout = (admit(group, mass) for group in (recordings, holdout))
     ports = resolve([*recordings, *holdout], inputs)
     check_range(recordings, ports)
     check_lags(lags or (), ports)

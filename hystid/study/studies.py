@@ -19,7 +19,7 @@ from hystid.identification.data import check, check_counts
 from hystid.leastsquares import Rule
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, rule_of
-from hystid.recording import CHANNELS, Recording, Sources, loaded
+from hystid.recording import CHANNELS, Recording, Sources, check_together, loaded
 from hystid.study.cells import Cell, GridResult, MassResult, Quartiles, choose
 from hystid.study.scheduling import complete
 from hystid.study.work import Payload, Task, TrainingResult, errors_of, model_of, prepared
@@ -141,9 +141,10 @@ def _prepared(
     """The recordings to train on and those held out."""
     if not holdout:
         raise UsageError("a study tests on held-out recordings: name at least one with --holdout")
+    read = loaded(recordings), loaded(holdout)
+    check_together(*read)
     used, held = (
-        prepared(admit(loaded(group), mass), band=band, decimate=decimate, mass=mass, fixed_force=fixed_force)
-        for group in (recordings, holdout)
+        prepared(admit(group, mass), band=band, decimate=decimate, mass=mass, fixed_force=fixed_force) for group in read
     )
     check(*([processing.with_restoring_force(recording, mass) for recording in group] for group in (used, held)))
     return used, held

@@ -130,6 +130,12 @@ def _check(model: Surrogate, record: Recording) -> tuple[str, ...]:
         raise RecordingError(
             f"{record.name}: {len(record)} samples are too few to compare, at least {SHORTEST} are needed"
         )
+    if model.rotational is not None and model.rotational != record.rotational:
+        kinds = {True: "a rig that turns (N.m, rad)", False: "one that does not (N, m)"}
+        here, there = kinds[record.rotational], kinds[model.rotational]
+        raise UsageError(
+            f"{record.name} is of {here}, and the surrogate was trained on {there}: give its own recordings"
+        )
     notes = _balance(model, record)
     if model.sample_rate is None:
         return tuple(notes)

@@ -30,7 +30,8 @@ class Surrogate:
     """force_block: inputs x, v; oscillator: input F. Either may be missing, not both. inputs: the further ones of both;
     for a block that does not tell, the column of a recording has the name of the input. late: states of the force block
     that follow v or a further input late; they begin settled. level: of the force, by which the states that remember
-    it are scaled. parameters: of an oscillator, by its names, in place of its own values."""
+    it are scaled. parameters: of an oscillator, by its names, in place of its own values. rotational: whether it was
+    trained on a rig that turns, None where the file does not tell."""
 
     kind: Kind
     mass: float
@@ -44,6 +45,7 @@ class Surrogate:
     late: Mapping[str, str] = field(default_factory=dict)
     level: Level | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
+    rotational: bool | None = None
 
     def further(self, record: Recording) -> dict[str, Array]:
         """Values of the further inputs, by their names. Raises RecordingError where the recording has no such column,
@@ -163,6 +165,7 @@ def _from_network(path: Path, mass: float | None) -> Surrogate:
         inputs=about.inputs,
         late={f"state[{slot + 1}]": source for slot, source in about.late.items()},
         level=about.level,
+        rotational=about.rotational,
     )
 
 
@@ -188,13 +191,14 @@ def _from_oscillator_fmu(path: Path, driver: Driver, mass: float | None) -> Surr
         raise UsageError(
             f"{path}: the mass is needed to compare forces, and the FMU has no parameter m: give it by --mass"
         )
-    rate, limits, further = None, {}, _inputs_of(driver)
+    rate, limits, further, turns = None, {}, _inputs_of(driver), None
     with scratch() as folder:
         network = _network_inside(path, folder)
         if network is not None:
             _, about = onnx_reading.read(network)
             rate, limits, further = about.sample_rate, dict(about.training_range), about.inputs
-    return Surrogate("oscillator", kilograms, rate, limits, None, driver, inputs=further)
+            turns = about.rotational
+    return Surrogate("oscillator", kilograms, rate, limits, None, driver, inputs=further, rotational=turns)
 
 
 def _inputs_of(driver: Driver) -> tuple[FurtherInput, ...]:

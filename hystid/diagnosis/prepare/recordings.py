@@ -20,9 +20,9 @@ from hystid.diagnosis.prepare.readings import consistent
 from hystid.diagnosis.prepare.refused import SHORTEST, NotDiagnosable
 from hystid.diagnosis.prepare.tapered import between_tapers
 from hystid.diagnosis.prepare.user_smoothing import smoothed_alike
-from hystid.errors import RecordingError, UsageError
+from hystid.errors import RecordingError
 from hystid.processing import prepare
-from hystid.recording import Recording, Sources, loaded
+from hystid.recording import Recording, Sources, check_together, loaded
 from hystid.smoothing.noise import is_noise_free
 
 # faults that the diagnosis names instead of refusing them
@@ -70,7 +70,7 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         if inputs_missing(missing):
             raise NotDiagnosable(str(missing)) from missing
         raise
-    _check_apart(tests, unseen)
+    check_together(tests, unseen)
     _check_content([*tests, *unseen])
     tests, unseen = ([_as_recorded(test) for test in group] for group in (tests, unseen))
     read = consistent(tests, unseen, given.mass if "m" not in given.free else None)
@@ -99,16 +99,6 @@ def inputs_missing(refusal: RecordingError) -> bool:
     """Whether recordings were refused for nothing but missing channels or too few samples: that is a verdict."""
     rules = [line.rpartition("[")[2].rstrip("]") for line in str(refusal).splitlines()]
     return set(rules) <= {"missing_channel", "too_short"}
-
-
-def _check_apart(tests: Sequence[Recording], unseen: Sequence[Recording]) -> None:
-    """Raises UsageError where a held-out recording holds the samples of one that is used."""
-    for held in unseen:
-        for test in tests:
-            pairs = [(getattr(held, name), getattr(test, name)) for name in "Fxva"]
-            shared = [(one, other) for one, other in pairs if one is not None and other is not None]
-            if shared and all(np.array_equal(one, other) for one, other in shared):
-                raise UsageError(f"{held.name} is held out and used ({test.name} has the same samples): leave out one")
 
 
 def _check_content(tests: Sequence[Recording]) -> None:
