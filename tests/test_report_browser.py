@@ -71,6 +71,25 @@ def test_nothing_is_cut(report: Path, tmp_path: Path, width: int) -> None:
     assert [pair for pair in found["plots"] if pair[0] <= 200 or abs(pair[0] - pair[1]) > 1] == []
 
 
+@pytest.mark.parametrize("width", [390, 1280])
+def test_powers_of_ten_leave_room_for_the_title(tmp_path: Path, width: int) -> None:
+    f = np.geomspace(1.0, 500.0, 200)
+    axes = (Axis("Frequency", "Hz", log=True), Axis("Power density", "1", log=True))
+    page = Page("Spectra")
+    page.plots(*(Plot(name, *axes, [Line(f, f**-4.0, name)]) for name in ("one", "two")))
+    script = """
+      return [].map.call(document.querySelectorAll(".plot"), function (plot) {
+        var title = plot.querySelector(".ytitle").getBoundingClientRect();
+        return Math.min.apply(null, [].map.call(plot.querySelectorAll(".ytick text"), function (label) {
+          return label.getBoundingClientRect().left - title.right;
+        }));
+      });
+    """
+    gaps = look(page.write(tmp_path / "report.html"), script, tmp_path, width=width)
+    assert len(gaps) == 2
+    assert min(gaps) >= 1.0  # pixels
+
+
 def test_the_cursor_the_slider_and_the_buttons(report: Path, tmp_path: Path) -> None:
     script = """
       var places = document.querySelectorAll(".linked .plot"), out = {};

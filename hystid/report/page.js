@@ -61,7 +61,10 @@
     }, layout);
     all.xaxis = Object.assign({}, axis, layout.xaxis);
     all.yaxis = Object.assign({}, axis, layout.yaxis);
-    [all.xaxis, all.yaxis].forEach(function (one) { if (one.type === "category") { delete one.nticks; } });
+    [all.xaxis, all.yaxis].forEach(function (one) {
+      if (one.type === "category") { delete one.nticks; }
+      if (one.type === "log") { one.title = Object.assign({ standoff: 8 }, one.title); }  // its labels are wider than plotly thinks
+    });
     if (narrow.matches || printing) { all.height = Math.min(layout.height, 320); }
     return all;
   }
