@@ -100,13 +100,14 @@ def test_matlab_without_channels_lists_what_is_there(tmp_path: Path) -> None:
 # --- HDF5 and MATLAB version 7.3 --------------------------------------------------------------------------------
 
 
-def test_hdf5_with_unit_attributes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("key", ["unit", "Units", "UNIT"])
+def test_hdf5_with_unit_attributes(tmp_path: Path, key: str) -> None:
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "test.h5", "w") as file:
         group = file.create_group("run 1")
         for name, (values, unit) in {"time": (T, "s"), "Force": (F / 1e3, "kN"), "x": (1e3 * X, "mm")}.items():
             group[name] = values
-            group[name].attrs["unit"] = unit
+            group[name].attrs[key] = unit
     assert_same(read(tmp_path / "test.h5"))
 
 
@@ -255,15 +256,29 @@ def test_parquet(tmp_path: Path) -> None:
         ("Zeit [s];Kraftaufnehmer [N];Wegsensor [mm]\n", "utf-8"),
         ("Temps (s);Force (N);Déplacement (mm)\n", "cp1252"),
         ("Tiempo [s];Fuerza [N];Desplazamiento [mm]\n", "utf-8"),
+        ("Tid i s;Kraft i N;Udbøjning i mm\n", "cp1252"),
+        ("Tid;Kraft;Förskjutning\ns;N;mm\n", "utf-8"),
         ("時間 [s];荷重 [N];変位 [mm]\n", "utf-8"),
         ("時間（ｓ）;荷重（Ｎ）;変位（ｍｍ）\n", "utf-8"),
         ("CH=3\tLL=100\n\nZeit  1 - Standardmessrate;Kraft;Weg\ns;N;mm\n", "cp1252"),
         ("Time(S);Force(n);Disp(MM)\n", "utf-8"),
     ],
-    ids=["preamble", "second row of units", "sensors", "French", "Spanish", "Japanese", "wide", "catman", "capitals"],
+    ids=[
+        "preamble",
+        "second row of units",
+        "sensors",
+        "French",
+        "Spanish",
+        "Danish",
+        "Swedish",
+        "Japanese",
+        "wide",
+        "catman",
+        "capitals",
+    ],
 )
 def test_text_of_loggers(tmp_path: Path, head: str, encoding: str) -> None:
-    """Nine digits, decimal commas, a preamble, and the words of four languages."""
+    """Nine digits, decimal commas, a preamble, and the words of six languages."""
     rows = [";".join(f"{value:.9g}".replace(".", ",") for value in row) for row in zip(T, F, 1e3 * X, strict=True)]
     (tmp_path / "logger.csv").write_bytes((head + "\n".join(rows)).encode(encoding))
     assert_same(read(tmp_path / "logger.csv"))

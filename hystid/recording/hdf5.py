@@ -76,7 +76,8 @@ def _node(item: Any, file: Any) -> Any:
     if _plain(item.attrs.get("MATLAB_class")) == "char":
         return "".join(chr(int(code)) for code in np.asarray(values).ravel(order="F"))
     if np.asarray(values).dtype.kind in "fiub":
-        unit = item.attrs.get("unit", item.attrs.get("units"))
+        stated = {key.casefold(): value for key, value in item.attrs.items()}
+        unit = stated.get("unit", stated.get("units"))
         for key, value in item.attrs.items():
             refuse_scale(Path(file.filename).name, item.name.rpartition("/")[2], key, value)
         counts = np.asarray(values).dtype.kind in "iu"

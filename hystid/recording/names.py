@@ -16,7 +16,7 @@ from hystid.units import parse
 _WORDS = Path(__file__).with_name("names.toml")
 _LONGEST = 300  # characters of a header: time that its expressions take grows with their square
 _BRACKETS = re.compile(r"^(?P<name>.*?)(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|\{(?P<curly>[^}]*)\})?$")
-_PARTED = re.compile(r"\s+(?:in|en|im)\s+|\s*/\s*|\s*,\s*|\s*:\s*|_")  # name from unit: "Kraft in N", "F / kN"
+_PARTED = re.compile(r"\s+(?:in|en|im|i)\s+|\s*/\s*|\s*,\s*|\s*:\s*|_")  # name from unit: "Kraft in N", "F / kN"
 
 _WIDE = {wide: wide - 0xFEE0 for wide in range(0xFF01, 0xFF5F)}  # Japanese keyboards: "変位（ｍｍ）"
 
