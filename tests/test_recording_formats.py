@@ -243,6 +243,9 @@ def test_parquet(tmp_path: Path) -> None:
     fields = [pa.field(name, pa.float64(), metadata={"unit": unit} if unit else None) for name, unit in units.items()]
     parquet.write_table(pa.table([T, F / 1e3, 1e3 * X], schema=pa.schema(fields)), tmp_path / "test.parquet")
     assert_same(read(tmp_path / "test.parquet"))
+    parquet.write_table(pa.table({"t": [str(t) for t in T], "F": [str(f) for f in F]}), tmp_path / "text.parquet")
+    with pytest.raises(RecordingError, match=r"no column holds numbers \(the columns are t, F\)"):
+        read(tmp_path / "text.parquet")
 
 
 # --- Text as loggers write it -----------------------------------------------------------------------------------

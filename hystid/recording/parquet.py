@@ -33,4 +33,7 @@ def read_parquet(path: Path) -> list[Table]:
             array, stated = stamps, "s"
         if array.dtype.kind in "fiub":
             columns.append(Column(name, stated, np.ascontiguousarray(array, dtype=np.float64)))
+    if not columns:
+        names = ", ".join(table.schema.names) or "none"
+        raise RecordingError(f"{path.name}: no column holds numbers (the columns are {names}); store them as numbers")
     return [Table(path.name, tuple(columns), path.stem)]
