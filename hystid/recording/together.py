@@ -18,8 +18,7 @@ def check_together(used: Sequence[Recording], unseen: Sequence[Recording] = ()) 
             raise UsageError(f"{held.name} is held out and used ({test.name} has the same samples): leave out one")
     for test, again in combinations(used, 2):
         if _same(test, again):
-            told = f"{again.name} has the same samples as {test.name}, and one test is no two"
-            raise UsageError(f"{told}: name it once")
+            raise UsageError(f"{again.name} has the same samples as {test.name}: name each test once")
     turning = {recording.rotational: recording.name for recording in (*used, *unseen)}
     if len(turning) > 1:
         told = f"the rig turns in {turning[True]} (N.m, rad), and not in {turning[False]} (N, m)"

@@ -134,7 +134,7 @@ def _check(model: Surrogate, record: Recording) -> tuple[str, ...]:
         kinds = {True: "a rig that turns (N.m, rad)", False: "one that does not (N, m)"}
         here, there = kinds[record.rotational], kinds[model.rotational]
         raise UsageError(
-            f"{record.name} is of {here}, and the surrogate was trained on {there}: give its own recordings"
+            f"{record.name} is of {here}, and the surrogate was trained on {there}: give recordings of its own rig"
         )
     notes = _balance(model, record)
     if model.sample_rate is None:
