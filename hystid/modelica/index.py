@@ -3,7 +3,8 @@
 Example: a spring with ``s_rel = b.s - a.s; v_rel = der(s_rel)`` between masses whose positions are states. The
 equations that over-determine the derivatives are solved for what they leave free, down to one equation between states;
 one state of it becomes an algebraic variable, and the differentiated equation gives its derivative (Pantelides 1988
-finds the same sets; choosing the states once and for all, as here, fails where the choice becomes singular on the way).
+finds the same sets; choosing the states once and for all, as here, fails where the choice becomes singular on the way,
+and ends the run there).
 """
 
 from __future__ import annotations
@@ -14,11 +15,14 @@ from dataclasses import replace
 
 from hystid.errors import ModelicaError
 from hystid.modelica.blocks import Assign, isolate, preference, solve_order
-from hystid.modelica.events import HOMOTOPY, EventModel, der
-from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Num, Op, Ref, evaluate, nodes, op, refs, substitute
+from hystid.modelica.events import HOMOTOPY, EventModel, Relation, der
+from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Num, Op, Ref, Text, evaluate, nodes, op, refs, substitute
+from hystid.modelica.flat import Assertion
 from hystid.modelica.matching import matching
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable
 
+# a located turning point is off by less than this many steps of the model, also where the solver is the importer's
+_STEPS_AHEAD = 10
 Unknowns = Callable[[EventModel, Mapping[str, str]], list[str]]
 
 
@@ -30,7 +34,7 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
     """
     events = _with_preferred_velocities(events)
     former: set[str] = set()  # were states, have a derivative still
-    used: set[ScalarEquation] = set()
+    used: dict[ScalarEquation, str] = {}  # ties, and the state that went for each
     for _ in range(len(events.states)):
         unknowns = unknowns_of(events, aliases)
         known = set(unknowns)
@@ -43,14 +47,15 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
         if tie is None or tie in used:
             further = _with_slopes(events, options, owner, left[0], former) if left else None  # type: ignore[arg-type]  # lists are invariant
             if further is None:
-                return events
+                break
             former |= {*events.states} - {*further.states}
             events = further
             continue
-        used.add(tie)
-        reduced = _with_one_state_less(events, tie, former)
-        former |= {*events.states} - {*reduced.states}
-        events = reduced
+        used[tie] = _dependent_state(events, tie, former)
+        events = _with_one_state_less(events, tie, used[tie], former)
+        former.add(used[tie])
+    for tie, chosen in used.items():
+        events = _watched(events, tie, chosen)
     return events
 
 
@@ -149,10 +154,9 @@ def _around(
     return members, inside
 
 
-def _with_one_state_less(events: EventModel, tie: ScalarEquation, former: Set[str]) -> EventModel:
+def _with_one_state_less(events: EventModel, tie: ScalarEquation, chosen: str, former: Set[str]) -> EventModel:
     variables = events.scalar.variables
     rate = _rate(op("-", tie.left, tie.right), events, tie, former)
-    chosen = _dependent_state(events, tie, former)
     slope = ScalarEquation(rate, ZERO, tie.place)
     gone = variables[chosen]
     if gone.fixed and not _free(events, tie):
@@ -165,13 +169,45 @@ def _with_one_state_less(events: EventModel, tie: ScalarEquation, former: Set[st
     )
 
 
+def _watched(events: EventModel, tie: ScalarEquation, chosen: str) -> EventModel:
+    """Ends a run where a tie no longer determines the state that went, as x of a pendulum, x^2 + y^2 = L^2, at its
+    lowest point: x would turn back there without a word. It is looked for before, at each step, and where the other
+    states turn back, which is made an event; elsewhere ``chosen`` rests at such an event. A tie with other states that
+    went is left alone: together they may be determined all the same.
+    """
+    constraint = op("-", tie.left, tie.right)
+    pivot = Derivative(chosen)(constraint)
+    moving = {*events.states, chosen}
+    if not refs(pivot) & moving or any(der(n) in events.scalar.variables for n in refs(constraint) - moving):
+        return events
+    turning = substitute(_rate(constraint, events, tie, {chosen}), {der(chosen): ZERO})
+    slope = _rate(pivot, events, tie, {chosen})
+    soon = Num(_STEPS_AHEAD * events.scalar.flat.experiment.step)
+    lasts = op(">=", op("abs", pivot), op("*", soon, op("abs", slope)))
+    leaves = op(">", op("*", pivot, slope), ZERO)
+    message = Text(
+        f"'{chosen}' no longer follows from the equation that ties it ({tie.place.short}), and which variables are "
+        f"states is decided once: keep '{chosen}' as a state, by fixed = true, or describe the motion by an angle"
+    )
+    relation = Relation(f"$turning({chosen})", op(">", turning, ZERO), (turning,))
+    at_event, at_step = (Assertion(c, message, "error", tie.place) for c in (lasts, op("or", leaves, lasts)))
+    return replace(
+        events,
+        relations=(*events.relations, relation),
+        checks=(*events.checks, (ONE, at_event)),
+        assertions=(*events.assertions, at_step),
+    )
+
+
 def _dependent_state(events: EventModel, tie: ScalarEquation, former: Set[str]) -> str:
     """The state that may go: not fixed by its author, not set by reinit; rather a velocity, first that of a state that
     went before, so that one position and its own velocity stay; stated by the tie, without a start value, far
-    from where the tie cannot be solved for it at the start, deep in components.
+    from where the tie cannot be solved for it at the start, deep in components. Where start values fulfil the tie, as
+    of a pendulum that hangs or lies level, what it cannot be solved for there stays.
     """
     velocities = dict(_velocities(events))
     starts = dict(_numbers(events.scalar.variables))
+    guesses = _guesses(refs(tie.left) | refs(tie.right), events.scalar.variables)
     renewed = {r.state for r in events.reinits}
     variables = events.scalar.variables
     tied = [s for s in events.states if s in refs(tie.left) | refs(tie.right) and s not in renewed]
@@ -185,15 +221,25 @@ def _dependent_state(events: EventModel, tie: ScalarEquation, former: Set[str]) 
 
     # what an event sets anew takes the others along that are no states; which, says their author
     jumps = bool(renewed & (refs(tie.left) | refs(tie.right)))
+    consistent = _holds_at_start(tie, guesses, tied)
 
-    def rank(s: str) -> tuple[bool, bool, bool, bool, bool, float, int, int]:
+    def rank(s: str) -> tuple[bool, bool, bool, bool, bool, bool, float, int, int]:
         position = velocities.get(s)
         stated = isolate(tie, s) is not None
         plain = variables[s].start in (None, ZERO)  # the front end gives 0 where no start is stated
-        pivot = abs(evaluate(Derivative(s)(op("-", tie.left, tie.right)), starts) or 0.0)
+        pivot = abs(evaluate(Derivative(s)(op("-", tie.left, tie.right)), guesses) or 0.0)
         may_go = not (jumps and variables[s].flat.preferred)
         order = s.count("."), -events.states.index(s)
-        return may_go, position in former, position is not None, stated, plain, pivot, *order
+        return (
+            may_go,
+            bool(pivot) or not consistent,
+            position in former,
+            position is not None,
+            stated,
+            plain,
+            pivot,
+            *order,
+        )
 
     if jumps and any(variables[s].flat.preferred for s in free):
         free = tied  # a start value that is fixed holds for what is no state, too
@@ -219,6 +265,22 @@ def _numbers(variables: Mapping[str, ScalarVariable]) -> Iterator[tuple[str, flo
         value = v.binding if v.kind in ("parameter", "constant") else v.start
         if isinstance(value, Num):
             yield name, value.value
+
+
+def _guesses(names: Set[str], variables: Mapping[str, ScalarVariable]) -> dict[str, float]:
+    """Values of parameters and start values, those computed from other parameters too; 0 where none is known."""
+    found: dict[str, float] = {}
+
+    def guess(name: str) -> float:
+        if name not in found:
+            found[name] = 0.0
+            v = variables.get(name)
+            value = None if v is None else v.binding if v.kind in ("parameter", "constant", "dependent") else v.start
+            if value is not None:
+                found[name] = evaluate(value, {n: guess(n) for n in refs(value)}) or 0.0
+        return found[name]
+
+    return {name: guess(name) for name in names}
 
 
 def _velocities(events: EventModel) -> Iterator[tuple[str, str]]:
