@@ -41,7 +41,7 @@ class Variable:
     slot is its index in the value block of ``hy_model.h`` and its value reference; aliases share a slot.
     start is None where the standard forbids one. unit is a Modelica unit string ("N.s/m"), "" where there is none.
     derivative_of is the name of the state that this variable is the derivative of. enumeration: of an Integer whose
-    values have names.
+    values have names. shown: unit in which its author reads it, "" where nobody said.
     """
 
     name: str
@@ -58,6 +58,7 @@ class Variable:
     description: str = ""
     derivative_of: str | None = None
     enumeration: Enumeration | None = field(default=None, repr=False)
+    shown: str = ""
 
 
 @dataclass(frozen=True)

@@ -126,6 +126,29 @@ def test_people_read_millimetres(tmp_path, version):
     assert [(d.name, d.factor) for d in metre.displayUnits] == [("mm", 1000.0)]
 
 
+@BOTH
+def test_units_that_the_author_reads(tmp_path, version):
+    """rev/min was deg/s, and others were left out; what does not fit the unit, or is not known, is as if unsaid."""
+    (tmp_path / "m.mo").write_text("""
+model M
+  Real w(unit = "rad/s", displayUnit = "rev/min") = 1;
+  Real o(unit = "rad/s", displayUnit = "rad/s") = 2;
+  Real f(unit = "N", displayUnit = "kN") = 3;
+  Real T(unit = "degC", displayUnit = "K") = 20;
+  Real x(unit = "m", displayUnit = "kg") = 4;
+  Real v(unit = "m/s", displayUnit = "warp") = 5;
+end M;
+""")
+    path = build_model(f"{tmp_path}/m.mo:M", tmp_path / "m.fmu", fmi=version).path
+    assert validate_fmu(str(path)) == [] and fmu_checker.problems(path) == []
+    description = fmpy.read_model_description(str(path))
+    shown = {v.name: v.displayUnit for v in description.modelVariables}
+    assert [shown[name] for name in "wofTxv"] == ["rev/min", None, "kN", "K", "mm", None]
+    factors = {(u.name, d.name): (d.factor, d.offset) for u in description.unitDefinitions for d in u.displayUnits}
+    assert factors.pop(("rad/s", "rev/min")) == pytest.approx((60 / (2 * np.pi), 0), rel=1e-15)
+    assert factors == {("N", "kN"): (1e-3, 0), ("degC", "K"): (1, 273.15), ("m", "mm"): (1e3, 0)}
+
+
 def test_a_model_without_result_has_a_picture_too(tmp_path):
     path = build(jenkins(), tmp_path / "m.fmu", fmi=3, reference=False).path
     assert picture(entry(path, "terminalsAndIcons/icon.png")).shape == (200, 200, 3)

@@ -118,6 +118,7 @@ class Adapter(DictionaryReader):
             place=place,
             preferred=_tag(v["state_select"]) in ("prefer", "always"),
             evaluate=bool(v["evaluate"]) and variability == "parameter",
+            shown=v["display_unit"] or "",
         )
 
     def _enumeration(self, v: Mapping[str, Any], d: Mapping[str, Any]) -> Enumeration | None:

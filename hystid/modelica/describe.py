@@ -235,6 +235,7 @@ def _variable(name: str, v: ScalarVariable, model: HybridModel, layout: Layout) 
         max=v.max,
         nominal=v.nominal,
         unit=v.flat.unit if v.flat.type == "Real" else "",
+        shown=v.flat.shown,
         description=v.flat.description,
         enumeration=v.flat.enumeration,
     )

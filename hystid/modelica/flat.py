@@ -61,6 +61,7 @@ class FlatVariable:
     place: Place = Place()
     preferred: bool = False  # as a state, by its author
     evaluate: bool = False  # its author lets the value be used when equations are sorted
+    shown: str = ""  # unit in which its author reads it
 
 
 @dataclass(frozen=True)
@@ -271,7 +272,7 @@ def _decode(value: Any) -> Any:
 _PLAIN_FIELDS = frozenset(
     {
         "name", "type", "variability", "causality", "fixed", "unit", "description", "final", "protected", "structural",
-        "preferred", "evaluate", "external", "file", "line", "kind", "level", "content",
+        "preferred", "evaluate", "shown", "external", "file", "line", "kind", "level", "content",
     }
 )  # fmt: skip
 

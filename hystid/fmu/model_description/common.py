@@ -11,11 +11,12 @@ from xml.etree import ElementTree as ET
 from hystid.errors import UsageError
 from hystid.fmu.interface import Interface
 from hystid.modelcode import Enumeration, Variable
-from hystid.units import exponents
+from hystid.units import exponents, to_si
 
 _TOLERANCE = 1e-6  # where a model states none: with it CVode is within 0.1 % (benchmarks/fmu/solver_settings.py)
-# What people read in place of a unit: name, factor, offset (shown = factor * value + offset). Angles, temperatures and
-# pressures as in the Modelica Standard Library; displacements of structures in millimetres.
+# What people read in place of a unit where the model states nothing: name, factor, offset (shown = factor * value +
+# offset). Angles, temperatures and pressures as in the Modelica Standard Library; displacements of structures in
+# millimetres.
 _DISPLAYED = {
     "m": ("mm", 1e3, 0.0),
     "rad": ("deg", 180 / math.pi, 0.0),
@@ -104,7 +105,7 @@ def of_its_values(model: Interface, v: Variable, state: str | None, derivative: 
     return {
         "declaredType": v.enumeration.name if v.enumeration else None,
         "unit": v.unit or None if real else None,
-        "displayUnit": display_unit(v),
+        "displayUnit": shown[0] if (shown := display_unit(v)) else None,
         **{name: None if x is None else number_text(x) for name, x in limits.items()},
         "nominal": number(abs(v.nominal)) if real and v.nominal else None,
         "start": start_text(v) if v.start is not None and v.causality != "independent" else None,
@@ -118,6 +119,10 @@ def add_units(root: ET.Element, model: Interface) -> None:
     names = sorted({v.unit for v in model.variables if v.unit and v.type == "Real"})
     if not names:
         return
+    shown: dict[str, dict[str, tuple[float, float]]] = {}
+    for v in model.variables:
+        if display := display_unit(v):
+            shown.setdefault(v.unit, {})[display[0]] = display[1:]
     definitions = add(root, "UnitDefinitions")
     for name in names:
         unit = add(definitions, "Unit", {"name": name})
@@ -129,10 +134,9 @@ def add_units(root: ET.Element, model: Interface) -> None:
         attributes["factor"] = number(factor) if factor != 1 else None
         attributes["offset"] = number(offset) if offset != 0 else None
         add(unit, "BaseUnit", attributes)
-        if name in _DISPLAYED:
-            shown, times, plus = _DISPLAYED[name]
+        for read, (times, plus) in shown.get(name, {}).items():
             more = {"offset": number(plus)} if plus else {}
-            add(unit, "DisplayUnit", {"name": shown, "factor": number(times), **more})
+            add(unit, "DisplayUnit", {"name": read, "factor": number(times), **more})
 
 
 def add_items(parent: ET.Element, enumeration: Enumeration) -> None:
@@ -156,10 +160,18 @@ def add_texts(parent: ET.Element, model: Interface, inside: str) -> None:
         add(variable, inside, {"value" if inside == "Start" else "start": text.content})
 
 
-def display_unit(variable: Variable) -> str | None:
-    """The unit in which people read a variable, where it is another than the one it is stored in."""
-    found = _DISPLAYED.get(variable.unit) if variable.type == "Real" else None
-    return found[0] if found else None
+def display_unit(variable: Variable) -> tuple[str, float, float] | None:
+    """The unit in which people read a variable, where it is another than the one it is stored in: that of its author,
+    or a customary one. Name, factor, offset: shown = factor * value + offset."""
+    if variable.type != "Real" or not variable.unit or variable.shown == variable.unit:
+        return None
+    if variable.shown:
+        try:
+            factor, offset = to_si(variable.shown, variable.unit)
+        except UsageError:
+            return _DISPLAYED.get(variable.unit)  # it says something else than the unit, or nobody knows it
+        return variable.shown, 1 / factor, -offset / factor
+    return _DISPLAYED.get(variable.unit)
 
 
 def add_log_categories(root: ET.Element) -> None:
