@@ -323,6 +323,18 @@ def test_type_aliases_and_constants_of_packages():
     close(got["y"], [3.0, 6.0], 1e-15)
 
 
+def test_parameters_without_a_value_are_told(tmp_path, caplog):
+    """They are 0, or their start value, which the run then takes without a word."""
+    file = tmp_path / "m.mo"
+    file.write_text("model M\n  parameter Real k, q[2], d = 1, p(fixed = false);\n  Real x = k + q[1] + d*p;\n"
+                    "initial equation\n  p = 3;\nend M;\n")  # fmt: skip
+    compile_model(f"{file}:M")
+    assert f"{file}:2: no value is given to k, q[1], q[2]: the start value counts" in caplog.text
+    caplog.clear()
+    compile_model(f"{file}:M", parameters={"k": 1})
+    assert "given to q[1], q[2]: the" in caplog.text
+
+
 def test_assertions(caplog):
     model = CompiledModel(code("Assertions"))
     model.simulate({"u": np.array([0.1, 0.7, 0.2])}, 1.0, outputs=["y"])

@@ -16,6 +16,7 @@ from hystid.modelica.absent import refuse_absent_classes, refuse_absent_model
 from hystid.modelica.causalise import causalise
 from hystid.modelica.check import check_units
 from hystid.modelica.describe import model_code
+from hystid.modelica.expand import elements
 from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
@@ -54,6 +55,7 @@ from hystid.modelica.workarounds.table_files import with_tables_of_files
 from hystid.modelica.workarounds.values_of_elements import with_named_values
 
 _log = logging.getLogger("hystid")
+_LISTED = 6  # names in one sentence
 
 # Our small package of units, constants and functions of the Modelica Standard Library, for those who have none.
 _STANDARD = Path(__file__).parent / "standard"
@@ -86,7 +88,23 @@ def _compiled(model: str, values: dict[str, float], libraries: Sequence[Path]) -
             "%s: the seeds of this noise follow from the names %s, which tools write in different ways: others draw "
             "other numbers; useAutomaticLocalSeed = false with fixedLocalSeed gives all of them the same", model, names,
         )  # fmt: skip
+    _tell_without_value(flat, values)
     return model_code(causalise(flat, values))
+
+
+def _tell_without_value(flat: FlatModel, values: Mapping[str, float]) -> None:
+    """A warning that names the parameters that neither the text nor ``values`` gives a value."""
+    open_ones = [
+        v for v in flat.variables if v.variability == "parameter" and v.binding is None and v.fixed is not False
+    ]
+    places = {name: v.place for v in open_ones for name in elements(v.name, v.dims) if name not in values}
+    names = [*places]
+    if names:
+        more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+        _log.warning(
+            "%s: no value is given to %s%s: the start value counts, 0 where none is stated",
+            places[names[0]], ", ".join(names[:_LISTED]), more,
+        )  # fmt: skip
 
 
 def _deeply(model: str, work: Callable[[], ModelCode]) -> ModelCode:
