@@ -42,3 +42,35 @@ def test_masses_springs_and_a_sampled_filter(fmi, kind, tmp_path):
     # the importer's own solver (or our step, the fastest mode being 21 rad/s) is good to some 1e-5 of 0.1 m
     assert rows["x"][-1] == pytest.approx(x, abs=1e-5)
     assert rows["y"][-1] == pytest.approx(y, abs=1e-9)
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
+def test_events_of_inputs_that_jump(fmi, kind, tmp_path):
+    (tmp_path / "m.mo").write_text("""
+partial model Switched
+  Modelica.Blocks.Interfaces.BooleanInput b(start = true);
+end Switched;
+model Counter
+  extends Switched;
+  input Integer k(start = 3);
+  output Integer rises(start = 0, fixed = true), before(start = 0, fixed = true);
+equation
+  when edge(b) then
+    rises = pre(rises) + 1;
+  end when;
+algorithm
+  when change(k) then
+    before := pre(k);
+  end when;
+end Counter;
+""")
+    fmu = build_model(f"{tmp_path}/m.mo:Counter", tmp_path / "m.fmu", fmi=fmi).path
+    rows = [(0, True, 3), (0.32, False, 3), (0.52, True, 5), (0.72, False, 5), (0.82, True, 8), (1, True, 8)]
+    driven = np.array(rows, dtype=[("time", float), ("b", bool), ("k", int)])
+    found = fmpy.simulate_fmu(
+        str(fmu), fmi_type=kind, stop_time=1.0, output_interval=0.05, input=driven, output=["rises", "before"]
+    )
+    at = {t: k for k, t in enumerate(np.round(found["time"], 9))}  # FMPy steps to inputs that jump, too
+    wanted = {0.0: (0, 0), 0.5: (0, 0), 0.6: (1, 3), 0.8: (1, 3), 0.9: (2, 5), 1.0: (2, 5)}
+    assert {t: (found["rises"][at[t]], found["before"][at[t]]) for t in wanted} == wanted

@@ -234,6 +234,16 @@ equation
 end A;""",
         "y", 1_673_190_961.0, "expected Real",
     ),
+    "discrete_inputs": (
+        """
+model A
+  input Integer k(start = 3);
+  Real y;
+equation
+  y = pre(k) + 1;
+end A;""",
+        "y", 4.0, "names an external input",
+    ),
     "delay_times": (
         """
 model A

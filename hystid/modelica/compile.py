@@ -30,6 +30,7 @@ from hystid.modelica.workarounds.calls_in_when import with_calls_in_algorithms
 from hystid.modelica.workarounds.delay_times import with_real_delays
 from hystid.modelica.workarounds.derivatives_in_loops import with_derivatives_in_branches
 from hystid.modelica.workarounds.derivatives_of_expressions import with_named_derivatives
+from hystid.modelica.workarounds.discrete_inputs import with_named_inputs
 from hystid.modelica.workarounds.dropped_modifiers import (
     refuse_mixed_functions,
     refuse_undecided,
@@ -151,7 +152,7 @@ def flat_from_text(
     numbers = {n: value for n, value in (structure or {}).items() if not isinstance(value, str)}
     refuse_large_arrays(name, everything, numbers)
     acting = with_acting_modifiers(name, with_limits_kept(name, with_separate_packages(name, everything)))
-    acting = with_carried_algorithms([with_calls_in_algorithms(source) for source in acting])
+    acting = with_carried_algorithms([with_calls_in_algorithms(s) for s in with_named_inputs(name, acting)])
     acting = with_named_values(with_separate_elements(with_functions_apart(acting)))
     acting = with_numbers_of_enumerations(acting)
     texts = with_counted_bindings(with_plain_samples([_in_words_that_it_takes(source) for source in acting]))
