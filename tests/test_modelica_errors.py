@@ -274,6 +274,43 @@ REFUSED = {
         8,
         "cannot be joined",
     ),
+    "modifiers of the elements of an array that cannot be joined": (
+        model("  extends C(p(i(x(each start = 2))));\n", "model I\n  parameter Real g = 1;\n  Real x(start = 1);\n"
+              "equation\n  der(x) = -g*x;\nend I;\nmodel P I i; end P;\nmodel C P p[2](i(g = {1, 2})); end C;\n"),
+        10,
+        "cannot be joined",
+    ),
+    "classes that extend each other": (
+        model("  P p;\n", "model P\n  extends Q;\nend P;\nmodel Q\n  extends P;\nend Q;\n"),
+        4,
+        "extends itself",
+    ),
+    "state assigned in a when-clause": (
+        model("  Real x(start = 1);\nequation\n  der(x) = -x;\n  when x < 0.5 then\n    x = 1;\n  end when;\n"),
+        2,
+        "a state is set by reinit",
+    ),
+    "remainder of an index of a loop as a subscript": (
+        model("  parameter Integer n = 3;\n  Real u[n](each start = 1), w[n];\nequation\n  der(u) = -w;\n"
+              "  for i in 1:n loop\n    w[i] = u[mod(i, n) + 1];\n  end for;\n"),
+        7,
+        "with a parameter in them: write a constant",
+    ),
+    "loop over the elements of an array in a function": (
+        model("  Real x = f({1, 2});\n", "function f\n  input Real v[:];\n  output Real s = 0;\nalgorithm\n"
+              "  for e in v loop\n    s := s + e;\n  end for;\nend f;\n"),
+        5,
+        "for i in 1:size",
+    ),
+    "comprehension over the elements of an array": (
+        model("  parameter Real v[2] = {1, 2};\n  Real x = sum(e^2 for e in v);\n"), 3, "for i in 1:size"
+    ),
+    "size that only a function tells": (
+        model("  parameter Real c[2] = {1, 2};\n  parameter Real d[:] = f(c);\n  Real x = d[1];\n",
+              "function f\n  input Real c[:];\n  output Real b[size(c, 1)];\nalgorithm\n  b := 2*c;\nend f;\n"),
+        9,
+        "write the size of 'd' in its declaration",
+    ),
     "library that is not here": (
         model("  Modelica.Mechanics.Translational.Components.Mass m;\n"), 2, "of the Modelica Standard Library only"
     ),

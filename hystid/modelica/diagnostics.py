@@ -94,8 +94,11 @@ def _search(message: str, core: str, name: str, sources: Sequence[Source]) -> st
     return declared_at(name, sources)
 
 
+_OVER_ELEMENTS = r"\bfor\s+\w+\s+in\s+[\w.{}, ]+(?:\bloop\b|[)}])"
 # Where the front end names a construct without its line: pattern in its words, pattern of the construct in a text.
 _CONSTRUCTS = (
+    (r"function loop domain|comprehension domain", _OVER_ELEMENTS),
+    (r"escaped its structured owner", r"\b(?:mod|rem|div)\s*\("),
     (r"derivative expression", r"\bder\s*\(\s*(?![\w.\[\], ]+\))"),
     (r"history operator|change\(|edge\(", r"\b(?:change|edge|pre)\s*\(\s*(?![\w.\[\], ]+\))"),
     (r"function (?:statement|return|break|loop)", r"\b(?:while|return|break)\b"),
@@ -129,6 +132,12 @@ def declared_at(name: str, sources: Sequence[Source]) -> str:
 
 # What to say after the front end's own words, by a pattern in them.
 _ADVICE = (
+    (r"function loop domain|comprehension domain", "; loops run over numbers: for i in 1:size(v, 1), with v[i]"),
+    (
+        r"escaped its structured owner",
+        "; mod, rem and div of a loop's index make no subscript with a parameter in them: write a constant or "
+        "size(v, 1) in its place",
+    ),
     (r"conflicting definitions", "; the name is taken by what the class extends: choose another one"),
     (r"unbalanced model", "; give every unknown one equation"),
     (r"derivative expression", "; der() takes one variable: give the expression a name and derive that"),
@@ -158,7 +167,10 @@ _ADVICE = (
         r"expression shape mismatch",
         "; a value has another type or size than what it is given to: name an array first, parameter Real v[n] = ...",
     ),
-    (r"not a discrete coordinate", "; assign the whole array, u = {...}, or name its elements as scalars"),
+    (
+        r"not a discrete coordinate",
+        "; a state is set by reinit(x, value); assign an array as a whole, u = {...}, or name its elements as scalars",
+    ),
     (r"dependency cycle", "; break the loop with pre()"),
     (
         r"found Enumeration",
@@ -179,6 +191,9 @@ def _advice(core: str, sources: Sequence[Source]) -> str:
                 "write the component out, or give its .mo files as a library"
             )
         return near(word, _identifiers(sources) - {word})
+    open_size = re.search(r"unresolved component dimension for ([\w.]+)", core)
+    if open_size:
+        return f"; write the size of '{open_size.group(1)}' in its declaration: it is not taken from a function"
     for pattern, advice in _ADVICE:
         if re.search(pattern, core):
             return advice

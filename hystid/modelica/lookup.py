@@ -14,6 +14,7 @@ from enum import IntEnum
 from functools import cached_property
 from pathlib import Path
 
+from hystid.errors import ModelicaError
 from hystid.modelica.clauses import closing
 from hystid.modelica.reach import Class, classes
 from hystid.modelica.sources import Source, read
@@ -225,7 +226,21 @@ class Tree:
                 found += [self.member(base, node.name) for base in around]
             self._busy.discard(node)
             self._bases[node] = [b for b in found if b is not None and b is not node]
+            self._refuse_circle(node)
         return self._bases[node]
+
+    def _refuse_circle(self, node: Node) -> None:
+        """Refuses a class that extends itself through the bases known so far."""
+        seen: list[Node] = []
+        waiting = list(self._bases[node])
+        while waiting:
+            base = waiting.pop()
+            if base is node:
+                line = node.source.plain.count("\n", 0, node.declared.start) + 1
+                raise ModelicaError(f"{node.source.path}:{line}: class '{node.name}' extends itself through its bases")
+            if base not in seen:
+                seen.append(base)
+                waiting += self._bases.get(base, ())
 
     def member(self, node: Node, name: str) -> Node | None:
         """The class of that name in a class or its bases."""

@@ -125,9 +125,15 @@ def _refuse_chains(overrides: Sequence[Override], bases: Mapping[str, set[str]])
 
 def _refuse_unmovable(clause: Clause, element: Modifier, override: Override) -> None:
     several = clause.names > 1
-    rows = clause.sizes and element.value and "each" not in element.prefixes
+    rows = clause.sizes and _rows(element)
     if several or rows or {"replaceable", "redeclare"} & set(clause.prefixes):
         raise _refused(override, f"{clause.owner.name} declares it")
+
+
+def _rows(element: Modifier) -> bool:
+    """Whether the elements of an array of components get values of their own."""
+    alike = "each" in element.prefixes
+    return not alike and (element.value is not None or any(_rows(inner) for inner in _elements(element.inner)))
 
 
 def _refused(override: Override, where: str) -> ModelicaError:
