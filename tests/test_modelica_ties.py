@@ -231,3 +231,23 @@ def test_a_run_ends_where_the_choice_of_states_becomes_singular(kind, tmp_path: 
         fmpy.simulate_fmu(str(fmu), stop_time=2.0, **options)
     if kind == "CoSimulation":  # a solver with error control may look beyond the lowest point first, where no x is
         assert "'x' no longer follows from the equation that ties it (p.mo:6)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-9])
+def test_a_turning_point_that_is_located_to_rounding(tolerance, tmp_path: Path, capsys) -> None:
+    """x follows from the height on a parabola; at its lowest point the bead stayed."""
+    (tmp_path / "b.mo").write_text("""
+model Bead
+  Real x(start = 1), y(start = 1, fixed = true), vx(start = 0), vy, push;
+equation
+  y = x^2;
+  der(x) = vx;
+  der(y) = vy;
+  der(vx) = -2*x*push;
+  der(vy) = push - 9.81;
+end Bead;
+""")
+    fmu = build_model(f"{tmp_path}/b.mo:Bead", tmp_path / "b.fmu", fmi=3).path
+    with pytest.raises(FMICallException):
+        fmpy.simulate_fmu(str(fmu), fmi_type="ModelExchange", stop_time=1.0, relative_tolerance=tolerance)
+    assert "'x' no longer follows from the equation that ties it (b.mo:5)" in capsys.readouterr().out

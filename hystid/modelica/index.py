@@ -23,6 +23,7 @@ from hystid.modelica.scalar import ScalarEquation, ScalarVariable
 
 # a located turning point is off by less than this many steps of the model, also where the solver is the importer's
 _STEPS_AHEAD = 10
+_VANISHED = 1e-2  # of the value at the start: a solver of tolerance 1e-6 places a turning point to 1e-3
 Unknowns = Callable[[EventModel, Mapping[str, str]], list[str]]
 
 
@@ -185,12 +186,15 @@ def _watched(events: EventModel, tie: ScalarEquation, chosen: str) -> EventModel
     soon = Num(_STEPS_AHEAD * events.scalar.flat.experiment.step)
     lasts = op(">=", op("abs", pivot), op("*", soon, op("abs", slope)))
     leaves = op(">", op("*", pivot, slope), ZERO)
+    # a turning point that is located to rounding gives no slope any more: 0 is divided by 0
+    begin = evaluate(pivot, _guesses(refs(pivot), events.scalar.variables)) or 0.0
+    stays = op("and", lasts, op(">=", op("abs", pivot), Num(_VANISHED * abs(begin))))
     message = Text(
         f"'{chosen}' no longer follows from the equation that ties it ({tie.place.short}), and which variables are "
         f"states is decided once: keep '{chosen}' as a state, by fixed = true, or describe the motion by an angle"
     )
     relation = Relation(f"$turning({chosen})", op(">", turning, ZERO), (turning,))
-    at_event, at_step = (Assertion(c, message, "error", tie.place) for c in (lasts, op("or", leaves, lasts)))
+    at_event, at_step = (Assertion(c, message, "error", tie.place) for c in (stays, op("or", leaves, lasts)))
     return replace(
         events,
         relations=(*events.relations, relation),
