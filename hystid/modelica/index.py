@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 
 from hystid.errors import ModelicaError
+from hystid.modelcode import Experiment
 from hystid.modelica.blocks import Assign, isolate, preference, solve_order
 from hystid.modelica.events import HOMOTOPY, EventModel, Relation, der
 from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Num, Op, Ref, Text, evaluate, nodes, op, refs, substitute
@@ -183,7 +184,8 @@ def _watched(events: EventModel, tie: ScalarEquation, chosen: str) -> EventModel
         return events
     turning = substitute(_rate(constraint, events, tie, {chosen}), {der(chosen): ZERO})
     slope = _rate(pivot, events, tie, {chosen})
-    soon = Num(_STEPS_AHEAD * events.scalar.flat.experiment.step)
+    # output may be sparse: what lies further ahead says nothing about a mechanism that turns within it
+    soon = Num(_STEPS_AHEAD * min(events.scalar.flat.experiment.step, Experiment.step))
     lasts = op(">=", op("abs", pivot), op("*", soon, op("abs", slope)))
     leaves = op(">", op("*", pivot, slope), ZERO)
     # a turning point that is located to rounding gives no slope any more: 0 is divided by 0
