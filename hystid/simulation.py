@@ -70,6 +70,7 @@ def simulate(
         inputs = ", ".join(name for name, causality in variables.items() if causality == "input") or "none"
         raise FmuError(f"{driver.path.name} has no input F [N] to drive it by; its inputs are {inputs}")
     outputs = [name for name in _OUTPUTS if variables.get(name) in ("output", "local")]
+    driver.check_si(("F", *outputs))
     found = driver.simulate(force.t, {"F": force.channel("F")}, parameters=parameters, outputs=outputs)
     answer = _recording(driver, force, parameters or {}, found)
     return answer if noise_snr is None else add_noise(answer, noise_snr, seed)

@@ -14,6 +14,7 @@ from hystid.compiled import CompiledModel
 from hystid.errors import FmuError, HystidError
 from hystid.fmu import Driver, build_model
 from hystid.fmu.native import Instance
+from hystid.fmu.platforms import PLATFORMS, host
 
 BOTH = pytest.mark.parametrize("version", [2, 3])
 
@@ -68,6 +69,17 @@ REFUSED = {
             rezipped(built(linear, 3), p, lambda n, d: d if n.endswith(".xml") else None) and add(p, "binaries/x/a.so")
         ),
         "no binary for this platform .* it has binaries for x",
+    ),
+    "library of another name": (
+        lambda p: (
+            rezipped(built(linear, 2), p, without("binaries"))
+            and add(p, f"binaries/{PLATFORMS[host()].folder}/other.so")
+        ),
+        "no binary for this platform .* not the library of its modelIdentifier",
+    ),
+    "two variables of one name": (
+        lambda p: rezipped(built(linear, 2), p, in_description(b'ScalarVariable name="v"', b'ScalarVariable name="x"')),
+        "two variables of the name 'x'",
     ),
     "not a library": (
         lambda p: rezipped(built(linear, 2), p, lambda n, d: b"junk" if n.startswith("binaries") else d),

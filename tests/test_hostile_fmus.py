@@ -51,7 +51,7 @@ EXCHANGE = {
 """,
     3: """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="model" instantiationToken="0">
-<ModelExchange modelIdentifier="model"/>
+<ModelExchange modelIdentifier="model" needsCompletedIntegratorStep="true"/>
 <ModelVariables>
 <Float64 name="time" valueReference="0" causality="independent" variability="continuous"/>
 <Float64 name="u" valueReference="1" causality="input" start="0"/>
@@ -206,6 +206,27 @@ def test_without_a_fault_model_exchange_runs(tmp_path: Path, version: int) -> No
     """der(x) = 1 - x from rest, by a solver whose relative tolerance is 1e-8."""
     found = Driver(_fmu(tmp_path, "FINE", "NOWHERE", version)).simulate(T, {"u": np.ones(11)}, outputs=["x"])["x"]
     np.testing.assert_allclose(found, 1 - np.exp(-T), atol=1e-6)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("held", [False, True])
+def test_an_early_end_in_model_exchange_is_told(tmp_path: Path, version: int, held: bool) -> None:
+    """The last values were repeated up to the last time."""
+    driver = Driver(_fmu(tmp_path, "ENDS", "NOWHERE", version))
+    with pytest.raises(FmuError, match=r"model.fmu: it asked for the end of the simulation (at t = 0.5|before)"):
+        if held:
+            driver.clamp({"x": T}, {"u": T}, 0.1, outputs=["y"])
+        else:
+            driver.simulate(T, {"u": T}, outputs=["x"])
+
+
+@pytest.mark.parametrize("exchange", [0, 2])
+def test_inputs_are_set_where_fmi_2_allows_it(tmp_path: Path, exchange: int) -> None:
+    """From Initialization Mode on."""
+    driver = Driver(_fmu(tmp_path, "INSIST", "NOWHERE", exchange))
+    assert driver.simulate(T, {"u": T + 1}, outputs=["y"])["y"][0] == 2
+    if exchange:
+        assert driver.clamp({"x": T}, {"u": T + 1}, 0.1, outputs=["y"])["y"][0] == 2
 
 
 def test_leaks_are_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from hystid.fmu import Driver, build_model
 from hystid.modelica import compile_model
 from hystid.recording import Recording, read, write_csv
 from hystid.simulation import SUBSTEPS, check_parameters, driven, force_of, simulate
+from hystid.validation.surrogate import open_surrogate
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +77,31 @@ def test_an_fmu_without_force_input_is_refused(tmp_path: Path) -> None:
     build_model(f"{tmp_path / 'own.mo'}:Own", tmp_path / "own.fmu")
     with pytest.raises(FmuError, match="no input F"):
         simulate(tmp_path / "own.fmu", force_of("harmonic:20Hz@80N,0.1s"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('unit="N"', 'unit="kN"', "its variable F is in kN"),
+        ('unit="m"', 'unit="mm"', "its variable x is in mm"),
+        (
+            '<BaseUnit kg="1" m="1" s="-2" />',
+            '<BaseUnit kg="1" m="1" s="-2" factor="1000" />',
+            "its variable F is in N",
+        ),
+    ],
+)
+def test_units_beside_si_are_refused(linear: Path, tmp_path: Path, old: str, new: str, says: str) -> None:
+    """Their numbers were taken for N and m. What the FMU defines a unit to be counts before its name."""
+    path = tmp_path / "other.fmu"
+    with zipfile.ZipFile(linear) as source, zipfile.ZipFile(path, "w") as target:
+        for name in source.namelist():
+            content = source.read(name)
+            target.writestr(name, content.replace(old.encode(), new.encode()) if name.endswith("tion.xml") else content)
+    force = force_of("harmonic:20Hz@80N,0.1s")
+    for use in (lambda: simulate(path, force), lambda: open_surrogate(path, 1.0), lambda: FmuModel(path)):
+        with pytest.raises(FmuError, match=says):
+            use()
 
 
 def test_forces_that_cannot_be_had(tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def _run(fmu: OpenedFmu, given: Clamping, parameters: Mapping[str, float], rows:
     variables = {v.name: v for v in fmu.model.variables}
     with Instance(fmu, "ModelExchange") as instance:
         first = [(variables[name], float(u[0])) for name, u in given.inputs.items()]
-        instance.initialise(0.0, [*((variables[name], value) for name, value in parameters.items()), *first])
+        instance.initialise(0.0, [(variables[name], value) for name, value in parameters.items()], first)
         clamped = _Clamped(instance, fmu, given)
         accesses = instance.access([variables[name] for name in given.outputs])
         rows_of = [np.zeros((rows, len(a.names)), a.dtype) for a in accesses]

@@ -11,6 +11,7 @@ from ctypes import byref, c_bool, c_double, c_int, c_size_t, c_void_p
 
 import numpy as np
 
+from hystid.errors import FmuError
 from hystid.fmu.door import OpenedFmu
 from hystid.fmu.native import Instance
 from hystid.numeric import Array
@@ -68,11 +69,17 @@ class Continuous:
         return self.dx
 
     def finish(self, now: float) -> None:
-        """End of a step: events where an indicator changed its sign, or where the FMU asks for them."""
+        """End of a step: events where an indicator changed its sign, or where the FMU asks for them.
+
+        Raises FmuError where the FMU has asked for the end of the simulation in a step before.
+        """
+        if self.instance.ended:
+            raise FmuError(f"{self.instance.name}: it asked for the end of the simulation before t = {now:.9g} s")
         two = self.instance.version == 2
         wants, terminate = (c_int(), c_int()) if two else (c_bool(), c_bool())
         yes = c_int(1) if two else c_bool(True)
         self.instance.call("CompletedIntegratorStep", yes, byref(wants), byref(terminate))
+        self.instance.ended |= bool(terminate.value)
         if wants.value or now >= self._next_time or bool(np.any(self._indicators() != self._signs)):
             self.instance.call("EnterEventMode")
             self.begin()

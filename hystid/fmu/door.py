@@ -11,7 +11,8 @@ import struct
 import weakref
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
@@ -20,6 +21,7 @@ from xml.parsers import expat
 from hystid.errors import FmuError
 from hystid.files import check_regular, on_disk_of, scratch_folder
 from hystid.fmu.platforms import PLATFORMS, host
+from hystid.fmu.si import unit_of
 from hystid.fmu.signals import Signal, signals_of
 from hystid.limits import FMU_DESCRIPTION, FMU_ELEMENTS, FMU_ENTRIES, FMU_UNPACKED, Limit
 from hystid.modelcode import Enumeration, Experiment, ModelCode, Variable
@@ -96,7 +98,7 @@ def opened_from(path: Path, folder: Path) -> OpenedFmu:
         raise
     except Exception as error:  # FMPy raises bare exceptions; numbers that are none raise ours
         raise FmuError(f"{path.name}: {DESCRIPTION} cannot be read: {_reason(error)}") from None
-    _check_sizes(path, model, signals)
+    _check_variables(path, model, signals, description.modelVariables)
     kinds = _kinds(path, folder, description, version)
     return OpenedFmu(
         path, folder, version, model, signals, kinds.get("CoSimulation"), kinds.get("ModelExchange"), interpolates,
@@ -242,13 +244,17 @@ def _only_description(text: bytes) -> bytes:
     return buffer.getvalue()
 
 
-def _check_sizes(path: Path, model: ModelCode, signals: Mapping[str, Signal]) -> None:
-    """What is set aside for values is decided by the description alone."""
+def _check_variables(path: Path, model: ModelCode, signals: Mapping[str, Signal], variables: Sequence[Any]) -> None:
+    """Names stand once; what is set aside for values is decided by the description alone."""
     size = sum(signal.size for signal in signals.values()) + model.n_indicators
     if model.n_indicators < 0:
         raise FmuError(f"{path.name}: {DESCRIPTION} states {model.n_indicators} event indicators")
     if size > FMU_ELEMENTS.value:
         raise FmuError(f"{path.name}: refused, for it describes {size} numbers, more than {FMU_ELEMENTS}")
+    names = Counter(v.name for v in variables)
+    if names and max(names.values()) > 1:
+        twice = next(name for name, count in names.items() if count > 1)
+        raise FmuError(f"{path.name}: {DESCRIPTION} has two variables of the name '{twice}'")
     for signal in signals.values():
         if not 0 <= signal.reference < 1 << 32:
             raise FmuError(f"{path.name}: variable '{signal.name}' has the value reference {signal.reference}")
@@ -287,6 +293,8 @@ def _kinds(path: Path, folder: Path, description: Any, version: int) -> dict[str
     if not kinds:
         found = sorted(p.name for p in (folder / "binaries").glob("*") if p.is_dir())
         there = f"binaries for {', '.join(found)}" if found else "none at all"
+        if directory.name in found:
+            there = f"binaries/{directory.name}, but not the library of its modelIdentifier in it"
         raise FmuError(f"{path.name}: no binary for this platform ({directory.name}); it has {there}")
     return kinds
 
@@ -339,7 +347,7 @@ def _variable(v: Any) -> Variable | None:
         min=_optional(v.min),
         max=_optional(v.max),
         nominal=_optional(v.nominal),
-        unit=v.unit or "",
+        unit=unit_of(v),
         description=v.description or "",
         derivative_of=v.derivative.name if v.derivative is not None else None,
         enumeration=_enumeration(v),

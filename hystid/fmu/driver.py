@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from hystid.fmu.door import open_fmu, opened_from
 from hystid.fmu.foreign import Foreign, runs_here
 from hystid.fmu.native import Instance, Stepper, load
 from hystid.fmu.rows import Rows
+from hystid.fmu.si import beside_si
 from hystid.fmu.signals import Signal
 from hystid.modelcode import Variable
 from hystid.numeric import Array
@@ -62,6 +63,15 @@ class Driver:
     def lists(self, name: str) -> bool:
         """Whether the description lists this name, of whatever type."""
         return any(v.name == name for v in self._fmu.raw.modelVariables)
+
+    def check_si(self, names: Iterable[str]) -> None:
+        """Raise FmuError for the first of these variables, if they are there, whose unit is not that of SI."""
+        for name in names:
+            if unit := beside_si(self._fmu.raw, name):
+                raise FmuError(
+                    f"{self._fmu.name}: its variable {name} is in {unit}, and its numbers would be taken for SI units; "
+                    "export the FMU with this variable in SI units"
+                )
 
     def simulate(
         self,
@@ -250,7 +260,7 @@ class Driver:
     ) -> dict[str, NDArray[Any]]:
         with Instance(self._fmu, "CoSimulation") as instance:
             first = [(self._find(name), samples[0]) for name, samples in table.items()]
-            instance.initialise(float(times[0]), [*settings, *first])
+            instance.initialise(float(times[0]), settings, first)
             inputs = Rows(instance, list(table), len(times))
             inputs.fill(table)
             readings = Rows(instance, [s.name for s in wanted], len(times))
@@ -267,10 +277,7 @@ class Driver:
                 ended = stepper.step(now, h)
                 readings.get(k + 1)
                 if ended and k + 2 < len(times):
-                    raise FmuError(
-                        f"{self._fmu.name}: it asked for the end of the simulation at t = {times[k + 1]:.9g} s, "
-                        f"before the last time {times[-1]:.9g} s"
-                    )
+                    self._ended_early(times[k + 1], times[-1])
             return readings.columns()
 
     def _model_exchange(
@@ -298,9 +305,18 @@ class Driver:
         except Exception as error:  # FMPy raises bare exceptions
             reason = (str(error).splitlines() or ["no reason given"])[0].replace(f"{self._fmu.folder}/", "")
             raise NumericalError(f"{self._fmu.name}: model exchange failed: {reason}") from None
+        end = float(rows["time"][-1])
+        if end < times[-1] - 1e-6 * (times[-1] - times[0]):
+            self._ended_early(end, times[-1])
         return {
             s.name: _resampled(times, rows["time"], np.asarray(rows[s.name]), linear=s.is_continuous) for s in wanted
         }
+
+    def _ended_early(self, end: float, last: float) -> NoReturn:
+        raise FmuError(
+            f"{self._fmu.name}: it asked for the end of the simulation at t = {end:.9g} s, "
+            f"before the last time {last:.9g} s"
+        )
 
 
 def _range(variable: Variable) -> tuple[float, float]:

@@ -129,6 +129,7 @@ class Instance:
         self.name = fmu.name
         self.signals = fmu.signals
         self.last_message = ""
+        self.ended = False  # in model exchange it has asked for the end of the simulation
         self._prefix = f"fmi{fmu.version}"
         self._functions: dict[str, Any] = {}
         self._library = load(fmu, found)
@@ -200,8 +201,16 @@ class Instance:
                 raise FmuError(f"{self.name}: '{name}' has {signal.size} elements, {held.size} were given")
             Access(self, [signal]).set(held.ctypes.data)
 
-    def initialise(self, start_time: float, values: Sequence[tuple[Variable | Signal, Any]]) -> None:
-        """From instantiation to the end of initialization mode with these start values."""
+    def initialise(
+        self,
+        start_time: float,
+        values: Sequence[tuple[Variable | Signal, Any]],
+        inputs: Sequence[tuple[Variable | Signal, Any]] = (),
+    ) -> None:
+        """From instantiation to the end of initialization mode with these start values, and inputs at the start.
+
+        FMI 2.0 takes inputs from Initialization Mode on, and some FMUs insist.
+        """
         if self.version == 2:
             self.call("SetupExperiment", 0, c_double(0), c_double(start_time), 0, c_double(0))
             self.set(values)
@@ -210,6 +219,7 @@ class Instance:
             self.set(values)
             nothing = (c_bool(False), c_double(0))
             self.call("EnterInitializationMode", *nothing, c_double(start_time), *nothing)
+        self.set(inputs)
         self.call("ExitInitializationMode")
 
     def terminated(self) -> bool:
@@ -231,12 +241,14 @@ class Instance:
     def _update2(self) -> tuple[bool, bool, float]:
         info = _EventInfo()
         self.call("NewDiscreteStates", ctypes.byref(info))
+        self.ended |= bool(info.terminate)
         return bool(info.needed), bool(info.values), info.time if info.defined else np.inf
 
     def _update3(self) -> tuple[bool, bool, float]:
         flags = [c_bool() for _ in range(5)]
         time = c_double()
         self.call("UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(time))
+        self.ended |= flags[1].value
         return flags[0].value, flags[3].value, time.value if flags[4].value else np.inf
 
     def _maker(self, name: str) -> Any:

@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hystid.fmu.si import unit_of
 from hystid.modelcode import Causality, Variability, Variable
 
 _TRUTH = {"false": False, "true": True, "0": False, "1": True}
@@ -155,7 +156,7 @@ def signals_of(variables: Sequence[Any], version: int) -> Mapping[str, Signal]:
             tuple(v.shape or ()),
             v.causality or "local",
             v.variability or ("continuous" if v.type in _REALS else "discrete"),
-            v.unit or getattr(v.declaredType, "unit", None) or "",
+            unit_of(v),
         )
         for v in variables
         if v.type in wire

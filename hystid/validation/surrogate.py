@@ -128,6 +128,7 @@ def open_surrogate(path: Path, mass: float | None) -> Surrogate:
     if path.suffix.lower() == ".onnx":
         return _from_network(path, mass)
     driver = Driver(path)
+    driver.check_si(("F", "x", "v", "a", "R"))
     causality = {variable.name: variable.causality for variable in driver.model.variables}
     inputs = {name for name, kind in causality.items() if kind == "input"}
     if {"x", "v"} <= inputs and "F" not in inputs and causality.get("R") == "output":

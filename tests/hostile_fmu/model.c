@@ -17,11 +17,12 @@ typedef void (*logger)(void *, const char *, int, const char *, const char *, ..
 typedef struct { logger log; void *(*allocate)(size_t, size_t); void (*release)(void *); void *finished, *owner; } callbacks;
 enum { FINE, CRASH, ABORT, LOOP, LEAK, EXIT0, EXIT3, DIVIDE, ILLEGAL, DEEP, KILL, PRINT, NOISE, CLOSE, FORK, NAN_, INFINITE,
        HUGE_, REFUSE, FATAL, LONG_MESSAGE, NULL_MESSAGE, FORMAT, SLEEP, WRITE_FILE, DOUBLE_FREE, READ_STDIN, BAD_ALLOC, FILL,
-       FLOOD, STORM, CREEP, STOP, DAEMON, BELOW, EARLY, BYTES };
+       FLOOD, STORM, CREEP, STOP, DAEMON, BELOW, EARLY, BYTES, ENDS, INSIST };
 enum { NOWHERE, LOAD, INSTANTIATE, SETUP, STEP, GET, FREE, TIME, DERIVATIVES, DISCRETE };
 static const callbacks *call;
 static void (*log3)(void *, int, const char *, const char *);
 static double u, gain = 2, now, x;
+static int begun; /* initialization mode was entered */
 static volatile double sink;
 
 static int deep(int n) { volatile char room[4096]; room[n % 4096] = (char)n; return deep(n + 1) + room[0]; }
@@ -82,16 +83,18 @@ void *fmi2Instantiate(const char *n, int t, const char *g, const char *r, const 
 {
     (void)n, (void)t, (void)g, (void)r, (void)v, (void)l;
     call = c;
+    begun = 0;
     return wrong(INSTANTIATE) ? NULL : malloc(8);
 }
 void fmi2FreeInstance(void *c) { wrong(FREE); free(c); }
 int fmi2SetupExperiment(void *c, int a, double b, double d, int e, double f)
 { (void)c, (void)a, (void)b, (void)d, (void)e, (void)f; return wrong(SETUP); }
-int fmi2EnterInitializationMode(void *c) { (void)c; return 0; }
+int fmi2EnterInitializationMode(void *c) { (void)c; begun = 1; return 0; }
 int fmi2ExitInitializationMode(void *c) { (void)c; return 0; }
 int fmi2Terminate(void *c) { (void)c; return 0; }
 int fmi2SetReal(void *c, const unsigned *vr, size_t n, const double *value)
-{ (void)c; for (size_t i = 0; i < n; i++) *(vr[i] == 1 ? &u : vr[i] == 4 ? &x : &gain) = value[i]; return 0; }
+{ (void)c; if (WRONG == INSIST && n && vr[0] == 1 && !begun) return 3;
+  for (size_t i = 0; i < n; i++) *(vr[i] == 1 ? &u : vr[i] == 4 ? &x : &gain) = value[i]; return 0; }
 int fmi2GetReal(void *c, const unsigned *vr, size_t n, double *value)
 {
     (void)c;
@@ -124,7 +127,8 @@ static int discrete(event_info *e)
 int fmi2EnterEventMode(void *c) { (void)c; return 0; }
 int fmi2EnterContinuousTimeMode(void *c) { (void)c; return 0; }
 int fmi2NewDiscreteStates(void *c, event_info *e) { (void)c; return discrete(e); }
-int fmi2CompletedIntegratorStep(void *c, int a, int *event, int *end) { (void)c, (void)a; *event = *end = 0; return 0; }
+int fmi2CompletedIntegratorStep(void *c, int a, int *event, int *end)
+{ (void)c, (void)a; *event = 0, *end = WRONG == ENDS && now > 0.5; return 0; }
 int fmi2SetTime(void *c, double t) { (void)c; return set_time(t); }
 int fmi2SetContinuousStates(void *c, const double *v, size_t n) { (void)c, (void)n; return set_states(v); }
 int fmi2GetContinuousStates(void *c, double *v, size_t n) { (void)c, (void)n; return states(v); }
@@ -158,7 +162,8 @@ int fmi3UpdateDiscreteStates(void *c, bool *needed, bool *end, bool *nominals, b
     (void)c, *needed = e.needed, *end = *nominals = *values = false, *defined = e.defined, *next = e.next;
     return status;
 }
-int fmi3CompletedIntegratorStep(void *c, bool a, bool *event, bool *end) { (void)c, (void)a; *event = *end = false; return 0; }
+int fmi3CompletedIntegratorStep(void *c, bool a, bool *event, bool *end)
+{ (void)c, (void)a; *event = false, *end = WRONG == ENDS && now > 0.5; return 0; }
 int fmi3SetTime(void *c, double t) { (void)c; return set_time(t); }
 int fmi3SetContinuousStates(void *c, const double *v, size_t n) { (void)c, (void)n; return set_states(v); }
 int fmi3GetContinuousStates(void *c, double *v, size_t n) { (void)c, (void)n; return states(v); }

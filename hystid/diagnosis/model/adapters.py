@@ -61,6 +61,7 @@ class FmuModel:
     def __init__(self, path: Path | str) -> None:
         self.driver = Driver(path)
         self.code = self.driver.model
+        self.driver.check_si(("F", "x", "v", "a", "R", mass_of(self.code.variables)))
         self.clamp = self.driver.clamp
 
     @property
