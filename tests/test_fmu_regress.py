@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import warnings
 import zipfile
 from dataclasses import replace
 from importlib.metadata import entry_points
@@ -140,7 +141,10 @@ def test_a_reference_without_finite_range_is_no_excuse(tmp_path, row):
     """One infinite value, or a range that overflows, made the tube infinitely high: everything passed."""
     path = build(linear(), tmp_path / "odd.fmu", reference=False).path
     (tmp_path / "odd_out.csv").write_text(f"time,x\n{row}\n1,2\n")
-    assert not regress(path).passed
+    result = regress(path)
+    assert not result.passed
+    with warnings.catch_warnings(action="error"):
+        assert "nan" not in result.picture()
 
 
 def test_times_of_an_input_that_are_not_in_order_get_one_sentence(tmp_path):
@@ -307,6 +311,9 @@ def test_a_table_without_inputs_is_told_and_one_with_them_drives(tmp_path):
     assert regress(path, reference=tmp_path / "both.csv").passed
     alone = regress(path, reference=tmp_path / "alone.csv")
     assert not alone.passed and "at their start values, for the reference gives no input: F" in alone.summary()
+    (tmp_path / "force.csv").write_text("time,F\n" + "\n".join(row.rpartition(",")[0] for row in rows))
+    none = regress(path, reference=tmp_path / "force.csv")  # what drives the FMU agreed with itself
+    assert not none.passed and "nothing could be compared" in none.summary()
 
 
 def test_a_rebuild_keeps_the_reference_and_says_what_changed(tmp_path):

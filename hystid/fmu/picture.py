@@ -12,6 +12,7 @@ from hystid.numeric import Array
 
 _WIDTH, _HEIGHT, _STRIP, _LEFT, _TOP, _GAP = 720, 150, 44, 130, 104, 84
 _MOST_PANELS = 6
+_GREATEST = 1e300  # drawn; the range of greater values is no number
 _STYLE = (
     "text{font:13px sans-serif;fill:#222}.head{font-size:17px;font-weight:bold}"
     "@media(max-width:600px){text{font-size:22px}.head{font-size:26px}}"  # the drawing shrinks there, its words do not
@@ -94,7 +95,7 @@ def _line(x1: float, y1: float, x2: float, y2: float, colour: str, dashes: str =
 
 
 def _limits(rows: Sequence[Array]) -> tuple[float, float]:
-    finite = np.concatenate([row[np.isfinite(row)] for row in rows])
+    finite = np.concatenate([np.clip(row[np.isfinite(row)], -_GREATEST, _GREATEST) for row in rows])
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
     margin = 0.05 * (high - low) or max(1.0, 0.05 * abs(high))
     return low - margin, high + margin

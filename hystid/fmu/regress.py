@@ -87,7 +87,7 @@ def regress(
     The reference lies in the FMU (``extra/org.fmi-standard.fmi-ls-ref``) or beside it as ``<file>_out.csv`` (and
     ``<file>_in.csv``); reference: another FMU that carries one, a folder that holds such tables or the FMU of the same
     name, or a table. Without a table of inputs, columns of the result that are inputs drive the FMU.
-    Everything that the reference has is compared. Real numbers stay in a tube: half height relative * range of the
+    Everything else that the reference has is compared. Real numbers stay in a tube: half height relative * range of the
     signal, half width ``samples`` rows. Integers, enumerations, truth values, texts and binary data must be those of
     one of these rows. update: write the new result in place of the old.
     Raises FmuError where there is nothing to compare with, UsageError where it cannot be updated.
@@ -105,13 +105,16 @@ def regress(
     rows = _Table.of(kept.place, driver, kept.result)
     t, first, back = np.unique(rows.t, return_index=True, return_inverse=True)  # rows around an event have one time
     drive = _inputs(path, driver, kept, t)
+    driving: set[str] = set()  # columns of the result that drive the FMU, which are no answer of it
     if not kept.input:
         drive = {name: rows.columns[name][first] for name in rows.names if driver.signals[name].causality == "input"}
+        driving = set(drive)
     results = {name: values[back] for name, values in _replay(driver, t, drive, rows.names)}
     tolerance = Tolerance(relative, samples)
     signals = tuple(
         result
         for name in rows.names
+        if name not in driving
         for result in compared(driver.signals[name], results[name], rows.columns[name], tolerance)
     )
     if update:
