@@ -128,6 +128,8 @@ def _recording(
 ) -> Recording:
     settings = ", ".join(f"{name} = {value:.10g}" for name, value in parameters.items())
     note = f"simulated with {driver.path.name}" + (f" ({settings})" if settings else "")
+    further = [v.name for v in driver.model.variables if v.causality == "input" and v.name != "F"]
+    unset = (f"inputs at their start values: {', '.join(further)}",) if further else ()
     origin = {"F": force.origin.get("F", "measured"), **dict.fromkeys(found, "simulated")}
     return Recording(
         force.name,
@@ -138,7 +140,7 @@ def _recording(
         a=found.get("a"),
         R=found.get("R"),
         origin=origin,
-        notes=(*force.notes, note),
+        notes=(*force.notes, note, *unset),
         warnings=force.warnings,
         rotational=force.rotational or driver.model.variable("F").unit == "N.m",
     )

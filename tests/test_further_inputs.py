@@ -23,6 +23,7 @@ from hystid.networks import onnx as exchange
 from hystid.networks.level import Level
 from hystid.networks.trust import Spread, Tail
 from hystid.recording import Recording, read, with_column, with_columns, write_csv
+from hystid.simulation import simulate
 from hystid.surrogate import oscillator_code, surrogate_code
 from hystid.validation import validate
 
@@ -348,3 +349,12 @@ def test_beyond_its_range_friction_stays_friction():
     # noise of 1 N makes the slope at the edge uncertain by some 5 N.s/m, 1.5 N at 0.3 m/s beyond: 4 % of rms R
     assert result.comparisons[-1].network.force_nrmse < 0.1
     assert result.model.tail is not None and result.model.tail.damping < 20
+
+
+def test_a_force_alone_is_not_enough_and_inputs_that_stand_at_their_start_are_noted(saved, tmp_path):
+    """The refusal named --input, which had been given."""
+    rig = build(oscillator_code(saved / "surrogate.onnx"), tmp_path / "rig.fmu").path
+    with pytest.raises(UsageError, match=r"further inputs \(u, line pressure\).* by hystid simulate.* --input u=VALUE"):
+        validate(saved / "surrogate.onnx", reference=rig, forces=["harmonic:20Hz@1N,0.1s"])
+    answer = simulate(rig, "harmonic:20Hz@1N,0.05s", dt=1 / RATE)
+    assert "inputs at their start values: u, p" in answer.notes

@@ -179,6 +179,7 @@ def test_unknown_operators_are_named(tmp_path: Path) -> None:
     [
         ("training_range", '{"x": 5}', "'training_range' must give a list of finite numbers for 'x'"),
         ("training_range", '{"x": [0, 1, 2]}', "'training_range' must give 2 numbers for 'x'"),
+        ("training_range", '{"x": [1, 0]}', "'training_range' must give the least number first for 'x'"),
         ("initial_state", '{"s": ["a"]}', "'initial_state' must give a list of finite numbers for 's'"),
         ("initial_state", "[1, 2]", "initial_state of 's' has 2 numbers, not 1"),
     ],

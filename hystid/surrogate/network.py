@@ -147,6 +147,8 @@ def _finite(entry: str, port: str, values: Any, count: int | None = None) -> lis
         raise NetworkError(f"the metadata entry '{entry}' must give a list of finite numbers for '{readable(port)}'")
     if count is not None and len(numbers) != count:
         raise NetworkError(f"the metadata entry '{entry}' must give {count} numbers for '{readable(port)}'")
+    if entry == "training_range" and values[0] > values[1]:
+        raise NetworkError(f"the metadata entry '{entry}' must give the least number first for '{readable(port)}'")
     return [float(v) for v in numbers]
 
 

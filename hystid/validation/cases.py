@@ -67,6 +67,12 @@ def validate(
     if reference and not forces:
         raise UsageError(f"{reference}: a reference FMU needs a force to be driven by, as harmonic:20Hz@80N,2s")
     model = open_surrogate(Path(surrogate), mass)
+    if reference and model.inputs:
+        names = ", ".join(port.column for port in model.inputs)
+        raise UsageError(
+            f"{surrogate}: it has further inputs ({names}), which a force alone does not give; write the answer of "
+            f"{reference} by hystid simulate, and compare with that: --input {model.inputs[0].column}=VALUE"
+        )
     if reference:
         driver, step = Driver(reference), dt or (1 / model.sample_rate if model.sample_rate else _STEP)
         prepared = [prepare(simulate(driver, force_of(force, step)), mass=model.mass) for force in forces]
