@@ -95,7 +95,8 @@ def _line(x1: float, y1: float, x2: float, y2: float, colour: str, dashes: str =
 
 
 def _limits(rows: Sequence[Array]) -> tuple[float, float]:
-    finite = np.concatenate([np.clip(row[np.isfinite(row)], -_GREATEST, _GREATEST) for row in rows])
+    finite = np.concatenate([row[np.isfinite(row)] for row in rows], dtype=np.float64)
+    finite = np.clip(finite, -_GREATEST, _GREATEST)
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
     margin = 0.05 * (high - low) or max(1.0, 0.05 * abs(high))
     return low - margin, high + margin
