@@ -37,9 +37,9 @@ _JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a r
 class Reduction:
     """Turns columns over the samples of all parts into weighted rows with unit noise.
 
-    Each part: whitening where the acceleration had to be derived (its noise then grows with frequency, and that of the
-    displacement is in the restoring force as well) or the displacement to be integrated (its noise then grows towards
-    low frequencies), trimming of the ends that this disturbs, block averages, division by the noise level.
+    Each part: whitening where the acceleration had to be derived (its noise then grows with frequency), where noise of
+    the displacement is loud in the restoring force, or where the displacement had to be integrated (its noise then
+    grows towards low frequencies), trimming of the ends that this disturbs, block averages, division by the noise level.
     """
 
     def __init__(self, parts: Sequence[Part], mass: float) -> None:

@@ -59,8 +59,8 @@ def _taper(channel: Array) -> int:
     windows, steps = _powers(count)
     each = _likelihood(windows, power)
     best = int(np.argmax(each))
-    number, length = divmod(best, count // 2 - 2)
-    window, length = _WINDOWS[number], length + 2
+    number, beyond = divmod(best, count // 2 - 2)
+    window, length = _WINDOWS[number], 2 + beyond  # in blocks
     odds = 0.5 * size / _ALIKE * float(each[best] - np.max(_likelihood(steps, power)))
     faded = int(length * size) if odds > math.log(len(each) / _CHANCE) else 0
     return int((1 + _KNOWN) * faded) + size if faded and _fades(channel, faded, size / faded, window) else 0
