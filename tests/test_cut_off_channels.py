@@ -71,3 +71,17 @@ def test_a_displacement_that_is_cut_off_is_no_wrong_unit(top: float, behind: boo
     stopped = np.clip(noisy["x"], -limit, limit) if behind else np.clip(x, -limit, limit) + noisy["x"] - x
     cut = Recording("cut", t, **{**noisy, "x": stopped})
     assert not [str(f) for f in check(cut, mass=2.0, accept=("clipped",)).findings]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_displacement_that_is_cut_off_is_no_wrong_sign_of_a_force(seed: int) -> None:
+    """Far below the resonance a force that the displacement no longer shows follows minus the acceleration."""
+    rng, t = np.random.default_rng(seed), np.arange(N) * DT
+    tones, phases = rng.uniform(2, 12, 12)[:, None], rng.uniform(0, 6, 12)[:, None]
+    omega = 2 * np.pi * tones
+    swings = rng.uniform(0.3, 1.0, 12)[:, None] * np.exp(1j * (omega * t + phases))
+    x, v, a = (1e-3 * np.sum((1j * omega) ** order * swings, axis=0).imag for order in range(3))
+    force = 10.0 * a + 200.0 * v + 1.4e6 * x
+    noisy = {c: y + 1e-3 * np.std(y) * rng.standard_normal(N) for c, y in (("F", force), ("v", v), ("a", a))}
+    test = Recording("stiff", t, x=np.clip(x, -0.5 * np.std(x), 0.5 * np.std(x)), **noisy)
+    assert not [f for f in check(test).findings if f.slip == "swapped_sign"]

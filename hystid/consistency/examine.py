@@ -123,7 +123,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     kept = {name: kept_size(values) for name, values in motion(recording).items()} if timed else {}
     compared = with_full_sizes(pairs(recording), kept) if timed else []
     channels = _channels(recording, compared)
-    force = examine_force(_as_measured(recording, channels)) if len(recording) >= _SHORTEST and moves else None
+    force = examine_force(_as_measured(recording, channels, kept)) if len(recording) >= _SHORTEST and moves else None
     inertia = _inertia(recording, force, mass)
     forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
     situation, best = _best(recording, compared, forms, force, mass)
@@ -135,7 +135,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
         if not any(slip.kind == "exchanged" for slip in best.slips):
             mended = _mended(recording, best)
             if best.slips and len(recording) >= _SHORTEST:
-                force = examine_force(_as_measured(mended, channels))
+                force = examine_force(_as_measured(mended, channels, kept))
             findings += _judged_force(mended, force)
             findings += [] if findings else _sizes(mended)
             left_out = (["x", "v"], _computed(channels))
@@ -368,11 +368,14 @@ def _computed(channels: Mapping[str, Channel]) -> list[str]:
     return [name for name, channel in channels.items() if name in "xva" and not channel.measured]
 
 
-def _as_measured(recording: Recording, channels: Mapping[str, Channel]) -> Recording:
-    """The recording without channels of the motion that were computed, where others are left: a displacement that
-    wanders, as an integral of the acceleration, belongs to no force."""
-    computed = _computed(channels)
-    return recording.with_channels(dict.fromkeys(computed)) if set(motion(recording)) - set(computed) else recording
+def _as_measured(recording: Recording, channels: Mapping[str, Channel], kept: Mapping[str, float]) -> Recording:
+    """The recording without channels of the motion that were computed, or stop at a level, where others are left: a
+    displacement that wanders, as an integral of the acceleration, belongs to no force, and beyond the level of one the
+    force of a spring follows the acceleration, as that of a negative mass. kept: share of its size that each keeps."""
+    for left_out in ({*_computed(channels), *(n for n, share in kept.items() if share < 1)}, {*_computed(channels)}):
+        if set(motion(recording)) - left_out:
+            return recording.with_channels(dict.fromkeys(left_out))
+    return recording
 
 
 def _sign_odds(force: Force, share: float, other: float) -> float:
