@@ -39,7 +39,8 @@ class Reduction:
 
     Each part: whitening where the acceleration had to be derived (its noise then grows with frequency), where noise of
     the displacement is loud in the restoring force, or where the displacement had to be integrated (its noise then
-    grows towards low frequencies), trimming of the ends that this disturbs, block averages, division by the noise level.
+    grows towards low frequencies), trimming of the ends that this disturbs, block averages, division by the noise
+    level.
     """
 
     def __init__(self, parts: Sequence[Part], mass: float) -> None:
