@@ -20,7 +20,7 @@ from hystid.diagnosis.prepare.recordings import take
 from hystid.diagnosis.prepare.segments import prepare_part, prepare_parts
 from hystid.modelica import compile_model
 from hystid.recording import Recording, read_all
-from hystid.smoothing.noise import filtered_beyond, noise_level
+from hystid.smoothing.noise import filtered_beyond, noise_error, noise_level
 from hystid.smoothing.smoother import smooth
 from tests.test_diagnosis import JENKINS, LINEAR, case, run, spec
 from tests.test_diagnosis_windows import DAMPING, FS, MASS, STIFFNESS, posed
@@ -36,6 +36,16 @@ def test_noise_level_has_no_bias(n: int) -> None:
     found = [noise_level(signal + 0.02 * rng.standard_normal(n)) ** 2 for _ in range(60)]
     # One estimate of the variance scatters by 4 % (8,000 samples) to 9 % (2,000); the mean of 60 by an eighth of that.
     assert np.mean(found) == pytest.approx(0.02**2, rel=0.03)
+
+
+@pytest.mark.parametrize("n", [250, 800, 2500])
+def test_the_level_of_short_noise_is_known_as_well_as_it_is_said(n: int) -> None:
+    rng, t = np.random.default_rng(2), np.arange(n)
+    signal = np.sin(2 * np.pi * t / 60 + 1) + 0.3 * np.sin(2 * np.pi * t / 35)
+    found = np.array([noise_level(signal + 0.02 * rng.standard_normal(n)) ** 2 for _ in range(400)]) / 0.02**2
+    # 0.2: 400 estimates tell their scatter to 4 %, and two motions differ. The mean is off by a third of it at most.
+    assert np.std(found) == pytest.approx(noise_error(n), rel=0.2)
+    assert abs(np.mean(found) - 1) < noise_error(n) / 3
 
 
 def decimated(values: np.ndarray, corner: float) -> np.ndarray:

@@ -32,7 +32,7 @@ from scipy.stats import t as student
 from hystid.diagnosis.fit.curves import CELLS, CURVE, cells
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
-from hystid.smoothing.noise import NOISE_ERROR
+from hystid.smoothing.noise import noise_error
 
 Array = NDArray[np.float64]
 
@@ -261,7 +261,7 @@ class Criterion:
 
     def doubt(self, misfit: float, standing: float) -> float:
         """What it costs that a misfit is that of a sound structure (half-normal, ``SOUND``) and of noise whose level is
-        off (normal, ``NOISE_ERROR``), in the cheapest shares. standing: part of it in which noise averages out."""
+        off (normal, ``noise_error``), in the cheapest shares. standing: part of it in which noise averages out."""
         misfit, sound = max(misfit, 0.0), SOUND**2 * self.force
         open_, level = self.slack, max(self.level, 0.0)
         noise = float(np.clip(open_**2 / (2 * sound) - level, 0.0, misfit - max(standing, 0.0)))
@@ -270,7 +270,8 @@ class Criterion:
     @property
     def slack(self) -> float:
         """Mean square that a wrong noise level feigns."""
-        return NOISE_ERROR * (self.floor + max(self.level, 0.0))
+        samples = sum(len(part) for part in self.problem.parts)
+        return noise_error(samples) * (self.floor + max(self.level, 0.0))
 
     def form(self, misfit: float, whole: float, *, exact: bool = False, laws: int = 1) -> float:
         """Logarithm of the density of what right laws leave, as a share of the misfit, over that of what so many laws
