@@ -12,6 +12,8 @@ from fmpy.ssp.ssd import read_ssv
 from hystid.cli import main
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import Diagnosis, diagnose
+from hystid.diagnosis.fit.extended import Skeleton, extended_model
+from hystid.diagnosis.model.adapters import mass_of
 from hystid.errors import UsageError
 from hystid.fmu import build
 from hystid.fmu.build import Version
@@ -80,6 +82,87 @@ def test_a_model_without_our_interfaces_is_diagnosed_and_extended(tmp_path: Path
     text = (tmp_path / "out" / "extended.mo").read_text()
     assert "rig.F = F - (cubicStiffness.f)" in text and "model Mine" in text
     assert (tmp_path / "out" / "extended.fmu").exists()
+
+
+RIGS = {
+    "an array": """
+model Rig
+  parameter Real m(unit="kg") = 2;
+  parameter Real k[2](each unit="N/m") = {8000, 1000};
+  parameter Real c(unit="N.s/m") = 6;
+  input Real F(unit="N");
+  output Real x(unit="m", start=0, fixed=true);
+  output Real v(unit="m/s", start=0, fixed=true);
+equation
+  der(x) = v;
+  m*der(v) = F - sum(k)*x - c*v;
+end Rig;
+""",
+    "parameters of a component": """
+model Rig
+  extends HystId.Interfaces.PartialOscillator;
+  HystId.Effects.LinearStiffness more(k = 500);
+equation
+  more.x = x;
+  more.v = v;
+  more.a = a;
+  more.h = 0;
+  f_h = more.f;
+end Rig;
+""",
+    "an effect already": """
+model Rig
+  extends HystId.Oscillators.Linear(Kl = 4500, f_effects = leaf.f);
+  HystId.Effects.LinearStiffness leaf(k = 4500);
+equation
+  leaf.x = x;
+  leaf.v = v;
+  leaf.a = a;
+  leaf.h = f_h;
+end Rig;
+""",
+}
+
+
+@pytest.mark.parametrize("kind", RIGS)
+def test_the_extended_model_holds_all_of_the_rig(tmp_path: Path, thinned: Recording, kind: str) -> None:
+    (tmp_path / "rig.mo").write_text(RIGS[kind])
+    found = diagnose([thinned], model=f"{tmp_path / 'rig.mo'}:Rig", parameters={"m": 2.0}, out=tmp_path / "out")
+    assert_better(found)
+    assert (tmp_path / "out" / "extended.fmu").exists()
+    assert "model Rig" in (tmp_path / "out" / "extended.mo").read_text()
+
+
+def test_a_file_of_several_blocks_is_written_once() -> None:
+    text = "block One end One; block Two end Two;"
+    written = extended_model(Skeleton("HystId.Oscillators.Linear"), {}, [], own={"One": text, "Two": text})
+    assert written.count("block One") == written.count("block Two") == 1
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "told"),
+    [
+        ("mass", "M", "its mass is M, and m is another parameter"),
+        ('x(unit="m", start=0', 'x(unit="m", start=m', "the start of x is computed"),
+        ("Mine", "Extended", "give that class another name"),
+    ],
+)
+def test_a_rig_that_cannot_be_extended_is_refused_at_once(
+    tmp_path: Path, hardening: Recording, was: str, now: str, told: str
+) -> None:
+    text = OWN.format(name="Mine", more="").replace("input", 'parameter Real m(unit="m") = 0;\n  input', 1)
+    text = text if was == "mass" else text.replace("Real m(", "Real from(")
+    (tmp_path / "rig.mo").write_text(text.replace(was, now.replace("=m", "=from")))
+    with pytest.raises(UsageError, match=told):
+        diagnose([hardening], model=str(tmp_path / "rig.mo"))
+
+
+def test_a_mass_is_known_by_its_unit_before_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "rig.mo"
+    path.write_text(
+        OWN.format(name="Mine", more="").replace("parameter", 'parameter Real m(unit="1") = 3;\n  parameter', 1)
+    )
+    assert mass_of(compile_model(f"{path}:Mine").variables) == "mass"
 
 
 @pytest.fixture(scope="module")

@@ -37,6 +37,12 @@ def test_the_rest_after_a_decay_hides_nothing_of_it() -> None:
     assert end == pytest.approx(np.log(200 / np.sqrt(2)) / (0.02 * W), abs=0.08)
 
 
+def test_only_recordings_that_are_used_set_the_mass() -> None:
+    """Held out, a decay or nothing at all leaves the mass to the recordings with a force."""
+    held = [released(tests, None, held=True) for tests in ([], [measured(ringing(0.0))])]
+    assert not any(one.unscaled or one.notes for one in held)
+
+
 def test_a_blow_is_no_part_of_the_decay_after_it() -> None:
     ((begin, _),) = places(ringing(1.0))
     assert 1.0 < begin < 1.0 + 4 * 0.04  # within the window of two periods in which the motion is largest, and the next

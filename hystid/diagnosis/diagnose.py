@@ -15,6 +15,7 @@ from hystid.diagnosis.decide.criterion import variance_of_states
 from hystid.diagnosis.decide.possible import possible
 from hystid.diagnosis.decide.selection import Choice
 from hystid.diagnosis.fit.case import Case, pose
+from hystid.diagnosis.fit.extended import extensible
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.uncertainty import with_robust_errors
 from hystid.diagnosis.model.adapters import FmuModel, is_fmu
@@ -65,17 +66,17 @@ def diagnose(
     """
     if recordings is None or (isinstance(recordings, Sequence) and not recordings):
         raise UsageError("no recording was given: name at least one file")
-    given = given_parameters(parameters)
+    given, model = given_parameters(parameters), extensible(str(model))
     try:
         # matrices are small here: threads of a BLAS mostly wait for each other, and take three times the time
         with threadpool_limits(1, "blas"), track("diagnosis", 100) as step, quiet_models():
             taken = take(recordings, () if holdout is None else holdout, given)
             as_given = unchanged(Path(model), taken.read, given.values) if is_fmu(model) else ()
             if is_fmu(model) and not (fmu := FmuModel(model)).holds:
-                answer, extended = free_run_only(fmu, taken, str(model)), None
+                answer, extended = free_run_only(fmu, taken, model), None
             else:
                 everything = load_effects(_paths(effects))
-                posed = _posing(taken, str(model), catalogue_of(everything))
+                posed = _posing(taken, model, catalogue_of(everything))
                 case = posed()
                 step(15, "baseline fitted")
                 library, untestable = possible(everything, case, exclude)
@@ -84,7 +85,7 @@ def diagnose(
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:
-        return not_applicable(str(refusal), str(model), given.values, out)
+        return not_applicable(str(refusal), model, given.values, out)
     answer = replace(answer, misread=taken.misread, doubts=taken.doubts, as_given=as_given, extended=extended)
     return written(turned(answer) if taken.tests[0].rotational else answer, out)
 

@@ -15,9 +15,13 @@ from hystid.diagnosis.fit.windows import WINDOW, for_recording, window_names
 from hystid.diagnosis.model.adapters import is_fmu
 from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.channel_effects import ChannelEffect
-from hystid.modelica_text import class_texts, compile_text, modifiers
+from hystid.errors import UsageError
+from hystid.files import text_of
+from hystid.modelica import flat_model
+from hystid.modelica.expr import Num
+from hystid.modelica_text import EXTENDED, class_texts, compile_text, has_class, modifiers, with_class
 
-CLASS = "Extended"
+CLASS = EXTENDED
 _WINDOW = "Window"  # ending of the instance that lets an effect act for a part of the time
 
 
@@ -41,12 +45,26 @@ class Skeleton:
     has_h: bool = True
 
 
+def extensible(model: str) -> str:
+    """A baseline with its class. Raises UsageError where the class that is written could not stand beside it."""
+    named = with_class(model)
+    file, _, _ = named.rpartition(":")
+    if file.endswith(".mo") and Path(file).is_file() and has_class(text_of(Path(file), UsageError), CLASS):
+        raise UsageError(f"{file}: {CLASS} is what this diagnosis writes as well: give that class another name")
+    return named
+
+
 def skeleton_of(baseline: Baseline) -> Skeleton:
     """What the written model is built around."""
     file, _, _ = baseline.name.rpartition(":")
     text = Path(file).read_text(encoding="utf-8") if file.endswith(".mo") else ""
-    kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if baseline.takes_effects else "wraps"
+    kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if _takes_effects(baseline.name) else "wraps"
     return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text, baseline.has_h)
+
+
+def _takes_effects(name: str) -> bool:
+    """Whether a class has a place for further forces, and nothing stands there yet: it would be overwritten."""
+    return any(v.name == "f_effects" and v.binding == Num(0.0) for v in flat_model(name).variables)
 
 
 def compiled_with(baseline: Skeleton, hypothesis: Hypothesis) -> CompiledModel | None:
@@ -100,7 +118,8 @@ def extended_model(
             f"  {name}.{port} = {hysteresis if port == 'h' and hysteresis else signal};" for port, signal in ports
         ]
     lines += ["equation", *equations] if equations else []
-    blocks = [class_texts(text) for text in (baseline.text, *(own or {}).values()) if text]
+    texts = dict.fromkeys((baseline.text, *(own or {}).values()))  # a file may hold several of the blocks
+    blocks = [class_texts(text) for text in texts if text]
     return "\n".join([*lines, f"end {CLASS};", *blocks]) + "\n"
 
 
@@ -130,7 +149,7 @@ def settings_of(baseline: Skeleton, hypothesis: Hypothesis) -> dict[str, float]:
 def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[list[str], Ports, list[str]]:
     """Declarations, what the ports of an effect are joined to, and equations, for each kind of baseline."""
     if baseline.kind == "extends":
-        changes = [f"{name} = {_number(value.value)}" for name, value in refit.items()]
+        changes = modifiers({name: _number(value.value) for name, value in refit.items()})
         changes += [f"f_effects = {sums}"] if sums else []
         return [f"  extends {_class(baseline.name)}(", *_joined(changes, "    "), "  );"], _PORTS, []
     if baseline.kind == "fmu":
@@ -142,7 +161,7 @@ def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[l
     head = [*_RIG, f"  {_class(baseline.name)} rig(", *_joined(changes, "    "), "  );"]
     effects = f" - ({sums})" if sums else ""
     equations = [f"  rig.F = F{effects};", "  x = rig.x;", "  v = rig.v;", "  a = der(rig.v);", f"  {mass}*a + R = F;"]
-    return head, (*_PORTS[:3], ("h", "0")), equations
+    return head, (*_PORTS[:3], ("h", "rig.f_h" if baseline.has_h else "0")), equations
 
 
 Ports = tuple[tuple[str, str], ...]

@@ -122,6 +122,8 @@ def reading_of(name: str, code: ModelCode) -> Reading:
             f"{states}. Name them so, or extend HystId.Interfaces.PartialOscillator"
         )
     mass = mass_of(code.variables)
+    if mass not in ("", "m") and "m" in variables and variables["m"].causality == "parameter":
+        raise UsageError(f"{name}: its mass is {mass}, and m is another parameter: give that one another name")
     if "R" in variables:
         return Reading("R", "", mass)
     rate = next((v.name for v in variables.values() if v.derivative_of == "v"), "a" if "a" in variables else "")
@@ -136,11 +138,13 @@ def is_fmu(model: str | Path) -> bool:
 
 
 def mass_of(variables: Sequence[Variable]) -> str:
-    """The parameter that is the mass: m, mass or M, or else the only one in kg; "" where there is none."""
+    """The parameter that is the mass: m, mass or M in kg or without a unit, or else the only one in kg, or else one of
+    these names; "" where there is none."""
     parameters = {v.name: v for v in variables if v.causality == "parameter" and v.type == "Real"}
     named = [name for name in _MASSES if name in parameters]
     weighed = [v.name for v in parameters.values() if v.unit == "kg"]
-    return named[0] if named else weighed[0] if len(weighed) == 1 else ""
+    fitting = [name for name in named if parameters[name].unit in ("", "kg")]
+    return next(iter([*fitting, *(weighed if len(weighed) == 1 else ()), *named]), "")
 
 
 def own_mass(name: str, model: Model, reading: Reading) -> float:

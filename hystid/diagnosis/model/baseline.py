@@ -84,11 +84,6 @@ class Baseline:
         return False
 
     @property
-    def takes_effects(self) -> bool:
-        """Whether the class has a place for further forces."""
-        return any(v.name == "f_effects" for v in self.model.code.variables)
-
-    @property
     def shapes(self) -> tuple[str, ...]:
         """Free parameters in which R is not linear."""
         return tuple(name for name in self.free if name not in self.linear and name != _MASS)
@@ -171,6 +166,8 @@ def baseline_of(
     }
     if inner:
         nominal[_MASS] = float(given.get(_MASS, inner))
+    if model is None and nominal.get(_MASS):
+        _check_start(name, compiled.code)
     still = bool(inner) or weighed or nominal.get(_MASS, 0.0) == 0.0
     held = fixed | ({_MASS} if still else frozenset())
     free = tuple(key for key in nominal if key not in held)
@@ -195,6 +192,17 @@ def _check_names(name: str, given: Iterable[str], parameters: Iterable[str]) -> 
         near = get_close_matches(key, known, 1, 0.5) or [k for k in known if k.lower() == key.lower()]
         hint = f" (did you mean '{near[0]}'?)" if near else ""
         raise UsageError(f"{name} has no parameter '{key}'{hint}; it has {', '.join(known)}")
+
+
+def _check_start(name: str, code: ModelCode) -> None:
+    """Free runs begin where a recording does: refuses a model that computes where it begins from something else."""
+    known = {v.name: v for v in code.variables}
+    for state in ("x", "v"):
+        if known[state].initial == "calculated" and f"{state}_start" not in known:
+            raise UsageError(
+                f"{name}: the start of {state} is computed, so that no recording can set it: write "
+                f"{state}(start = {state}_start, fixed = true), with the parameter {state}_start"
+            )
 
 
 def _is_positive(variable: Variable, value: float) -> bool:

@@ -102,7 +102,7 @@ def start_of(model: Model, part: Part) -> dict[str, float]:
     found = {}
     for name, value in (("x", float(part.x[0])), ("v", float(part.v[0]))):
         state = next((s for s in model.code.states if s in (name, f"rig.{name}")), name)
-        found[f"{name}_start" if f"{name}_start" in known else state] = value
+        found[f"{state}_start" if f"{state}_start" in known else state] = value
     return found
 
 

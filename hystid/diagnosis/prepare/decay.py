@@ -58,9 +58,9 @@ def released(tests: Sequence[Recording], mass: float | None, *, held: bool = Fal
     """Recordings without a force, cut to their free decay, with a force that is zero but for the error of a model.
 
     What does not die away is left out, and told, where others can be used, or it is ``held`` out. mass [kg]: as given;
-    None for 1 where no recording has a force. Raises NoDecay.
+    None for 1 where no recording has a force; those that are held out set no scale. Raises NoDecay.
     """
-    unscaled = mass is None and all(is_free(test) for test in tests)
+    unscaled = mass is None and not held and all(is_free(test) for test in tests)
     driven = not all(is_free(test) for test in tests)  # these know the zero of x; friction may hold it off its zero
     made, refusals = list[Recording](), list[NoDecay]()
     told = [PER_MASS] if unscaled else []

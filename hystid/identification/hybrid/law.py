@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,7 +15,7 @@ from hystid.errors import NumericalError, UsageError
 from hystid.files import text_of
 from hystid.modelcode import Variable
 from hystid.modelica import compile_model
-from hystid.modelica.reach import only_class
+from hystid.modelica_text import with_class
 from hystid.recording import Array, Recording
 
 _MASSES = ("m", "mass", "M")
@@ -162,7 +161,7 @@ def law_of(model: str) -> Law:
     A file alone stands for its only model, or for the class Extended, as ``diagnose`` writes it.
     Raises UsageError where it is no oscillator, ModelicaError where it does not compile.
     """
-    named = f"{model}:{_class_in(Path(model))}" if model.endswith(".mo") and Path(model).is_file() else model
+    named = with_class(model)
     code = compile_model(named)
     variables = {v.name: v for v in code.variables}
     force = variables.get("F")
@@ -183,11 +182,6 @@ def law_of(model: str) -> Law:
         {v.name: (_number(v.min, -np.inf), _number(v.max, np.inf)) for v in free},
         mass,
     )
-
-
-def _class_in(file: Path) -> str:
-    written = re.search(r"^model Extended\b", text_of(file, UsageError), re.MULTILINE)
-    return "Extended" if written else only_class(file)
 
 
 def _is_free(v: Variable) -> bool:
