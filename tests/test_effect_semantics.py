@@ -26,7 +26,7 @@ from hystid.diagnosis.prepare.steered import is_steered
 from hystid.diagnosis.tell.advice import next_experiment
 from hystid.diagnosis.tell.findings import headline
 from hystid.diagnosis.tell.result import Errors, Where
-from hystid.errors import ModelicaError
+from hystid.errors import ModelicaError, UsageError
 from hystid.modelcode import Variable
 from hystid.modelica.sources import library_folder
 from hystid.modelica.vendor import vendor_annotation
@@ -151,6 +151,47 @@ def test_a_parameter_is_a_threshold_only_where_it_is_declared(tmp_path: Path) ->
         assert are_reached(problem_of(x), fit) is reached
         within = Fit(Hypothesis({}, (Term(effect, {**values, gap: 0.5e-3}),)), np.zeros(1), 1.0)
         assert are_reached(problem_of(x), within)
+
+
+@pytest.mark.parametrize(
+    ("text", "ids"),
+    [
+        (f"package My\n{BLOCK}end My;", {"own"}),
+        ("/*\n block of rubber */\n" + BLOCK.replace("<p>Text", "<p>\n  model of rubber"), {"own"}),
+        (
+            BLOCK.replace("  parameter", "  block Inner\n    Real y = 1;\n  end Inner;\n  Inner part;\n  parameter", 1),
+            {"own"},
+        ),
+        (f"{BLOCK}{BLOCK.replace('Own', 'Other')}", {"own", "other"}),
+    ],
+)
+def test_blocks_of_a_file_are_those_at_its_top_and_in_its_packages(tmp_path: Path, text: str, ids: set[str]) -> None:
+    place = tmp_path / "own.mo"
+    place.write_text(text.format(gap="gap", side="side", said=""))
+    assert {e.id for e in load_effects([place, place]) if e.class_name.startswith(str(place))} == ids
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "told"),
+    [
+        ("Own", "CubicStiffness", "there is HystId.Effects.CubicStiffness already: give the block another name"),
+        ("max=1)", "max=1000000000)", "side, an Integer, is tried at each value between its min and max, at most 20"),
+    ],
+)
+def test_a_block_that_cannot_be_told_or_tried_is_refused(tmp_path: Path, was: str, now: str, told: str) -> None:
+    place = block(tmp_path)
+    place.write_text(place.read_text().replace(was, now))
+    with pytest.raises(UsageError, match=told):
+        load_effects([place])
+
+
+def test_a_block_that_was_edited_is_read_again(tmp_path: Path) -> None:
+    found = []
+    for lowest in ("0", "1e-4"):
+        place = block(tmp_path)
+        place.write_text(place.read_text().replace('unit="m", min=0', f'unit="m", min={lowest}'))
+        found += [e.lowest["gap"] for e in load_effects([place]) if e.id == "own"]
+    assert found == [0.0, 1e-4]
 
 
 def test_two_stops_are_two_where_the_motion_reaches_both(effects: list[Effect]) -> None:

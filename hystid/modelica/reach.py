@@ -71,19 +71,33 @@ def only_class(path: Path) -> str:
     Raises ModelicaError where there are none or several.
     """
     source = read(path)
-    every = classes(source)
-    if every is None and source.classes():
+    if classes(source) is None and source.classes():
         return source.classes()[0]  # what is wrong with the text is told when it is compiled
-    models = [c for c in every or () if c.kind in ("model", "block", "class") and not c.short]
-    whole = [c for c in models if "partial" not in source.plain[c.front : c.start].split()] or models
-    top = [c for c in whole if c.parent is None]
-    inside = [c for c in whole if all(outer.kind == "package" for outer in list(c.around())[1:])]
-    front = f"{source.within}." if source.within else ""
-    found = [front + ".".join(reversed([outer.name for outer in c.around()])) for c in top or inside]
+    whole = models_of(source)
+    found = [_full_name(c) for c in [c for c in whole if c.parent is None] or whole]
     if len(found) != 1:
         there = f"its models are {', '.join(found)}" if found else "it declares none"
         raise ModelicaError(f"{path}: name the model, as {path}:{found[0] if found else 'Class'}; {there}")
     return found[0]
+
+
+def names_of_models(path: Path) -> list[str]:
+    """Full names of the models of a file, those in its packages too; of all classes of a text that cannot be read,
+    of which the compiler tells what is wrong."""
+    source = read(path)
+    return list(source.classes()) if classes(source) is None else [_full_name(c) for c in models_of(source)]
+
+
+def models_of(source: Source) -> list[Class]:
+    """Models and blocks at the top of a text and in its packages; partial ones where there are no others."""
+    models = [c for c in classes(source) or () if c.kind in ("model", "block", "class") and not c.short]
+    seen = [c for c in models if all(outer.kind == "package" for outer in list(c.around())[1:])]
+    return [c for c in seen if "partial" not in source.plain[c.front : c.start].split()] or seen
+
+
+def _full_name(c: Class) -> str:
+    front = f"{c.source.within}." if c.source.within else ""
+    return front + ".".join(reversed([outer.name for outer in c.around()]))
 
 
 @lru_cache(maxsize=1024)  # several passes ask for it; a text that none of them changed is the same

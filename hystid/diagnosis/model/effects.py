@@ -33,6 +33,7 @@ _ASIDE = 1 / 3  # of the range on either side, from where shapes that may have e
 _ACROSS = 13  # starts over the range of such shapes, in fine steps
 _APART = 0.08  # relative distance of such starts: a resonance is 0.1 wide at the damping ratio that is tried
 _LEAD = (0.01, 0.05, 0.2, 1.0)  # of the time in which the quickest motion turns by a radian: least time, and starts
+_MOST_CHOICES = 20  # values of an Integer parameter: each is a grid of its own, which costs a scan
 _PROBE = 2001  # samples of the signal on which linearity is tested
 
 
@@ -294,6 +295,12 @@ def effect_of(class_name: str, code: ModelCode) -> Effect:
         raise UsageError(f"{class_name}: an effect has the inputs x, v, a, h; it has {', '.join(sorted(inputs))}")
     ident, form = effect_id(class_name)
     parameters = [variable for variable in code.variables if variable.causality == "parameter"]
+    wide = [v.name for v in parameters if v.type == "Integer" and _values(v) > _MOST_CHOICES]
+    if wide:
+        raise UsageError(
+            f"{class_name}: {wide[0]}, an Integer, is tried at each value between its min and max, at most "
+            f"{_MOST_CHOICES} of them: set them closer, leave one out to keep its value, or make it Real"
+        )
     choices = {
         variable.name: tuple(range(int(variable.min), int(variable.max) + 1))
         for variable in parameters
@@ -310,6 +317,11 @@ def effect_of(class_name: str, code: ModelCode) -> Effect:
         {variable.name: float(variable.max) for variable in reals if variable.max is not None}, bool(code.states),
         _reads_h(bare, linear), _is_per_h(bare, linear),
     )  # fmt: skip
+
+
+def _values(variable: Variable) -> float:
+    """Number of values of an Integer that are tried."""
+    return variable.max - variable.min + 1 if variable.min is not None and variable.max is not None else 0
 
 
 def _probe() -> Signals:

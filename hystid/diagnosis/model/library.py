@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from functools import cache
@@ -24,12 +23,12 @@ from hystid.errors import UsageError
 from hystid.files import text_of
 from hystid.modelcode import Variable, code_data, code_of
 from hystid.modelica import compile_model
+from hystid.modelica.reach import names_of_models
 from hystid.modelica.sources import library_folder
 from hystid.modelica.vendor import vendor_annotation
 from hystid.progress import track
 
 _PACKAGE = "HystId.Effects"
-_BLOCK = re.compile(r"^\s*(?:block|model)\s+([A-Za-z_]\w*)", re.MULTILINE)
 
 
 def load_effects(own: Sequence[Path] = ()) -> list[Effect]:
@@ -39,17 +38,32 @@ def load_effects(own: Sequence[Path] = ()) -> list[Effect]:
     """
     names = [f"{_PACKAGE}.{path.stem}" for path in sorted((library_folder() / "HystId" / "Effects").glob("*.mo"))]
     names = [name for name in names if not name.endswith(".package")]
-    names += [name for path in own for name in _own_blocks(path)]
+    names += [name for path in dict.fromkeys(own) for name in _own_blocks(path)]
     found = []
     with track("effects", len(names)) as step:
         for name in names:
-            found.append(_effect(name))
+            found.append(_effect(name, _digest(name)))
             step(text=name.rpartition(".")[2])
+    _check_apart(found)
     return with_laws(found)
 
 
+def _check_apart(effects: Sequence[Effect]) -> None:
+    """Raises UsageError where two blocks are one form of one law: the one would be told in the words of the other."""
+    known: dict[tuple[str, str], str] = {}
+    for effect in effects:
+        other = known.setdefault((effect.id, effect.form), effect.class_name)
+        if other is not effect.class_name:
+            name = effect.class_name.rpartition(":")[2].rpartition(".")[2]
+            raise UsageError(
+                f"--effects {effect.class_name}: there is {other} already: give the block another name, as My{name}; "
+                f"another form of that law is {name.partition('__')[0]}__Form"
+            )
+
+
 def _own_blocks(path: Path) -> list[str]:
-    blocks = _BLOCK.findall(text_of(path, UsageError))
+    text_of(path, UsageError)  # a file that cannot be read is refused in the words of an option
+    blocks = names_of_models(path)
     if not blocks:
         raise UsageError(
             f"--effects {path}: no block was found; write one that extends HystId.Interfaces.PartialEffect"
@@ -58,16 +72,16 @@ def _own_blocks(path: Path) -> list[str]:
 
 
 @cache
-def _effect(name: str) -> Effect:
-    """A block with what it declares of itself."""
-    made = _compiled(name)
+def _effect(name: str, digest: str) -> Effect:
+    """A block, as it is in a file with this digest, with what it declares of itself."""
+    made = _compiled(name, digest)
     assert made.model is not None
     said = semantics_of(vendor_annotation(name, KEYWORD), made.model.code.variables, made.amplitudes)
     return replace(made, semantics=said)
 
 
-def _compiled(name: str) -> Effect:
-    entry = f"{_digest(name)}.json"
+def _compiled(name: str, digest: str) -> Effect:
+    entry = f"{digest}.json"
     place = store.find(entry)
     if place is not None:
         return _restored(json.loads(place.read_bytes()))
