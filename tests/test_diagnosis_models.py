@@ -14,6 +14,7 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.fit.extended import Skeleton, extended_model
 from hystid.diagnosis.model.adapters import mass_of
+from hystid.diagnosis.model.baseline import real_parameters
 from hystid.errors import UsageError
 from hystid.fmu import build
 from hystid.fmu.build import Version
@@ -163,6 +164,14 @@ def test_a_mass_is_known_by_its_unit_before_its_name(tmp_path: Path) -> None:
         OWN.format(name="Mine", more="").replace("parameter", 'parameter Real m(unit="1") = 3;\n  parameter', 1)
     )
     assert mass_of(compile_model(f"{path}:Mine").variables) == "mass"
+
+
+def test_only_the_starts_of_states_are_no_parameters_of_a_fit(tmp_path: Path) -> None:
+    text = OWN.format(name="Mine", more=" - k_start*x").replace("start=0", "start=x_start", 1)
+    more = 'parameter Real k_start(unit="N/m") = 1; parameter Real x_start(unit="m") = 0;\n  parameter'
+    (tmp_path / "rig.mo").write_text(text.replace("parameter", more, 1))
+    found = real_parameters(compile_model(f"{tmp_path / 'rig.mo'}:Mine"))
+    assert {v.name for v in found} == {"mass", "k", "c", "k_start"}
 
 
 @pytest.fixture(scope="module")

@@ -175,6 +175,7 @@ def test_blocks_of_a_file_are_those_at_its_top_and_in_its_packages(tmp_path: Pat
     ("was", "now", "told"),
     [
         ("Own", "CubicStiffness", "there is HystId.Effects.CubicStiffness already: give the block another name"),
+        ("k*noEvent", "k*sqrt(-1 - abs(x/gap))*noEvent", "own.mo:Own: with its own values f is not finite"),
         ("max=1)", "max=1000000000)", "side, an Integer, is tried at each value between its min and max, at most 20"),
     ],
 )

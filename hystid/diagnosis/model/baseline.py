@@ -183,7 +183,14 @@ def baseline_of(
 
 def real_parameters(code: ModelCode) -> list[Variable]:
     """What a fit may move: start values and sizes of arrays are not among them."""
-    return [v for v in code.variables if v.causality == "parameter" and v.type == "Real" and "_start" not in v.name]
+    real = [v for v in code.variables if v.causality == "parameter" and v.type == "Real"]
+    return [v for v in real if not _is_start(v.name, code.states)]
+
+
+def _is_start(name: str, states: Sequence[str]) -> bool:
+    """Whether a parameter says where a state begins: "x_start", also of a component; "k_start" is a stiffness."""
+    begins = name.removesuffix("_start")
+    return begins != name and (begins in states or begins.rpartition(".")[2] in ("x", "v"))
 
 
 def _check_names(name: str, given: Iterable[str], parameters: Iterable[str]) -> None:

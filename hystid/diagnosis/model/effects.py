@@ -309,13 +309,20 @@ def effect_of(class_name: str, code: ModelCode) -> Effect:
     reals = [variable for variable in parameters if variable.type == "Real"]
     bare = Effect(ident, form, class_name, CompiledModel(code))
     linear = _linear(bare, [variable.name for variable in reals], {v.name: float(v.start or 0.0) for v in parameters})
+    try:
+        reads = _reads_h(bare, linear), _is_per_h(bare, linear)
+    except NumericalError as failed:
+        raise UsageError(
+            f"{class_name}: with its own values f is not finite along a motion of some millimetres ({failed}); let f "
+            "have a value for every motion"
+        ) from failed
     return Effect(
         ident, form, class_name, bare.model, linear,
         tuple(variable for variable in reals if variable.name not in linear), choices,
         {variable.name: variable.unit for variable in parameters},
         {variable.name: float(variable.min) for variable in reals if variable.min is not None},
         {variable.name: float(variable.max) for variable in reals if variable.max is not None}, bool(code.states),
-        _reads_h(bare, linear), _is_per_h(bare, linear),
+        *reads,
     )  # fmt: skip
 
 
