@@ -13,6 +13,7 @@ from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.model.adapters import Model, Reading, own_mass, reading_of
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
+from hystid.modelica_text import array_of
 from hystid.numeric import Array
 
 _MASS = "m"
@@ -189,8 +190,9 @@ def real_parameters(code: ModelCode) -> list[Variable]:
 
 def _is_start(name: str, states: Sequence[str]) -> bool:
     """Whether a parameter says where a state begins: "x_start", also of a component; "k_start" is a stiffness."""
-    begins = name.removesuffix("_start")
-    return begins != name and (begins in states or begins.rpartition(".")[2] in ("x", "v"))
+    whole = array_of(name)
+    begins = whole.removesuffix("_start")
+    return begins != whole and (begins in map(array_of, states) or begins.rpartition(".")[2] in ("x", "v"))
 
 
 def _check_names(name: str, given: Iterable[str], parameters: Iterable[str]) -> None:
