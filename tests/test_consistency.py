@@ -494,3 +494,46 @@ def test_noise_that_a_user_filtered_is_no_motion(kind: str) -> None:
         for more in ({}, {"v": speed, "a": np.gradient(speed, dt)}):
             found = examine([Recording("filtered", t, F=F, x=seen, **more)], mass).findings
             assert not [item for item in found if item.slip in ("wrong_mass", "wrong_unit", "swapped_sign", "lag")]
+
+
+SIZES = {"s": 1.0, "ms": 1e-3, "N": 1.0, "kN": 1e3, "lbf": 4.4482216, "mm": 1e-3, "in": 0.0254, "mm/s": 1e-3,
+         "g": 9.80665}  # fmt: skip
+
+
+def _without_units(units: dict[str, str]) -> Recording:
+    """The rig as a file without units holds it, with some columns in others than SI."""
+    plain = rig()
+    changed = {name: getattr(plain, name) / SIZES[unit] for name, unit in units.items()}
+    gone = {name: None for name in "xva" if name not in units}
+    return replace(plain, **{**gone, **changed}, units=dict.fromkeys(units, ""))
+
+
+@pytest.mark.parametrize(
+    "units",
+    [
+        {"t": "ms", "F": "kN", "x": "mm", "a": "g"},
+        {"t": "ms", "F": "kN", "x": "mm", "v": "mm/s", "a": "g"},
+        {"t": "s", "F": "kN", "x": "mm", "a": "g"},
+        {"t": "s", "F": "lbf", "x": "in", "a": "g"},
+        {"t": "ms", "F": "N", "x": "mm", "a": "g"},
+    ],
+)
+def test_columns_without_units_are_read_together(units: dict[str, str]) -> None:
+    """Read one by one, some of them fit as cm/s2 and um, or as numbers of samples."""
+    (told,) = examine([_without_units(units)], mass=MASS).findings
+    true = " ".join(f"{name}={unit}" for name, unit in units.items() if SIZES[unit] != 1.0)
+    assert told.slip == "wrong_unit" and f"or give --unit {true} if that is so" in told.mend and not told.repair
+
+
+def test_columns_without_units_that_several_units_fit_are_left_to_the_user() -> None:
+    """v over dx/dt is 1000 by the clock alone, and beside lengths in mm or inch as well."""
+    (told,) = examine([_without_units({"t": "ms", "F": "kN", "x": "mm", "v": "mm/s"})]).findings
+    assert "t in ms, x in mm and v in mm/s; or " in told.sentence and "do not tell which" in told.mend
+
+
+def test_one_column_without_units_is_read_alone() -> None:
+    units = dict.fromkeys(("t", "F", "x", "a"), "")
+    plain = replace(rig(), v=None, units=units)
+    assert examine([plain], mass=MASS).findings == []
+    (told,) = examine([plain.with_channels({"a": plain.channel("a") / SIZES["g"]})], mass=MASS).findings
+    assert told.repair == {"unit": "a=g"}

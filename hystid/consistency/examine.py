@@ -44,6 +44,7 @@ from hystid.consistency.slips import (
     with_alike,
 )  # fmt: skip
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
+from hystid.consistency.unstated import several_units
 from hystid.errors import UsageError
 from hystid.recording import Array, Recording, Sources, loaded, own_mass
 
@@ -186,7 +187,8 @@ def _situation(recording: Recording, compared: Sequence[Pair], force: Force | No
         rms["F"] = float(np.std(recording.F))
     kept = [p for p in compared if p.is_one_motion]
     last = list(names)[-1] if names else "a"
-    return Situation(kept, written, rms, recording.sample_rate, recording.rotational, mass, ratio, last)
+    bare = frozenset(name for name, unit in recording.units.items() if not unit and name in ("t", *rms))
+    return Situation(kept, written, rms, recording.sample_rate, recording.rotational, mass, ratio, last, bare=bare)
 
 
 def _best(
@@ -262,7 +264,7 @@ def _formulas(recording: Recording, compared: Sequence[Pair]) -> dict[tuple[str,
 def _explanation(situation: Situation) -> Explanation:
     ordered = explain(situation)
     sound = next(item for item in ordered if item.sound)
-    best = with_alike(ordered)
+    best = several_units(situation, ordered) or with_alike(ordered)
     return best if best.score - sound.score > SURE else sound
 
 

@@ -76,7 +76,7 @@ class Situation:
 
     pairs: of the motion. written: unit in the header per channel ("" for none). rms: size of each channel in SI.
     mass_ratio: apparent mass over the given one, with the standard error of its logarithm (of chance and of laws);
-    None where unknown.
+    None where unknown. bare: channels, and t, of which the header states no unit.
     """
 
     pairs: Sequence[Pair]
@@ -88,6 +88,7 @@ class Situation:
     mass_ratio: tuple[float, float] | None = None
     mass_from: str = "a"
     fixed: frozenset[str] = field(default_factory=frozenset)
+    bare: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,7 @@ class Explanation:
 
     alike: other units of a single slip that these data do not tell from its own; instead: slips of unit of other
     channels that explain it as well, as a force in kN does a mass in g. odd: what unusual sizes count in the score.
+    readings: of columns without units, choices of units for several at once that fit alike, the best one first.
     """
 
     slips: tuple[Slip, ...]
@@ -104,6 +106,7 @@ class Explanation:
     alike: tuple[str, ...] = ()
     instead: tuple[Slip, ...] = ()
     odd: float = 0.0
+    readings: tuple[tuple[Slip, ...], ...] = ()
 
     @property
     def sound(self) -> bool:
@@ -114,14 +117,14 @@ class Explanation:
 def explain(situation: Situation) -> list[Explanation]:
     """Explanations, the most probable one first; the sound one is always among them."""
     single = list(_candidates(situation))
-    nothing = _judged(situation, ())
-    found = [nothing, *(_judged(situation, (slip,)) for slip in single)]
+    nothing = judged(situation, ())
+    found = [nothing, *(judged(situation, (slip,)) for slip in single)]
     best = max(found, key=lambda e: e.score)
-    if best.misfit > _misfit_limit(situation):  # two slips, where no single one is enough
+    if best.misfit > misfit_limit(situation):  # two slips, where no single one is enough
         named = [s for s in single if s.kind != "gain"]
-        found += [_judged(situation, (a, b)) for i, a in enumerate(named) for b in named[i + 1 :] if _differ(a, b)]
+        found += [judged(situation, (a, b)) for i, a in enumerate(named) for b in named[i + 1 :] if _differ(a, b)]
         found += [
-            _judged(situation, (a, b)) for a in named for b in single if b.kind == "gain" and _differ(a, b)
+            judged(situation, (a, b)) for a in named for b in single if b.kind == "gain" and _differ(a, b)
         ]  # fmt: skip
     return sorted(found, key=lambda e: -e.score)
 
@@ -188,7 +191,8 @@ def clock_is_likelier(name: str, rms: float, rate: float) -> bool:
     return odd(name, rms) + odd("rate", 1e3 * rate) < odd(name, 1e-3 * rms) + odd("rate", rate)
 
 
-def _misfit_limit(situation: Situation) -> float:
+def misfit_limit(situation: Situation) -> float:
+    """Chi square beyond which an explanation does not fit the ratios."""
     return 12.0 + 4.0 * len(situation.pairs)  # five standard deviations of one of them
 
 
@@ -274,7 +278,7 @@ def _times(situation: Situation) -> Iterator[Slip]:
         yield Slip("time", ("t",), PRIOR_SLIP, math.nan, (written, "samples"))
 
 
-def _judged(situation: Situation, slips: tuple[Slip, ...]) -> Explanation:
+def judged(situation: Situation, slips: tuple[Slip, ...]) -> Explanation:
     """Likelihood of what was measured under the slips; free factors take the value that fits best."""
     free = [s for s in slips if s.kind == "gain" or (s.kind == "time" and math.isnan(s.factor))]
     settled = tuple(_settled(situation, slips, s) if s in free else s for s in slips)

@@ -21,6 +21,8 @@ def slips(
     name: str, best: Explanation, compared: Sequence[Pair], rotational: bool, mass: float | None
 ) -> list[Finding]:
     """One finding per slip of an explanation, and one for each slip that would explain as much instead."""
+    if best.readings:
+        return [_several_units(name, best.readings, compared)]
     if best.alike and best.slips[0].kind == "unit":
         found = [_unit(name, best.slips[0], compared, best.alike)]
     elif best.alike:
@@ -92,6 +94,30 @@ def _time(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] 
     judged = told or "judged by the mass and the force"
     sentence = f"time runs {size} for the motion ({judged}): {looks}"
     return Finding(name, "t", "wrong_unit", sentence, mend, "refuse", seen, repair)
+
+
+def _several_units(name: str, readings: Sequence[Sequence[Slip]], compared: Sequence[Pair]) -> Finding:
+    """Columns without units, of which several are in other units at once."""
+    told, seen = _evidence("", compared)
+    order = "tFxva"
+    units = [
+        sorted(((s.channels[0], s.units[1]) for s in slips), key=lambda u: order.index(u[0])) for slips in readings
+    ]
+    each = [_listed([f"{channel} in {unit}" for channel, unit in one]) for one in units]
+    channels = sorted({channel for one in units for channel, _ in one}, key=order.index)
+    sentence = f"{_listed(channels)} have no units, and do not fit together in SI units"
+    sentence += f" ({told or 'judged by the mass and the force'}): {'; or '.join(each)} would fit"
+    mend = "write the units in the header"
+    if len(units) == 1:
+        mend += ", or give --unit " + " ".join(f"{channel}={unit}" for channel, unit in units[0]) + " if that is so"
+    else:
+        mend += " or give them with --unit: the data alone do not tell which"
+    mend += "; else the mass is wrong" if "F" in channels else ""
+    return Finding(name, _listed(channels), "wrong_unit", sentence, mend, "refuse", seen)
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _mass(name: str, slip: Slip, rotational: bool, mass: float | None) -> Finding:
