@@ -111,6 +111,7 @@ def spoilt(**changes: np.ndarray) -> dict[str, np.ndarray]:
 
 RECORDINGS = [
     recording("empty file", "", "the file is empty"),
+    recording("JSON under the name of a CSV", '{"t": [0, 1],\n "F": [0, 1]}\n', "this is JSON"),
     recording("header only", "t [s],F [N],x [m]\n", "no sample"),
     recording("no header", "0,1,2\n1,2,3\n", "numbers instead of names"),
     recording("one channel", "F [N]\n1\n2\n", "only one column"),

@@ -48,6 +48,30 @@ def test_every_option_is_described(capsys: pytest.CaptureFixture[str]) -> None:
                 assert described and len(line) > 24, f"{command}: {line}"
 
 
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        ("build test.csv -o m.fmu", "test.csv: a model is needed here"),
+        ("diagnose test.csv --model test.csv -o out", "test.csv: a model is needed here"),
+        ("build HystId.Oscillators.Linear --set k=3 -o m.fmu", "has no parameter 'k'; it has B, Kl, m"),
+        ("build net.onnx --target c --fmi 3 -o net.c", "--fmi: only FMUs have it"),
+        ("build net.onnx --target c --set k=3 -o net.c", "--set: only FMUs have it"),
+        ("build net.onnx --real float -o net.fmu", "--real float: FMUs hold double numbers"),
+        ("simulate m.fmu --force test.csv --dt 0.01 -o answer.csv", "--dt 0.01: test.csv is a recording"),
+        ("check test.csv -o ", "-o '': the name is empty"),
+    ],
+)
+def test_what_would_be_misread_or_ignored_is_refused(
+    command: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    wave = np.sin(0.1 * np.arange(400.0))
+    write_csv(Recording("test", 1e-3 * np.arange(400.0), F=1e3 * wave, x=1e-3 * wave), tmp_path / "test.csv")
+    assert run(command.split(" ")) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told in line and [path.name for path in tmp_path.iterdir()] == ["test.csv"]
+
+
 def test_the_version_and_no_arguments(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["--version"]) == 0
     assert capsys.readouterr().out.startswith("hystid ")

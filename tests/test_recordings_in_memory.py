@@ -170,3 +170,16 @@ def test_a_surrogate_is_compared_with_its_own_kind_of_rig(tmp_path: Path) -> Non
         assert validate(model / file, ONCE).figures("force_nrmse").size == 1
         with pytest.raises(HystidError, match="once is of a rig that turns"):
             validate(model / file, replace(ONCE, rotational=True))
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_a_summary_of_next_to_no_samples_is_refused_in_a_sentence(n: int) -> None:
+    with pytest.raises(HystidError, match=f"short: at least two samples are needed for a time step, found {n}"):
+        Recording("short", np.zeros(n), F=np.zeros(n), x=np.zeros(n)).summary()
+
+
+@pytest.mark.parametrize("option", ["units", "sensitivity", "names"])
+def test_a_wish_that_is_no_text_is_refused(option: str, tmp_path: Path) -> None:
+    Recording("test", T, F=F, x=X).save(tmp_path / "test.csv")
+    with pytest.raises(HystidError, match=f"{option}: that of x must be a text, found 3"):
+        read(tmp_path / "test.csv", **{option: {"x": 3}})

@@ -52,7 +52,10 @@ Force = Annotated[
         show_default=False,
     ),
 ]
-Step = Annotated[float, typer.Option("--dt", metavar="S", help="Time step in s of a force given as SPEC.")]
+Step = Annotated[
+    float | None,
+    typer.Option("--dt", metavar="S", help="Time step in s of a force given as SPEC; 1e-4 where none is given."),
+]
 
 
 @app.command()
@@ -105,8 +108,15 @@ def build(
     from hystid.fmu import About
 
     if _choice("--target", target, ("fmu", "c")) == "c":
+        given = {"--fmi": fmi != 2, "--set": set_, "--platforms": platforms != "host", "--library": library,
+                 "--new-reference": new_reference, "--author": author, "--model-version": model_version,
+                 "--license": license_, "--copyright": copyright_, "--arrays": arrays}  # fmt: skip
+        if unused := [option for option, value in given.items() if value]:
+            raise UsageError(f"{unused[0]}: only FMUs have it, and --target c writes none; leave it out")
         _build_c(Path(model), out, _choice("--real", real, ("double", "float")))
         return
+    if real != "double":
+        raise UsageError(f"--real {real}: FMUs hold double numbers; give it with --target c")
     if fmi != 2 and fmi != 3:
         raise UsageError(f"--fmi {fmi}: FMI versions 2 and 3 are written")
     if platforms not in ("host", "all"):
@@ -151,7 +161,7 @@ def simulate(
     force: Force,
     out: Output,
     set_: opt.Set = None,
-    dt: Step = 1e-4,
+    dt: Step = None,
     noise_snr: Annotated[float | None, typer.Option(metavar="DB", help="Add white noise at this ratio in dB.")] = None,
     seed: opt.Seed = 0,
 ) -> None:
@@ -162,12 +172,19 @@ def simulate(
       hystid simulate jenkins.fmu --force chirp:0-100Hz@60N,5s --noise-snr 34 -o chirp60.csv
       hystid simulate jenkins.fmu --force measured.csv --set Ks=1.8e5 -o answer.csv
     """
+    from hystid.excitation import is_specification
     from hystid.recording import write_csv
     from hystid.simulation import force_of, simulate
 
     check_file(out, ".csv")
+    if dt is not None and not is_specification(force) and Path(force).exists():
+        raise UsageError(f"--dt {dt:g}: {force} is a recording and has a time step of its own; leave --dt out")
     record = simulate(
-        fmu, force_of(force, dt, seed), parameters=opt.numbers("--set", set_), noise_snr=noise_snr, seed=seed
+        fmu,
+        force_of(force, 1e-4 if dt is None else dt, seed),
+        parameters=opt.numbers("--set", set_),
+        noise_snr=noise_snr,
+        seed=seed,
     )
     write_csv(record, out)
     opt.show(f"{out} ({len(record)} samples at {record.sample_rate:.6g} Hz)")

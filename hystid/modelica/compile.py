@@ -240,6 +240,9 @@ def _split(model: str) -> tuple[Path | None, str]:
         return Path(found.group(1)), found.group(2)
     if model.endswith(".mo") and Path(model).exists():
         return Path(model), only_class(Path(model))
+    if Path(model).is_file() and not model.endswith(".mo"):
+        told = f"{model}: a model is needed here, and a file of this kind, as recordings are, holds none"
+        raise ModelicaError(f"{told}: write a class such as HystId.Oscillators.Jenkins, or file.mo:Class")
     if re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", model) and not model.endswith(".mo"):
         return None, model
     if model.endswith(".mo"):

@@ -142,12 +142,21 @@ def _overridden(flat: FlatModel, parameters: Mapping[str, float]) -> Iterator[Fl
     names = {e: v for v in flat.variables if v.variability == "parameter" for e in elements(v.name, v.dims)}
     for name in parameters:
         if name not in names:
-            raise ModelicaError(f"{flat.name} has no parameter '{name}'{near(name, names)}")
+            raise ModelicaError(f"{flat.name} has no parameter '{name}'{near(name, names) or _those(names)}")
         if names[name].final:
             raise ModelicaError(f"{names[name].place}: parameter '{name}' of {flat.name} is final and cannot be set")
     for v in flat.variables:
         given = {e: parameters[e] for e in elements(v.name, v.dims) if e in parameters}
         yield replace(v, binding=_patched(v, given)) if given else v
+
+
+_MOST_NAMES = 20  # of parameters in a message: more than any model of the library has, and still one sentence
+
+
+def _those(names: Iterable[str]) -> str:
+    known = sorted(names)
+    more = f" and {len(known) - _MOST_NAMES} more" if len(known) > _MOST_NAMES else ""
+    return f"; it has {', '.join(known[:_MOST_NAMES]) or 'none'}{more}"
 
 
 def _patched(v: FlatVariable, given: Mapping[str, float]) -> Expr:

@@ -65,6 +65,10 @@ def interpret(table: Table, wishes: Wishes | None = None) -> Channels:
         for channel in channels:
             if channel not in SI or (channel == "t" and option == "--reverse"):
                 raise UsageError(f"{option} {channel}: the channels are {', '.join(SI)}")
+    for word, texts in (("units", wishes.units), ("sensitivity", wishes.sensitivity), ("names", wishes.names)):
+        for channel, text in texts.items():
+            if not isinstance(text, str):
+                raise UsageError(f"{word}: that of {channel} must be a text, found {text!r}")
     wanted = _wanted(table, wishes.names)
     reading = _Reading(table, wishes, wanted)
     for column in table.columns:

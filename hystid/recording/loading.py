@@ -47,7 +47,8 @@ def validated(recording: Recording) -> Recording:
         raise RecordingError(f"{recording.name}: at least {SHORTEST} samples are needed, found {len(t)}")
     for name, values in found.items():
         if len(values) != len(t):
-            told = f"channel {name} has {len(values)} samples, and t has {len(t)}"
+            word = "sample" if len(values) == 1 else "samples"
+            told = f"channel {name} has {len(values)} {word}, and t has {len(t)}"
             raise RecordingError(f"{recording.name}: {told}: each channel needs a value for each time")
     steps = np.diff(t)
     if np.any(steps <= 0):

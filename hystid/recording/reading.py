@@ -234,7 +234,7 @@ def _presence(table: Table, channels: Channels, door: _Door) -> list[Problem]:
         problems.append(table.problem("missing_channel", f"there is no motion x, v or a; {found}", action, "x"))
     size = max((array.size for array in values.values()), default=0)
     if size < SHORTEST:
-        text = f"{size} samples"
+        text = f"{size} sample" if size == 1 else f"{size} samples"
         problems.append(table.problem("too_short", text, f"at least {SHORTEST} are needed, better thousands"))
     return problems
 

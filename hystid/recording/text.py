@@ -7,6 +7,7 @@ Lines that start with ``#`` or ``%`` are comments; the last one before the numbe
 from __future__ import annotations
 
 import codecs
+import json
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -54,6 +55,8 @@ def read_text(path: Path) -> list[Table]:
     lines, comments = _content(path)
     if not lines:
         raise _refused(path, "format", "the file is empty", _EXAMPLE + " and put one sample in each line")
+    if _is_json([line for _, line in lines]):
+        raise _refused(path, "format", "this is JSON, and no table of columns", _EXAMPLE)
     separator = _separator([line for _, line in lines])
     first = _first_row(lines, separator)
     headers = _headers(path, lines[:first], comments, lines[first:], separator)
@@ -71,6 +74,16 @@ def read_text(path: Path) -> list[Table]:
     before = [line.strip()[:_LONGEST_NOTE] for _, line in [*comments, *lines[:first]][-_MOST_NOTES:]]
     rates = [rate for line in before if (rate := announced(line)) is not None]
     return [Table(path.name, columns, path.stem, _line_numbers(body), rates[-1] if rates else None)]
+
+
+def _is_json(lines: Sequence[str]) -> bool:
+    if lines[0].lstrip()[0] not in "{[":
+        return False
+    try:
+        json.loads("\n".join(lines))
+    except (ValueError, RecursionError):
+        return False
+    return True
 
 
 def _without_samples(path: Path, last: Line, separator: str | None) -> RecordingError:

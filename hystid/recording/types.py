@@ -68,7 +68,9 @@ class Recording(Result, report="recording"):
 
     @property
     def dt(self) -> float:
-        """Time between two samples [s]."""
+        """Time between two samples [s]. Raises RecordingError where there are fewer than two."""
+        if len(self.t) < 2:
+            raise RecordingError(f"{self.name}: at least two samples are needed for a time step, found {len(self.t)}")
         return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
 
     @property
