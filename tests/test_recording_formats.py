@@ -157,22 +157,28 @@ def test_broken_hdf5(tmp_path: Path) -> None:
 # --- UFF and TDMS ------------------------------------------------------------------------------------------------
 
 
+def _response(pyuff: Any, kind: int, label: str, values: Any, time: Any) -> dict[str, Any]:
+    """A data set 58."""
+    # every exponent and label has to be given, or the writer fails on its own None
+    axes = ("abscissa", "ordinate", "orddenom", "z_axis")
+    exponents = {f"{axis}_{kind}_unit_exp": 0 for axis in axes for kind in ("len", "force", "temp")}
+    names = {f"{axis}_axis_units_lab": "NONE" for axis in axes} | {f"id{k}": "test" for k in range(1, 6)}
+    numbers = dict.fromkeys(("ver_num", "load_case_id", "orddenom_spec_data_type", "z_axis_spec_data_type"), 0)
+    given = {**exponents, **names, **numbers, "ordinate_spec_data_type": kind, "ordinate_axis_units_lab": label}
+    made: dict[str, Any] = pyuff.prepare_58(
+        binary=0, func_type=1, rsp_ent_name="NONE", rsp_node=1, rsp_dir=1, ref_ent_name="NONE", ref_node=0,
+        ref_dir=0, ord_data_type=6 if np.iscomplexobj(values) else 4, num_pts=N, abscissa_spacing=1,
+        abscissa_min=float(time[0]), abscissa_inc=float(time[1] - time[0]),
+        z_axis_value=0.0, abscissa_spec_data_type=17, data=values, x=time, return_full_dict=True, **given,
+    )  # fmt: skip
+    return made
+
+
 def test_universal_file(tmp_path: Path) -> None:
     pyuff = pytest.importorskip("pyuff")
     file = pyuff.UFF(str(tmp_path / "test.uff"))
-    for number, (values, kind, label) in enumerate([(F, 13, "N"), (1e3 * X, 8, "mm")], start=1):
-        # every exponent and label has to be given, or the writer fails on its own None
-        axes = ("abscissa", "ordinate", "orddenom", "z_axis")
-        exponents = {f"{axis}_{kind}_unit_exp": 0 for axis in axes for kind in ("len", "force", "temp")}
-        names = {f"{axis}_axis_units_lab": "NONE" for axis in axes} | {f"id{k}": "test" for k in range(1, 6)}
-        numbers = dict.fromkeys(("ver_num", "load_case_id", "orddenom_spec_data_type", "z_axis_spec_data_type"), 0)
-        given = {**exponents, **names, **numbers, "ordinate_spec_data_type": kind, "ordinate_axis_units_lab": label}
-        data = pyuff.prepare_58(
-            binary=0, func_type=1, rsp_ent_name="NONE", rsp_node=number, rsp_dir=1, ref_ent_name="NONE", ref_node=0,
-            ref_dir=0, ord_data_type=4, num_pts=N, abscissa_spacing=1, abscissa_min=0.0, abscissa_inc=DT,
-            z_axis_value=0.0, abscissa_spec_data_type=17, data=values, x=T, return_full_dict=True, **given,
-        )  # fmt: skip
-        file.write_sets(data, "add" if number > 1 else "overwrite")
+    file.write_sets(_response(pyuff, 13, "N", F, T), "overwrite")
+    file.write_sets(_response(pyuff, 8, "mm", 1e3 * X, T), "add")
     assert_same(read(tmp_path / "test.uff"))
 
 
@@ -511,3 +517,48 @@ def test_short_words_for_the_sample_rate_are_read(tmp_path: Path, line: str) -> 
     rows = [f"{math.sin(0.05 * k):.6f};{1e-3 * math.cos(0.05 * k):.9f}" for k in range(300)]
     (tmp_path / "rate.csv").write_text("\n".join([line, "F [N];x [m]", *rows]) + "\n", encoding="utf-8")
     assert read(tmp_path / "rate.csv").sample_rate == pytest.approx(1000)
+
+
+@pytest.mark.parametrize(
+    ("other", "spans"),
+    [({"wf_increment": 2 * DT}, "0 to "), ({"wf_increment": DT, "wf_start_offset": 0.05}, "0.05 to ")],
+)
+def test_waveforms_of_another_clock_are_refused(tmp_path: Path, other: dict[str, float], spans: str) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(tmp_path / "test.tdms") as writer:
+        writer.write_segment(
+            [
+                nptdms.ChannelObject("run", "F [N]", F, {"wf_increment": DT, "wf_start_offset": 0.0}),
+                nptdms.ChannelObject("run", "x [m]", X, other),
+            ]
+        )
+    _refused(tmp_path / "test.tdms", f"x .m. is sampled at other times .{spans}.* than F .N.")
+
+
+@pytest.mark.parametrize(
+    ("time", "x", "says"),
+    [(T + 0.05, X, "sampled at other times"), (2 * T, X, "sampled at other times"), (T, X + 1j, "complex numbers")],
+)
+def test_universal_files_of_another_clock_are_refused(tmp_path: Path, time: Any, x: Any, says: str) -> None:
+    pyuff = pytest.importorskip("pyuff")
+    file = pyuff.UFF(str(tmp_path / "test.uff"))
+    file.write_sets(_response(pyuff, 13, "N", F, T), "overwrite")
+    file.write_sets(_response(pyuff, 8, "m", x, time), "add")
+    _refused(tmp_path / "test.uff", f"x .*{says}")
+
+
+def test_no_value_is_made_up_beyond_the_ends_of_a_channel(tmp_path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf")
+    file = asammdf.MDF(version="4.10")
+    file.append([asammdf.Signal(F, T, name="F", unit="N")])
+    file.append([asammdf.Signal(X[40:-20], T[40:-20], name="x", unit="m")])
+    file.save(tmp_path / "test.mf4")
+    found = read(tmp_path / "test.mf4")
+    assert found.F is not None and found.x is not None
+    np.testing.assert_allclose(found.t, T[40:-20])
+    np.testing.assert_allclose([found.F, found.x], [F[40:-20], X[40:-20]])
+    file = asammdf.MDF(version="4.10")
+    file.append([asammdf.Signal(F, T, name="F", unit="N")])
+    file.append([asammdf.Signal(X, T + 100, name="x", unit="m")])
+    file.save(tmp_path / "apart.mf4")
+    _refused(tmp_path / "apart.mf4", "F ends at .* s, and x begins at 100 s")

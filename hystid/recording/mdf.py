@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hystid.errors import RecordingError
 from hystid.files import scratch
+from hystid.numeric import Array
 from hystid.recording.names import known_name, split_header
 from hystid.recording.table import Column, Table
 
@@ -36,7 +39,7 @@ def read_mdf(path: Path) -> list[Table]:
         known = [signal for signal in signals if signal.samples.ndim == 1 and len(signal.timestamps) > 1]
     if not known:
         return []
-    time = max((signal.timestamps for signal in known), key=len)
+    time = _common(path, max((signal.timestamps for signal in known), key=len), known)
     columns = [Column("t", "s", np.asarray(time, dtype=np.float64))]
     for signal in signals:
         if signal.samples.ndim != 1 or not len(signal.timestamps):
@@ -47,3 +50,13 @@ def read_mdf(path: Path) -> list[Table]:
             values = np.interp(time, signal.timestamps, values)
         columns.append(Column(name, unit or signal.unit or None, values))
     return [Table(path.name, tuple(columns), path.stem)]
+
+
+def _common(path: Path, time: Array, known: Sequence[Any]) -> Array:
+    """The times at which every channel was recorded: before and after, nobody knows its values."""
+    first, last = max(known, key=lambda s: s.timestamps[0]), min(known, key=lambda s: s.timestamps[-1])
+    kept = time[(time >= first.timestamps[0]) & (time <= last.timestamps[-1])]
+    if not kept.size:
+        found = f"{last.name} ends at {last.timestamps[-1]:g} s, and {first.name} begins at {first.timestamps[0]:g} s"
+        raise RecordingError(f"{path.name}: {found}; export channels of one time")
+    return np.asarray(kept)

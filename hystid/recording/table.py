@@ -68,3 +68,17 @@ def clock_seconds(values: np.ndarray[Any, Any]) -> Array | None:
     if values.dtype.kind == "M" and values.size:
         values = values - values[0]
     return np.asarray(values / np.timedelta64(1, "s")) if values.dtype.kind == "m" else None
+
+
+def clocks_apart(time: Array, other: Array) -> str:
+    """How another time axis [s] of as many samples differs, as "is sampled at other times than".
+
+    "" where none stands half a step or more elsewhere, and where the lengths differ.
+    """
+    if time.size != other.size or time.size < 2:
+        return ""
+    far = np.abs(other - time) >= 0.5 * abs(time[1] - time[0])
+    if not np.any(far):
+        return ""
+    spans = f"{other[0]:.6g} to {other[-1]:.6g} s beside {time[0]:.6g} to {time[-1]:.6g} s"
+    return f"is sampled at other times ({spans}) than"

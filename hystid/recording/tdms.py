@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from hystid.errors import RecordingError
+from hystid.numeric import Array
 from hystid.recording.names import known_name, split_header
-from hystid.recording.table import Column, Table, clock_seconds
+from hystid.recording.table import Column, Table, clock_seconds, clocks_apart
 from hystid.recording.tree import refuse_scale
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")  # of LabVIEW, of its DAQ, of DIAdem
@@ -25,7 +26,7 @@ def read_tdms(path: Path) -> list[Table]:
 
     try:
         groups = [
-            (group.name, [_column(channel, path) for channel in group.channels()], _rate(group))
+            (group.name, [_column(channel, path) for channel in group.channels()], _rate(group, path))
             for group in TdmsFile.read(path).groups()
         ]
     except RecordingError:
@@ -60,7 +61,28 @@ def _column(channel: Any, path: Path) -> Column | None:
     return Column(name, str(stated) if stated else None, values.astype(np.float64), values.dtype.kind in "iu")
 
 
-def _rate(group: Any) -> float | None:
+def _rate(group: Any, path: Path) -> float | None:
+    _refuse_clocks_apart(group, path)
     steps = [channel.properties.get("wf_increment", 0.0) for channel in group.channels()]
     known = [float(step) for step in steps if step and step > 0]
     return 1 / known[0] if known else None
+
+
+def _refuse_clocks_apart(group: Any, path: Path) -> None:
+    """Raise RecordingError where the waveforms of two channels, as their properties say, are not of one time."""
+    channels = {known_name(split_header(channel.name)[0]): channel for channel in group.channels()}
+    if "t" in channels:
+        return
+    waves = [c for name, c in channels.items() if name and c.properties.get("wf_increment", 0.0) > 0 and len(c) > 1]
+    for channel in waves[1:]:
+        if apart := clocks_apart(_times(waves[0], waves[0]), _times(channel, waves[0])):
+            told = f"{channel.name} {apart} {waves[0].name}, as their waveforms say"
+            raise RecordingError(f"{path.name}: {told}; export them at one rate and from one start")
+
+
+def _times(channel: Any, first: Any) -> Array:
+    """Time axis of a waveform [s], from the start of another one."""
+    begins = [c.properties.get("wf_start_time") for c in (channel, first)]
+    later = (begins[0] - begins[1]) / np.timedelta64(1, "s") if all(isinstance(b, np.datetime64) for b in begins) else 0
+    start = float(channel.properties.get("wf_start_offset", 0.0)) + float(later)
+    return np.asarray(start + float(channel.properties["wf_increment"]) * np.arange(len(channel)))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hystid.errors import RecordingError
-from hystid.recording.table import Column, Table
+from hystid.recording.table import Column, Table, clocks_apart
 
 # Specific data types of data set 58's ordinate and the SI unit that the format prescribes for unlabelled data
 _QUANTITIES = {8: ("x", "m"), 11: ("v", "m/s"), 12: ("a", "m/s2"), 13: ("F", "N")}
@@ -37,13 +37,18 @@ def read_uff(path: Path) -> list[Table]:
 
 def _table(path: Path, responses: list[dict[str, Any]]) -> Table:
     columns: dict[str, Column] = {}
+    time = np.asarray(responses[0]["x"], dtype=np.float64)
     for number, response in enumerate(responses, start=1):
         name, unit = _QUANTITIES.get(int(response.get("ordinate_spec_data_type", 0)), (f"channel_{number}", ""))
         label = str(response.get("ordinate_axis_units_lab", "")).strip().strip("\0")
         name = name if name not in columns else f"{name}_{number}"
         stated = label if label and label.upper() != "NONE" else unit
-        columns[name] = Column(name, stated or None, np.real(np.asarray(response["data"])).astype(np.float64))
-    time = np.asarray(responses[0]["x"], dtype=np.float64)
+        values = np.asarray(response["data"])
+        if np.any(np.imag(values)):
+            raise RecordingError(f"{path.name}: {name} holds complex numbers; export the measured values, not spectra")
+        columns[name] = Column(name, stated or None, np.real(values).astype(np.float64))
+        if apart := clocks_apart(time, np.asarray(response["x"], dtype=np.float64)):
+            raise RecordingError(f"{path.name}: {name} {apart} that of {next(iter(columns))}; export one test per file")
     if any(column.values.size != time.size for column in columns.values()):
         raise RecordingError(f"{path.name}: its time responses differ in length; export one test per file")
     return Table(path.name, (Column("t", "s", time), *columns.values()), path.stem)
