@@ -537,3 +537,16 @@ def test_one_column_without_units_is_read_alone() -> None:
     assert examine([plain], mass=MASS).findings == []
     (told,) = examine([plain.with_channels({"a": plain.channel("a") / SIZES["g"]})], mass=MASS).findings
     assert told.repair == {"unit": "a=g"}
+
+
+@pytest.mark.parametrize(("one", "other"), [("x", "v"), ("x", "a"), ("F", "x"), ("F", "a")])
+def test_a_column_that_is_there_twice_is_named(one: str, other: str) -> None:
+    plain = rig()
+    (told,) = examine([plain.with_channels({one: plain.channel(other)})], mass=MASS).findings
+    assert told.slip == "swapped_channels" and f"{one} and {other} hold the same numbers" in told.sentence
+
+
+def test_a_wrong_sample_rate_looks_like_a_gain_where_two_channels_are_there() -> None:
+    plain = replace(rig(), v=None)
+    (told,) = examine([replace(plain, t=2 * plain.t)]).findings
+    assert "a sample rate that is wrong by a factor of 2" in told.mend

@@ -6,7 +6,7 @@ import logging
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import permutations
+from itertools import combinations, permutations
 from numbers import Real
 from pathlib import Path
 
@@ -128,8 +128,11 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     inertia = _inertia(recording, force, mass)
     forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
     situation, best = _best(recording, compared, forms, force, mass)
-    exchanged = _force_for_motion(recording, compared, best, mass) if timed else None
-    if exchanged is not None:
+    copied = _copied(recording, mass) if moves else []
+    exchanged = _force_for_motion(recording, compared, best, mass) if timed and not copied else None
+    if copied:
+        findings += copied
+    elif exchanged is not None:
         findings.append(exchanged)
     else:
         findings += words.slips(recording.name, best, compared, recording.rotational, mass)
@@ -291,6 +294,15 @@ def _undecided(recording: Recording, situation: Situation, force: Force | None) 
         late = f"a lag of F below {words.milliseconds(hidden)} does not show: hysteresis explains F as well"
         found["F"] = f"{found['F']}; {late}" if "F" in found else late
     return found
+
+
+def _copied(recording: Recording, mass: float | None) -> list[Finding]:
+    """Channels that hold the very numbers of another one. A mass of one, simulated, makes F of a; nothing else does."""
+    held = {name: values for name, values in recording.channels("Fxva").items() if np.ptp(values) > 0}
+    for one, other in combinations(held, 2):
+        if np.array_equal(held[one], held[other]) and ((one, other) != ("F", "a") or mass not in (None, 1.0)):
+            return [words.copied(recording.name, one, other)]
+    return []
 
 
 def _force_for_motion(

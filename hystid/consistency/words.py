@@ -71,6 +71,9 @@ def _unit(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] 
     if slip.kind == "gain":
         sentence += ", which fits no unit"
         mend = f"check the sensor's factor, as --sensitivity {channel}=..., or the column of {channel}"
+        if len(compared) == 1 and channel != "F":
+            rate = times ** (1 / compared[0].order)
+            mend += f"; a sample rate that is wrong by a factor of {_number(rate)} looks the same"
         return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen)
     sentence += f": it looks like {' or '.join([slip.units[1], *alike])}"
     mend = f"write '{channel} [{slip.units[1]}]' in the header or give --unit {channel}={slip.units[1]}"
@@ -177,6 +180,15 @@ def _exchanged(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
     mend = "choose the columns with " + " ".join(f"--channel {b}=<column of {a}>" for a, b in moves.items())
     mend = _HEADER if slip.scales else mend
     return Finding(name, " and ".join(moves), "swapped_channels", sentence, mend, "refuse", seen)
+
+
+def copied(name: str, one: str, other: str) -> Finding:
+    """Two channels that hold the same numbers."""
+    sentence = f"{one} and {other} hold the same numbers, sample by sample: one column was copied or chosen twice"
+    mend = f"look which of the two it is, and choose the other with --channel {one}=COLUMN or --channel {other}=COLUMN"
+    if one == "F":
+        mend += "; accept a law whose factor is exactly 1 with --accept swapped_channels"
+    return Finding(name, f"{one} and {other}", "swapped_channels", sentence, mend)
 
 
 def force_exchanged(name: str, channel: str, correlation: float, *, with_units: bool = False) -> Finding:
