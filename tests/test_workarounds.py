@@ -411,6 +411,49 @@ model A
 end A;""",
         "y", 3.0, "table",
     ),
+    "surface_tables": (
+        """
+package Types
+  type Smoothness = enumeration(LinearSegments, ContinuousDerivative, ConstantSegments);
+  type Extrapolation = enumeration(HoldLastPoint, LastTwoPoints, Periodic, NoExtrapolation);
+  class ExternalCombiTable2D
+    extends ExternalObject;
+    function constructor
+      input String tableName; input String fileName; input Real table[:, :]; input Smoothness smoothness;
+      input Extrapolation extrapolation = Extrapolation.LastTwoPoints;
+      output ExternalCombiTable2D made;
+    external "C" made = ModelicaStandardTables_CombiTable2D_init(tableName, fileName, table, smoothness);
+    end constructor;
+    function destructor
+      input ExternalCombiTable2D made;
+    external "C" ModelicaStandardTables_CombiTable2D_close(made);
+    end destructor;
+  end ExternalCombiTable2D;
+end Types;
+package Tables
+  package Internal
+    function getTable2DValue
+      input Types.ExternalCombiTable2D tableID; input Real u1; input Real u2; output Real y;
+    external "C" y = ModelicaStandardTables_CombiTable2D_getValue(tableID, u1, u2);
+    end getTable2DValue;
+    function getTable2DAbscissaUmin
+      input Types.ExternalCombiTable2D tableID; output Real uMin[2];
+    external "C" ModelicaStandardTables_CombiTable2D_minimumAbscissa(tableID, uMin);
+    end getTable2DAbscissaUmin;
+    partial model Base
+      parameter Real table[:, :];
+      final parameter Real u_min[2] = getTable2DAbscissaUmin(tableID);
+      parameter Types.ExternalCombiTable2D tableID = Types.ExternalCombiTable2D(
+        "NoName", "NoName", table, Types.Smoothness.LinearSegments);
+    end Base;
+  end Internal;
+end Tables;
+model A
+  extends Tables.Internal.Base(table = [0, 3, 4; 1, 10, 20; 2, 30, 70]);
+  Real y = Tables.Internal.getTable2DValue(tableID, u_min[1] + time, u_min[2] + time/2);
+end A;""",
+        "y", 50.0, "function value type",
+    ),
     "external_functions": (
         """
 function solve

@@ -52,6 +52,7 @@ from hystid.modelica.workarounds.package_constants import with_separate_packages
 from hystid.modelica.workarounds.random_functions import with_known_starts
 from hystid.modelica.workarounds.sample_conditions import with_plain_samples
 from hystid.modelica.workarounds.shared_sources import with_separate_elements
+from hystid.modelica.workarounds.surface_tables import with_known_surfaces
 from hystid.modelica.workarounds.table_files import with_tables_of_files
 from hystid.modelica.workarounds.values_of_elements import with_named_values
 
@@ -167,7 +168,9 @@ def flat_from_text(
 
 def _unfolded(source: Source) -> Source:
     """Declarations as the passes over modifiers and the front end need them."""
-    return with_branches_side_by_side(with_named_derivatives(with_unwrapped_bases(with_tables_of_files(source))))
+    return with_branches_side_by_side(
+        with_named_derivatives(with_unwrapped_bases(with_known_surfaces(with_tables_of_files(source))))
+    )
 
 
 def _in_words_that_it_takes(source: Source) -> Source:

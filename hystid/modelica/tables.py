@@ -14,10 +14,11 @@ import numpy.typing as npt
 from hystid.modelica import curves
 from hystid.modelica.curves import Curve
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Text, op
-from hystid.modelica.values import Interpreter, Value
+from hystid.modelica.values import Interpreter, Value, array
 
 Array = npt.NDArray[np.float64]
-_FUNCTION = re.compile(r"(?:^|\.)Tables\.Internal\.(get\w+)$")
+# the front end names a neighbour as the block beside it does
+_FUNCTION = re.compile(r"(?:(?:^|\.)Tables\.Internal\.|^(?=getTable2DAbscissaU))(get\w+)$")
 _OBJECT = re.compile(r"(?:^|\.)Types\.(ExternalCombi(?:TimeTable|Table1D|Table2D))$")
 _ALWAYS, _AT_JUMPS, _NO_EVENTS = 1, 2, 3  # Modelica.Blocks.Types.TimeEvents
 
@@ -32,7 +33,7 @@ def is_table_function(name: str) -> bool:
     return _FUNCTION.search(name) is not None
 
 
-def looked_up(expander: Interpreter, name: str, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Expr:
+def looked_up(expander: Interpreter, name: str, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
     """The value of a call of one of the library's table functions."""
     found = _FUNCTION.search(name)
     rule = _RULES.get(re.sub("NoDer2?$", "", found.group(1))) if found else None
@@ -99,6 +100,11 @@ class _Table:
         rows = self.numbers("table")
         return float(rows[0, 0]), float(rows[-1, 0])
 
+    def corners(self) -> Array:
+        """First abscissas in both directions, and last ones."""
+        rows = self.numbers("table")
+        return np.array([(rows[1, 0], rows[0, 1]), (rows[-1, 0], rows[0, -1])])
+
 
 def _value(t: _Table, args: tuple[Expr, ...]) -> Expr:
     return op("curve0", t.scalar(args[1]), Text(t.column(args[0]).text), Num(float("inf")))
@@ -130,11 +136,13 @@ def _surface(t: _Table, args: tuple[Expr, ...]) -> Expr:
     return total
 
 
-_RULES: dict[str, Callable[[_Table, tuple[Expr, ...]], Expr]] = {
+_RULES: dict[str, Callable[[_Table, tuple[Expr, ...]], Value]] = {
     "getTable1DValue": _value,
     "getTimeTableValue": _time_value,
     "getNextTimeEvent": _next_event,
     "getTable2DValue": _surface,
+    "getTable2DAbscissaUmin": lambda t, _: array([Num(end) for end in t.corners()[0]]),
+    "getTable2DAbscissaUmax": lambda t, _: array([Num(end) for end in t.corners()[1]]),
     "getTable1DAbscissaUmin": lambda t, _: Num(t.ends()[0]),
     "getTable1DAbscissaUmax": lambda t, _: Num(t.ends()[1]),
     "getTimeTableTmin": lambda t, _: Num(t.ends()[0]),
@@ -145,6 +153,6 @@ _MANNER = ("smoothness", "extrapolation")
 _ARGUMENTS: dict[str, tuple[str, ...]] = {
     "TimeTable": ("tableName", "fileName", "table", "startTime", "columns", *_MANNER, "shiftTime", "timeEvents"),
     "Table1D": ("tableName", "fileName", "table", "columns", *_MANNER),
-    "Table2D": ("tableName", "fileName", "table", *_MANNER),
+    "Table2D": ("tableName", "fileName", "table", "columns", *_MANNER),  # surface_tables.py
     "": (),
 }
