@@ -270,6 +270,36 @@ end A;"""
     assert np.array_equal(got["y"] > 0.5, t > 0.75)
 
 
+DELAYED = """
+model A
+  Real u, g, y(start = 0, fixed = true), e, seen;
+equation
+  when sample(0, 0.1) then
+    seen = time;
+  end when;
+  when sample(0, 0.1) then
+    y = pre(u);
+  end when;
+  e = seen - y;
+  g = {g};
+  u = g;
+end A;"""
+
+
+def test_a_unit_delay_takes_what_follows_from_samples_alone(run: Run) -> None:
+    got = run(DELAYED.format(g="2*e"), "y u", stop=0.65, dt=0.05)
+    y, u, expected = 0.0, 0.0, []
+    for k in range(7):
+        y, u = u, 2 * (0.1 * k - u)
+        expected += [(y, u)] * 2
+    np.testing.assert_allclose(np.array([got["y"], got["u"]]).T, expected, atol=1e-12)  # rounding
+
+
+def test_a_unit_delay_of_what_runs_is_refused(run: Run) -> None:
+    with pytest.raises(ModelicaError, match=r"pre\(u\) needs a discrete variable"):
+        run(DELAYED.format(g="2*e + time"), "y")
+
+
 OFFERS = """
 model P parameter Real mu = 1; Real x = mu; end P;
 model Q extends P; parameter Real k = 3; end Q;

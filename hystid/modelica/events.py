@@ -158,12 +158,42 @@ class _Namer:
 
     def _find_discrete(self) -> set[str]:
         """Variables that change at events only."""
-        return {
+        found = {
             v.name
             for v in self.variables.values()
             if v.kind == "unknown"
             and (v.flat.type != "Real" or v.flat.variability == "discrete" or v.name in self.assigned)
         } - self._boolean_without_events()
+        for node in (n for expr in self._at_events() for n in _ops(expr, "pre")):
+            if isinstance(node.args[0], Ref):
+                found |= self._still(node.args[0].name, found) or set()
+        return found
+
+    def _at_events(self) -> Iterator[Expr]:
+        """Expressions in which ``pre`` may stand."""
+        for e in (*self._all_equations(), *self.scalar.held):
+            yield from (e.left, e.right)
+        for branch in (b for w in self.scalar.whens for b in w.branches):
+            yield from branch.conditions
+            yield from (part for a in branch.actions for part in (a.value, a.guard) if part is not None)
+
+    def _still(self, name: str, known: Set[str], asked: Set[str] = frozenset()) -> set[str] | None:
+        """A Real and what it follows from, where all that changes at events alone, as the input of a unit delay behind
+        a sampler; None where it may run."""
+        v = self.variables.get(name)
+        if name in known or (v is not None and v.kind in ("parameter", "dependent", "constant", "free")):
+            return set()
+        if v is None or v.kind != "unknown" or v.flat.type != "Real" or name in self.states or name in asked:
+            return None
+        for e in self.scalar.equations:
+            for this, other in ((e.left, e.right), (e.right, e.left)):
+                if this != Ref(name) or any(_ops(other, "delay")):
+                    continue
+                parts = [self._still(n, known, {*asked, name}) for n in sorted(refs(_without_pre(other)))]
+                found = [part for part in parts if part is not None]
+                if len(found) == len(parts):
+                    return {name}.union(*found)
+        return None
 
     def _boolean_without_events(self) -> set[str]:
         """b = noEvent(x > 0) changes without events: it is computed like a Real. Not so where only what changes at
