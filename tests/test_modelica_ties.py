@@ -271,3 +271,38 @@ end Crank;
         t, outputs=["phi", "beta"]
     )
     assert found["beta"] == pytest.approx(np.arcsin(np.sin(found["phi"]) / 1.5), abs=1e-12)
+
+
+def test_two_coils_on_a_core_with_a_given_current_follow_it(tmp_path: Path) -> None:
+    """The gap's flux is tied to that of the core through the leakage; then the current gives that of the core."""
+    (tmp_path / "core.mo").write_text("""
+model Core
+  Real core(start = 0), gap(start = 0), across, z, quick, slow;
+equation
+  across = 2*gap*(1 + gap^2);
+  across = (core - gap)*(1 + (core - gap)^2);
+  z + z^3 = core + across;
+  sin(time) = z + core;
+  quick = der(core);
+  slow = der(gap);
+end Core;
+""")
+    got = CompiledModel(compile_model(f"{tmp_path}/core.mo:Core")).simulate(
+        {}, 0.1, rows=21, outputs=["core", "gap", "quick", "slow"]
+    )
+
+    def gap(core: float) -> float:
+        return brentq(lambda g: 2 * g * (1 + g**2) - (core - g) * (1 + (core - g) ** 2), -2, 2, xtol=1e-14)
+
+    def core(t: float) -> float:
+        def rest(c: float) -> float:
+            z = np.sin(t) - c
+            return c + 2 * gap(c) * (1 + gap(c) ** 2) - z - z**3
+
+        return brentq(rest, -2, 2, xtol=1e-14)
+
+    t, h = np.arange(21) * 0.1, 1e-4
+    assert got["core"] == pytest.approx([core(s) for s in t], abs=1e-9)  # Newton's method
+    assert got["gap"] == pytest.approx([gap(core(s)) for s in t], abs=1e-9)
+    slopes = [[(f(s + h) - f(s - h)) / (2 * h) for s in t] for f in (core, lambda s: gap(core(s)))]
+    assert np.array([got["quick"], got["slow"]]) == pytest.approx(np.array(slopes), abs=1e-7)  # h^2

@@ -37,6 +37,7 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
     events = _with_preferred_velocities(events)
     former: set[str] = set()  # were states, have a derivative still
     used: dict[ScalarEquation, str] = {}  # ties, and the state that went for each
+    rates: dict[str, ScalarEquation] = {}  # what determines the derivatives of those
     for _ in range(len(events.states)):
         unknowns = unknowns_of(events, aliases)
         known = set(unknowns)
@@ -47,7 +48,7 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
             # known, or none may go but such as went: what determines those leads to states that still are
             tie = _tie(events.equations, options, owner, left[0], {*events.states})  # type: ignore[arg-type]  # the same
         if tie is None or tie in used:
-            further = _with_slopes(events, options, owner, left[0], former) if left else None  # type: ignore[arg-type]  # lists are invariant
+            further = _with_slopes(events, options, owner, left[0], former, rates) if left else None  # type: ignore[arg-type]  # lists are invariant
             if further is None:
                 break
             former |= {*events.states} - {*further.states}
@@ -56,6 +57,7 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
         used[tie] = _dependent_state(events, tie, former)
         events = _with_one_state_less(events, tie, used[tie], former)
         former.add(used[tie])
+        rates[used[tie]] = events.equations[-1]
     for tie, chosen in used.items():
         events = _watched(events, tie, chosen)
     return events
@@ -112,10 +114,19 @@ def _tie(
 
 
 def _with_slopes(
-    events: EventModel, options: Sequence[Sequence[str]], owner: Mapping[str, int], extra: int, former: Set[str]
+    events: EventModel,
+    options: Sequence[Sequence[str]],
+    owner: Mapping[str, int],
+    extra: int,
+    former: Set[str],
+    rates: Mapping[str, ScalarEquation],
 ) -> EventModel | None:
     """Where the set around ``extra`` cannot be solved for a tie, as with nonlinear loops in it: each of its equations
-    is differentiated, its variables get derivatives, and one of its states goes (Pantelides 1988). None without one."""
+    is differentiated, its variables get derivatives, and one of its states goes (Pantelides 1988). None without one.
+
+    rates: of states that went before, the equations of their derivatives; those of variables in the set follow from
+    its own equations now.
+    """
     variables = events.scalar.variables
     members, inside = _around(options, owner, extra, {*events.states})
     known = {*events.states, *former, *inside}
@@ -130,13 +141,15 @@ def _with_slopes(
     chosen = max(free, key=lambda s: (variables[s].start in (None, ZERO), s.count("."), s))
     slopes = [ScalarEquation(_rate(op("-", e.left, e.right), events, e, known), ZERO, e.place) for e in equations]
     more = {der(n): _slope_variable(variables[n]) for n in (*inside, chosen) if n in variables}
-    if len(more) != len(inside) + 1 or set(more) & set(variables):
+    again = {n for n in inside if der(n) in variables}
+    implied = {rates[n] for n in again & set(rates)} & {*events.equations}
+    if len(more) != len(inside) + 1 or len(implied) != len(again) or der(chosen) in variables:
         return None
     return replace(
         events,
         scalar=replace(events.scalar, variables={**variables, **more}),
         states=tuple(s for s in events.states if s != chosen),
-        equations=(*events.equations, *slopes),
+        equations=(*(e for e in events.equations if e not in implied), *slopes),
     )
 
 
