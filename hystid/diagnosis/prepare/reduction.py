@@ -408,7 +408,8 @@ def _restoring(part: Part, mass: float, slopes: tuple[float, float], omega: Arra
     if "x" not in part.noise:
         return np.zeros_like(omega)
     error = np.interp(omega, np.linspace(0, np.pi, len(part.error_of_x)), part.error_of_x)
-    return np.asarray((np.hypot(slopes[0], slopes[1] * omega / part.dt) * error / part.balance_noise(mass)) ** 2)
+    damper = slopes[1] if _is_derived(part, mass) else 0.0
+    return np.asarray((np.hypot(slopes[0], damper * omega / part.dt) * error / part.balance_noise(mass)) ** 2)
 
 
 def _moves(part: Part, mass: float, slopes: tuple[float, float]) -> bool:
@@ -460,13 +461,14 @@ def _trim(part: Part, response: Array | None) -> int:
 
 def _slopes(parts: Sequence[Part], mass: float) -> tuple[float, float]:
     """Slopes of the restoring force over the displacement [N/m] and the velocity [N.s/m], for the size of what errors
-    of these do."""
+    of these do. A constant force has none, and dry friction one at its turning points alone."""
     force = np.concatenate([part.F - mass * part.a for part in parts])
     motion = np.stack([np.concatenate([getattr(part, name) for part in parts]) for name in ("x", "v")])
-    size = np.sqrt(np.mean(motion**2, axis=1))
+    size = np.std(motion, axis=1)
     known = size > 0
+    columns = [*(motion[known] / size[known, None]), np.sign(motion[1]), np.ones(len(force))]
     found = np.zeros(2)
-    found[known] = np.linalg.lstsq((motion[known] / size[known, None]).T, force, rcond=None)[0] / size[known]
+    found[known] = np.linalg.lstsq(np.stack(columns, axis=1), force, rcond=None)[0][:-2] / size[known]
     return float(found[0]), float(found[1])
 
 
