@@ -38,7 +38,7 @@ class Reduction:
     """Turns columns over the samples of all parts into weighted rows with unit noise.
 
     Each part: whitening where the acceleration had to be derived (its noise then grows with frequency), where noise of
-    the displacement is loud in the restoring force, or where the displacement had to be integrated (its noise then
+    the displacement is loud in the force of a slow test, or where the displacement had to be integrated (its noise then
     grows towards low frequencies), trimming of the ends that this disturbs, block averages, division by the noise
     level.
     """
@@ -414,9 +414,11 @@ def _restoring(part: Part, mass: float, slopes: tuple[float, float], omega: Arra
 
 def _moves(part: Part, mass: float, slopes: tuple[float, float]) -> bool:
     """Whether the noise of the displacement is whitened as well: where the acceleration was derived from it, and where
-    it is louder through the restoring force than all other noise."""
+    nothing has a mass and it is louder through the stiffness than that of the force. Beside an acceleration that was
+    measured it cancels in part, as the smoother makes one motion of both."""
     omega = np.linspace(0, np.pi, len(part.error_of_x))
-    return _is_derived(part, mass) or bool(np.max(_restoring(part, mass, slopes, omega)) > 1)
+    loud = mass == 0 and bool(np.max(_restoring(part, mass, slopes, omega)) > 1)
+    return loud or _is_derived(part, mass)
 
 
 def _followed(part: Part, response: Array | None, mass: float, slopes: tuple[float, float]) -> Array:
