@@ -20,7 +20,7 @@ from hystid.diagnosis.prepare.differences import FIRST, SECOND
 from hystid.diagnosis.prepare.filtering import filtered, quick_length
 from hystid.diagnosis.prepare.segments import Part, band
 from hystid.numeric import Array, Flags
-from hystid.smoothing.noise import NOISE_ERROR
+from hystid.smoothing.noise import NOISE_ERROR, steps
 from hystid.smoothing.smoother import BELOW
 
 ROWS = 16_000  # of the least squares problems; more are averaged in blocks
@@ -415,10 +415,12 @@ def _restoring(part: Part, mass: float, slopes: tuple[float, float], omega: Arra
 def _moves(part: Part, mass: float, slopes: tuple[float, float]) -> bool:
     """Whether the noise of the displacement is whitened as well: where the acceleration was derived from it, and where
     nothing has a mass and it is louder through the stiffness than that of the force. Beside an acceleration that was
-    measured it cancels in part, as the smoother makes one motion of both."""
+    measured it cancels in part, as the smoother makes one motion of both; and the error of a channel with coarse steps
+    stays the same over a step, and is not white."""
+    if mass or "x" not in part.measured or steps(part.measured["x"]) is not None:
+        return _is_derived(part, mass)
     omega = np.linspace(0, np.pi, len(part.error_of_x))
-    loud = mass == 0 and bool(np.max(_restoring(part, mass, slopes, omega)) > 1)
-    return loud or _is_derived(part, mass)
+    return bool(np.max(_restoring(part, mass, slopes, omega)) > 1)
 
 
 def _followed(part: Part, response: Array | None, mass: float, slopes: tuple[float, float]) -> Array:
