@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Sequence
 
 _LONGEST_WORD = 300  # characters: more than any path that people type
 _LONGEST_LINE = 2000  # a screen full
@@ -41,6 +42,17 @@ def _shown(letter: str) -> str:
 def sentence(text: str) -> str:
     """Text for a message: ``printable``, and long names are cut."""
     return printable(re.sub(rf"\S{{{_LONGEST_WORD},}}", lambda word: printable(word[0], 120), text))
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Names for a sentence, so many of them: "a, b and 3 more"."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def counted(n: int, what: str) -> str:
+    """A number of things: "1 case", "2 cases"."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 class HystidError(Exception):

@@ -43,7 +43,10 @@ def _common(
     pass
 
 
-Output = Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="File to write.", show_default=False)]
+Output = Annotated[
+    Path,
+    typer.Option("-o", "--out", parser=opt.named, metavar="FILE", help="File to write.", show_default=False),
+]
 Force = Annotated[
     str,
     typer.Option(
@@ -195,7 +198,9 @@ def simulate(
 def check(
     recordings: opt.Recordings,
     mass: Annotated[float | None, typer.Option(metavar="KG", help="Moving mass in kg, where it is known.")] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the report.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", parser=opt.named, metavar="DIR", help="Folder for the report.")
+    ] = None,
     *,
     reading: opt.ReadingOptions,
 ) -> int:
@@ -438,9 +443,9 @@ def regress(
 
 @app.command()
 def demo(
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.")] = Path(
-        "hystid-demo"
-    ),
+    out: Annotated[
+        Path, typer.Option("-o", "--out", parser=opt.named, metavar="DIR", help="Folder for the results.")
+    ] = Path("hystid-demo"),
     strict: Annotated[bool, typer.Option("--strict", help="Exit with 1 when a target is missed.")] = False,
 ) -> int:
     """Everything on a virtual experiment: Modelica, FMU, identification, validation, diagnosis (under 3 minutes).

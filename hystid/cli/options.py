@@ -27,6 +27,15 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
+
+def named(text: str | Path) -> Path:
+    """Path of an output. Raises UsageError for '', as an unset variable of a shell leaves it: paths take that for the
+    current folder."""
+    if not str(text):
+        raise UsageError("-o '': the name is empty; name a file or a folder, or . for this one")
+    return Path(text)
+
+
 Recordings = Annotated[
     list[Path],
     typer.Argument(
@@ -38,7 +47,17 @@ Recordings = Annotated[
 Holdout = Annotated[
     list[Path] | None, typer.Option(metavar="REC", help="Recording kept for testing only; may be repeated.")
 ]
-Folder = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.", show_default=False)]
+Folder = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--out",
+        parser=named,
+        metavar="DIR",
+        help="Folder for the results.",
+        show_default=False,
+    ),
+]
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="P=V", help="Parameter value in SI units; may be repeated.")
 ]

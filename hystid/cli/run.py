@@ -6,7 +6,6 @@ import errno
 import os
 import sys
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any, NoReturn
 
 from hystid.errors import HystidError, printable, sentence
@@ -34,9 +33,6 @@ def run(arguments: Sequence[str]) -> int:
     from hystid.cli import cache_commands, study_commands  # noqa: F401  (add their commands)
     from hystid.cli.commands import app
 
-    if _names_nothing(arguments):
-        _say("-o '': the name is empty; name a file or a folder, or . for this one")
-        return 2
     try:
         outcome = app(spread(arguments) or ["--help"], prog_name="hystid", standalone_mode=False)
     except typer.Exit as stop:
@@ -61,12 +57,6 @@ def run(arguments: Sequence[str]) -> int:
     if outcome == _INTERRUPTED:  # some versions of typer return what they make of Ctrl-C
         return _interrupted()
     return outcome if isinstance(outcome, int) else 0
-
-
-def _names_nothing(arguments: Sequence[str]) -> bool:
-    """Whether the output is '', as an unset variable of a shell leaves it: paths take that for the current folder."""
-    following = pairwise(arguments)
-    return "--out=" in arguments or any(option in ("-o", "--out") and not name for option, name in following)
 
 
 def _interrupted() -> int:

@@ -6,7 +6,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from hystid.errors import FmuError, NumericalError
+from hystid.errors import FmuError, NumericalError, listed
 from hystid.fmu.build import write_zip
 from hystid.fmu.door import open_fmu, read_entry
 from hystid.fmu.reference import FOLDER
@@ -56,7 +56,7 @@ def _changed_variables(old: Path, new: Path) -> Iterator[str]:
     then, now = _variables(old), _variables(new)
     for word, names in (("gone", then.keys() - now.keys()), ("new", now.keys() - then.keys())):
         if names:
-            yield f"{word}: {_listed(sorted(names))}"
+            yield f"{word}: {listed(sorted(names), _MOST)}"
     both = [(then[name], now[name]) for name in now if name in then]
     starts = [
         f"{a.name} {a.start:.6g} -> {b.start:.6g} {b.unit}".rstrip()
@@ -64,21 +64,16 @@ def _changed_variables(old: Path, new: Path) -> Iterator[str]:
         if a.start != b.start and a.start is not None and b.start is not None
     ]
     if starts:
-        yield f"start values: {_listed(starts)}"
+        yield f"start values: {listed(starts, _MOST)}"
     for attribute in _ASKED:
         changed = [(a.name, getattr(a, attribute), getattr(b, attribute)) for a, b in both]
         different = [f"{name} {was or 'none'} -> {now or 'none'}" for name, was, now in changed if was != now]
         if different:
-            yield f"{attribute}: {_listed(different)}"
+            yield f"{attribute}: {listed(different, _MOST)}"
 
 
 def _variables(path: Path) -> Mapping[str, Variable]:
     return {v.name: v for v in open_fmu(path).model.variables}
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - _MOST} more" if len(names) > _MOST else ""
-    return ", ".join(names[:_MOST]) + more
 
 
 def _changed_answers(new: Path) -> Iterator[str]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from hystid.errors import ModelicaError
+from hystid.errors import ModelicaError, listed
 from hystid.limits import compiled
 from hystid.modelcode import ModelCode
 from hystid.modelica.absent import refuse_absent_classes, refuse_absent_model
@@ -102,10 +102,9 @@ def _tell_without_value(flat: FlatModel, values: Mapping[str, float]) -> None:
     places = {name: v.place for v in open_ones for name in elements(v.name, v.dims) if name not in values}
     names = [*places]
     if names:
-        more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
         _log.warning(
-            "%s: no value is given to %s%s: the start value counts, 0 where none is stated",
-            places[names[0]], ", ".join(names[:_LISTED]), more,
+            "%s: no value is given to %s: the start value counts, 0 where none is stated",
+            places[names[0]], listed(names, _LISTED),
         )  # fmt: skip
 
 

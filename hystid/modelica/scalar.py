@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 
-from hystid.errors import ModelicaError
+from hystid.errors import ModelicaError, listed
 from hystid.modelica.algorithms import run_section
 from hystid.modelica.expand import Expander, NeededNow, elements
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, refs
@@ -140,9 +140,10 @@ def _scalarise(flat: FlatModel) -> ScalarModel:
 
 def _overridden(flat: FlatModel, parameters: Mapping[str, float]) -> Iterator[FlatVariable]:
     names = {e: v for v in flat.variables if v.variability == "parameter" for e in elements(v.name, v.dims)}
+    told = f"; it has {listed(sorted(names), _MOST_NAMES) or 'none'}"
     for name in parameters:
         if name not in names:
-            raise ModelicaError(f"{flat.name} has no parameter '{name}'{near(name, names) or _those(names)}")
+            raise ModelicaError(f"{flat.name} has no parameter '{name}'{near(name, names) or told}")
         if names[name].final:
             raise ModelicaError(f"{names[name].place}: parameter '{name}' of {flat.name} is final and cannot be set")
     for v in flat.variables:
@@ -151,12 +152,6 @@ def _overridden(flat: FlatModel, parameters: Mapping[str, float]) -> Iterator[Fl
 
 
 _MOST_NAMES = 20  # of parameters in a message: more than any model of the library has, and still one sentence
-
-
-def _those(names: Iterable[str]) -> str:
-    known = sorted(names)
-    more = f" and {len(known) - _MOST_NAMES} more" if len(known) > _MOST_NAMES else ""
-    return f"; it has {', '.join(known[:_MOST_NAMES]) or 'none'}{more}"
 
 
 def _patched(v: FlatVariable, given: Mapping[str, float]) -> Expr:

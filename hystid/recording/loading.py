@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hystid.errors import RecordingError, UsageError
+from hystid.errors import RecordingError, UsageError, counted
 from hystid.numeric import Array
 from hystid.recording.reading import read_all
 from hystid.recording.timing import ROUNDING, SHORTEST
@@ -47,8 +47,7 @@ def validated(recording: Recording) -> Recording:
         raise RecordingError(f"{recording.name}: at least {SHORTEST} samples are needed, found {len(t)}")
     for name, values in found.items():
         if len(values) != len(t):
-            word = "sample" if len(values) == 1 else "samples"
-            told = f"channel {name} has {len(values)} {word}, and t has {len(t)}"
+            told = f"channel {name} has {counted(len(values), 'sample')}, and t has {len(t)}"
             raise RecordingError(f"{recording.name}: {told}: each channel needs a value for each time")
     steps = np.diff(t)
     if np.any(steps <= 0):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hystid.errors import RecordingError, UsageError
+from hystid.errors import RecordingError, UsageError, counted
 from hystid.files import check_regular, file_named
 from hystid.numeric import Array
 from hystid.recording.apart import BINARY, read_apart
@@ -234,8 +234,9 @@ def _presence(table: Table, channels: Channels, door: _Door) -> list[Problem]:
         problems.append(table.problem("missing_channel", f"there is no motion x, v or a; {found}", action, "x"))
     size = max((array.size for array in values.values()), default=0)
     if size < SHORTEST:
-        text = f"{size} sample" if size == 1 else f"{size} samples"
-        problems.append(table.problem("too_short", text, f"at least {SHORTEST} are needed, better thousands"))
+        problems.append(
+            table.problem("too_short", counted(size, "sample"), f"at least {SHORTEST} are needed, better thousands")
+        )
     return problems
 
 

@@ -12,7 +12,7 @@ from hystid.recording.types import CHANNELS, Recording
 
 
 def check_together(used: Sequence[Recording], unseen: Sequence[Recording] = ()) -> None:
-    """Raise UsageError where a test is there twice, which would count as a second proof, or newtons beside N.m."""
+    """Raise UsageError where a test is there twice, or newtons stand beside N.m."""
     for held, test in product(unseen, used):
         if _same(held, test):
             raise UsageError(f"{held.name} is held out and used ({test.name} has the same samples): leave out one")

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from hystid.consistency import Channel, Examination, Examined
+from hystid.errors import listed
 from hystid.recording import Recording
 from hystid.report.curves import raw, responses
 from hystid.report.page import Cell, Fact, Page, Table, Verdict, columns, number, percent, with_error
@@ -99,8 +100,7 @@ def _further(result: Examination, item: Examined) -> str:
     names = next((list(r.extra) for r in result.recordings if r.name == item.recording), [])
     if not names:
         return ""
-    listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
-    return f"columns that are no channel: {listed}; choose one with --channel, as --channel x=COLUMN"
+    return f"columns that are no channel: {listed(names, _LISTED)}; choose one with --channel, as --channel x=COLUMN"
 
 
 def _plain(row: Iterable[str | Cell]) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hystid.errors import counted
 from hystid.identification import Comparison, Identification, Prediction
 from hystid.identification.hybrid.result import Hybrid, HybridComparison
 from hystid.leastsquares import REASONS
@@ -26,7 +27,7 @@ from hystid.report.curves import (
     window_of,
 )
 from hystid.report.linked import Linked, Series
-from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, counted, number, percent, training_range
+from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, number, percent, training_range
 from hystid.report.plots import Axis, Bars, Line, Plot, Points, Role
 
 _CLEARLY = 0.8  # error over error, from which a model is worth asking for (a stated cost)

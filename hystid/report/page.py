@@ -88,11 +88,6 @@ def columns(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def counted(n: int, what: str) -> str:
-    """A number of things: "1 case", "2 cases"."""
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
-
-
 def training_range(ranges: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> Table:
     """Least and greatest value of the signals that a model was trained on. units: of those that are not x, v and R."""
     known = {"x": "m", "v": "m/s", "R": "N", **units}

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from hystid.errors import counted
 from hystid.recording import Array
 from hystid.report.curves import X_AXIS, Curve, highest_frequency, over_time, spectra, window_of
 from hystid.report.linked import Linked, Series
-from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, counted, number, percent, training_range
+from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, number, percent, training_range
 from hystid.report.plots import Axis, Bars, Plot
 from hystid.validation import Case, Levels, Stability, Validation
 

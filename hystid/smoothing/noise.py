@@ -37,7 +37,7 @@ _SHELF, _STEEP = 3, 3.0  # bands of noise before a filter, and its fall in power
 _CLIFF = 10.0  # the same where motion may end by itself
 _RARELY = 1e-3  # chance by which bands of smoothed noise are further from what their filter leaves
 NOISE_ERROR = 0.05  # relative error of the noise power that is estimated from a recording, at least
-_SCATTER = 4.0  # the same times the root of the samples: white noise beside two tones, 130 to 8,000 samples
+_NOISE_ERROR_SHORT = 4.0  # the same over the root of the samples: white noise beside two tones, 130 to 8,000 samples
 MISREAD = 2.0  # by which noise must be louder before a filter than behind it: chance, and filters of recorders near
 # half the sample rate, are below
 _LEAK = 1e-2  # of a response, below which a window and rounding leave more in a spectrum than noise
@@ -51,8 +51,8 @@ _BRIEF = 3.7  # four standard errors of a standard deviation over that by the me
 _LINES = 10  # of the spectrum in each band at least, whose median is known to 40 % then
 SMALL, _HALF = 0.05, 0.5  # shares of the power of a channel that noise of 13 dB is, and noise as loud as the rest
 _SPREAD = 2.5  # standard error of the difference of two medians of windowed powers, times the root of their number
-# the estimates differ by 2.5 over the root of the samples by chance; only a difference of four times that counts, or of
-# a tenth in a long recording
+# Two estimates differ by 2.5 over the root of the samples by chance. Only a clear difference counts: a tenth, which is
+# 3.6 standard errors of 8,000 samples, and as many in fewer.
 _APART, _APART_SHORT = 0.1, 9.0
 _RESOLUTION = 1e-7  # noise below this share of a channel cannot be told from rounding in a text file
 _NOISE_FREE = 2e-5  # noise over spread: below the 16 bit of any converter
@@ -89,7 +89,7 @@ def noise_level(channel: Array, others: Sequence[Array] = (), *, drives: bool = 
 
 def noise_error(samples: int) -> float:
     """Relative error of the noise power that is estimated from so many samples."""
-    return max(NOISE_ERROR, _SCATTER / float(np.sqrt(samples)))
+    return max(NOISE_ERROR, _NOISE_ERROR_SHORT / float(np.sqrt(samples)))
 
 
 def unfiltered_level(channel: Array) -> float:

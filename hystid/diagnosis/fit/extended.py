@@ -21,7 +21,6 @@ from hystid.modelica import flat_model
 from hystid.modelica.expr import Num
 from hystid.modelica_text import EXTENDED, class_texts, compile_text, has_class, modifiers, with_class
 
-CLASS = EXTENDED
 _WINDOW = "Window"  # ending of the instance that lets an effect act for a part of the time
 
 
@@ -49,8 +48,8 @@ def extensible(model: str) -> str:
     """A baseline with its class. Raises UsageError where the class that is written could not stand beside it."""
     named = with_class(model)
     file, _, _ = named.rpartition(":")
-    if file.endswith(".mo") and Path(file).is_file() and has_class(text_of(Path(file), UsageError), CLASS):
-        raise UsageError(f"{file}: {CLASS} is what this diagnosis writes as well: give that class another name")
+    if file.endswith(".mo") and Path(file).is_file() and has_class(text_of(Path(file), UsageError), EXTENDED):
+        raise UsageError(f"{file}: {EXTENDED} is what this diagnosis writes as well: give that class another name")
     return named
 
 
@@ -78,7 +77,7 @@ def compiled_with(baseline: Skeleton, hypothesis: Hypothesis) -> CompiledModel |
         for values in (hypothesis.parameters(), *(term.values for term in terms))
     )
     text = extended_model(baseline, refit, list(zip(terms, laws, strict=True)), own=own_texts(terms))
-    return CompiledModel(compile_text(text, CLASS))
+    return CompiledModel(compile_text(text, EXTENDED))
 
 
 def own_texts(terms: Iterable[Term]) -> dict[str, str]:
@@ -103,7 +102,7 @@ def extended_model(
     forces = {name: _force(name, term) for name, (term, _) in zip(names, terms, strict=True)}
     sums = " + ".join(forces.values())
     head, ports, equations = _frame(baseline, refit, sums)
-    lines = [*(f"// {remark}" for remark in remarks), f'model {CLASS} "{_title(baseline.name, terms)}"', *head]
+    lines = [*(f"// {remark}" for remark in remarks), f'model {EXTENDED} "{_title(baseline.name, terms)}"', *head]
     lines += [f"  // {name}: {_with_error(value)}" for name, value in refit.items()]
     for name, (term, values) in zip(names, terms, strict=True):
         times = window_names(term.effect)
@@ -120,7 +119,7 @@ def extended_model(
     lines += ["equation", *equations] if equations else []
     texts = dict.fromkeys((baseline.text, *(own or {}).values()))  # a file may hold several of the blocks
     blocks = [class_texts(text) for text in texts if text]
-    return "\n".join([*lines, f"end {CLASS};", *blocks]) + "\n"
+    return "\n".join([*lines, f"end {EXTENDED};", *blocks]) + "\n"
 
 
 def _instance(kind: str, name: str, values: Mapping[str, Value]) -> list[str]:

@@ -379,17 +379,16 @@ def _whitening(part: Part, mass: float, slopes: tuple[float, float]) -> Array | 
     slopes: see ``_slopes``. At a resonance noise of the motion cancels between inertia and restoring force. This is
     left alone: it would take a filter that rings.
     """
-    derived = _is_derived(part, mass)
-    coloured = any(part.colour)
+    whitens_x, coloured = _whitens_x(part, mass, slopes), any(part.colour)
+    if not whitens_x and not part.lowest and not coloured:
+        return None
     n = 2 * quick_length(len(part))
     omega = 2 * np.pi * np.arange(n // 2 + 1) / n
     power = np.ones_like(omega)
-    if derived:
+    if _is_derived(part, mass):
         power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2
-    if _moves(part, mass, slopes):
+    if whitens_x:
         power += _restoring(part, mass, slopes, omega)
-    elif not derived and not part.lowest and not coloured:
-        return None
     if part.lowest:
         turn = omega**2 + (BELOW["v" if "v" in part.noise else "a"] * part.first) ** 2
         drift = part.noise["v"] * part.dt / np.sqrt(turn) if "v" in part.noise else part.noise["a"] * part.dt**2 / turn
@@ -404,7 +403,10 @@ def _whitening(part: Part, mass: float, slopes: tuple[float, float]) -> Array | 
 
 def _restoring(part: Part, mass: float, slopes: tuple[float, float], omega: Array) -> Array:
     """Power that noise of the displacement makes through the restoring force over that of the balance, at angular
-    frequencies [rad per sample]; 0 where the displacement was not measured."""
+    frequencies [rad per sample]; 0 where the displacement was not measured.
+
+    Without a mass the stiffness alone counts: a slope over the velocity may be that of dry friction, which noise does
+    not move while it slides."""
     if "x" not in part.noise:
         return np.zeros_like(omega)
     error = np.interp(omega, np.linspace(0, np.pi, len(part.error_of_x)), part.error_of_x)
@@ -412,20 +414,22 @@ def _restoring(part: Part, mass: float, slopes: tuple[float, float], omega: Arra
     return np.asarray((np.hypot(slopes[0], damper * omega / part.dt) * error / part.balance_noise(mass)) ** 2)
 
 
-def _moves(part: Part, mass: float, slopes: tuple[float, float]) -> bool:
-    """Whether the noise of the displacement is whitened as well: where the acceleration was derived from it, and where
-    nothing has a mass and it is louder through the stiffness than that of the force. Beside an acceleration that was
-    measured it cancels in part, as the smoother makes one motion of both; and the error of a channel with coarse steps
-    stays the same over a step, and is not white."""
-    if mass or "x" not in part.measured or steps(part.measured["x"]) is not None:
+def _whitens_x(part: Part, mass: float, slopes: tuple[float, float]) -> bool:
+    """Whether the noise of the displacement is whitened as well: where the acceleration was derived, and where nothing
+    has a mass and it is louder through the stiffness than that of the force. Beside an acceleration that was measured
+    it cancels in part, as the smoother makes one motion of both; and the error of a channel with coarse steps stays
+    the same over a step, and is not white."""
+    if mass:
         return _is_derived(part, mass)
+    if "x" not in part.measured or steps(part.measured["x"]) is not None:
+        return False
     omega = np.linspace(0, np.pi, len(part.error_of_x))
     return bool(np.max(_restoring(part, mass, slopes, omega)) > 1)
 
 
 def _followed(part: Part, response: Array | None, mass: float, slopes: tuple[float, float]) -> Array:
     """The same after whitening, at equal steps of the frequency from 0 to half of the sample rate."""
-    if response is None or not _moves(part, mass, slopes):
+    if response is None or not _whitens_x(part, mass, slopes):
         return np.zeros(2)
     white = response / colouring(part) if any(part.colour) else response
     return np.asarray(_restoring(part, mass, slopes, np.linspace(0, np.pi, len(response))) * white**2)

@@ -12,7 +12,7 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis.decide.answer import Answer, refit_values
 from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.decide.selection import Choice
-from hystid.diagnosis.fit.extended import CLASS, Skeleton, extended_model, settings_of
+from hystid.diagnosis.fit.extended import Skeleton, extended_model, settings_of
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.windows import for_recording, has_own_windows, has_windows
@@ -26,7 +26,7 @@ from hystid.fmu import build
 from hystid.fmu.coupling import simulate_with_effects
 from hystid.fmu.door import OpenedFmu, open_fmu
 from hystid.fmu.ssp import Connection, write_ssp
-from hystid.modelica_text import compile_text
+from hystid.modelica_text import EXTENDED, compile_text
 from hystid.numeric import Array
 
 _LONGEST = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
@@ -64,7 +64,7 @@ def free_runs(answer: Answer, skeleton: Skeleton, unseen: Sequence[Part]) -> Run
         last = choice.after.hypothesis
         end = base.settings(last.parameters())
         return Runs(answer, text, before, _beside_fmu(skeleton.name, text, groups, end, last.delay))
-    extended = CompiledModel(compile_text(text, CLASS))
+    extended = CompiledModel(compile_text(text, EXTENDED))
     notes: tuple[str, ...] = ()
     if answer.is_model():
         answer, notes = _output_error(answer, skeleton, extended)
@@ -120,7 +120,7 @@ def _beside_fmu(
     if rig.model_exchange is None or samples > _LONGEST:
         return none
     with scratch() as folder:
-        build(compile_text(text, CLASS), Path(folder, "effects.fmu"))
+        build(compile_text(text, EXTENDED), Path(folder, "effects.fmu"))
         effects = open_fmu(Path(folder, "effects.fmu"))
         found = []
         for parts in groups:

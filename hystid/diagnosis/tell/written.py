@@ -8,13 +8,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from hystid.diagnosis.fit.extended import CLASS
 from hystid.diagnosis.model.adapters import is_fmu
 from hystid.diagnosis.prove.runs import write_beside
 from hystid.diagnosis.tell.result import Diagnosis, Traces
 from hystid.diagnosis.tell.turned import turned_model
 from hystid.files import inside, safe_name, write_json, write_text
-from hystid.modelica_text import compile_text
+from hystid.modelica_text import EXTENDED, compile_text
 from hystid.rotation import turned_code
 
 
@@ -32,7 +31,7 @@ def written(answer: Diagnosis, out: str | Path | None) -> Diagnosis:
         from hystid.fmu import build
 
         write_text(folder / "extended.mo", turned_model(extended) if answer.rotational else extended)
-        code = compile_text(extended, CLASS)
+        code = compile_text(extended, EXTENDED)
         code = turned_code(code) if answer.rotational else code
         if is_fmu(answer.model):
             build(code, folder / "effects.fmu")
