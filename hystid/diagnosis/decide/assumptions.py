@@ -19,6 +19,7 @@ from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import (
     Case,
     at_rest,
+    held_for_a_while,
     moved_slowly,
     never_let_go,
     noise_beside,
@@ -34,6 +35,7 @@ from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.fit.slow_motion import Runs, lacks_slow_motion, runs_of, slow_motion_of
+from hystid.diagnosis.fit.windowscan import outside
 from hystid.diagnosis.fit.zeros import zeros_of_x
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.faults import DELAY, SATURATION
@@ -92,6 +94,7 @@ def decided(
     case, choice = _with_noise_beside(case, choice, library)
     case, choice = _slowly(case, choice, library)
     case, choice = _held(*_sound(case, choice, library), library)
+    case, choice = _held_for_a_while(case, choice, library)
     if integrated and choice.unknown:
         case, choice = _accelerated(case, choice, library, partial(posed, "xv"))
     case, choice = _stands(case, choice, library)
@@ -412,8 +415,27 @@ def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
         if weigh(again.problem, again.refit, library, rubbing).unknown >= min(NAME, choice.posterior.unknown):
             return case, choice  # no law that rubs would have the name, and a search takes its time
         other = chosen(again, library, known=choice.posterior.likely)
-    better = _has_friction(other) and other.posterior.unknown < choice.posterior.unknown
-    return (again, other) if better else (case, choice)
+    return (again, other) if _is_better(other, choice) else (case, choice)
+
+
+def _held_for_a_while(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """The same for dry friction that acts for a part of the time."""
+    if not _is_doubtful(choice) or not case.problem.timed:
+        return case, choice
+    criterion = Criterion(case.problem, choice.before, 1)
+    start, left = outside(case.problem, choice.before)
+    if left - criterion.floor > criterion.usual * criterion.misfit(choice.before, criterion.floor):
+        return case, choice
+    again = held_for_a_while(case, start, library)
+    if again is None:
+        return case, choice
+    other = chosen(again, library, known=choice.posterior.likely)
+    return (again, other) if _is_better(other, choice) else (case, choice)
+
+
+def _is_better(other: Choice, choice: Choice) -> bool:
+    """Whether dry friction is the answer of another choice, and something unknown is less probable there."""
+    return _has_friction(other) and other.posterior.unknown < choice.posterior.unknown
 
 
 def _has_friction(choice: Choice) -> bool:

@@ -11,7 +11,7 @@ from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import Candidate, scan, try_fit
 from hystid.diagnosis.fit.windows import has_edges, in_window_of, is_off_outside, settled, shared
-from hystid.diagnosis.fit.windowscan import outside, scan_windows
+from hystid.diagnosis.fit.windowscan import everywhere, outside, scan_windows
 from hystid.diagnosis.model.effects import Effect
 
 _LAWS, _FORMS = 3, 6  # laws that are fitted to the end, and forms that are tried
@@ -48,7 +48,7 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
 def _switched(problem: Problem, criterion: Criterion, before: Fit, begun: Iterable[Fit]) -> Iterator[Fit]:
     """Fits of laws in windows, continued, each once with windows of its own and with one for all where they agree,
     without those that are not switched on and off."""
-    for own in begun:
+    for own in (everywhere(problem, fit) for fit in begun):
         one = shared(problem, own.hypothesis)
         made = try_fit(problem, one) if one is not None else None
         for fit in (own, *([made] if made is not None else [])):

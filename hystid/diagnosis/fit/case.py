@@ -18,7 +18,7 @@ from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import NO_LAW, without_knocks
 from hystid.diagnosis.fit.periodic import without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
-from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest, refit_beside
+from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest, refit_beside, refit_held
 from hystid.diagnosis.fit.slow_motion import SlowMotion, lacks_slow_motion, settled_along, slow_motion_of
 from hystid.diagnosis.fit.velocity_sign import longest_turn
 from hystid.diagnosis.fit.windows import for_recording
@@ -351,7 +351,17 @@ def at_rest(case: Case, effects: Sequence[Effect]) -> Case | None:
     """The case with the rows weighed down in which dry friction that was left out may hold the structure; None where
     there are none."""
     problem = case.problem.weighed(case.problem.parts)
-    found = refit_at_rest(problem, [case.refit, *case.minima], effects)
+    return _refitted(case, problem, refit_at_rest(problem, [case.refit, *case.minima], effects))
+
+
+def held_for_a_while(case: Case, start: Fit, effects: Sequence[Effect]) -> Case | None:
+    """The same for dry friction that acts for a part of the time. start: the baseline as it fits where nothing acts."""
+    problem = case.problem.weighed(case.problem.parts)
+    return _refitted(case, problem, refit_held(problem, [case.refit, *case.minima], start, effects))
+
+
+def _refitted(case: Case, problem: Problem, found: tuple[Fit, tuple[Fit, ...], float] | None) -> Case | None:
+    """The case with another weighing of its rows, and the fits that belong to it."""
     if found is None:
         return None
     refitted, minima, nominal = found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -85,6 +86,26 @@ def refit_at_rest(
     sure, nominal = problem.reduce.sure(), _nominal(problem, before)
     problem.distrust(friction.hypothesis, nominal, refit=before[0].hypothesis)
     return _weighed(problem, before, nominal) if np.any(sure & ~problem.reduce.sure()) else None
+
+
+def refit_held(
+    problem: Problem, before: Sequence[Fit], start: Fit, effects: Sequence[Effect]
+) -> tuple[Fit, tuple[Fit, ...], float] | None:
+    """The same for dry friction that acts for a part of the time: it is as large as the largest force that the
+    baseline leaves. start: the baseline as it fits where nothing acts."""
+    turning = [effect for effect in effects if effect.turns and effect.amplitudes]
+    if not turning:
+        return None
+    effect = min(turning, key=lambda effect: effect.size)
+    shapes = min(effect.grid(problem.scales), key=lambda point: point[effect.semantics.transition])
+    left = zip(problem.balance_shown(start.hypothesis), problem.parts, strict=True)
+    most = max(float(np.max(np.abs(f if part.valid is None else f * part.valid))) for f, part in left)
+    friction = Term(effect, {**shapes, **dict.fromkeys(effect.amplitudes, most)})
+    sure, nominal = problem.reduce.sure(), _nominal(problem, before)
+    problem.distrust(
+        replace(start.hypothesis, terms=(*start.hypothesis.terms, friction)), nominal, refit=start.hypothesis
+    )
+    return _weighed(problem, [start, *before], nominal) if np.any(sure & ~problem.reduce.sure()) else None
 
 
 def refit_beside(problem: Problem, before: Sequence[Fit], law: Fit) -> tuple[Fit, tuple[Fit, ...], float]:
