@@ -21,7 +21,7 @@ from hystid.diagnosis.fit.independence import _has_line
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.fit.windows import Window, Windowed, shared, windowed
-from hystid.diagnosis.fit.windowscan import scan_windows
+from hystid.diagnosis.fit.windowscan import everywhere, scan_windows
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
@@ -453,3 +453,43 @@ def test_mass_that_one_recording_has_is_no_gain_of_the_channel(added: float) -> 
     dm = finding.parameters["dm"]
     # four standard errors, and the central differences: (omega dt)^2/6 = 0.5 % at the resonance
     assert dm.value == pytest.approx(added, abs=4 * dm.stderr + 0.005 * abs(added))
+
+
+def braked(seed: int, most: float, window: tuple[float, float], n: int = 8000, sub: int = 20) -> Recording:
+    """The oscillator with dry friction [N] between two times, by time stepping with a set-valued law (Moreau 1988)."""
+    rng, dt = np.random.default_rng(seed), 1 / 2000 / sub
+    t = np.arange(n * sub) * dt
+    lines = zip(rng.uniform(8, 40, 12), rng.uniform(0, 2 * np.pi, 12), strict=True)
+    F = np.sum([6 * np.sin(2 * np.pi * f * t + phase) for f, phase in lines], axis=0)
+    moved, here, speed = np.zeros((n * sub, 2)), 0.0, 0.0
+    for k, force in enumerate(F):
+        free = speed + dt / MASS * (force - STIFFNESS * here - DAMPING * speed)
+        slip = np.sign(free) * max(abs(free) - dt / MASS * most * (window[0] < t[k] < window[1]), 0.0)
+        moved[k] = here, (slip - speed) / dt
+        here, speed = here + dt * slip, slip
+    clean = (*moved[::sub].T, F[::sub])
+    x, a, F = (u + 1e-3 * np.std(u) * rng.standard_normal(n) for u in clean)
+    return Recording(f"braked_{seed}", t[::sub], F=F, x=x, a=a)
+
+
+def test_friction_that_holds_a_structure_for_a_while_has_a_name() -> None:
+    """It slips in a tenth of the window, and is held in the rest: any force up to the friction stands there, which
+    no law of the motion gives."""
+    found = diagnose([braked(seed, 38.0, (1.5, 2.7)) for seed in (1, 2)], model=MODEL, parameters=NOMINAL)
+    (finding,) = found.findings
+    assert finding.effect == "coulomb_friction"
+    assert finding.parameters["Fc"].value == pytest.approx(38.0, rel=0.01)  # 0.05 % was seen
+    assert finding.parameters["t_on_1"].value == pytest.approx(1.5, abs=0.01)  # half a sliding of 0.02 s
+
+
+def test_a_law_has_a_window_in_each_recording_in_which_it_acts() -> None:
+    """Where it is quiet it adds too little to be looked for, beside a recording in which it is loud."""
+    case, library = posed([rig((2.0, 4.2), 4e6, 1, 28.0), rig((1.0, 3.5), 4e6, 2, 12.0), rig((0, 0), 4e6, 3, 28.0)])
+    spring = next(e for e in library if e.id == "quadratic_stiffness" and not e.form)
+    law = windowed(spring, {0: Window(2.0, 4.2)})
+    fit = try_fit(case.problem, replace(case.refit.hypothesis, terms=(Term(law, {"k2": 4e6, **law.near}),)))
+    assert fit is not None
+    (term,) = everywhere(case.problem, fit).hypothesis.terms
+    assert isinstance(term.effect, Windowed) and term.effect.owners == (0, 1)
+    # A block of the scan, a fortieth of 6 s; the quadratic spring says little near the middle.
+    assert term.effect.times(term.values, 1)[:2] == pytest.approx((1.0, 3.5), abs=6.0 / 40)
