@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hystid.errors import counted
 from hystid.numeric import Array
 from hystid.recording.problems import Problem
 from hystid.recording.table import Table
@@ -44,7 +45,7 @@ def order_problems(table: Table, t: Array) -> list[Problem]:
     bad = np.flatnonzero(~np.isfinite(t))
     if bad.size:
         sample = int(bad[0])
-        found = f"time is not a number at {_count(bad.size, 'sample')}"
+        found = f"time is not a number at {counted(bad.size, 'sample')}"
         problems.append(table.problem("not_finite", found, "cut or complete these samples", "t", sample))
         return problems
     step = np.diff(t)
@@ -55,7 +56,7 @@ def order_problems(table: Table, t: Array) -> list[Problem]:
     for found, where in (("repeats", step == 0), ("runs backwards", step < 0)):
         at = np.flatnonzero(where) + 1
         if at.size:
-            text = f"time {found} (t = {t[at[0]]:.9g} s after {t[at[0] - 1]:.9g} s), {_count(at.size, 'time')} in all"
+            text = f"time {found} (t = {t[at[0]]:.9g} s after {t[at[0] - 1]:.9g} s), {counted(at.size, 'time')} in all"
             action = (
                 "remove the repeated samples" if found == "repeats" else "sort the file or split it into one per test"
             )
@@ -90,7 +91,7 @@ def _longest_part(table: Table, t: Array, dt: float, gaps: NDArray[np.intp]) -> 
     kept = part.stop - part.start
     first = int(gaps[0]) + 1
     found = (
-        f"{_count(gaps.size, 'gap')} in time, the first of {t[first] - t[first - 1]:.4g} s"
+        f"{counted(gaps.size, 'gap')} in time, the first of {t[first] - t[first - 1]:.4g} s"
         f" before t = {t[first]:.6g} s where the usual step is {dt:.4g} s"
     )
     if kept < max(t.size // 2, SHORTEST):
@@ -124,7 +125,7 @@ def _without_gaps(table: Table, t: Array, part: slice) -> Grid:
     if not dropped.any():
         return grid
     lost = int(np.sum(np.rint(step[dropped] / median) - 1))
-    found = f"{_count(lost, 'sample')} missing at {_count(int(dropped.sum()), 'place')}"
+    found = f"{counted(lost, 'sample')} missing at {counted(int(dropped.sum()), 'place')}"
     first = part.start + int(np.argmax(dropped)) + 1
     problem = table.problem("gap", found, "they were interpolated linearly", "t", first, "warning")
     return replace(grid, problems=(problem,))
@@ -134,7 +135,3 @@ def _interpolated(t: Array, part: slice, dt: float, note: str) -> Grid:
     stamps = t[part]
     n = max(round((stamps[-1] - stamps[0]) / dt), 1) + 1
     return Grid(np.linspace(stamps[0], stamps[-1], n), part, stamps, (note,))
-
-
-def _count(n: int, what: str) -> str:
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
