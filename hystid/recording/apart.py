@@ -73,18 +73,7 @@ def tables_there(path: str) -> list[dict[str, Any]]:
     """What the process is asked: the tables as mappings."""
     module = BINARY[Path(path).suffix.lower()].module
     tables = getattr(import_module(f"hystid.recording.{module}"), f"read_{module}")(Path(path))
-    return [
-        {
-            "file": table.file,
-            "columns": [
-                {"name": c.name, "unit": c.unit, "values": c.values, "counts": c.counts} for c in table.columns
-            ],
-            "name": table.name,
-            "sample_rate": table.sample_rate,
-            "attributes": dict(table.attributes),
-        }
-        for table in tables
-    ]
+    return [vars(table) | {"columns": [vars(column) for column in table.columns]} for table in tables]
 
 
 def _table(item: Mapping[str, Any]) -> Table:

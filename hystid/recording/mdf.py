@@ -18,14 +18,10 @@ from hystid.recording.table import Column, Table
 def read_mdf(path: Path) -> list[Table]:
     """Tables of an MDF file: channels of all groups on the time axis of the quickest one that holds a known channel.
 
-    Raises RecordingError where the package is missing or the file is none.
+    Raises RecordingError where the file is none.
     """
-    try:
-        from asammdf import MDF
-    except ImportError:
-        raise RecordingError(
-            f"{path.name}: reading MDF files needs the package asammdf: pip install 'hystid[mdf]'"
-        ) from None
+    from asammdf import MDF
+
     try:
         # asammdf makes a file for what it unpacks, and keeps it where reading fails
         with scratch() as folder, MDF(path, temporary_folder=folder) as file:

@@ -12,14 +12,10 @@ from hystid.recording.table import Column, Table, clock_seconds
 
 
 def read_parquet(path: Path) -> list[Table]:
-    """The table of a Parquet file. Raises RecordingError where the package is missing or the file is none."""
-    try:
-        from pyarrow import ArrowException
-        from pyarrow.parquet import read_table
-    except ImportError:
-        raise RecordingError(
-            f"{path.name}: reading Parquet files needs the package pyarrow: pip install 'hystid[parquet]'"
-        ) from None
+    """The table of a Parquet file. Raises RecordingError where the file is none."""
+    from pyarrow import ArrowException
+    from pyarrow.parquet import read_table
+
     try:
         table = read_table(path)
     except (ArrowException, OSError) as error:

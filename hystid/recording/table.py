@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ class Table:
     """The columns of one test. Columns may differ in length until the door checks have run.
 
     file is what messages call it. lines holds the line number of each sample for text files, else None.
-    sample_rate [Hz] is given by formats that store no time column. attributes are scalars that the file carries.
+    sample_rate [Hz] is given by formats that store no time column.
     """
 
     file: str
@@ -36,7 +35,6 @@ class Table:
     name: str = ""
     lines: range | Array | None = None
     sample_rate: float | None = None
-    attributes: Mapping[str, str] = field(default_factory=dict)
 
     def line(self, sample: int | None) -> int | None:
         """Line number of a sample, None where the format has no lines."""
