@@ -60,7 +60,7 @@ def read_text(path: Path) -> list[Table]:
     separator = _separator([line for _, line in lines])
     first = _first_row(lines, separator)
     headers = _headers(path, lines[:first], comments, lines[first:], separator)
-    body = _body(lines[first:], len(headers), separator)
+    body = _body(lines[first:], separator)
     if not body:
         raise _without_samples(path, lines[-1], separator)
     _refuse_scales(path, lines[:first], separator)
@@ -242,10 +242,6 @@ def _headers(
         named = [_heading(line, separator, width) for line in before]
         candidates = [cells for cells in named if len(cells) == width and any(_known(cell) for cell in cells)]
     if not candidates:
-        if above and (width > 1 or not rows):
-            cells = _heading(above[-1][1], separator, width)
-            if len(cells) == 1 and width <= 1:
-                raise _refused(path, "columns", "only one column is there", _EXAMPLE, line=above[-1][0])
         if not above:
             found = "the first line holds numbers instead of names"
             raise _refused(path, "columns", found, _EXAMPLE, line=rows[0][0])
@@ -288,7 +284,7 @@ def _named(candidates: Sequence[list[str]], width: int) -> list[Header]:
     return headers
 
 
-def _body(rows: Sequence[Line], columns: int, separator: str | None) -> list[Line]:
+def _body(rows: Sequence[Line], separator: str | None) -> list[Line]:
     """Rows of the table without what a logger wrote after its end."""
     body = list(rows)
     while body and not _is_row(body[-1][1], separator) and not any(map(_is_number, _cells(body[-1][1], separator))):
