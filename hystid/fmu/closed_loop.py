@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +12,12 @@ from hystid.errors import FmuError, UsageError
 from hystid.files import scratch
 from hystid.fmu.build import build
 from hystid.fmu.door import OpenedFmu, open_fmu
+from hystid.fmu.from_network import network_of
 from hystid.fmu.mass import mass_code
 from hystid.fmu.ssp import Connection, write_ssp
 from hystid.modelcode import Experiment
 from hystid.surrogate import oscillator_code
 
-_SURROGATE = "resources/surrogate.onnx"  # in the FMU of an identified restoring force
 _TOGETHER = (Connection("F", "rig.F"), *(Connection(f"rig.{name}", name) for name in ("x", "v", "R")))
 _APART = (
     Connection("F", "mass.F"),
@@ -59,7 +58,7 @@ def write_rig(
     block = open_fmu(force)
     experiment = block.model.experiment if step is None else replace(block.model.experiment, step=float(step))
     with scratch() as folder:
-        network = None if apart else _network(Path(force), folder)
+        network = None if apart else network_of(Path(force), folder)
         if network is not None:
             code = replace(oscillator_code(network, mass=mass), experiment=experiment)
             components, connections = {"rig": build(code, folder / "rig.fmu").path}, list(_TOGETHER)
@@ -71,16 +70,6 @@ def write_rig(
             connections += [Connection("F", "reference.F"), Connection("reference.x", "x_reference")]
             outputs.append("x_reference")
         return write_ssp(out, components, connections, inputs=["F"], outputs=outputs, experiment=experiment)
-
-
-def _network(force: Path, folder: Path) -> Path | None:
-    """The ONNX file of an identified restoring force; None for any other FMU."""
-    with zipfile.ZipFile(force) as archive:
-        if _SURROGATE not in archive.namelist():
-            return None
-        found = folder / "surrogate.onnx"
-        found.write_bytes(archive.read(_SURROGATE))
-        return found
 
 
 def _two(block: OpenedFmu, mass: float, experiment: Experiment, folder: Path) -> dict[str, Path]:

@@ -9,9 +9,11 @@ from hystid.errors import NetworkError
 from hystid.fmu.about import About
 from hystid.fmu.arrays import with_arrays
 from hystid.fmu.build import BuildResult, Version, build
+from hystid.fmu.door import read_entry
 from hystid.fmu.platforms import chosen
 from hystid.limits import compiled
 from hystid.surrogate import model_code
+from hystid.surrogate.restoring_force import NETWORK
 
 
 def build_network(
@@ -38,3 +40,12 @@ def build_network(
         return build(with_arrays(code) if arrays else code, Path(out), fmi=fmi, platforms=names, about=about)
 
     return compiled(str(network), make, NetworkError, len(chosen(names)))
+
+
+def network_of(fmu: Path, folder: Path) -> Path | None:
+    """The network that an FMU was made from, written into a folder; None where it carries none. Raises FmuError."""
+    content = read_entry(fmu, f"resources/{NETWORK}")
+    if content is None:
+        return None
+    (folder / NETWORK).write_bytes(content)
+    return folder / NETWORK

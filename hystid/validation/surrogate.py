@@ -13,13 +13,13 @@ from hystid.compiled import CompiledModel
 from hystid.errors import RecordingError, UsageError
 from hystid.files import scratch
 from hystid.fmu import Driver
-from hystid.fmu.door import read_entry
+from hystid.fmu.from_network import network_of
 from hystid.networks import FurtherInput, onnx_reading, runtime
 from hystid.networks.level import Level
 from hystid.recording import Array, Recording
 from hystid.simulation import driven
 from hystid.surrogate import oscillator_code, surrogate_code
-from hystid.surrogate.restoring_force import NETWORK, force_slots
+from hystid.surrogate.restoring_force import force_slots
 from hystid.validation.judged import start_of
 
 Kind = Literal["onnx", "surrogate", "oscillator"]
@@ -172,7 +172,7 @@ def _from_network(path: Path, mass: float | None) -> Surrogate:
 
 def _from_surrogate_fmu(path: Path, driver: Driver, mass: float | None) -> Surrogate:
     with scratch() as folder:
-        network = _network_inside(path, folder)
+        network = network_of(path, folder)
         if network is not None:
             note = (
                 "the closed loop runs the network that the FMU carries, integrated with the mass as oscillator.fmu does"
@@ -194,7 +194,7 @@ def _from_oscillator_fmu(path: Path, driver: Driver, mass: float | None) -> Surr
         )
     rate, limits, further, turns = None, {}, _inputs_of(driver), None
     with scratch() as folder:
-        network = _network_inside(path, folder)
+        network = network_of(path, folder)
         if network is not None:
             _, about = onnx_reading.read(network)
             rate, limits, further = about.sample_rate, dict(about.training_range), about.inputs
@@ -209,11 +209,3 @@ def _inputs_of(driver: Driver) -> tuple[FurtherInput, ...]:
         for v in driver.model.variables
         if v.causality == "input" and v.name not in ("F", "x", "v")
     )
-
-
-def _network_inside(fmu: Path, folder: Path) -> Path | None:
-    content = read_entry(fmu, f"resources/{NETWORK}")
-    if content is None:
-        return None
-    (folder / NETWORK).write_bytes(content)
-    return folder / NETWORK
