@@ -308,9 +308,8 @@ class Driver:
         end = float(rows["time"][-1])
         if end < times[-1] - 1e-6 * (times[-1] - times[0]):
             self._ended_early(end, times[-1])
-        return {
-            s.name: _resampled(times, rows["time"], np.asarray(rows[s.name]), linear=s.is_continuous) for s in wanted
-        }
+        slack = 1e-9 * (rows["time"][-1] - rows["time"][0])
+        return {s.name: s.resampled(times, rows["time"], np.asarray(rows[s.name]), slack) for s in wanted}
 
     def _ended_early(self, end: float, last: float) -> NoReturn:
         raise FmuError(
@@ -331,15 +330,6 @@ def _went_on(_: float, __: Any) -> bool:
 
 def _arrays(table: Mapping[str, ArrayLike] | None) -> dict[str, NDArray[Any]]:
     return {name: np.asarray(values) for name, values in (table or {}).items()}
-
-
-def _resampled(times: Array, t: Array, values: NDArray[Any], *, linear: bool) -> NDArray[Any]:
-    """Values (m,) or (m, size) given at t, at the times (n,): straight lines, or the latest one."""
-    if not linear:
-        latest = np.searchsorted(t, times + 1e-9 * (t[-1] - t[0]), side="right") - 1
-        return np.asarray(values[np.maximum(latest, 0)])
-    columns = [np.interp(times, t, column) for column in values.reshape(len(values), -1).T]
-    return np.stack(columns, axis=1).reshape(len(times), *values.shape[1:])
 
 
 class _InputSlopes:

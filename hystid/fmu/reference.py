@@ -183,8 +183,11 @@ def read_cells(text: str) -> tuple[Array, dict[str, Sequence[str]]]:
         raise ValueError("its rows differ in length")
     if len(set(rows[0])) < len(rows[0]):
         raise ValueError("a column is there twice")
-    times, *columns = zip(*rows[1:], strict=True)
-    return np.array([float(x) for x in times]), dict(zip(rows[0][1:], columns, strict=True))
+    cells, *columns = zip(*rows[1:], strict=True)
+    times = np.array([float(x) for x in cells])
+    if np.any(np.diff(times) < 0) or not np.all(np.isfinite(times)):
+        raise ValueError("its times are not in order")
+    return times, dict(zip(rows[0][1:], columns, strict=True))
 
 
 @dataclass(frozen=True)

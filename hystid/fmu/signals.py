@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hystid.fmu.si import unit_of
 from hystid.modelcode import Causality, Variability, Variable
+from hystid.numeric import Array
 
 _TRUTH = {"false": False, "true": True, "0": False, "1": True}
 _REALS = ("Real", "Float64", "Float32")
@@ -131,6 +132,14 @@ class Signal:
             first = int(np.argmax(wrong.reshape(len(given), -1).any(axis=1))) if given.ndim else 0
             raise ValueError(f"is {given.flat[np.argmax(wrong)]} at sample {first}, which {self.type} cannot hold")
         return np.ascontiguousarray(given, self.dtype)
+
+    def resampled(self, t: Array, given: Array, values: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
+        """Values (m,) or (m, size) of the times ``given``, at the times t (n,): between them straight lines, or the
+        latest one where it is not continuous, which may be late by the slack [s]."""
+        if not self.is_continuous:
+            return np.asarray(values[np.maximum(np.searchsorted(given, t + slack, side="right") - 1, 0)])
+        columns = [np.interp(t, given, column) for column in values.reshape(len(values), -1).T]
+        return np.stack(columns, axis=1).reshape(len(t), *values.shape[1:])
 
 
 def _whole(text: str) -> int:
