@@ -16,6 +16,7 @@ from hystid.errors import FmuError
 from hystid.fmu.continuous import Continuous, Interpolated, runge_kutta
 from hystid.fmu.door import OpenedFmu
 from hystid.fmu.native import Access, Instance
+from hystid.fmu.rows import Rows
 from hystid.numeric import Array
 
 
@@ -111,18 +112,12 @@ def _run(fmu: OpenedFmu, given: Clamping, parameters: Mapping[str, float], rows:
         first = [(variables[name], float(u[0])) for name, u in given.inputs.items()]
         instance.initialise(0.0, [(variables[name], value) for name, value in parameters.items()], first)
         clamped = _Clamped(instance, fmu, given)
-        accesses = instance.access([variables[name] for name in given.outputs])
-        rows_of = [np.zeros((rows, len(a.names)), a.dtype) for a in accesses]
+        readings = Rows(instance, given.outputs, rows)
         for row in range(rows):
             beat()
-            for access, block in zip(accesses, rows_of, strict=True):
-                access.get(block.ctypes.data + row * block.strides[0])
+            readings.get(row)
             if row + 1 < rows:
                 clamped.advance(row, given.substeps)
-        result = {
-            name: np.ascontiguousarray(block[:, i], np.float64)
-            for access, block in zip(accesses, rows_of, strict=True)
-            for i, name in enumerate(access.names)
-        }
+        result = {name: np.asarray(values, np.float64) for name, values in readings.columns().items()}
     check_finite(fmu.name, result, given.dt)
-    return {name: result[name] for name in given.outputs}
+    return result
