@@ -9,7 +9,7 @@ import ctypes
 from collections.abc import Sequence
 from ctypes import c_bool, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 
@@ -133,7 +133,7 @@ class Instance:
         self._prefix = f"fmi{fmu.version}"
         self._functions: dict[str, Any] = {}
         self._library = load(fmu, found)
-        self._logger: Any = (_LOG2 if self.version == 2 else _LOG3)(self._log2 if self.version == 2 else self._log3)
+        self._logger: Any = (_LOG2 if self.version == 2 else _LOG3)(self._log)
         self.component = c_void_p(self._instantiate(fmu, kind))
         if not self.component.value:
             raise FmuError(f"{self.name}: it could not be instantiated{self._reason()}")
@@ -147,28 +147,30 @@ class Instance:
     def close(self) -> None:
         """Free the instance."""
         if self.component.value:
-            free = getattr(self._library, f"{self._prefix}FreeInstance")
-            free.restype = None
-            free(self.component)
+            self._found("FreeInstance", None)(self.component)
             self.component = c_void_p()
 
     def function(self, name: str) -> Any:
         """The FMI function of this name, without its prefix."""
         if name not in self._functions:
-            try:
-                function = getattr(self._library, self._prefix + name)
-            except AttributeError:
-                raise FmuError(f"{self.name}: its library lacks the function {self._prefix}{name}") from None
-            function.restype = c_uint  # a status that there is not, below 0 for instance, is a failure
-            self._functions[name] = function
+            # a status that there is not, below 0 for instance, is a failure
+            self._functions[name] = self._found(name, c_uint)
         return self._functions[name]
+
+    def _found(self, name: str, result: Any) -> Any:
+        try:
+            function = getattr(self._library, self._prefix + name)
+        except AttributeError:
+            raise FmuError(f"{self.name}: its library lacks the function {self._prefix}{name}") from None
+        function.restype = result
+        return function
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function of the instance; FmuError with the FMU's own words where it answers discard or worse."""
         if self.function(name)(self.component, *arguments) > 1:
             self.fail(f"{self._prefix}{name}")
 
-    def fail(self, doing: str) -> None:
+    def fail(self, doing: str) -> NoReturn:
         """Raise FmuError."""
         raise FmuError(f"{self.name}: {doing} failed{self._reason()}")
 
@@ -236,7 +238,6 @@ class Instance:
             if not needed:
                 return changed, next_time
         self.fail("event iteration (100 passes)")
-        raise AssertionError
 
     def _update2(self) -> tuple[bool, bool, float]:
         info = _EventInfo()
@@ -251,36 +252,33 @@ class Instance:
         self.ended |= flags[1].value
         return flags[0].value, flags[3].value, time.value if flags[4].value else np.inf
 
-    def _maker(self, name: str) -> Any:
-        try:
-            return getattr(self._library, name)
-        except AttributeError:
-            raise FmuError(f"{self.name}: its library lacks the function {name}") from None
-
     def _instantiate(self, fmu: OpenedFmu, kind: KindName) -> int | None:
         name, token = fmu.model.name.encode(), fmu.model.token.encode()
         resources = fmu.folder / "resources"
         if self.version == 2:
             self._callbacks = _Callbacks(self._logger, _libc("calloc"), _libc("free"), None, None)
-            make = self._maker("fmi2Instantiate")
-            make.restype = c_void_p
             number = 1 if kind == "CoSimulation" else 0
-            found = make(name, number, token, resources.as_uri().encode(), ctypes.byref(self._callbacks), 0, 0)
-            return found if found is None else int(found)
-        make = self._maker(f"fmi3Instantiate{kind}")
-        make.restype = c_void_p
-        common = (name, token, f"{resources}/".encode(), c_bool(False), c_bool(False))
-        if kind == "CoSimulation":
-            found = make(*common, c_bool(False), c_bool(False), None, c_size_t(0), None, self._logger, None)
+            given: tuple[Any, ...] = (
+                name,
+                number,
+                token,
+                resources.as_uri().encode(),
+                ctypes.byref(self._callbacks),
+                0,
+                0,
+            )
         else:
-            found = make(*common, None, self._logger)
-        return found if found is None else int(found)
+            given = (name, token, f"{resources}/".encode(), c_bool(False), c_bool(False))
+            if kind == "CoSimulation":
+                given += (c_bool(False), c_bool(False), None, c_size_t(0), None, self._logger, None)
+            else:
+                given += (None, self._logger)
+        address: int | None = self._found("Instantiate" + (kind if self.version == 3 else ""), c_void_p)(*given)
+        return address
 
-    def _log2(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
-        if status > 0 and message:
-            self.last_message = message.decode(errors="replace")
-
-    def _log3(self, _environment: Any, status: int, _category: bytes, message: bytes) -> None:
+    def _log(self, *told: Any) -> None:
+        """What the FMU says: environment, in FMI 2.0 the instance's name, then status, category, message."""
+        *_, status, _category, message = told
         if status > 0 and message:
             self.last_message = message.decode(errors="replace")
 
