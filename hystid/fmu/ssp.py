@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 from hystid.errors import FmuError, UsageError
 from hystid.fmu.build import write_zip
 from hystid.fmu.door import OpenedFmu, open_fmu
-from hystid.fmu.model_description.common import number, start_text, text_of
+from hystid.fmu.model_description.common import base_unit, number, start_text, text_of
 from hystid.fmu.reference import SSV as _SSV
 from hystid.modelcode import Enumeration, Experiment, Variable
 from hystid.units import exponents
@@ -21,7 +21,6 @@ _OMS = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema
 _TOLERANCE = 1e-4  # of OMSimulator's masters, where an experiment states none
 _FMU = "application/x-fmu-sharedlibrary"
 _VALUES = "application/x-ssp-parameter-set"
-_TYPES = {"Real": "Real", "Integer": "Integer", "Boolean": "Boolean"}
 
 
 @dataclass(frozen=True)
@@ -196,7 +195,7 @@ def _add_connector(parent: ET.Element, name: str, kind: str, variable: Variable)
         ET.SubElement(element, f"{{{_SSC}}}Enumeration", {"name": variable.enumeration.name})
         return set()
     unit = {variable.unit} if variable.type == "Real" and variable.unit else set()
-    ET.SubElement(element, f"{{{_SSC}}}{_TYPES[variable.type]}", {"unit": variable.unit} if unit else {})
+    ET.SubElement(element, f"{{{_SSC}}}{variable.type}", {"unit": variable.unit} if unit else {})
     return unit
 
 
@@ -225,9 +224,5 @@ def _add_units(root: ET.Element, units: set[str]) -> None:
         return
     definitions = _sub(root, "Units")
     for name in sorted(units):
-        factor, offset, powers = exponents(name)
-        attributes = {base: str(power) for base, power in powers.items() if power}
-        attributes |= {"factor": number(factor)} if factor != 1 else {}
-        attributes |= {"offset": number(offset)} if offset != 0 else {}
         unit = ET.SubElement(definitions, f"{{{_SSC}}}Unit", {"name": name})
-        ET.SubElement(unit, f"{{{_SSC}}}BaseUnit", attributes)
+        ET.SubElement(unit, f"{{{_SSC}}}BaseUnit", base_unit(name))

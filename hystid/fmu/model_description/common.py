@@ -127,16 +127,20 @@ def add_units(root: ET.Element, model: Interface) -> None:
     for name in names:
         unit = add(definitions, "Unit", {"name": name})
         try:
-            factor, offset, powers = exponents(name)
+            ET.SubElement(unit, "BaseUnit", base_unit(name))
         except UsageError:
             continue  # a unit without base unit is legal: it only cannot be converted
-        attributes: dict[str, str | None] = {base: str(power) for base, power in powers.items() if power}
-        attributes["factor"] = number(factor) if factor != 1 else None
-        attributes["offset"] = number(offset) if offset != 0 else None
-        add(unit, "BaseUnit", attributes)
         for read, (times, plus) in shown.get(name, {}).items():
             more = {"offset": number(plus)} if plus else {}
             add(unit, "DisplayUnit", {"name": read, "factor": number(times), **more})
+
+
+def base_unit(name: str) -> dict[str, str]:
+    """SI exponents, factor and offset of a unit as attributes. Raises UsageError where it is not known."""
+    factor, offset, powers = exponents(name)
+    attributes = {base: str(power) for base, power in powers.items() if power}
+    attributes |= {"factor": number(factor)} if factor != 1 else {}
+    return attributes | ({"offset": number(offset)} if offset != 0 else {})
 
 
 def add_items(parent: ET.Element, enumeration: Enumeration) -> None:
