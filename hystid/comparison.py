@@ -6,8 +6,10 @@ NRMSE is rms(error) / std(reference), a fraction, everywhere in hystid.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hystid.errors import NumericalError, UsageError
 from hystid.numeric import Array
@@ -150,8 +152,8 @@ def tube(values: Array, reference: Array, *, relative: float = 1e-3, absolute: f
     finite = np.isfinite(reference)
     size = relative * reference[finite]  # its range would overflow for the largest numbers
     height = float(size.max() - size.min()) + absolute if size.size else absolute
-    lower = _windows(np.where(finite, reference, np.inf), samples).min(axis=1) - height
-    upper = _windows(np.where(finite, reference, -np.inf), samples).max(axis=1) + height
+    lower = neighbours(np.where(finite, reference, np.inf), samples).min(axis=1) - height
+    upper = neighbours(np.where(finite, reference, -np.inf), samples).max(axis=1) + height
     lower[~finite] = upper[~finite] = np.nan
     beyond = np.maximum(np.maximum(lower - values, values - upper), 0.0)
     same = (values == reference) | (np.isnan(values) & np.isnan(reference))
@@ -160,5 +162,6 @@ def tube(values: Array, reference: Array, *, relative: float = 1e-3, absolute: f
     return Tube(lower, upper, outside, float(np.max(np.where(np.isfinite(beyond), beyond, np.inf), initial=0.0)))
 
 
-def _windows(values: Array, samples: int) -> Array:
+def neighbours(values: NDArray[Any], samples: int) -> NDArray[Any]:
+    """Each value and so many samples to either side of it, shape (n, 2 samples + 1); the ends are repeated."""
     return np.lib.stride_tricks.sliding_window_view(np.pad(values, samples, mode="edge"), 2 * samples + 1)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.comparison import Tube, tube
+from hystid.comparison import Tube, neighbours, tube
 from hystid.errors import printable
 from hystid.fmu.signals import Signal
 from hystid.numeric import Array
@@ -77,9 +77,7 @@ def compared(
 
 
 def _exactly(name: str, values: NDArray[Any], reference: NDArray[Any], samples: int) -> SignalResult:
-    padded = np.pad(reference, samples, mode="edge")
-    near = [padded[i : i + len(reference)] for i in range(2 * samples + 1)]
-    outside = ~np.logical_or.reduce([values == row for row in near])
+    outside = ~np.any(neighbours(reference, samples) == values[:, None], axis=1)
     labels: tuple[str, ...] = ()
     if reference.dtype == object:
         labels = tuple(sorted({*map(str, values), *map(str, reference)}))
@@ -87,7 +85,6 @@ def _exactly(name: str, values: NDArray[Any], reference: NDArray[Any], samples: 
         values = np.array([places[str(v)] for v in values])
         reference = np.array([places[str(v)] for v in reference])
     new, old = values.astype(np.float64), reference.astype(np.float64)
-    padded = np.pad(old, samples, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * samples + 1)
+    windows = neighbours(old, samples)
     band = Tube(windows.min(axis=1), windows.max(axis=1), outside, float(np.sum(outside)))
     return SignalResult(name, new, old, band, exact=True, labels=labels)
