@@ -158,15 +158,14 @@ class _Writer:
     def text(self) -> str:
         """The whole function."""
         self._declare()
-        derivative = {"value": None, "forward": self._forward, "adjoint": None}[self.mode]
         note = None
         for place, statement in enumerate(self.program.statements):
             if statement.note != note:
                 self.lines.append(f"    /* {readable(statement.note)} */")
                 note = statement.note
             self._value(place, statement)
-            if derivative:
-                derivative(place, statement)
+            if self.mode == "forward":
+                self._forward(place, statement)
         if self.mode == "adjoint":
             self.lines.append("    /* backwards */")
             for place, statement in reversed(list(enumerate(self.program.statements))):
@@ -219,14 +218,14 @@ class _Writer:
                 self.lines.append(f"    nn_tanh_all({n}, {x}, {y});")
                 return
             expression = FUNCTIONS[statement.function].c
-            self._loop(statement, lambda at: [f"{at(statement.out)} = {_fill(expression, statement, at)};"])
+            self._loop(statement, lambda n: [f"{n.at(statement.out)} = {_fill(expression, statement, n)};"])
         elif isinstance(statement, MatMul):
             self._product(statement)
         elif isinstance(statement, Reduce):
             self._reduction(statement)
         else:
             source = statement.source.buffer.name
-            self._loop(statement, lambda at: [f"{at(statement.out)} = {source}[at_{place}[{at.counter()}]];"])
+            self._loop(statement, lambda n: [f"{n.at(statement.out)} = {source}[at_{place}[{n.counter()}]];"])
 
     def _product(self, s: MatMul) -> None:
         if _is_dense(s):
@@ -267,9 +266,9 @@ class _Writer:
             pairs = [(p, v) for p, v in _derivatives(statement) if v.buffer in self.active]
             self._loop(
                 statement,
-                lambda at: [
-                    f"{at(statement.out, 'd_')} = "
-                    + (" + ".join(_times(_fill(p, statement, at), at(v, "d_")) for p, v in pairs) or "0.0")
+                lambda n: [
+                    f"{n.at(statement.out, 'd_')} = "
+                    + (" + ".join(_times(_fill(p, statement, n), n.at(v, "d_")) for p, v in pairs) or "0.0")
                     + ";"
                 ],
             )
@@ -279,7 +278,7 @@ class _Writer:
             self._reduction_forward(statement)
         else:
             source = f"d_{statement.source.buffer.name}"
-            self._loop(statement, lambda at: [f"{at(statement.out, 'd_')} = {source}[at_{place}[{at.counter()}]];"])
+            self._loop(statement, lambda n: [f"{n.at(statement.out, 'd_')} = {source}[at_{place}[{n.counter()}]];"])
 
     def _reduction_forward(self, s: Reduce) -> None:
         rank = len(s.out.shape)
@@ -300,7 +299,7 @@ class _Writer:
         shape = (s.out.shape[0], s.out.shape[1], s.a.shape[1])
         outer, deep = _Nest(shape[:2]), _Nest(shape)
         a, b = _over(s.a, shape, (0, 2)), _over(s.b, shape, (2, 1))
-        start = outer.at(s.bias, "d_") if s.bias is not None and s.bias.buffer in self.active else "0.0"
+        start = "0.0" if bias is None else outer.at(bias, "d_")
         terms = []
         if s.a.buffer in self.active:
             terms.append(f"{deep.at(a, 'd_')} * {deep.at(b)}")
@@ -318,8 +317,9 @@ class _Writer:
         if isinstance(statement, Elementwise):
             self._loop(
                 statement,
-                lambda at: [
-                    f"{at(v, 'd_')} += {_times(_fill(p, statement, at), at(statement.out, 'd_'))};" for p, v in targets
+                lambda n: [
+                    f"{n.at(v, 'd_')} += {_times(_fill(p, statement, n), n.at(statement.out, 'd_'))};"
+                    for p, v in targets
                 ],
             )
         elif isinstance(statement, MatMul):
@@ -328,7 +328,7 @@ class _Writer:
             self._reduction_adjoint(statement)
         else:
             source = f"d_{statement.source.buffer.name}"
-            self._loop(statement, lambda at: [f"{source}[at_{place}[{at.counter()}]] += {at(statement.out, 'd_')};"])
+            self._loop(statement, lambda n: [f"{source}[at_{place}[{n.counter()}]] += {n.at(statement.out, 'd_')};"])
 
     def _product_adjoint(self, s: MatMul) -> None:
         shape = (s.out.shape[0], s.out.shape[1], s.a.shape[1])
@@ -357,10 +357,10 @@ class _Writer:
             start = ["int found = 0;"]
         self.lines += outer.wrap([*start, *deep.inner_wrap([line], rank)])
 
-    def _loop(self, statement: Statement, body: Callable[[_At], Lines]) -> None:
+    def _loop(self, statement: Statement, body: Callable[[_Nest], Lines]) -> None:
         views = [statement.out] if isinstance(statement, Gather) else [statement.out, *statement.operands]
         nest = _Nest.merged(views)
-        lines = body(_At(nest))
+        lines = body(nest)
         if lines:
             self.lines += nest.wrap(lines)
 
@@ -394,9 +394,9 @@ def _over(view: View, shape: Sequence[int], axes: Sequence[int]) -> View:
     return View(view.buffer, tuple(shape), tuple(strides), view.offset, view.kind)
 
 
-def _fill(expression: str, statement: Elementwise, at: _At) -> str:
-    values = dict(zip(_OPERANDS, (at(view) for view in statement.operands), strict=False))
-    return expression.format(y=at(statement.out), **values)
+def _fill(expression: str, statement: Elementwise, nest: _Nest) -> str:
+    values = dict(zip(_OPERANDS, map(nest.at, statement.operands), strict=False))
+    return expression.format(y=nest.at(statement.out), **values)
 
 
 def _times(factor: str, term: str) -> str:
@@ -437,6 +437,11 @@ class _Nest:
                 terms.append(index if stride == 1 else f"{stride} * {index}")
         return f"{prefix}{view.buffer.name}[{' + '.join(terms) or '0'}]"
 
+    def counter(self) -> str:
+        """Row-major position of the loop counters."""
+        assert len(self.shape) <= 1
+        return "i" if prod(self.shape) > 1 else "0"
+
     def wrap(self, body: Lines) -> Lines:
         """The body inside all loops, or in a block of its own where there is nothing to loop over."""
         return self.inner_wrap(body, 0, "    ")
@@ -451,16 +456,3 @@ class _Nest:
         inner = indent + "    " * (len(loops) + block)
         lines += [indent + "{"] * block + [inner + line for line in body] + [indent + "}"] * block
         return lines + [f"{indent}{'    ' * depth}}}" for depth in reversed(range(len(loops)))]
-
-
-@dataclass(frozen=True)
-class _At:
-    nest: _Nest
-
-    def __call__(self, view: View, prefix: str = "") -> str:
-        return self.nest.at(view, prefix)
-
-    def counter(self) -> str:
-        """Row-major position of the loop counters."""
-        assert len(self.nest.shape) <= 1
-        return "i" if prod(self.nest.shape) > 1 else "0"

@@ -20,13 +20,12 @@ class Function:
     """y = f(a, b, ...). ``c`` and ``partials`` are C expressions in {a}, {b}, {c} and, for partials, {y}.
 
     partials: one per operand; None, or nothing at all, where the derivative vanishes (almost) everywhere.
-    needs: name of the helper in ``C_HELPERS`` that the expressions call. kind: element type of y, None for that of a.
+    kind: element type of y, None for that of a. Helpers in ``C_HELPERS`` that the expressions call come with them.
     """
 
     c: str
     numpy: Callable[..., Values]
     partials: tuple[str | None, ...] = ()
-    needs: str = ""
     kind: Kind | None = None
 
 
@@ -52,7 +51,7 @@ FUNCTIONS: dict[str, Function] = {
     "mul": Function("{a} * {b}", np.multiply, ("{b}", "{a}")),
     "div": Function("{a} / {b}", _float(np.divide), ("1.0 / {b}", "-{y} / {b}")),
     "div_int": Function("trunc({a} / {b})", _truncated_division),
-    "mod": Function("nn_mod({a}, {b})", np.mod, needs="nn_mod"),
+    "mod": Function("nn_mod({a}, {b})", np.mod),
     "fmod": Function("fmod({a}, {b})", np.fmod, ("1.0", "-trunc({a} / {b})")),
     "pow": Function(
         "pow({a}, {b})",
@@ -68,17 +67,15 @@ FUNCTIONS: dict[str, Function] = {
     ),
     "square": Function("{a} * {a}", np.square, ("2.0 * {a}",)),
     # activations
-    "tanh": Function("nn_tanh({a})", _float(np.tanh), ("1.0 - {y} * {y}",), needs="nn_tanh"),
-    "sigmoid": Function("nn_sigmoid({a})", _float(special.expit), ("{y} * (1.0 - {y})",), needs="nn_sigmoid"),
+    "tanh": Function("nn_tanh({a})", _float(np.tanh), ("1.0 - {y} * {y}",)),
+    "sigmoid": Function("nn_sigmoid({a})", _float(special.expit), ("{y} * (1.0 - {y})",)),
     "relu": Function("{a} < 0.0 ? 0.0 : {a}", lambda a: np.where(a < 0, 0, a), ("{a} > 0.0 ? 1.0 : 0.0",)),
     "leaky": Function(
         "{a} < 0.0 ? {b} * {a} : {a}",
         lambda a, b: np.where(a < 0, b * a, a),
         ("{a} < 0.0 ? {b} : 1.0", "{a} < 0.0 ? {a} : 0.0"),
     ),
-    "softplus": Function(
-        "nn_softplus({a})", _float(lambda a: np.logaddexp(0.0, a)), ("nn_sigmoid({a})",), needs="nn_softplus"
-    ),
+    "softplus": Function("nn_softplus({a})", _float(lambda a: np.logaddexp(0.0, a)), ("nn_sigmoid({a})",)),
     "hard_sigmoid": Function(
         "fmin(1.0, fmax(0.0, {b} * {a} + {c}))",
         lambda a, b, c: np.clip(b * a + c, 0.0, 1.0),

@@ -88,7 +88,7 @@ def block_code(program: Program, interface: Ports, title: str, description: str 
     c_text = _Frame(program, layout, frame, interface).text(block.text_of(text), title)
     known = _variables(layout, interface)
     inputs = tuple(v.name for v in known if v.causality == "input")
-    step = 1.0 / interface.sample_rate if interface.sample_rate else Experiment().step
+    step = interface.sample or Experiment().step
     return block.signed(
         ModelCode(
             name=identifier(title),
@@ -304,7 +304,7 @@ class _Frame:
     def text(self, network: str, title: str) -> str:
         """The whole of ``model.c``."""
         members = ["evaluate", "forward", "adjoint", *(["completed_step"] if self.layout.states else [])]
-        step = 1.0 / self.interface.sample_rate if self.interface.sample_rate else Experiment().step
+        step = self.interface.sample or Experiment().step
         parts = [
             f"/* Network '{readable(title)}' in double precision, compiled from ONNX. */",
             block.INCLUDES,

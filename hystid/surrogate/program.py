@@ -96,7 +96,6 @@ class Port:
 class Program:
     """A network as straight-line code. Every element of every local buffer is assigned once, before it is read."""
 
-    name: str
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     statements: tuple[Statement, ...]
@@ -233,7 +232,7 @@ class Builder:
         self.statements.append(Gather(flat, source, index.reshape(-1), self.note))
         return out
 
-    def finish(self, name: str, inputs: Sequence[Port], outputs: Sequence[tuple[str, View]]) -> Program:
+    def finish(self, inputs: Sequence[Port], outputs: Sequence[tuple[str, View]]) -> Program:
         """Copy the results to output arguments and close the program."""
         ports = []
         for label, view in outputs:
@@ -241,7 +240,7 @@ class Builder:
             out = whole(Buffer(self.names.unique("out_" + label), view.size, "output"), view.shape, view.kind)
             self.copy_into(out, view)
             ports.append(Port(label, out))
-        return Program(name, tuple(inputs), tuple(ports), _used(self.statements, {port.view.buffer for port in ports}))
+        return Program(tuple(inputs), tuple(ports), _used(self.statements, {port.view.buffer for port in ports}))
 
 
 def _kind_of(function: str, operands: Sequence[View]) -> Kind:

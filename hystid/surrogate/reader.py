@@ -44,16 +44,16 @@ _KINDS: dict[int, Kind] = {
 
 
 def program(model: ModelProto, name: str, sizes: Mapping[str, int] | None = None) -> Program:
-    """Translate a checked ONNX model.
+    """Translate a checked ONNX model; name: as messages call it.
 
     Every axis of unknown length gets 1 (a batch of one, a sequence of one step), or its entry in ``sizes`` where the
     axis has a name. All arithmetic is in double precision whatever the element types of the file.
     Raises NetworkError naming the node and operator that cannot be compiled, or the limit that the network exceeds.
     """
-    return compiled(f"the network '{name}'", lambda: _program(model, name, sizes), NetworkError)
+    return compiled(f"the network '{name}'", lambda: _program(model, sizes), NetworkError)
 
 
-def _program(model: ModelProto, name: str, sizes: Mapping[str, int] | None) -> Program:
+def _program(model: ModelProto, sizes: Mapping[str, int] | None) -> Program:
     if model.functions:
         _check_functions(model)
         model = inliner.inline_local_functions(model)
@@ -71,7 +71,7 @@ def _program(model: ModelProto, name: str, sizes: Mapping[str, int] | None) -> P
     if missing:
         raise NetworkError(f"output '{missing[0]}' of the network is computed by no node")
     outputs = [(info.name, known[info.name]) for info in graph.output]
-    return builder.finish(name, inputs, outputs)
+    return builder.finish(inputs, outputs)
 
 
 def _check_functions(model: ModelProto) -> None:
