@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,10 @@ from hystid.networks.normal_equations import (
     KernelSums,
     aligned,
     chunked,
+    flattened,
+    layers_of,
     parameter_count,
     pointer,
-    unflatten,
 )
 from hystid.networks.perceptron import Member, Network
 from hystid.networks.training import Training, descend, draw, simplicity, split_indices
@@ -124,23 +125,11 @@ class Sequences:
 
     def joined(self, other: Sequences) -> Sequences:
         """These segments and samples and, after them, those of other recordings."""
-
-        def both(name: str) -> Array:
-            return np.concatenate([getattr(self, name), getattr(other, name)], axis=-1)
-
-        return replace(
-            self,
-            x0=both("x0"),
-            start=both("start"),
-            x=both("x"),
-            v=both("v"),
-            R=both("R"),
-            further=both("further"),
-            weight=both("weight"),
-            before=np.concatenate([self.before, other.before]),
-            fresh=np.concatenate([self.fresh, other.fresh]),
-            segment=np.concatenate([self.segment, other.segment + np.int32(len(self.x0))]),
-        )
+        later = replace(other, segment=other.segment + np.int32(len(self.x0)))
+        names = [field.name for field in fields(self) if field.name != "inputs"]
+        columns = {name: (getattr(self, name), getattr(later, name)) for name in names}
+        joined = {name: np.concatenate(both, axis=0 if name == "before" else -1) for name, both in columns.items()}
+        return Sequences(**joined, inputs=self.inputs)
 
     def weighted(self, factor: float) -> Sequences:
         """The same with all weights times a factor."""
@@ -259,18 +248,14 @@ def _beginnings(g: Network, data: Sequences) -> CompiledNormal:
 
 def parameters_of(pair: Member) -> Array:
     """Weights of both networks on scaled signals, one after the other."""
-    networks = (pair.hysteresis, pair.restoring)
-    return np.concatenate([part.ravel() for network in networks for layer in network.layers for part in layer])
+    return flattened((*pair.hysteresis.layers, *pair.restoring.layers))
 
 
 def with_parameters(pair: Member, w: Array) -> Member:
     """The pair with other weights and the same scaling."""
     first = parameter_count(pair.hysteresis.sizes)
-    layers = [
-        tuple((weights.copy(), bias.copy()) for weights, bias in unflatten(part, network.sizes))
-        for part, network in zip((w[:first], w[first:]), (pair.hysteresis, pair.restoring), strict=True)
-    ]
-    return Member(replace(pair.hysteresis, layers=layers[0]), replace(pair.restoring, layers=layers[1]))
+    networks = (w[:first], pair.hysteresis), (w[first:], pair.restoring)
+    return Member(*(replace(network, layers=layers_of(part, network.sizes)) for part, network in networks))
 
 
 def train_jointly(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ctypes
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -38,6 +38,16 @@ def unflatten(w: Array, sizes: Sequence[int]) -> list[tuple[Array, Array]]:
         layers.append((w[at:end].reshape(no, ni), w[end : end + no]))
         at = end + no
     return layers
+
+
+def flattened(layers: Iterable[tuple[Array, Array]]) -> Array:
+    """Weights and biases of layers in the order of ``unflatten``, shape (P,)."""
+    return np.concatenate([part.ravel() for layer in layers for part in layer])
+
+
+def layers_of(w: Array, sizes: Sequence[int]) -> tuple[tuple[Array, Array], ...]:
+    """As ``unflatten``, but copies."""
+    return tuple((weights.copy(), bias.copy()) for weights, bias in unflatten(w, sizes))
 
 
 @cache

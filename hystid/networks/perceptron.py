@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from hystid.errors import UsageError
+from hystid.networks.normal_equations import flattened
 from hystid.recording import Array
 
 Layers = tuple[tuple[Array, Array], ...]
@@ -57,12 +58,12 @@ class Network:
     @cached_property
     def flat(self) -> Array:
         """Weights of the same network on unscaled inputs and output, [W1 row by row, b1, W2, b2, ...]: shape (P,)."""
-        first, last = self.layers[0], self.layers[-1]
         layers = list(self.layers)
-        layers[0] = (first[0] * self.input_gain, first[1] - first[0] @ (self.input_gain * self.input_offset))
-        last = layers[-1]
-        layers[-1] = (self.output_gain * last[0], self.output_offset + self.output_gain * last[1])
-        return np.concatenate([part.ravel() for layer in layers for part in layer])
+        weights, bias = layers[0]
+        layers[0] = (weights * self.input_gain, bias - weights @ (self.input_gain * self.input_offset))
+        weights, bias = layers[-1]
+        layers[-1] = (self.output_gain * weights, self.output_offset + self.output_gain * bias)
+        return flattened(layers)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from hystid.networks.normal_equations import (
     KernelSums,
     One,
     Precision,
+    layers_of,
     parameter_count,
     unflatten,
 )
@@ -58,9 +59,9 @@ class Training:
     test: float = float("nan")
 
     @staticmethod
-    def of(found: Descent, test: float = float("nan")) -> Training:
-        """What a descent has found, and its error on the test part."""
-        return Training(found.w, found.reason, found.iteration, found.train, found.validation, test)
+    def of(found: Descent) -> Training:
+        """What a descent has found."""
+        return Training(found.w, found.reason, found.iteration, found.train, found.validation)
 
     @property
     def best(self) -> float:
@@ -95,10 +96,10 @@ class Scaling:
         return np.asarray((rows - self.offset[:, None]) * self.gain[:, None])
 
 
-def split_indices(count: int, seed: int, fractions: tuple[float, float] = (0.70, 0.15)) -> dict[str, NDArray[np.intp]]:
-    """Random parts "train", "validation" and, with the rest, "test" of ``count`` samples."""
+def split_indices(count: int, seed: int) -> dict[str, NDArray[np.intp]]:
+    """Random parts "train", "validation" and, with the rest, "test" of ``count`` samples: 70, 15 and 15 %."""
     order = np.random.default_rng(seed).permutation(count)
-    ends = [round(sum(fractions[: k + 1]) * count) for k in range(2)]
+    ends = [round(0.70 * count), round((0.70 + 0.15) * count)]
     return dict(zip(("train", "validation", "test"), np.split(order, ends), strict=True))
 
 
@@ -118,10 +119,10 @@ class Data:
     target: Scaling
 
     @staticmethod
-    def split(inputs: Array, target: Array, seed: int, fractions: tuple[float, float] = (0.70, 0.15)) -> Data:
-        """Random split; inputs of shape (features, samples), target of shape (samples,). The rest is the test part."""
+    def split(inputs: Array, target: Array, seed: int) -> Data:
+        """Random split; inputs of shape (features, samples), target of shape (samples,)."""
         scaling, goal = Scaling.of(inputs), Scaling.of(target[None])
-        indices = split_indices(len(target), seed, fractions)
+        indices = split_indices(len(target), seed)
         scaled, wanted = scaling.apply(inputs), goal.apply(target[None])[0]
         parts = {name: (scaled[:, pick], wanted[pick]) for name, pick in indices.items()}
         return Data(parts, scaling, goal)
@@ -129,9 +130,12 @@ class Data:
     def network(self, w: Array, hidden: Sequence[int]) -> Network:
         """The trained network on physical units."""
         sizes = (len(self.inputs.gain), *hidden, 1)
-        layers = tuple((weights.copy(), bias.copy()) for weights, bias in unflatten(np.asarray(w), sizes))
         return Network(
-            layers, self.inputs.offset, self.inputs.gain, float(self.target.offset[0]), float(1 / self.target.gain[0])
+            layers_of(np.asarray(w), sizes),
+            self.inputs.offset,
+            self.inputs.gain,
+            float(self.target.offset[0]),
+            float(1 / self.target.gain[0]),
         )
 
 
@@ -204,7 +208,7 @@ def train(
         result = stage.after(result) if result else stage
     assert result is not None
     test = parts["test"].squares(result.w) / parts["test"].samples if "test" in parts else float("nan")
-    return Training(result.w, result.reason, result.iteration, result.train, result.validation, test)
+    return replace(result, test=test)
 
 
 def stages(samples: int, weights: int, rule: Rule) -> list[tuple[int, Rule]]:

@@ -21,9 +21,11 @@ from hystid.identification.data import samples
 from hystid.leastsquares import REASONS, Rule
 from hystid.networks import Member, Network, TwoNetworkModel
 from hystid.networks.ensemble import Samples, TrainedPair, train_pair
-from hystid.networks.normal_equations import Precision, unflatten
+from hystid.networks.normal_equations import Precision, flattened, layers_of
 from hystid.recording import Array, Recording
 from hystid.turning_points import TurningPoints
+
+_NETWORKS = ("hysteresis", "restoring")
 
 
 @dataclass(frozen=True)
@@ -128,12 +130,9 @@ def run(payload: Payload, task: Task) -> TrainingResult:
 def _curves(start: TrainedPair) -> dict[str, Array]:
     return {
         f"{network}_{part}": getattr(getattr(start, network), part)
-        for network in ("hysteresis", "restoring")
+        for network in _NETWORKS
         for part in ("train", "validation")
     }
-
-
-_NETWORKS = ("hysteresis", "restoring")
 
 
 def save(outcome: TrainingResult, folder: Path) -> None:
@@ -141,7 +140,7 @@ def save(outcome: TrainingResult, folder: Path) -> None:
     arrays: dict[str, Any] = dict(outcome.curves)
     for name in _NETWORKS:
         network: Network = getattr(outcome.member, name)
-        arrays[f"{name}_w"] = np.concatenate([part.ravel() for layer in network.layers for part in layer])
+        arrays[f"{name}_w"] = flattened(network.layers)
         arrays[f"{name}_inputs"] = np.stack([network.input_offset, network.input_gain])
         arrays[f"{name}_output"] = np.array([network.output_offset, network.output_gain])
     rest = {"validation": outcome.validation, "stopped": dict(outcome.stopped), "seconds": outcome.seconds}
@@ -179,7 +178,7 @@ def _outcome(task: Task, values: Mapping[str, Any]) -> TrainingResult:
 
 def _network(task: Task, values: Mapping[str, Any], name: str) -> Network:
     sizes = (values[f"{name}_inputs"].shape[1], *task.layers, 1)
-    layers = tuple((w.copy(), b.copy()) for w, b in unflatten(values[f"{name}_w"], sizes))
+    layers = layers_of(values[f"{name}_w"], sizes)
     offset, gain = values[f"{name}_inputs"]
     output_offset, output_gain = (float(value) for value in values[f"{name}_output"])
     return Network(layers, offset, gain, output_offset, output_gain)
