@@ -27,7 +27,7 @@ from pathlib import Path
 
 import platformdirs
 
-from hystid.errors import ToolchainError, UsageError, printable
+from hystid.errors import ToolchainError, UsageError, printable, reason
 from hystid.files import mark, on_disk_of, write_text
 
 _log = logging.getLogger("hystid")
@@ -85,7 +85,7 @@ def _fault(place: Path) -> str:
             if stat.S_IMODE(found.st_mode) & 0o077 and not any(place.iterdir()):
                 place.chmod(0o700)
     except OSError as error:
-        return (error.strerror or str(error)).lower()
+        return reason(error)
     if not os.access(place, os.W_OK | os.X_OK):
         return "it cannot be written"
     return "" if os.access(place, os.R_OK) else "it cannot be read"
@@ -98,7 +98,7 @@ def _private(place: Path, fault: str) -> Path:
     except OSError as error:
         raise ToolchainError(
             f"there is no place for compiled models: the cache {place} cannot be used ({fault}), and neither can a "
-            f"temporary folder ({(error.strerror or str(error)).lower()}); set HYSTID_CACHE to a folder of your own"
+            f"temporary folder ({reason(error)}); set HYSTID_CACHE to a folder of your own"
         ) from None
     owner = os.getpid()
     atexit.register(lambda: shutil.rmtree(made, ignore_errors=True) if os.getpid() == owner else None)
@@ -189,7 +189,7 @@ def clear() -> tuple[Path, int]:
                 path.unlink(missing_ok=True)
             freed += size
         except OSError as error:
-            kept.append(f"{printable(path.name)} ({(error.strerror or str(error)).lower()})")
+            kept.append(f"{printable(path.name)} ({reason(error)})")
     if kept:
         raise UsageError(
             f"the cache {place}: {len(kept)} of {len(own)} entries cannot be removed, the first is {kept[0]}"

@@ -44,6 +44,11 @@ def sentence(text: str) -> str:
     return printable(re.sub(rf"\S{{{_LONGEST_WORD},}}", lambda word: printable(word[0], 120), text))
 
 
+def reason(error: OSError) -> str:
+    """What the system says, as part of a sentence: "permission denied"."""
+    return (error.strerror or str(error)).lower()
+
+
 def listed(names: Sequence[str], most: int) -> str:
     """Names for a sentence, so many of them: "a, b and 3 more"."""
     more = f" and {len(names) - most} more" if len(names) > most else ""

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from hystid.errors import UsageError
+from hystid.errors import UsageError, reason
 from hystid.files import left, mark, write_text
 
 _NEW, _OLD = "new-", "old-"  # folders in the making and on their way out
@@ -146,4 +146,4 @@ def _check_writable(asked: Path, folder: Path) -> None:
 
 
 def _unwritable(folder: Path, error: OSError) -> UsageError:
-    return UsageError(f"-o {folder}: nothing can be written there ({(error.strerror or str(error)).lower()})")
+    return UsageError(f"-o {folder}: nothing can be written there ({reason(error)})")

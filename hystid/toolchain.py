@@ -21,7 +21,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from hystid import cache as store
-from hystid.errors import ToolchainError
+from hystid.errors import ToolchainError, reason
 from hystid.limits import compiled, counted, wait_until_over
 
 _COMMON = ("-std=c11", "-fPIC", "-fvisibility=hidden")
@@ -155,7 +155,7 @@ def _run(command: Sequence[str], folder: Path) -> tuple[int, bytes]:
         )  # fmt: skip
     except OSError as error:
         raise ToolchainError(
-            f"the C compiler '{command[0]}' cannot be run ({(error.strerror or str(error)).lower()}): set CC to "
+            f"the C compiler '{command[0]}' cannot be run ({reason(error)}): set CC to "
             "one that can, or install gcc or clang"
         ) from None
     assert process.stderr is not None

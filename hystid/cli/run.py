@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from hystid.errors import HystidError, printable, sentence
+from hystid.errors import HystidError, printable, reason, sentence
 
 _INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 _NAMES = (errno.ENAMETOOLONG, errno.ELOOP)  # the name that a user gave is wrong, not the machine
@@ -86,7 +86,7 @@ def _resource(error: OSError | MemoryError) -> str:
     if isinstance(error, MemoryError):
         return "there is not enough memory for this; use a larger --decimate or fewer recordings"
     where = f"{sentence(str(error.filename))}: " if error.filename else ""
-    return f"{where}{(error.strerror or str(error)).lower()}"
+    return f"{where}{reason(error)}"
 
 
 def _say(text: str) -> None:
