@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -91,11 +91,6 @@ class Settings:
 
     slots: NDArray[np.intc]
     values: Array
-
-    @classmethod
-    def of(cls, given: Mapping[int, float]) -> Settings:
-        """From value reference -> value."""
-        return cls(np.array([*given], np.intc), np.array([*given.values()], np.float64))
 
     @cached_property
     def addresses(self) -> tuple[int, int]:

@@ -163,20 +163,14 @@ class CompiledModel:
         """``clamp`` or ``simulate`` along several motions, at the same parameters or at those of each, in one call; the
         numbers are the same to the bit."""
         each = [parameters] * len(motions) if isinstance(parameters, Mapping) else parameters
-        known = self._all_settings(each)
+        known = {key: self._settings(p) for key, p in {id(p): p for p in each}.items()}  # many runs share theirs
         runs = [Run(m.columns, m.rows, m.dt, known[id(p)], 0.0, m.substeps) for m, p in zip(motions, each, strict=True)]
         return self._results(runs, tuple(outputs))
 
     def _run(self, job: Job, seeds: Sequence[str] = ()) -> dict[str, Array]:
-        return self._run_all([job], seeds)[0]
-
-    def _run_all(self, jobs: Sequence[Job], seeds: Sequence[str] = ()) -> list[dict[str, Array]]:
-        """Several jobs with the same outputs."""
-        for job in jobs:
-            _check_steps(self.code.name, job.dt, job.substeps)
-        known = self._all_settings([job.settings for job in jobs])
-        runs = [Run(j.columns, j.rows, j.dt, known[id(j.settings)], j.start_time, j.substeps) for j in jobs]
-        return self._results(runs, jobs[0].outputs if jobs else (), seeds)
+        _check_steps(self.code.name, job.dt, job.substeps)
+        run = Run(job.columns, job.rows, job.dt, self._settings(job.settings), job.start_time, job.substeps)
+        return self._results([run], job.outputs, seeds)[0]
 
     def _results(self, runs: Sequence[Run], names: Sequence[str], seeds: Sequence[str] = ()) -> list[dict[str, Array]]:
         slots, carried = ([self._find(name).slot for name in wanted] for wanted in (names, seeds))
@@ -194,10 +188,6 @@ class CompiledModel:
             known = ", ".join(v.name for v in self.code.variables if v.causality != "local")
             raise UsageError(f"{self.code.name} has no variable '{name}'; it has {known}")
         return self._variables[name]
-
-    def _all_settings(self, each: Sequence[Mapping[str, float]]) -> dict[int, Settings]:
-        """Settings by the identity of the values: many runs share theirs."""
-        return {key: self._settings(values) for key, values in {id(values): values for values in each}.items()}
 
     def _settings(self, values: Mapping[str, float]) -> Settings:
         names = tuple(values)
@@ -261,7 +251,7 @@ class CompiledModel:
                 given = {name: 1e-3 * (1 + 0.37 * i) for i, name in enumerate(sorted(states))}
                 columns = [GivenSignal(self._find(name).slot, np.array([value])) for name, value in given.items()]
                 slots = list(derivatives.values())
-                one = Run(GivenSignals(columns), 1, 1.0, Settings.of({}))
+                one = Run(GivenSignals(columns), 1, 1.0, self._settings({}))
                 values = self._runner.run_all([one], slots)[0].outputs[:, 0]
                 found = {
                     state: other
