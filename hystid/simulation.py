@@ -135,12 +135,8 @@ def _recording(
         force.name,
         force.t,
         F=force.channel("F"),
-        x=found.get("x"),
-        v=found.get("v"),
-        a=found.get("a"),
-        R=found.get("R"),
         origin=origin,
         notes=(*force.notes, note, *unset),
         warnings=force.warnings,
         rotational=force.rotational or driver.model.variable("F").unit == "N.m",
-    )
+    ).with_channels(found)

@@ -152,22 +152,16 @@ def _recording(table: Table, channels: Channels, door: _Door) -> Recording:
     _refuse_extremes(table, values, grid.t)
     problems += [*more, *grid.problems]
     report(grid.problems, door.accept)
-    placed = {name: grid.place(array) for name, array in values.items() if name != "t"}
     recording = Recording(
         table.name or Path(table.file).stem,
         grid.t,
         extra={name: grid.place(array) for name, array in extra.items()},
         origin=channels.origin,
         notes=(*channels.notes, *grid.notes),
-        F=placed.get("F"),
-        x=placed.get("x"),
-        v=placed.get("v"),
-        a=placed.get("a"),
-        R=placed.get("R"),
         rotational=channels.rotational,
         units=channels.units,
         accepted=frozenset(door.accept),
-    )
+    ).with_channels({name: grid.place(array) for name, array in values.items() if name != "t"})
     return replace(recording, warnings=tuple(str(item) for item in report(problems, door.accept)))
 
 
