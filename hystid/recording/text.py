@@ -279,9 +279,14 @@ def _named(candidates: Sequence[list[str]], width: int) -> list[Header]:
         headers.pop()
     beside = [cells for k, (cells, unit) in enumerate(zip(candidates, units, strict=True)) if unit and k != best]
     if beside and all(unit is None for _, unit in headers):
-        row = [*beside[-1], *[""] * len(headers)]
-        headers = [(name, row[k].strip().strip("[](){}") or None) for k, (name, _) in enumerate(headers)]
+        return _in_units(headers, beside[-1])
     return headers
+
+
+def _in_units(headers: Sequence[Header], cells: Sequence[str]) -> list[Header]:
+    """The headers with units from the cells of a row, as far as it goes."""
+    row = [*cells, *[""] * len(headers)]
+    return [(name, unit.strip().strip("[](){}") or None) for (name, _), unit in zip(headers, row, strict=False)]
 
 
 def _body(rows: Sequence[Line], separator: str | None) -> list[Line]:
@@ -299,9 +304,7 @@ def _with_unit_row(headers: list[Header], above: Sequence[Line], separator: str 
         if labels_units(label) and any(cells) and len(cells) < len(headers) and not any(map(_known, cells)):
             if any(unit is not None for _, unit in headers):
                 return headers
-            row = [*cells, *[""] * len(headers)]
-            named = zip(headers[1:], row, strict=False)
-            return [headers[0], *((name, unit.strip("[](){}") or None) for (name, _), unit in named)]
+            return [headers[0], *_in_units(headers[1:], cells)]
     return headers
 
 
@@ -311,7 +314,7 @@ def _with_units_below(headers: list[Header], below: Sequence[Line], separator: s
     rows = [row for row in rows if len(row) == len(headers) and all(map(is_unit, row)) and any(row)]
     if not rows or any(unit is not None for _, unit in headers):
         return headers
-    return [(name, unit.strip("[](){}") or None) for (name, _), unit in zip(headers, rows[0], strict=True)]
+    return _in_units(headers, rows[0])
 
 
 def _refuse_scales(path: Path, above: Sequence[Line], separator: str | None) -> None:
