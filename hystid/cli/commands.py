@@ -122,8 +122,7 @@ def build(
         raise UsageError(f"--real {real}: FMUs hold double numbers; give it with --target c")
     if fmi != 2 and fmi != 3:
         raise UsageError(f"--fmi {fmi}: FMI versions 2 and 3 are written")
-    if platforms not in ("host", "all"):
-        raise UsageError(f"--platforms {platforms}: choose host or all")
+    platforms = _choice("--platforms", platforms, ("host", "all"))
     check_file(out, ".fmu")
     version: Literal[2, 3] = 2 if fmi == 2 else 3
     values = opt.numbers("--set", set_)
