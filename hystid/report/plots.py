@@ -54,14 +54,13 @@ Role = Literal["measured", "reference", "model", "after", "before", "good", "bad
 class Axis:
     """Quantity and SI unit of an axis; "" is a number without unit. Every axis needs a label.
 
-    bounds: (lowest, highest) in SI to show, None to fit the data. whole: ticks at whole numbers only.
+    bounds: (lowest, highest) in SI to show, None to fit the data.
     """
 
     label: str
     unit: str = ""
     log: bool = False
     bounds: tuple[float, float] | None = None
-    whole: bool = False
     prefix: bool = True
 
 
@@ -134,7 +133,6 @@ class Heat:
     z: Array
     label: str
     unit: str = ""
-    diverging: bool = True
 
 
 Series = Line | Points | Bars | Band | Boxes | Heat
@@ -165,7 +163,6 @@ class Plot:
     caption: str = ""
     marks: Sequence[Mark] = field(default_factory=tuple)
     height: int = 340
-    square: bool = False
 
 
 def turned_plot(plot: Plot) -> Plot:
@@ -319,8 +316,6 @@ def _axis(axis: Axis, title: str, scale: float) -> dict[str, Any]:
     if axis.bounds:
         low, high = (bound / scale for bound in axis.bounds)
         settings["range"] = [math.log10(low), math.log10(high)] if axis.log else [low, high]
-    if axis.whole:
-        settings["dtick"] = 1
     return settings
 
 
@@ -401,10 +396,8 @@ def _heat(series: Heat, colour: str, sx: float, sy: float) -> list[dict[str, Any
     bar = {"title": {"text": title, "side": "right"}, "thickness": 12, "outlinewidth": 0}
     trace: dict[str, Any] = {"type": "heatmap", "z": rows, "colorbar": bar, "hoverongaps": False}
     trace |= {"x": [_number(v / sx) for v in series.x], "y": [_number(v / sy) for v in series.y]}
-    if series.diverging:
-        scales = [[0.0, "#1668c7"], [0.5, "#f7f8fa"], [1.0, "#d9730d"]]
-        return [{**trace, "zmin": -largest / scale, "zmax": largest / scale, "colorscale": scales}]
-    return [{**trace, "colorscale": [[0.0, "#f2f6fb"], [0.5, "#6aa5e3"], [1.0, "#0b3d7a"]]}]
+    scales = [[0.0, "#1668c7"], [0.5, "#f7f8fa"], [1.0, "#d9730d"]]
+    return [{**trace, "zmin": -largest / scale, "zmax": largest / scale, "colorscale": scales}]
 
 
 _TRACES: dict[type, Callable[..., list[dict[str, Any]]]] = {
