@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hystid.comparison import harmonics
 from hystid.recording import Recording
 from hystid.report.curves import (
     Curve,
@@ -72,7 +73,7 @@ def page() -> Page:
     made.plots(every_kind(), Plot("bars", Axis("case"), Axis("error", "%"), [Bars([NASTY, "b"], np.array([1.0, 2]))]))
     made.linked(NASTY, views(NASTY))
     made.toggles(("measured", NASTY))
-    made.odds([(NASTY, 0.9, "good"), ("rest", 0.1, "bad")], NASTY)
+    made.odds([(NASTY, 0.9, "good"), ("rest", 0.1, "bad")])
     made.table(Table(NASTY, ["a", NASTY], [["1", Cell(NASTY, "bad")]], NASTY))
     made.reproduce(NASTY, {NASTY: NASTY})
     return made
@@ -222,7 +223,7 @@ def test_windows_show_the_last_periods_or_the_largest_motion() -> None:
 def test_spectra_and_harmonics_are_figures_with_units() -> None:
     t = np.arange(8000) * 1e-3
     y = np.sin(2 * np.pi * 10 * t) + 0.1 * np.sin(2 * np.pi * 30 * t)
-    drawn = figure(harmonic_bars("h", 10.0, [Curve("a", t, y, "measured")]))
+    drawn = figure(harmonic_bars("h", [("a", "measured", harmonics(y, 1e-3, 10.0))]))
     assert drawn["data"][0]["x"] == [str(k) for k in range(2, 11)]
     third = drawn["data"][0]["y"][1] + drawn["data"][0]["base"]
     assert third == pytest.approx(-20, abs=1e-6)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hystid.comparison import harmonics, spectrum
+from hystid.comparison import Harmonics, harmonics, spectrum
 from hystid.errors import UsageError
 from hystid.recording import Array, Recording
 from hystid.report.plots import Axis, Bars, Line, Plot, Role, Series, thin
@@ -136,16 +136,15 @@ def responses(records: Sequence[Recording]) -> Plot | None:
     return Plot("Frequency response by level", *axes, curves, caption)
 
 
-def harmonic_bars(title: str, fundamental: float, curves: Sequence[Curve], caption: str = "") -> Plot:
-    """Levels of the harmonics up to the tenth, re the fundamental; the x of each curve is its time [s].
+def harmonic_bars(title: str, signals: Sequence[tuple[str, Role, Harmonics]], caption: str = "") -> Plot:
+    """Levels of the harmonics of signals (name, role) from the second on, re the fundamental.
 
     Bars start at -80 dB, so that a longer bar is a stronger harmonic.
     """
-    series: list[Series] = []
-    for curve in curves:
-        found = harmonics(curve.y, float(curve.x[1] - curve.x[0]), fundamental)
-        labels = [str(int(order)) for order in found.order[1:]]
-        series.append(Bars(labels, np.maximum(found.level_db[1:], _BOTTOM), curve.name, curve.role, base=_BOTTOM))
+    series = [
+        Bars([f"{n:.0f}" for n in found.order[1:]], np.maximum(found.level_db[1:], _BOTTOM), name, role, base=_BOTTOM)
+        for name, role, found in signals
+    ]
     level = Axis("Level re fundamental", "dB", bounds=(_BOTTOM, 0), prefix=False)
     return Plot(title, Axis("Harmonic order"), level, series, caption)
 

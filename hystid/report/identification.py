@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hystid.comparison import Harmonics, harmonics
 from hystid.errors import counted
 from hystid.identification import Comparison, Identification, Prediction
 from hystid.identification.hybrid.result import Hybrid, HybridComparison
@@ -27,7 +28,7 @@ from hystid.report.curves import (
     window_of,
 )
 from hystid.report.linked import Linked, Series
-from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, number, percent, training_range
+from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, graded, number, percent, training_range
 from hystid.report.plots import Axis, Bars, Line, Plot, Points, Role
 
 _CLEARLY = 0.8  # error over error, from which a model is worth asking for (a stated cost)
@@ -73,13 +74,13 @@ def summary(result: Identification) -> str:
 
 def verdict(result: Identification) -> Verdict:
     """The sentence on top: judged on held-out recordings where there are any."""
-    judged = _judged(result)
+    judged = result.judged
     force = [comparison.network.force_nrmse for comparison in judged]
     linear = float(np.median([comparison.linear.force_nrmse for comparison in judged]))
     median, worst = float(np.median(force)), max(force)
     unseen = judged[0].role == "holdout"
     where = "recordings it has not seen" if unseen else "the recordings it was trained on"
-    tone: Tone = "good" if median <= _GOOD else "warn" if median <= _FAIR else "bad"
+    tone = graded(median, _GOOD, _FAIR)
     detail = f"A linear fit (m, B, Kl) leaves {percent(linear)}. "
     diverged = [comparison.recording.name for comparison in judged if comparison.network.diverged]
     if told := _published_is_better(judged):
@@ -111,7 +112,7 @@ def _published_is_better(judged: Sequence[Comparison]) -> str:
 
 
 def _facts(result: Identification) -> list[Fact]:
-    judged = _judged(result)
+    judged = result.judged
     role = "held-out" if judged[0].role == "holdout" else "training"
     free = [c.network.x_nrmse for c in judged if c.network.x_nrmse is not None]
     facts = [
@@ -198,10 +199,12 @@ def _as_recorded(page: Page, result: Identification) -> None:
 
 def _row(comparison: Comparison, published: bool, mass: bool) -> list[str | Cell]:
     network, linear = comparison.network, comparison.linear
-    tone: Tone = "good" if network.force_nrmse <= _GOOD else "warn" if network.force_nrmse <= _FAIR else "bad"
-    row: list[str | Cell] = [comparison.recording.name, "held out" if comparison.role == "holdout" else "training"]
-    row.append(Cell(percent(network.force_nrmse), tone))
-    row.append(percent(network.within(comparison.recording.channel("R"))))
+    row: list[str | Cell] = [
+        comparison.recording.name,
+        "held out" if comparison.role == "holdout" else "training",
+        Cell(percent(network.force_nrmse), graded(network.force_nrmse, _GOOD, _FAIR)),
+        percent(network.within(comparison.recording.channel("R"))),
+    ]
     if published:
         row.append(percent(comparison.published.force_nrmse if comparison.published else None))
     row.append(percent(linear.force_nrmse))
@@ -280,11 +283,9 @@ def _content(record: Recording, measured: Array, network: Prediction) -> Plot:
         highest = highest_frequency(measured, record.dt)
         return spectra("Power spectrum of R", "N", curves, highest, "Welch, Hann windows, half overlapped.")
     caption = "Even harmonics need a difference between push and pull; friction and hysteresis alone give odd ones."
-    ends = [
-        Curve("measured", steady(t), steady(measured), "measured"),
-        Curve("surrogate", steady(t), steady(model), "model"),
-    ]
-    return harmonic_bars(f"Harmonics of R at {f:.4g} Hz", f, ends, caption)
+    ours, theirs = (harmonics(steady(R), record.dt, f) for R in (model, measured))
+    signals: list[tuple[str, Role, Harmonics]] = [("measured", "measured", theirs), ("surrogate", "model", ours)]
+    return harmonic_bars(f"Harmonics of R at {f:.4g} Hz", signals, caption)
 
 
 def _training(page: Page, result: Identification) -> None:
@@ -343,11 +344,6 @@ def _data(page: Page, result: Identification) -> None:
         page.text("What was done to the recordings before:")
         page.bullets(done)
     page.bullets(result.notes)
-
-
-def _judged(result: Identification) -> Sequence[Comparison]:
-    held = [comparison for comparison in result.comparisons if comparison.role == "holdout"]
-    return held or list(result.comparisons)
 
 
 def _shown(result: Identification) -> list[Comparison]:

@@ -136,6 +136,11 @@ def with_error(value: float, stderr: float | None, unit: str = "") -> str:
     return f"({value / power:.{places}f} ± {stderr / power:.{places}f})·10^{magnitude} {shown}".strip()
 
 
+def graded(value: float, good: float, fair: float) -> Tone:
+    """The colour of an error, by the greatest that is good and the greatest that is of use."""
+    return "good" if value <= good else "warn" if value <= fair else "bad"
+
+
 def _significant(value: float, digits: int) -> str:
     if value == 0:
         return "0"
@@ -162,7 +167,7 @@ class Page:
         self._rotational = rotational
         title, subtitle = self._said(title), self._said(subtitle)
         verdict = self._said_verdict(verdict) if verdict else None
-        facts = [self._said_fact(fact) for fact in facts]
+        facts = [Fact(self._said(fact.label), self._said(fact.value), self._said(fact.hint)) for fact in facts]
         self.title = title
         self.figures: list[Plot] = []
         self._toggles: list[tuple[Role, str]] = []
@@ -188,9 +193,6 @@ class Page:
 
     def _said_verdict(self, verdict: Verdict) -> Verdict:
         return Verdict(verdict.tone, self._said(verdict.headline), self._said(verdict.detail))
-
-    def _said_fact(self, fact: Fact) -> Fact:
-        return Fact(self._said(fact.label), self._said(fact.value), self._said(fact.hint))
 
     def section(self, title: str, text: str = "") -> None:
         """Start a section; it appears in the list of contents. Blank lines in text part paragraphs."""
@@ -219,21 +221,16 @@ class Page:
         """Program text or a command, as it stands."""
         self._body.append(f"<pre>{escape(text.strip())}</pre>")
 
-    def facts(self, facts: Sequence[Fact]) -> None:
-        """A row of figures."""
-        self._body.append(_facts([self._said_fact(fact) for fact in facts]))
-
     def verdict(self, verdict: Verdict) -> None:
         """A coloured sentence within the page."""
         self._body.append(_verdict(self._said_verdict(verdict)))
 
     def plots(self, *plots: Plot, columns: int = 2) -> None:
-        """Figures beside each other, ``columns`` (1, 2 or 3) in a row; below each other on a narrow screen."""
+        """Figures beside each other, one or two (``columns``) in a row; below each other on a narrow screen."""
         plots = tuple(map(turned_plot, plots)) if self._rotational else plots
         self.figures += plots
-        columns = 1 if len(plots) == 1 else columns
-        names = {1: "grid one", 2: "grid", 3: "grid three"}
-        self._body.append(f'<div class="{names[columns]}">' + "".join(_plot(plot) for plot in plots) + "</div>")
+        kind = "grid one" if columns == 1 or len(plots) == 1 else "grid"
+        self._body.append(f'<div class="{kind}">' + "".join(map(_plot, plots)) + "</div>")
 
     def linked(self, title: str, linked: Linked) -> None:
         """Views of the same samples with one cursor, and a slider through the windows of a long recording."""
@@ -242,9 +239,9 @@ class Page:
         self.figures += linked.plots()
         self._body.append(_linked(title, linked))
 
-    def odds(self, parts: Sequence[tuple[str, float, Tone]], note: str = "") -> None:
+    def odds(self, parts: Sequence[tuple[str, float, Tone]]) -> None:
         """Probabilities that add up to 1 as one bar, each with its name and colour; part of the first screen."""
-        self._head.append(_odds(parts, note))
+        self._head.append(_odds(parts))
 
     def toggles(self, *shown: tuple[Role, str]) -> None:
         """Buttons that hide and show all curves of a role in every figure."""
@@ -362,13 +359,12 @@ def _linked(title: str, linked: Linked) -> str:
     )
 
 
-def _odds(parts: Sequence[tuple[str, float, Tone]], note: str) -> str:
+def _odds(parts: Sequence[tuple[str, float, Tone]]) -> str:
     bars = "".join(f'<span class="{tone}" style="flex-grow:{max(share, 0.0):.4f}"></span>' for _, share, tone in parts)
     names = "".join(
         f'<li class="{tone}"><i></i>{escape(name)} <b>{_chance(share)}</b></li>' for name, share, tone in parts
     )
-    said = f"<p>{escape(note)}</p>" if note else ""
-    return f'<div class="odds"><div aria-hidden="true">{bars}</div><ul>{names}</ul>{said}</div>'
+    return f'<div class="odds"><div aria-hidden="true">{bars}</div><ul>{names}</ul></div>'
 
 
 def _chance(probability: float) -> str:

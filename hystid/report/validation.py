@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from hystid.errors import counted
-from hystid.recording import Array
-from hystid.report.curves import X_AXIS, Curve, highest_frequency, over_time, spectra, window_of
+from hystid.report.curves import X_AXIS, Curve, harmonic_bars, highest_frequency, over_time, spectra, window_of
 from hystid.report.linked import Linked, Series
-from hystid.report.page import Cell, Fact, Page, Table, Tone, Verdict, columns, number, percent, training_range
+from hystid.report.page import Cell, Fact, Page, Table, Verdict, columns, graded, number, percent, training_range
 from hystid.report.plots import Axis, Bars, Plot
 from hystid.validation import Case, Levels, Stability, Validation
 
 _GOOD, _FAIR = 0.06, 0.15  # force NRMSE at worst: the demo's target, and what is still of use
 _SHOWN = 3  # worst cases with figures of their own
-_FLOOR_DB = -80.0
 
 
 def page(result: Validation, command: str) -> Page:
@@ -58,7 +56,7 @@ def verdict(result: Validation) -> Verdict:
     """The sentence on top, judged by the worst case."""
     force, motion = result.figures("force_nrmse"), result.figures("x_nrmse")
     median, worst = float(np.median(force)), float(np.max(force))
-    tone: Tone = "good" if worst <= _GOOD else "warn" if worst <= _FAIR else "bad"
+    tone = graded(worst, _GOOD, _FAIR)
     closed = "There is no mass, so no closed loop. "
     if not np.all(np.isnan(motion)):
         closed = f"In closed loop the displacement is off by {percent(float(np.nanmedian(motion)))}"
@@ -88,19 +86,11 @@ def _facts(result: Validation) -> list[Fact]:
         )
         worst = int(np.nanargmax(motion))
         facts.append(Fact("Free run, x NRMSE, worst", percent(float(motion[worst])), result.cases[worst].name))
-    odd = worst_odd(result)
-    if odd is not None:
+    if result.worst_odd_db is not None:
         hint = "3rd to 9th harmonic of R, where above -60 dB"
-        facts.append(Fact("Odd harmonics, largest difference", number(odd, "dB", 2), hint))
+        facts.append(Fact("Odd harmonics, largest difference", number(result.worst_odd_db, "dB", 2), hint))
     facts.append(Fact("Mass", number(result.mass, "kg", 4) if result.mass else "0"))
     return facts
-
-
-def worst_odd(result: Validation) -> float | None:
-    """Largest difference of an odd harmonic over all harmonic cases [dB], on the reference motion."""
-    found = [case.levels.worst_odd_db("force") for case in result.cases if case.levels]
-    known = [value for value in found if value is not None]
-    return max(known) if known else None
 
 
 def add_errors(page: Page, result: Validation) -> None:
@@ -135,7 +125,7 @@ def add_errors(page: Page, result: Validation) -> None:
 
 def _row(case: Case) -> list[str | Cell]:
     run, energy = case.free_run, case.energy
-    tone: Tone = "good" if case.force_nrmse <= _GOOD else "warn" if case.force_nrmse <= _FAIR else "bad"
+    tone = graded(case.force_nrmse, _GOOD, _FAIR)
     odd = case.levels.worst_odd_db("force") if case.levels else None
     share = energy["force"] / energy["reference"] if energy["reference"] else float("nan")
     free: list[str | Cell] = [Cell("diverged", "bad")] * 3 if case.diverged else ["-"] * 3
@@ -184,20 +174,11 @@ def content(case: Case) -> Plot:
 
 
 def _harmonics(levels: Levels) -> Plot:
-    labels = [str(int(order)) for order in levels.reference.order[1:]]
-
-    def bars(name: str, level: Array, role: str) -> Bars:
-        shown = np.maximum(level[1:], _FLOOR_DB)
-        return Bars(labels, shown, name, "reference" if role == "reference" else "model", base=_FLOOR_DB)
-
-    series = [
-        bars("reference", levels.reference.level_db, "reference"),
-        bars("surrogate", levels.force.level_db, "model"),
-    ]
     title = f"Harmonics of R at {levels.reference.fundamental:.4g} Hz, up to the tenth"
-    axis = Axis("Level re fundamental", "dB", bounds=(_FLOOR_DB, 0), prefix=False)
     caption = "By least squares over the second half. Friction and hysteresis give odd harmonics only."
-    return Plot(title, Axis("Harmonic order"), axis, series, caption)
+    return harmonic_bars(
+        title, [("reference", "reference", levels.reference), ("surrogate", "model", levels.force)], caption
+    )
 
 
 def _stability(page: Page, found: Stability) -> None:

@@ -162,6 +162,12 @@ class Validation(Result, report="validation", json="validation.json"):
         pairs = zip(self.cases, without, strict=True)
         return np.array([getattr(case.free_run, which) if case.free_run else value for case, value in pairs])
 
+    @property
+    def worst_odd_db(self) -> float | None:
+        """Largest difference of an odd harmonic on the reference motion [dB]; None where no case is harmonic."""
+        found = [case.levels.worst_odd_db("force") for case in self.cases if case.levels]
+        return max((value for value in found if value is not None), default=None)
+
     def as_dict(self) -> dict[str, Any]:
         """The content of validation.json; errors are fractions."""
         keys: tuple[Literal["force_nrmse", "x_nrmse", "R_nrmse"], ...] = ("force_nrmse", "x_nrmse", "R_nrmse")
