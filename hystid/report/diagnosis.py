@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from hystid.diagnosis import Diagnosis, Finding, Traces
+from hystid.diagnosis.decide.criterion import Posterior
 from hystid.numeric import Array
 from hystid.report import evidence
 from hystid.report.curves import FORCE, T_AXIS, V_AXIS, X_AXIS, raw
@@ -48,16 +47,15 @@ def page(diagnosis: Diagnosis, command: str) -> Page:
         facts=_facts(diagnosis),
         rotational=diagnosis.rotational,
     )
-    said = diagnosis.as_dict()
-    if said.get("probability"):
-        _odds(made, said["probability"])
+    if diagnosis.posterior is not None:
+        _odds(made, diagnosis.posterior)
     if diagnosis.traces:
         made.toggles(("measured", "measured"), ("before", "baseline"), *_after(diagnosis))
-        _what(made, diagnosis, said)
+        _what(made, diagnosis)
         _where(made, diagnosis)
         _how_good(made, diagnosis)
-        _evidence(made, diagnosis, said)
-        _went_in(made, diagnosis, said)
+        _evidence(made, diagnosis)
+        _went_in(made, diagnosis)
     made.reproduce(command, {"Model": diagnosis.model, "Recordings": ", ".join(t.name for t in diagnosis.traces)})
     return made
 
@@ -66,13 +64,12 @@ def _after(d: Diagnosis) -> tuple[tuple[Role, str], ...]:
     return (("after", "with findings"),) if d.findings else ()
 
 
-def _odds(page: Page, probability: Mapping[str, float]) -> None:
+def _odds(page: Page, found: Posterior) -> None:
     """The probabilities of the headline, which add up to 1."""
-    nothing, unknown = float(probability["nothing_missing"]), float(probability["unknown"])
     shares: tuple[tuple[str, float, Tone], ...] = (
-        ("an effect of the library is missing", max(0.0, 1.0 - nothing - unknown), "warn"),
-        ("nothing is missing", nothing, "good"),
-        ("something is missing that no effect of the library explains", unknown, "neutral"),
+        ("an effect of the library is missing", max(0.0, 1.0 - found.nothing - found.unknown), "warn"),
+        ("nothing is missing", found.nothing, "good"),
+        ("something is missing that no effect of the library explains", found.unknown, "neutral"),
     )
     page.odds(shares)
 
@@ -162,13 +159,13 @@ def _meanings(d: Diagnosis, finding: Finding) -> dict[str, str]:
     return {name: known.get(name, "") for name in finding.parameters}
 
 
-def _what(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
+def _what(page: Page, d: Diagnosis) -> None:
     page.section("What was found")
     if not d.findings:
         page.text(d.headline + ".")
     for finding in d.findings:
         rows = [[name, value_text(finding, name), text] for name, text in _meanings(d, finding).items()]
-        share = getattr(finding, "explained", None)
+        share = finding.explained
         where = finding.where.text[:1].upper() + finding.where.text[1:]
         note = f"{where}. " + (
             f"It explains {percent(share)} of the misfit above the noise." if share and math.isfinite(share) else ""
@@ -184,30 +181,27 @@ def _what(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
         )
     if d.findings:
         page.plots(*(plot for plot in (evidence.force_curve(d), evidence.both_ways(d)) if plot is not None))
-    _candidates(page, said)
-    _parameters(page, d, said)
+    _candidates(page, d)
+    _parameters(page, d)
 
 
-def _chance(probability: float | None) -> str:
+def _chance(probability: float) -> str:
     """A probability in percent; what is below a hundredth of a percent is not told apart."""
-    return "below 0.01 %" if probability is not None and probability < 1e-4 else percent(probability)
+    return "below 0.01 %" if probability < 1e-4 else percent(probability)
 
 
-def _candidates(page: Page, said: Mapping[str, Any]) -> None:
+def _candidates(page: Page, d: Diagnosis) -> None:
     """What it could be, ranked: also where nothing is named."""
-    ranked = said.get("candidates") or ()
+    ranked = d.candidates()[:_CANDIDATES]
     if ranked:
-        rows = [
-            [str(one["title"]), _chance(one.get("probability")), percent(one.get("explained"))]
-            for one in ranked[:_CANDIDATES]
-        ]
+        rows = [[one["title"], _chance(one["probability"]), percent(one["explained"])] for one in ranked]
         columns = ["effect", "probability", "share of the misfit explained"]
         page.table(
             Table("What it could be", columns, rows, "Ranked. Each effect is fitted together with the baseline.")
         )
 
 
-def _parameters(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
+def _parameters(page: Page, d: Diagnosis) -> None:
     """Every parameter in the end, and what the refit of the baseline alone had to move."""
     if d.findings:
         sides = {f"{f.effect}.{name}": value_text(f, name) for f in d.findings for name in f.parameters}
@@ -391,7 +385,7 @@ def _free_errors(trace: Traces) -> Plot:
     return Plot(heading, T_AXIS, X_AXIS, series, "Simulated less measured.", height=260)
 
 
-def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
+def _evidence(page: Page, d: Diagnosis) -> None:
     page.section("Evidence", "What each effect leaves when it is added: 1 is the noise. The simpler law wins a tie.")
     tried = evidence.tried(d)
     if tried is not None:
@@ -413,12 +407,8 @@ def _evidence(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
         page.bullets(dict.fromkeys(d.notes))
 
 
-def _went_in(page: Page, d: Diagnosis, said: Mapping[str, Any]) -> None:
+def _went_in(page: Page, d: Diagnosis) -> None:
     page.section("What went in", "Every recording as it was used: displacement and restoring force over time.")
-    channels = said.get("channels")
-    if channels:
-        entries = channels.items() if isinstance(channels, Mapping) else enumerate(channels)
-        page.bullets(f"{name}: {text}" if isinstance(name, str) else str(text) for name, text in entries)
     for trace in d.traces[:_OVERVIEWS]:
         page.plots(
             raw(f"x, {trace.name}", trace.t, Axis("x", "m"), trace.x, 190),
