@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from hystid.recording import Recording
@@ -45,7 +47,7 @@ def _loop(result: Recording) -> Plot:
     near = window_of(result.F if result.F is not None else x, x, result.dt)
     span = f"t = {result.t[near][0]:.4g} to {result.t[near][-1]:.4g} s."
     plot = loops(f"{NAMES[name]} over displacement", [Curve("measured", x[near], force[near], "measured")], span)
-    return Plot(plot.title, plot.x, Axis(NAMES[name], "N"), plot.series, plot.caption)
+    return replace(plot, y=Axis(NAMES[name], "N"))
 
 
 def _facts(result: Recording) -> list[Fact]:

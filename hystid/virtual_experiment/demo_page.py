@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -136,8 +137,7 @@ def _loop(case: Case) -> Plot:
         Curve("surrogate", x[last], R[last], "model"),
     ]
     caption = f"Force NRMSE {percent(case.force_nrmse)}, free-run x {percent(run.x_nrmse if run else None)}."
-    plot = loops(_short(case.name), curves, caption)
-    return Plot(plot.title, plot.x, plot.y, plot.series, plot.caption, height=280)
+    return replace(loops(_short(case.name), curves, caption), height=280)
 
 
 def _concealed(page: Page, lab: LabCase) -> None:
