@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hystid.comparison import loop_energy
 from hystid.leastsquares import Rule
 from hystid.networks import Member, TwoNetworkModel
 from hystid.networks.joint import Sequences, train_beside
@@ -44,8 +45,7 @@ class Decay:
     @property
     def energy(self) -> float:
         """Taken out in the last cycle [J]."""
-        R, x = self.R[-_SAMPLES - 1 :], self.x[-_SAMPLES - 1 :]
-        return float(np.sum((R[1:] + R[:-1]) / 2 * np.diff(x)))
+        return loop_energy(self.x[-_SAMPLES - 1 :], self.R[-_SAMPLES - 1 :])
 
     @property
     def force(self) -> float:
