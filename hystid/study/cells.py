@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +43,7 @@ class Quartiles:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-like; infinity becomes null."""
-        names = ("best", "lower", "median", "upper", "worst", "values")
-        return {name: getattr(self, name) for name in names}
+        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)

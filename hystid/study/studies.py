@@ -72,8 +72,7 @@ def grid(
     payload = Payload(*groups, _rule(mode, iterations), precision, samples, seed)
     tasks = [Task(structure, start, float(mass)) for structure in layers for start in range(starts)]
     settings = {"kind": "grid", "mass": mass, "structures": layers, "starts": starts}
-    outcomes = _run(payload, tasks, settings, Path(out), starts, workers, scheduler)
-    cells = [_cell(group, payload) for group in _groups(outcomes, starts)]
+    cells = _cells(payload, tasks, settings, Path(out), starts, workers, scheduler)
     chosen, reason = choose(cells)
     result = GridResult(cells, chosen, reason, settings, {"study": Path(out) / "study.json"})
     write_json(result.files["study"], result.as_dict())
@@ -122,8 +121,7 @@ def mass(
     masses = [float(mass * (1 + offset)) for offset in offsets]
     tasks = [Task((size, size), start, m) for size in sizes for m in masses for start in range(starts)]
     settings = {"kind": "mass", "mass": mass, "offsets": list(offsets), "sizes": list(sizes), "starts": starts}
-    outcomes = _run(payload, tasks, settings, Path(out), starts, workers, scheduler)
-    cells = [_cell(group, payload) for group in _groups(outcomes, starts)]
+    cells = _cells(payload, tasks, settings, Path(out), starts, workers, scheduler)
     result = MassResult(cells, float(mass), tuple(offsets), settings, {"study": Path(out) / "study.json"})
     write_json(result.files["study"], result.as_dict())
     return result
@@ -156,7 +154,7 @@ def _rule(mode: Mode, iterations: int) -> Rule:
     return replace(rule_of(mode), max_iterations=iterations)
 
 
-def _run(
+def _cells(
     payload: Payload,
     tasks: Sequence[Task],
     settings: Mapping[str, Any],
@@ -164,9 +162,11 @@ def _run(
     starts: int,
     workers: int | None,
     scheduler: str | None,
-) -> list[TrainingResult]:
+) -> list[Cell]:
+    """A cell for each so many starts, in the order of the tasks."""
     _claim(out, {**settings, "data": _fingerprint(payload)})
-    return complete(payload, tasks, out / "trainings", workers=workers, scheduler=scheduler)
+    outcomes = complete(payload, tasks, out / "trainings", workers=workers, scheduler=scheduler)
+    return [_cell(outcomes[k : k + starts], payload) for k in range(0, len(outcomes), starts)]
 
 
 def _claim(out: Path, identity: Mapping[str, Any]) -> None:
@@ -194,10 +194,6 @@ def _fingerprint(payload: Payload) -> str:
             values = getattr(recording, name)
             digest.update(b"-" if values is None else np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()[:32]
-
-
-def _groups(outcomes: Sequence[TrainingResult], starts: int) -> list[list[TrainingResult]]:
-    return [list(outcomes[k : k + starts]) for k in range(0, len(outcomes), starts)]
 
 
 def _cell(outcomes: Sequence[TrainingResult], payload: Payload) -> Cell:
