@@ -47,9 +47,10 @@ def samples(
     level: Level | None = None,
 ) -> Samples:
     """Samples of all recordings one after the other; the turning-point memory begins anew with each."""
-    columns = []
-    for motion in motions(recordings, inputs, lags, level):
-        columns.append((motion.x, motion.v, *rule.hold(motion.x, motion.v, motion.R), motion.R, motion.further))
+    columns = [
+        (motion.x, motion.v, *rule.hold(motion.x, motion.v, motion.R), motion.R, motion.further)
+        for motion in motions(recordings, inputs, lags, level)
+    ]
     x, v, x0, R0, R, further = (np.concatenate(parts, axis=-1) for parts in zip(*columns, strict=True))
     return Samples(x, v, x0, R0, R, further, len(inputs))
 
