@@ -186,6 +186,12 @@ def write_zip(path: Path, content: Mapping[str, bytes]) -> None:
             archive.writestr(entry, data, compresslevel=9)
 
 
+def read_zip(path: Path) -> dict[str, bytes]:
+    """The files of a zip file, by their names there."""
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
+
+
 def given_date() -> int | None:
     """Seconds since 1970 from SOURCE_DATE_EPOCH, where it is set: it makes builds reproducible byte for byte."""
     text = os.environ.get("SOURCE_DATE_EPOCH", "")

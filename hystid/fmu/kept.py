@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 from hystid.errors import FmuError, UsageError
 from hystid.files import check_regular, text_of, write_text
-from hystid.fmu.build import write_zip
+from hystid.fmu.build import read_zip, write_zip
 from hystid.fmu.door import check_xml, read_entry
 from hystid.fmu.reference import FOLDER, INPUT_ROLE, RESULT_ROLE
 
@@ -50,9 +50,7 @@ class Kept:
         if not self.entry:
             write_text(self.place, text)
             return
-        with zipfile.ZipFile(self.place) as archive:
-            content = {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}
-        write_zip(self.place, {**content, self.entry: text.encode()})
+        write_zip(self.place, {**read_zip(self.place), self.entry: text.encode()})
 
 
 def _beside(path: Path, folder: Path) -> Kept | None:

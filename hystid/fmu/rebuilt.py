@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from hystid.errors import FmuError, NumericalError, listed
-from hystid.fmu.build import write_zip
+from hystid.fmu.build import read_zip, write_zip
 from hystid.fmu.door import open_fmu, read_entry
 from hystid.fmu.reference import FOLDER
 from hystid.fmu.regress import RegressionResult, regress
@@ -33,18 +33,12 @@ def with_reference_of(old: Path, new: Path, out: Path) -> tuple[str, ...]:
     Gives what changed in lines: variables, start values, and signals of the reference that differ now.
     """
     changes = tuple(_changed_variables(old, new))  # refuses an old file that unpacks without an end
-    content = {**_entries(new, of_reference=False), **_entries(old, of_reference=True)}
+    content = {name: data for name, data in read_zip(new).items() if not _is_reference(name)}
+    content |= {name: data for name, data in read_zip(old).items() if _is_reference(name)}
     write_zip(new, content)
     answers = tuple(_changed_answers(new))
     write_zip(out, content)
     return (*changes, *answers)
-
-
-def _entries(path: Path, *, of_reference: bool) -> dict[str, bytes]:
-    with zipfile.ZipFile(path) as archive:
-        names = [name for name in archive.namelist() if not name.endswith("/")]
-        chosen = [name for name in names if _is_reference(name) == of_reference]
-        return {name: archive.read(name) for name in chosen}
 
 
 def _is_reference(name: str) -> bool:
