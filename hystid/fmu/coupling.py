@@ -66,9 +66,8 @@ def simulate_with_effects(
             parameters=dict(parameters), start=start, substeps=substeps,
         )  # fmt: skip
         return found["x"]
-    named = {v.name for v in rig.model.variables}
     given = {v.name: v for v in rig.model.variables}
-    hysteresis = ("f_h",) if "f_h" in named else ()
+    hysteresis = ("f_h",) if "f_h" in given else ()
     if not {"x", "v"} <= set(rig.model.states):
         raise FmuError(f"{rig.name}: a free run with effects needs the states x and v")
     motion = Interpolated(force, dt, slopes_of(force, dt))

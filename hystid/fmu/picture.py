@@ -43,9 +43,9 @@ def _panels(t: Array, signal: SignalResult, top: int) -> str:
     tube, below = signal.tube, top + _HEIGHT
     reference, values = (np.asarray(row, np.float64) for row in (signal.reference, signal.values))
     x = _LEFT + _WIDTH * (t - t[0]) / max(t[-1] - t[0], 1e-300)
-    first = int(np.argmax(tube.outside)) if np.any(tube.outside) else None
     beyond = np.nan_to_num(np.maximum(0.0, np.maximum(values - tube.upper, tube.lower - values)))
     nothing, unit = np.zeros(len(x)), f" [{signal.unit}]" if signal.unit else ""
+    first = signal.first_outside
     mark = "" if first is None else _line(x[first], top, x[first], below + _STRIP, "#c00", dashes="4 3")
     return (
         f'<text x="{_LEFT}" y="{top - 8}">{escape(f"{signal.name}{unit}: {signal.text(t)}")}</text>'
