@@ -33,7 +33,7 @@ from hystid.networks.ensemble import workers_of
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, draw, rule_of, split_indices
 from hystid.networks.trust import Spread
-from hystid.recording import Array, Recording, Sources, check_together, loaded
+from hystid.recording import Recording, Sources, check_together, loaded
 from hystid.turning_points import TurningPoints
 
 Method = Literal["published", "refined"]
@@ -152,7 +152,7 @@ def identify(
         *late,
         *feeding(networks, used),
         *constant_and_even(used, ports),
-        *unused_columns(*_residual_of(comparisons), ports),
+        *unused_columns([c.recording for c in comparisons], [c.network.R for c in comparisons], ports),
     )
     hybrid = combine(law, replace(plan, inputs=plain_ports), comparisons, networks.training_range) if law else None
     if hybrid:
@@ -184,10 +184,6 @@ def _spread(model: TwoNetworkModel, recordings: Sequence[Recording], trained: Tr
         between.append(np.std(each, axis=1))
     unseen = slice(None) if trained.unseen is None else trained.unseen
     return Spread.fit(np.concatenate(error)[unseen], np.concatenate(between)[unseen], inflation)
-
-
-def _residual_of(comparisons: Sequence[Comparison]) -> tuple[list[Recording], list[Array]]:
-    return [item.recording for item in comparisons], [item.network.R for item in comparisons]
 
 
 def _model(trained: Trained, recordings: Sequence[Recording], plan: Plan) -> TwoNetworkModel:
