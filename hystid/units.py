@@ -21,14 +21,8 @@ STANDARD_GRAVITY = 9.80665  # m/s2, exact by definition (CGPM 1901)
 
 # symbol -> (factor to SI, exponents); a prefix may stand before every one of them
 _SYMBOLS: dict[str, tuple[float, dict[str, int]]] = {
-    "m": (1.0, {"m": 1}),
+    **{base: (1.0, {base: 1}) for base in BASES if base != "kg"},
     "g": (1e-3, {"kg": 1}),
-    "s": (1.0, {"s": 1}),
-    "A": (1.0, {"A": 1}),
-    "K": (1.0, {"K": 1}),
-    "mol": (1.0, {"mol": 1}),
-    "cd": (1.0, {"cd": 1}),
-    "rad": (1.0, {"rad": 1}),
     "Hz": (1.0, {"s": -1}),
     "N": (1.0, {"kg": 1, "m": 1, "s": -2}),
     "Pa": (1.0, {"kg": 1, "m": -1, "s": -2}),
