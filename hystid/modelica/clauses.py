@@ -178,13 +178,10 @@ def _listed(text: str, at: int) -> Modifiers | None:
         return None
     opening = found.end() - 1
     end = closing(text, opening)
-    elements, start = [], opening + 1
-    while start < end:
-        stop = next_mark(text, start, end, ",")
-        if text[start:stop].strip():
-            elements.append(_element(text, start + len(text[start:stop]) - len(text[start:stop].lstrip()), stop))
-        start = stop + 1
-    return Modifiers(opening, end, tuple(elements))
+    parts = [(text[start:stop], stop) for start, stop in parted(text, opening + 1, end)]
+    return Modifiers(
+        opening, end, tuple(_element(text, stop - len(part.lstrip()), stop) for part, stop in parts if part.strip())
+    )
 
 
 def _element(text: str, start: int, end: int) -> Modifier:
@@ -229,6 +226,14 @@ def next_mark(text: str, start: int, end: int, mark: str) -> int:
             return found.start()
         depth += (letter in "([{") - (letter in ")]}")
     return end
+
+
+def parted(text: str, start: int, end: int) -> Iterator[tuple[int, int]]:
+    """Offsets of what commas outside all brackets part."""
+    while start < end:
+        stop = next_mark(text, start, end, ",")
+        yield start, stop
+        start = stop + 1
 
 
 @cache

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import islice
 
-from hystid.modelica.clauses import closing, next_mark
+from hystid.modelica.clauses import closing, parted
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
 
@@ -20,9 +21,6 @@ def with_real_delays(source: Source) -> Source:
 def _times(plain: str) -> Iterator[Edit]:
     for found in _DELAY.finditer(plain):
         end = closing(plain, found.end() - 1)
-        start = next_mark(plain, found.end(), end, ",") + 1
-        while start < end:
-            stop = next_mark(plain, start, end, ",")
+        for start, stop in islice(parted(plain, found.end(), end), 1, None):
             yield start, start, "1.0*("
             yield stop, stop, ")"
-            start = stop + 1

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 
-from hystid.modelica.clauses import Clause, clauses, closing, next_mark
+from hystid.modelica.clauses import Clause, clauses, closing, next_mark, parted
 from hystid.modelica.reach import Class, classes
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
@@ -86,7 +86,7 @@ def _rewritten(owner: Class) -> Iterator[Edit]:
     if found is None or owner.name in ("constructor", "destructor"):
         return
     end = closing(plain, found.end() - 1)
-    names = _arguments(text, plain, found.end(), end)
+    names = [text[start:stop].strip() for start, stop in parted(plain, found.end(), end)]
     local = {n for n, c in declared.items() if not {"input", "output", "parameter", "constant"} & set(c.prefixes)}
     if not local & {*names, found["out"] or ""}:
         return
@@ -99,15 +99,6 @@ def _rewritten(owner: Class) -> Iterator[Edit]:
         return
     known = [n for n, c in declared.items() if {"input", "output"} & set(c.prefixes)]
     yield found.start(), stop, f'external "C" {found["name"]}({", ".join(known)});{lines}'
-
-
-def _arguments(text: str, plain: str, start: int, end: int) -> list[str]:
-    found = []
-    while start < end:
-        stop = next_mark(plain, start, end, ",")
-        found.append(text[start:stop].strip())
-        start = stop + 1
-    return found
 
 
 def _columns(name: str, declared: dict[str, Clause]) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from hystid.modelica.clauses import closing, next_mark
+from hystid.modelica.clauses import closing, parted
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
 
@@ -25,21 +25,14 @@ def _in_place(plain: str) -> Iterator[Edit]:
     done = 0
     for found in _HOMOTOPY.finditer(plain):
         end = closing(plain, found.end() - 1)
-        named = dict(_arguments(plain, found.end(), end))
+        parts = (plain[start:stop].partition("=") for start, stop in parted(plain, found.end(), end))
+        named = {name.strip(): value for name, _, value in parts}
         if found.start() < done or set(named) != {"actual", "simplified"}:
             continue
         done = end
         actual, simplified = (_rewritten(named[name]) for name in ("actual", "simplified"))
         lost = plain.count("\n", found.end(), end) - f"{actual}{simplified}".count("\n")
         yield found.end(), end, f"{actual}, {simplified}" + "\n" * lost
-
-
-def _arguments(plain: str, start: int, end: int) -> Iterator[tuple[str, str]]:
-    while start < end:
-        stop = next_mark(plain, start, end, ",")
-        name, _, value = plain[start:stop].partition("=")
-        yield name.strip(), value
-        start = stop + 1
 
 
 def _rewritten(text: str) -> str:

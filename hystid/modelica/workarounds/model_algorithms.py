@@ -19,7 +19,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import count
 
-from hystid.modelica.clauses import Clause, clauses, closing, next_mark
+from hystid.modelica.clauses import Clause, clauses, closing, next_mark, parted
 from hystid.modelica.reach import Class, classes
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
@@ -241,7 +241,7 @@ class _Writer:
             return self._gap(start, end)  # prints, or asserts in a function: nothing follows from it
         value = self.text[at + 2 : end - 1].strip()
         if self.plain[start] == "(":
-            return self._several(start, at, value, clocked)
+            return self._several(start, value, clocked)
         return self._set(self.text[start:at].strip(), value, "set", clocked)
 
     def _set(self, target: str, value: str, what: str, clocked: bool) -> str:
@@ -266,19 +266,11 @@ class _Writer:
             relation = f"sum(1.0*{side}) == sum({{1.0*({value})}})"
         return self.mark(what, relation)
 
-    def _several(self, start: int, at: int, value: str, clocked: bool) -> str:
+    def _several(self, start: int, value: str, clocked: bool) -> str:
         """(a, , c) := f(...): the call with the first output that is taken, then the other outputs."""
-        close = closing(self.plain, start)
-        names, here = [], start + 1
-        while here <= close:
-            stop = next_mark(self.plain, here, close, ",")
-            names.append(self.text[here:stop].strip())
-            here = stop + 1
-        made = []
-        for k, name in enumerate(names):
-            if name:
-                made.append(self._set(name, value, f"out{k}", clocked))
-        return " ".join(made)
+        parts = parted(self.plain, start + 1, closing(self.plain, start))
+        names = [self.text[here:stop].strip() for here, stop in parts]
+        return " ".join(self._set(name, value, f"out{k}", clocked) for k, name in enumerate(names) if name)
 
     def _choice(self, at: int, clocked: bool) -> tuple[str, int]:
         made = []
