@@ -66,8 +66,8 @@ def shared_library(
     Raises ToolchainError with the compiler's first error line.
     """
     command = [*(command or compiler()), *_COMMON, "-shared", *flags]
-    parts = (*libraries, *main, *(path.name for path in objects), *_texts(sources))
-    digest = _digest((*command, *parts))
+    parts = (*libraries, *main, *(path.name for path in objects), *texts_of(sources))
+    digest = digest_of((*command, *parts))
     if "-march=native" in flags:  # a cache folder on a network drive may serve machines of several kinds
         digest.update(_processor().encode())
     name = f"{digest.hexdigest()[:32]}{suffix}"
@@ -95,8 +95,8 @@ def object_files(
     """
     full = [*(command or compiler()), *_COMMON, "-c", *flags]
     headers = {name: text for name, text in sources.items() if name not in main}
-    common = (*full, *_texts(headers))
-    objects = {name: f"{_digest((*common, name, sources[name])).hexdigest()[:32]}.o" for name in main}
+    common = (*full, *texts_of(headers))
+    objects = {name: f"{digest_of((*common, name, sources[name])).hexdigest()[:32]}.o" for name in main}
     missing = [name for name, entry in objects.items() if store.find(entry) is None]
     if missing:
         with store.workplace() as folder:
@@ -113,12 +113,14 @@ def object_files(
     return tuple(map(store.kept, objects.values()))
 
 
-def _texts(sources: Mapping[str, str]) -> Iterator[str]:
+def texts_of(sources: Mapping[str, str]) -> Iterator[str]:
+    """Names and texts of files, by name."""
     for name, text in sorted(sources.items()):
         yield from (name, text)
 
 
-def _digest(parts: Iterable[str]) -> hashlib._Hash:
+def digest_of(parts: Iterable[str]) -> hashlib._Hash:
+    """Hash of texts and of where each of them ends."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(part.encode())

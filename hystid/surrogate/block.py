@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
 
@@ -14,6 +13,7 @@ from hystid.modelcode import ModelCode
 from hystid.surrogate.emit import Functions, number
 from hystid.surrogate.identifiers import readable
 from hystid.surrogate.program import Port, Program
+from hystid.toolchain import digest_of, texts_of
 
 INCLUDES = """\
 #include <math.h>
@@ -88,19 +88,10 @@ const hy_model hy_the_model = {{
 
 def signed(code: ModelCode) -> ModelCode:
     """The same model with its token, a hash of all that it consists of."""
-    digest = hashlib.sha256()
-    for part in (code.name, repr(code.variables), repr(code.experiment), *_flat(code.sources)):
-        digest.update(part.encode())
-        digest.update(b"\0")
+    digest = digest_of((code.name, repr(code.variables), repr(code.experiment), *texts_of(code.sources)))
     token = "{" + str(uuid.UUID(bytes=digest.digest()[:16], version=4)) + "}"
     sources = {name: text.replace("TOKEN", f'"{token}"', 1) for name, text in code.sources.items()}
     return replace(code, token=token, sources=sources)
-
-
-def _flat(sources: Mapping[str, str]) -> Iterable[str]:
-    for name, text in sorted(sources.items()):
-        yield name
-        yield text
 
 
 def offsets(ports: Sequence[Port], first: int) -> dict[str, int]:
