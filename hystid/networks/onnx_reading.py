@@ -53,6 +53,16 @@ class StepDescription:
         return isinstance(units, dict) and units.get("R") == "N.m"
 
     @property
+    def turning(self) -> bool:
+        """Whether state[0] is v_last and the memory is renewed where v_last v <= 0: it can be held still in between."""
+        return self.memory == TURNING_POINTS
+
+    @property
+    def force_slots(self) -> tuple[int, ...]:
+        """Elements of the state that hold the restoring force of the sample before, one per member of the ensemble."""
+        return tuple(i for i, name in enumerate(self.state_layout) if name.startswith("Rh["))
+
+    @property
     def late(self) -> dict[int, str]:
         """Elements of the state that follow a signal late, and that signal: the last ones."""
         first = len(self.initial_state) - len(self.lags)

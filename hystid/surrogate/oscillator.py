@@ -7,10 +7,9 @@ x, v; outputs R and the range flag.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from hystid.networks.level import Level
-from hystid.networks.ports import FurtherInput
+from hystid.networks.onnx_reading import StepDescription
 from hystid.surrogate import block
 from hystid.surrogate.emit import number
 from hystid.surrogate.program import Program
@@ -25,28 +24,17 @@ def recorded(n_d: int, further: int) -> int:
 
 @dataclass(frozen=True)
 class OscillatorText:
-    """program: inputs x, v, state; outputs R, state_next. n_d: length of the state.
-
-    turning: whether state[0] is v_last and the memory is renewed where v_last v <= 0; then it can be held still between
-    samples. force_slots: elements of the state that start at R_start. ports: the further inputs.
-    late: elements of the state that follow v or a further input late; they start settled. level: of the
-    force; the remembered force is scaled by it. spread: whether there is R_spread.
+    """program: inputs x, v, state; outputs R, state_next. about: what the file says of them: elements of the state that
+    follow v or a further input late start settled, those that hold the force start at R_start, scaled by its level.
     """
 
     program: Program
-    n_d: int
-    turning: bool
-    force_slots: tuple[int, ...]
-    training_range: Mapping[str, tuple[float, float]]
-    ports: tuple[FurtherInput, ...] = ()
-    late: Mapping[int, str] = field(default_factory=dict)
-    level: Level | None = None
-    spread: bool = False
+    about: StepDescription
 
     @property
     def further(self) -> tuple[str, ...]:
         """Names of the further inputs."""
-        return tuple(port.name for port in self.ports)
+        return tuple(port.name for port in self.about.inputs)
 
     def text(self) -> str:
         """Everything that the shell calls."""
@@ -56,9 +44,10 @@ class OscillatorText:
 
     def _run(self, mode: str, state: str, ends: Mapping[str, str] | None = None) -> str:
         inputs = {"x": "&x", "v": "&speed", "state": state} | self._places("v + U")
-        results, work = {"R": "&now.R", "state_next": "next"}, f"v + W + {recorded(self.n_d, len(self.further))}"
+        results = {"R": "&now.R", "state_next": "next"}
+        work = f"v + W + {recorded(len(self.about.initial_state), len(self.further))}"
         slopes = {"R": "&d_R", "state_next": "d_next"} if ends else None
-        if self.spread:
+        if self.about.spread:
             results |= {"R_spread": "&now.spread"}
             slopes = slopes and slopes | {"R_spread": "&d_spread"}
         return block.call(self.program, mode, inputs, results, ends, slopes, work)
@@ -69,8 +58,8 @@ class OscillatorText:
 
     def _records(self) -> str:
         places = {"x": "v[X]", "v": "v[X + 1]"} | {name: f"v[U + {1 + i}]" for i, name in enumerate(self.further)}
-        known = {name: place for name, place in places.items() if name in self.training_range}
-        ranges = [block.range_test(place, *self.training_range[name]) for name, place in known.items()]
+        known = {name: place for name, place in places.items() if name in self.about.training_range}
+        ranges = [block.range_test(place, *self.about.training_range[name]) for name, place in known.items()]
         return f"""\
 enum {{
     WARNED = W,                                       /* 1 after the warning */
@@ -103,7 +92,7 @@ static void outputs(double *v, answer now)
     v[Y + 1] = {" || ".join(test for test in ranges if test) or "0"};
     v[DX] = v[X + 1];
     v[DX + 1] = (v[U] - now.R) / v[P];
-{"    v[Y + 2] = now.spread;" if self.spread else ""}
+{"    v[Y + 2] = now.spread;" if self.about.spread else ""}
 }}
 """
 
@@ -122,7 +111,7 @@ static answer at_sample(hy_data *m, double *next)
 {{
     answer now = {{0.0, 0.0}};
     double *v = m->v, x = v[X], speed = v[X + 1];
-{reuse if self.turning else ""}    {self._run("", "v + D")}
+{reuse if self.about.turning else ""}    {self._run("", "v + D")}
     return now;
 }}
 """
@@ -137,7 +126,7 @@ static answer at_sample(hy_data *m, double *next)
     answer now = {{0.0, 0.0}};
     double *v = m->v, x = v[X], speed = v[X + 1], next[N_D], frozen[N_D];
     memcpy(frozen, v + D, sizeof frozen);
-{still if self.turning else ""}"""
+{still if self.about.turning else ""}"""
 
     def _between(self) -> str:
         return f"""\
@@ -197,10 +186,10 @@ static int completed_step(hy_data *m)
 
     def _start(self) -> str:
         places = {"v": "m->v[X + 1]"} | dict(zip(self.further, self._seen(), strict=True))
-        forces = "".join(f"    m->v[D + {slot}] = {places[source]};\n" for slot, source in self.late.items())
-        if self.turning:
+        forces = "".join(f"    m->v[D + {slot}] = {places[source]};\n" for slot, source in self.about.late.items())
+        if self.about.turning:
             forces += f"    const double begin = {self._scaled_start()};\n"
-            forces += "".join(f"    m->v[D + {slot}] = begin;\n" for slot in self.force_slots)
+            forces += "".join(f"    m->v[D + {slot}] = begin;\n" for slot in self.about.force_slots)
         return f"""\
 static int parameters(hy_data *m)
 {{
@@ -221,7 +210,7 @@ static int initialise(hy_data *m)
     def _seen(self) -> list[str]:
         """What the networks see of the further inputs: their values, or those of their curves."""
         found = []
-        for i, port in enumerate(self.ports, start=1):
+        for i, port in enumerate(self.about.inputs, start=1):
             value = f"m->v[U + {i}]"
             if port.curve is not None:
                 lines = zip(port.curve.at, port.curve.at[1:], port.curve.slopes, strict=False)
@@ -235,20 +224,20 @@ static int initialise(hy_data *m)
 
     def _scaled_start(self) -> str:
         """R_start as the memory has it."""
-        if self.level is None:
+        if self.about.level is None:
             return "m->v[P + 3]"
         signals = [
             *self._seen(),
-            *(f"m->v[D + {slot}]" for slot in self.late),
+            *(f"m->v[D + {slot}]" for slot in self.about.late),
         ]
 
         def plane(constant: float, slopes: Sequence[float], names: Sequence[str]) -> str:
             terms = (f"{number(slope)} * {name}" for slope, name in zip(slopes, names, strict=True))
             return " + ".join([number(constant), *terms])
 
-        centre = plane(self.level.offset, self.level.slopes, ["m->v[X]", *signals])
-        spread = plane(self.level.base, self.level.growth, signals)
-        return f"(m->v[P + 3] - ({centre})) / fmax({spread}, {number(self.level.least)})"
+        centre = plane(self.about.level.offset, self.about.level.slopes, ["m->v[X]", *signals])
+        spread = plane(self.about.level.base, self.about.level.growth, signals)
+        return f"(m->v[P + 3] - ({centre})) / fmax({spread}, {number(self.about.level.least)})"
 
     def _derivatives(self) -> str:
         forward = {"x": "seed + X", "v": "seed + X + 1", "state": "seed + D"} | self._places("seed + U")
@@ -261,7 +250,7 @@ static int forward(hy_data *m, const double *seed, double *sens)
 {self._held()}    {self._run("_forward", "frozen", forward)}
     memset(sens, 0, N_VALUES * sizeof *sens);
     sens[Y] = d_R;
-{"    sens[Y + 2] = d_spread;" if self.spread else ""}
+{"    sens[Y + 2] = d_spread;" if self.about.spread else ""}
     sens[DX] = seed[X + 1];
     sens[DX + 1] = (seed[U] - d_R - seed[P] * v[DX + 1]) / v[P];
     return HY_OK;
@@ -270,7 +259,7 @@ static int forward(hy_data *m, const double *seed, double *sens)
 static int adjoint(hy_data *m, const double *seed, double *sens)
 {{
     double d_R = seed[Y] - seed[DX + 1] / m->v[P], d_next[N_D] = {{0}};
-    double d_spread = {"seed[Y + 2]" if self.spread else "0.0"};
+    double d_spread = {"seed[Y + 2]" if self.about.spread else "0.0"};
     (void)d_spread;
 {self._held()}    {self._run("_adjoint", "frozen", adjoint)}
     sens[X + 1] += seed[DX];

@@ -10,7 +10,7 @@ from pathlib import Path
 from hystid.errors import NetworkError, UsageError
 from hystid.modelcode import Experiment, ModelCode, Variable
 from hystid.networks import onnx_reading
-from hystid.networks.onnx_reading import TURNING_POINTS, StepDescription
+from hystid.networks.onnx_reading import StepDescription
 from hystid.rotation import turned_code
 from hystid.surrogate import block, reader
 from hystid.surrogate.block import Block
@@ -74,11 +74,6 @@ def middle(about: StepDescription) -> dict[str, float]:
     return {name: 0.5 * (low + high) for name, (low, high) in ranges.items()}
 
 
-def force_slots(about: StepDescription) -> tuple[int, ...]:
-    """Elements of the state that hold the restoring force of the sample before, one per member of the ensemble."""
-    return tuple(i for i, name in enumerate(about.state_layout) if name.startswith("Rh["))
-
-
 def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
     """The structure that a surrogate's ONNX file describes: m a = F - R, free to move.
 
@@ -119,13 +114,9 @@ def oscillator_code(path: Path, *, mass: float | None = None) -> ModelCode:
 
 
 def _oscillator_text(program: Program, about: StepDescription, mass: float) -> tuple[Block, str]:
-    text, n_d, turning = (
-        functions(program, "network"),
-        len(about.initial_state),
-        about.memory == TURNING_POINTS,
-    )
+    text, n_d = functions(program, "network"), len(about.initial_state)
     sizes = Block(
-        n_p=3 + turning,
+        n_p=3 + about.turning,
         n_u=1 + len(about.inputs),
         n_x=2,
         n_d=n_d,
@@ -140,17 +131,7 @@ def _oscillator_text(program: Program, about: StepDescription, mass: float) -> t
         block.INCLUDES,
         sizes.defines(),
         block.text_of(text),
-        OscillatorText(
-            program,
-            n_d,
-            turning,
-            force_slots(about),
-            about.training_range,
-            about.inputs,
-            about.late,
-            about.level,
-            about.spread,
-        ).text(),
+        OscillatorText(program, about).text(),
         sizes.model("oscillator", 1.0 / about.sample_rate, start, members, 1.0 / about.sample_rate),
     )
     return sizes, "\n".join(parts)
@@ -166,14 +147,13 @@ def _read(path: Path) -> tuple[Program, StepDescription]:
 
 def _variables(sizes: Block, mass: float, about: StepDescription) -> tuple[Variable, ...]:
     p, x, dx, y = sizes.p, sizes.x, sizes.dx, sizes.y
-    turning = about.memory == TURNING_POINTS
     size = {name: usual(trained) for name, trained in about.training_range.items()}
     force = Variable("F", sizes.u, "input", "continuous", start=0.0, unit="N", description="force on the mass")
     memory = (
         Variable(f"state[{i + 1}]", sizes.d + i, "local", "discrete", initial="calculated", description="memory")
         for i in range(sizes.n_d)
     )
-    start = (_parameter("R_start", p + 3, 0.0, "N", "restoring force before the start"),) if turning else ()
+    start = (_parameter("R_start", p + 3, 0.0, "N", "restoring force before the start"),) if about.turning else ()
     return (
         replace(_parameter("m", p, mass, "kg", "mass"), min=0.0),
         _parameter("x_start", p + 1, 0.0, "m", "displacement at the start"),

@@ -19,7 +19,6 @@ from hystid.networks.level import Level
 from hystid.recording import Array, Recording
 from hystid.simulation import driven
 from hystid.surrogate import oscillator_code, surrogate_code
-from hystid.surrogate.restoring_force import force_slots
 from hystid.validation.judged import start_of
 
 Kind = Literal["onnx", "surrogate", "oscillator"]
@@ -145,7 +144,7 @@ def _from_network(path: Path, mass: float | None) -> Surrogate:
     _, about = onnx_reading.read(path)
     kilograms = about.mass if mass is None else mass
     oscillator = CompiledModel(oscillator_code(path, mass=kilograms)) if kilograms else None
-    states = tuple(f"state[{slot + 1}]" for slot in force_slots(about))
+    states = tuple(f"state[{slot + 1}]" for slot in about.force_slots)
     block, dt = CompiledModel(surrogate_code(path)), 1 / about.sample_rate
     why = runtime.check(
         path.read_bytes(),
