@@ -52,7 +52,7 @@ NASTY = '<script>alert("1")</script> & more'
 
 def every_kind() -> Plot:
     series = [Line(T, np.sin(T), NASTY), Points(T[:3], T[:3], "p", labels=[NASTY] * 3), Band(T, T - 1, T + 1, "b")]
-    return Plot(NASTY, Axis("Time t", "s"), Axis(NASTY, "N"), series, NASTY, [Mark(0.2, 0.4, text="here"), Mark(0.5)])
+    return Plot(NASTY, Axis("Time t", "s"), Axis(NASTY, "N"), series, NASTY, [Mark(0.2, text="here"), Mark(0.5)])
 
 
 def views(name: str, n: int = 5000) -> Linked:

@@ -92,13 +92,12 @@ class Points:
 
 @dataclass(frozen=True)
 class Bars:
-    """One bar per label. error: half length of the error bars, None for none. base: where the bars start."""
+    """One bar per label. base: where the bars start."""
 
     labels: Sequence[str]
     values: Array
     name: str = ""
     role: Role | None = None
-    error: Array | None = None
     horizontal: bool = False
     base: float = 0.0
 
@@ -140,10 +139,9 @@ Series = Line | Points | Bars | Band | Boxes | Heat
 
 @dataclass(frozen=True)
 class Mark:
-    """A straight mark across the plot at ``at`` on the named axis, or a shaded span up to ``to``; SI units."""
+    """A straight mark across the plot at ``at`` on the named axis, in SI units."""
 
     at: float
-    to: float | None = None
     axis: Literal["x", "y"] = "x"
     text: str = ""
     role: Role = "muted"
@@ -153,7 +151,7 @@ class Mark:
 class Plot:
     """One figure. title says what is shown, caption what to see in it.
 
-    marks: limits, thresholds, stretches of time. height in pixels.
+    marks: limits and thresholds. height in pixels.
     """
 
     title: str
@@ -366,9 +364,6 @@ def _bars(series: Bars, colour: str, sx: float, sy: float) -> list[dict[str, Any
         trace["orientation"] = "h"
     if series.base:
         trace["base"] = series.base / scale
-    if series.error is not None:
-        half = [_number(value / scale) for value in series.error]
-        trace[f"error_{along}"] = {"type": "data", "array": half, "color": "#5c677a", "thickness": 1.2}
     return [trace]
 
 
@@ -421,13 +416,9 @@ def _translucent(colour: str, alpha: float) -> str:
 
 def _shape(mark: Mark, sx: float, sy: float) -> dict[str, Any]:
     scale, other = (sx, "y") if mark.axis == "x" else (sy, "x")
-    end = mark.at if mark.to is None else mark.to
-    ends = {f"{mark.axis}0": mark.at / scale, f"{mark.axis}1": end / scale, f"{other}0": 0, f"{other}1": 1}
-    colour = COLOURS[mark.role]
-    if mark.to is None:
-        return {"type": "line", **ends, f"{other}ref": "paper", "line": {"color": colour, "width": 1.3, "dash": "dot"}}
-    fill = {"fillcolor": _translucent(colour, 0.14), "line": {"width": 0}, "layer": "below"}
-    return {"type": "rect", **ends, f"{other}ref": "paper", **fill}
+    ends = {f"{mark.axis}0": mark.at / scale, f"{mark.axis}1": mark.at / scale, f"{other}0": 0, f"{other}1": 1}
+    line = {"color": COLOURS[mark.role], "width": 1.3, "dash": "dot"}
+    return {"type": "line", **ends, f"{other}ref": "paper", "line": line}
 
 
 def _annotation(mark: Mark, sx: float, sy: float) -> dict[str, Any]:
