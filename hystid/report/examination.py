@@ -121,7 +121,8 @@ def _channels(item: Examined) -> list[list[str | Cell]]:
         [
             _ANGULAR.get(name, name) if item.rotational else name,
             number(channel.low, channel.unit, 4), number(channel.high, channel.unit, 4),
-            number(channel.rms, channel.unit, 4), _decibels(channel), _band(channel.band), _origin(channel),
+            number(channel.rms, channel.unit, 4), _decibels(channel), _band(channel.band),
+            "yes" if channel.measured else channel.origin,
         ]
         for name, channel in item.channels.items()
     ]  # fmt: skip
@@ -135,10 +136,6 @@ def _decibels(channel: Channel) -> str:
 
 def _band(band: tuple[float, float]) -> str:
     return f"{band[0]:.3g} to {band[1]:.3g} Hz" if band[1] > 0 else "-"
-
-
-def _origin(channel: Channel) -> str:
-    return "yes" if channel.measured else channel.origin
 
 
 def _relations(item: Examined) -> list[list[str | Cell]]:

@@ -28,7 +28,7 @@ def page(result: Validation, command: str) -> Page:
     )
     made.toggles(("reference", "reference"), ("model", "surrogate"), ("third", "free run"))
     add_errors(made, result)
-    for case in _worst_first(result)[:_SHOWN]:
+    for case in sorted(result.cases, key=lambda case: -case.force_nrmse)[:_SHOWN]:
         _case(made, case)
     if result.stability:
         _stability(made, result.stability)
@@ -211,7 +211,3 @@ def _validity(page: Page, result: Validation) -> None:
         if result.training_range:
             page.table(training_range(result.training_range, {port.name: port.unit for port in result.inputs}))
         page.bullets(result.notes)
-
-
-def _worst_first(result: Validation) -> list[Case]:
-    return sorted(result.cases, key=lambda case: -case.force_nrmse)
