@@ -89,8 +89,12 @@ class Declaration:
         """Text of the class."""
         return self.source.text[self.start : self.end]
 
+    def place(self, at: int = 0) -> str:
+        """File and line of an offset in the class."""
+        return f"{self.source.path}:{self.source.text.count(chr(10), 0, self.start + at) + 1}"
+
     def __str__(self) -> str:
-        return f"{self.source.path}:{self.source.text.count(chr(10), 0, self.start) + 1}"
+        return self.place()
 
 
 def declaration(name: str, sources: Sequence[Source]) -> Declaration | None:

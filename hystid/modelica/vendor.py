@@ -77,12 +77,7 @@ class _Reader:
         self.declared, self.text, self.at = declared, declared.text, 0
 
     def refuse(self, at: int, why: str) -> NoReturn:
-        raise ModelicaError(f"{self.place(at)}: {why}")
-
-    def place(self, at: int) -> str:
-        """File and line."""
-        source = self.declared.source
-        return f"{source.path}:{source.text.count(chr(10), 0, self.declared.start + at) + 1}"
+        raise ModelicaError(f"{self.declared.place(at)}: {why}")
 
     def record(self, at: int) -> Record:
         """The record that begins at an offset."""
@@ -155,7 +150,7 @@ class _Reader:
         entries: dict[str, Entry] = {}
         if self._peek() == ")":
             self._next()
-            return Record(name, entries, self.place(at))
+            return Record(name, entries, self.declared.place(at))
         while True:
             kind, key, here = self._next()
             if kind != "name":
@@ -165,9 +160,9 @@ class _Reader:
             _, sign, there = self._next()
             if sign != "=":
                 self.refuse(there, f"'{key} = value' was expected in {name}")
-            entries[key] = Entry(self._value(), self.place(here))
+            entries[key] = Entry(self._value(), self.declared.place(here))
             if self._closed(")"):
-                return Record(name, entries, self.place(at))
+                return Record(name, entries, self.declared.place(at))
 
 
 def _plain(text: str) -> str:
