@@ -124,9 +124,6 @@ class Call:
             self.expander.number(condition, {}, f"whether function '{self.function.name}' stops with its error")
         self.expander.refuse(f"function '{self.function.name}' stops with its error for these values")
 
-    def _branch(self, s: Statement) -> None:
-        self._choose(s.branches)
-
     def _choose(self, branches: tuple[tuple[Expr, tuple[Statement, ...]], ...]) -> None:
         if not branches:
             return
@@ -231,7 +228,7 @@ class Call:
 
 _RUN: dict[str, Callable[[Call, Statement], None]] = {
     "assign": Call._assign,
-    "if": Call._branch,
+    "if": lambda call, s: call._choose(s.branches),
     "for": Call._loop,
     "when": lambda call, s: call.when(s),
     "assert": lambda call, s: call.check(s),
