@@ -7,8 +7,6 @@ import math
 from hystid.fmu.interface import Interface
 from hystid.modelcode import Variable
 
-_TYPES = {"Real": "REAL", "Integer": "INTEGER", "Boolean": "BOOLEAN"}
-
 
 def variables_source(model: Interface, version: int) -> str:
     """Text of ``hy_variables.c``. version: of FMI; in FMI 2.0 enumerations are read and set as Integers."""
@@ -41,7 +39,7 @@ def variables_source(model: Interface, version: int) -> str:
 
 
 def _type(v: Variable, version: int) -> str:
-    return "ENUMERATION" if v.enumeration and version == 3 else _TYPES[v.type]
+    return "ENUMERATION" if v.enumeration and version == 3 else v.type.upper()
 
 
 def _size(model: Interface, slot: int) -> int:
