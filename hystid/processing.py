@@ -136,9 +136,8 @@ def _own_cutoff(values: Array, dt: float) -> tuple[float | None, str]:
     """Limit of the low-pass before a derivative, from the channel itself, and the reason in words."""
     held = float(np.mean(np.diff(values) == 0))
     if held > 0.5:  # a staircase: its slope is nothing and then a jump, so several steps go into one period
-        return (1 - held) / (
-            1.5 * dt
-        ) / 4, f", because the channel holds its value in {100 * held:.0f} % of the samples"
+        why = f", because the channel holds its value in {100 * held:.0f} % of the samples"
+        return (1 - held) / (1.5 * dt) / 4, why
     return noise_cutoff(values, dt), ", above which the spectrum is noise"
 
 
