@@ -11,6 +11,9 @@ from fmpy.fmi1 import FMICallException
 from scipy.linalg import expm
 
 from hystid.fmu import build_model
+from hystid.fmu.continuous import Continuous
+from hystid.fmu.door import open_fmu
+from hystid.fmu.native import Instance
 
 MODEL = Path(__file__).parent / "models" / "Assertions.mo"
 
@@ -74,3 +77,54 @@ end Counter;
     at = {t: k for k, t in enumerate(np.round(found["time"], 9))}  # FMPy steps to inputs that jump, too
     wanted = {0.0: (0, 0), 0.5: (0, 0), 0.6: (1, 3), 0.8: (1, 3), 0.9: (2, 5), 1.0: (2, 5)}
     assert {t: (found["rises"][at[t]], found["before"][at[t]]) for t in wanted} == wanted
+
+
+TRIGGER = """
+model Oscillator "A Schmitt trigger of an amplifier with limits charges a capacitor and is switched by it"
+  parameter Real gain = 1e4, limit = 15;
+  Real d, out;
+  output Real v(start = 8, fixed = true);
+equation
+  d = out/2 - v;
+  out = noEvent(if gain*d > limit then limit elseif gain*d < -limit then -limit else gain*d);
+  0.1*der(v) = out - v;
+end Oscillator;
+"""
+
+
+def charged(times):
+    """Voltage of the capacitor: exponentials towards -15 V and 15 V, from switch to switch at 7.4985 V."""
+    side, since, at, found = -1.0, 0.0, 8.0, []
+    for t in times:
+        while t > (end := since + 0.1 * np.log((at - 15 * side) / (7.4985 * side - 15 * side))):
+            side, since, at = -side, end, 7.4985 * side
+        found.append(15 * side + (at - 15 * side) * np.exp((since - t) / 0.1))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_a_limit_in_no_event_switches_when_it_is_reached(fmi, tmp_path):
+    (tmp_path / "m.mo").write_text(TRIGGER)
+    fmu = str(build_model(f"{tmp_path}/m.mo:Oscillator", tmp_path / "m.fmu", fmi=fmi).path)
+    asked = {"stop_time": 0.9, "output_interval": 0.01, "output": ["v"], "record_events": False}
+    # the errors of the steps between switches: of our own by order four, of CVode by its tolerance, over nine switches
+    for kind, tolerance, most in [("CoSimulation", None, 1e-9), *(("ModelExchange", r, 200 * r) for r in (1e-4, 1e-8))]:
+        rows = fmpy.simulate_fmu(fmu, fmi_type=kind, relative_tolerance=tolerance, **asked)
+        np.testing.assert_allclose(rows["v"], charged(rows["time"]), rtol=0, atol=most, err_msg=f"{kind} {tolerance}")
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_a_trial_step_beyond_a_limit_leaves_nothing(fmi, tmp_path):
+    (tmp_path / "m.mo").write_text(TRIGGER)
+    fmu = build_model(f"{tmp_path}/m.mo:Oscillator", tmp_path / "m.fmu", fmi=fmi).path
+    model = open_fmu(fmu)
+    with Instance(model, "ModelExchange") as instance:
+        instance.initialise(0.0, ())
+        importer = Continuous(instance, model)
+        importer.begin()
+        slopes = []
+        for v in (-5.0, -7.0, -8.0, -20.0, -5.0, 20.0, -5.0):
+            importer.x[:] = v
+            importer.place(0.05)
+            slopes.append(float(importer.slopes()[0]))
+    assert slopes[0] == slopes[4] == slopes[6] == pytest.approx(-100, abs=1e-9)

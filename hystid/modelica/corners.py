@@ -1,8 +1,9 @@
-"""Which corners of ``smooth(0, ...)`` make events: those of loops that are linear between them.
+"""Which corners of ``smooth(0, ...)`` and ``noEvent`` make events: those of loops that are linear between them.
 
 A loop such as that of an operational amplifier with feedback may have several answers, and jumps from one to another. A
 solver that tries a step and takes it back would jump without a reason; with events the loop stays on its piece until
-the end of the piece is reached. Elsewhere such corners make no event, as the specification leaves open (section 3.7.5).
+the end of the piece is reached. Elsewhere such corners make no event (specification 3.6, section 3.7.5).
+Nothing that ``noEvent`` would guard, as a root, is linear.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence, Set
 
 from hystid.modelica.blocks import Solve, Step, has_steps
-from hystid.modelica.events import EventModel, mark_corners
-from hystid.modelica.expr import RELATIONS, ZERO, Derivative, Expr, Num, Op, Ref, nodes, rebuild, refs
+from hystid.modelica.events import EventModel, is_cornered, mark_corners
+from hystid.modelica.expr import RELATIONS, Derivative, Expr, Num, Op, Ref, nodes, rebuild, refs
 from hystid.modelica.scalar import ScalarModel
 
 
@@ -27,7 +28,7 @@ def corners_in_loops(scalar: ScalarModel, steps_of: Callable[[EventModel], Seque
 
 def _corners(expr: Expr, running: Set[str]) -> bool:
     """Whether there are corners that may lie in a loop: of more than time and parameters."""
-    parts = (n for n in nodes(expr) if isinstance(n, Op) and n.name == "smooth" and n.args[0] == ZERO)
+    parts = (n for n in nodes(expr) if isinstance(n, Op) and is_cornered(n))
     inside = (n for part in parts for n in nodes(part) if isinstance(n, Op) and n.name in RELATIONS)
     return any(refs(relation) & running for relation in inside)
 

@@ -105,14 +105,19 @@ def der(name: str) -> str:
 def name_events(scalar: ScalarModel, corners: Set[Expr] = frozenset()) -> EventModel:
     """The model with named events. Raises ModelicaError for what has no meaning at events.
 
-    corners: relations inside ``smooth(0, ...)`` that make events; the others there make none.
+    corners: relations inside ``smooth(0, ...)`` and ``noEvent`` that make events; the others there make none.
     """
     return _Namer(scalar, corners).run()
 
 
+def is_cornered(node: Op) -> bool:
+    """Whether relations inside may be corners of a loop, which make events where it is linear between them."""
+    return node.name == "noEvent" or (node.name == "smooth" and node.args[0] == ZERO)
+
+
 def mark_corners(scalar: ScalarModel) -> tuple[EventModel, tuple[Expr, ...]]:
-    """The model in which the k-th relation inside ``smooth(0, ...)`` stands as an operation "corner" of it and k, and
-    these relations."""
+    """The model in which the k-th relation inside ``smooth(0, ...)`` and ``noEvent`` stands as an operation "corner" of
+    it and k, and these relations."""
     namer = _Namer(scalar, None)
     return namer.run(), tuple(namer.marked)
 
@@ -382,8 +387,7 @@ class _Namer:
             if node.name in ("initial", "terminal"):
                 return Ref(INITIAL) if node.name == "initial" else ZERO
             if node.name in ("noEvent", "smooth"):
-                continuous = node.name == "smooth" and node.args[0] == ZERO and events
-                return self._named(node.args[-1], events=None if continuous else False)
+                return self._named(node.args[-1], events=None if events is not False and is_cornered(node) else False)
             if node.name == "sample":
                 return Ref(self._sampler(node).flag)
             if node.name == "delay":
