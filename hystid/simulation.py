@@ -52,8 +52,9 @@ def simulate(
     """The answer of an FMU with input F to a force: t, F, x, v, a, R on the force's time grid.
 
     force: a recording that holds F, a file of one, or a specification such as "harmonic:20Hz@80N,2s" at step dt [s].
-    parameters: name -> value in SI units. noise_snr [dB]: white noise on F, x, v and a (``processing.add_noise``);
-    R has to be computed from them then. Channels that the FMU does not put out stay None.
+    parameters: name -> value in SI units; the FMU gets it in the unit that it states. noise_snr [dB]: white noise on F,
+    x, v and a (``processing.add_noise``); R has to be computed from them then. Channels that the FMU does not put out
+    stay None.
     Raises FmuError (no input F, unknown parameter), NumericalError (no finite answer).
 
     >>> import hystid
@@ -64,15 +65,16 @@ def simulate(
     """
     force = force if isinstance(force, Recording) else force_of(force, dt, seed)
     driver = fmu if isinstance(fmu, Driver) else Driver(file_named(fmu, "an FMU"))
-    check_parameters(driver, parameters or {})
+    settings = driver.from_si(parameters or {})
+    check_parameters(driver, settings)
     variables = {variable.name: variable.causality for variable in driver.model.variables}
     if variables.get("F") != "input":
         inputs = ", ".join(name for name, causality in variables.items() if causality == "input") or "none"
         raise FmuError(f"{driver.path.name} has no input F [N] to drive it by; its inputs are {inputs}")
     outputs = [name for name in _OUTPUTS if variables.get(name) in ("output", "local")]
     driver.check_si(("F", *outputs))
-    found = driver.simulate(force.t, {"F": force.channel("F")}, parameters=parameters, outputs=outputs)
-    answer = _recording(driver, force, parameters or {}, found)
+    found = driver.simulate(force.t, {"F": force.channel("F")}, parameters=settings, outputs=outputs)
+    answer = _recording(driver, force, settings, found)
     return answer if noise_snr is None else add_noise(answer, noise_snr, seed)
 
 
@@ -120,14 +122,15 @@ def check_parameters(driver: Driver, parameters: Mapping[str, float]) -> None:
         low, high = known[name].min, known[name].max
         if (low is not None and value < low) or (high is not None and value > high):
             limits = f"[{'-inf' if low is None else f'{low:g}'}, {'inf' if high is None else f'{high:g}'}]"
-            raise UsageError(f"{driver.path.name}: parameter {name} = {value:g} is outside its range {limits}")
+            raise UsageError(
+                f"{driver.path.name}: parameter {driver.shown({name: value})} is outside its range {limits}"
+            )
 
 
 def _recording(
     driver: Driver, force: Recording, parameters: Mapping[str, float], found: Mapping[str, Array]
 ) -> Recording:
-    settings = ", ".join(f"{name} = {value:.10g}" for name, value in parameters.items())
-    note = f"simulated with {driver.path.name}" + (f" ({settings})" if settings else "")
+    note = f"simulated with {driver.path.name}" + (f" ({driver.shown(parameters)})" if parameters else "")
     further = [v.name for v in driver.model.variables if v.causality == "input" and v.name != "F"]
     unset = (f"inputs at their start values: {', '.join(further)}",) if further else ()
     origin = {"F": force.origin.get("F", "measured"), **dict.fromkeys(found, "simulated")}

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hystid.compiled import CompiledModel
+from hystid.diagnosis import diagnose
 from hystid.diagnosis.model.adapters import FmuModel
 from hystid.errors import FmuError, RecordingError, UsageError
 from hystid.fmu import Driver, build_model
@@ -102,6 +103,29 @@ def test_units_beside_si_are_refused(linear: Path, tmp_path: Path, old: str, new
     for use in (lambda: simulate(path, force), lambda: open_surrogate(path, 1.0), lambda: FmuModel(path)):
         with pytest.raises(FmuError, match=says):
             use()
+
+
+def test_parameters_go_to_an_fmu_in_its_own_units(tmp_path: Path) -> None:
+    """They are given in SI units; 2000 N/m became 2000 N/mm."""
+    (tmp_path / "k.mo").write_text("""model Spring
+  input Real F(unit = "N");
+  output Real x(unit = "m", start = 0, fixed = true), v(unit = "m/s", start = 0, fixed = true);
+  parameter Real k(unit = "N/mm", max = 100) = 1;
+equation
+  der(x) = v;
+  1.0*der(v) = F - 1000*k*x - 5*v;
+end Spring;
+""")
+    path = tmp_path / "k.fmu"
+    build_model(f"{tmp_path / 'k.mo'}:Spring", path)
+    force = force_of("harmonic:20Hz@80N,0.5s")
+    answer = simulate(path, force, parameters={"k": 2000.0})
+    assert "simulated with k.fmu (k = 2 N/mm)" in answer.notes
+    np.testing.assert_array_equal(answer.x, Driver(path).simulate(force.t, {"F": force.F}, parameters={"k": 2.0})["x"])
+    with pytest.raises(UsageError, match="k = 200 N/mm is outside its range"):
+        simulate(path, force, parameters={"k": 2e5})
+    with pytest.raises(FmuError, match="its variable k is in N/mm"):
+        diagnose(answer, model=str(path), parameters={"m": 1.0, "k": 2000.0})
 
 
 def test_forces_that_cannot_be_had(tmp_path: Path) -> None:

@@ -189,6 +189,8 @@ def simulate(
         seed=seed,
     )
     write_csv(record, out)
+    if set_:  # in the units of the FMU, which may be others than somebody thought
+        opt.show(next(note for note in reversed(record.notes) if note.startswith("simulated with")))
     opt.show(f"{out} ({len(record)} samples at {record.sample_rate:.6g} Hz)")
 
 

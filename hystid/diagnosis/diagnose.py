@@ -71,8 +71,9 @@ def diagnose(
         # matrices are small here: threads of a BLAS mostly wait for each other, and take three times the time
         with threadpool_limits(1, "blas"), track("diagnosis", 100) as step, quiet_models():
             taken = take(recordings, () if holdout is None else holdout, given)
-            as_given = unchanged(Path(model), taken.read, given.values) if is_fmu(model) else ()
-            if is_fmu(model) and not (fmu := FmuModel(model)).holds:
+            fmu = FmuModel(model, given.values) if is_fmu(model) else None
+            as_given = unchanged(Path(model), taken.read, given.values) if fmu else ()
+            if fmu and not fmu.holds:
                 answer, extended = free_run_only(fmu, taken, model), None
             else:
                 everything = load_effects(_paths(effects))

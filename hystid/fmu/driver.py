@@ -20,7 +20,7 @@ from hystid.fmu.door import open_fmu, opened_from
 from hystid.fmu.foreign import Foreign, runs_here
 from hystid.fmu.native import Instance, Stepper, load
 from hystid.fmu.rows import Rows
-from hystid.fmu.si import beside_si
+from hystid.fmu.si import beside_si, from_si
 from hystid.fmu.signals import Signal
 from hystid.modelcode import Variable
 from hystid.numeric import Array
@@ -72,6 +72,15 @@ class Driver:
                     f"{self._fmu.name}: its variable {name} is in {unit}, and its numbers would be taken for SI units; "
                     "export the FMU with this variable in SI units"
                 )
+
+    def from_si(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values in SI units as the FMU takes them, each in the unit of its variable."""
+        return {name: from_si(self._fmu.raw, name, value) for name, value in values.items()}
+
+    def shown(self, values: Mapping[str, float]) -> str:
+        """Values as the FMU takes them, "k = 5 N/mm, n = 2": with the units that are not those of SI."""
+        units = {name: beside_si(self._fmu.raw, name) for name in values}
+        return ", ".join(f"{name} = {value:.10g} {units[name]}".rstrip() for name, value in values.items())
 
     def simulate(
         self,

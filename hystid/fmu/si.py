@@ -14,7 +14,19 @@ def unit_of(variable: Any) -> str:
 
 
 def beside_si(description: Any, name: str) -> str:
-    """The unit of a variable where its numbers are not those of SI, as "mm"; "" where they are, or where nothing tells.
+    """The unit of a variable where its numbers are not those of SI, as "mm"; else ""."""
+    unit, factor, offset = _unit_in_si(description, name)
+    return "" if factor == 1 and offset == 0 else unit
+
+
+def from_si(description: Any, name: str, value: float) -> float:
+    """A value in SI units as a number in the variable's unit."""
+    _, factor, offset = _unit_in_si(description, name)
+    return value if factor == 1 and offset == 0 else (value - offset) / factor
+
+
+def _unit_in_si(description: Any, name: str) -> tuple[str, float, float]:
+    """Unit, factor and offset of a variable: value_SI = factor * value + offset; 1 and 0 where nothing tells.
 
     description: FMPy's. What the FMU defines its unit to be counts before what the name of the unit says.
     """
@@ -23,5 +35,5 @@ def beside_si(description: Any, name: str) -> str:
     try:
         read = parse(unit) if defined is None else defined
     except UsageError:
-        return ""
-    return "" if float(read.factor) == 1 and float(read.offset) == 0 else unit
+        return unit, 1.0, 0.0
+    return unit, float(read.factor), float(read.offset)

@@ -56,12 +56,12 @@ class Model(Protocol):
 
 
 class FmuModel:
-    """An FMU with the calls of a compiled model."""
+    """An FMU with the calls of a compiled model. given: names of parameters that somebody has given, in SI units."""
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, given: Iterable[str] = ()) -> None:
         self.driver = Driver(path)
         self.code = self.driver.model
-        self.driver.check_si(("F", "x", "v", "a", "R", mass_of(self.code.variables)))
+        self.driver.check_si(("F", "x", "v", "a", "R", mass_of(self.code.variables), *given))
         self.clamp = self.driver.clamp
 
     @property
