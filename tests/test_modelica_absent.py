@@ -144,3 +144,11 @@ def test_a_long_complaint_is_told_whole(tmp_path: Path) -> None:
     (tmp_path / "rig.mo").write_text("model Rig\n  Real x = 1;\n  Real x = 2;\nend Rig;")
     with pytest.raises(ModelicaError, match=r"rig\.mo:3: syntax error: Duplicate .* \(first declared at line 2\)"):
         compile_model(f"{tmp_path / 'rig.mo'}:Rig")
+
+
+@pytest.mark.parametrize("text", ["function flow input Real q; end flow;", "Real flow = 1;", "Real v[3], loop;"])
+def test_a_keyword_is_no_name(tmp_path: Path, text: str) -> None:
+    """A syntax error in line 1 at 'Rig' was told, or that 'function' is the keyword."""
+    (tmp_path / "rig.mo").write_text(f'model Rig "a flow"\n  parameter Real k = 1;\n  {text}\nend Rig;')
+    with pytest.raises(ModelicaError, match=r"rig\.mo:3: syntax error: '(flow|loop)'"):
+        compile_model(f"{tmp_path / 'rig.mo'}:Rig")

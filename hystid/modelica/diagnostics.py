@@ -15,6 +15,22 @@ _QUOTED = re.compile(
 )
 
 
+# keywords (Modelica specification 3.6, section 2.3.3): none of them is what was meant by a name
+_KEYWORDS = """
+algorithm and annotation block break class connect connector constant constrainedby der discrete each else elseif
+elsewhen encapsulated end enumeration equation expandable extends external false final flow for function if import
+impure initial inner input loop model not operator output outer package parameter partial protected public pure
+record redeclare replaceable return stream then true type when while within
+"""
+_NO_NAMES = frozenset((*_KEYWORDS.split(), "time"))
+# a keyword where a class or a variable has its name: what may stand there beside a name is left out
+_NAMED = re.compile(
+    r"\b(?:class|model|block|record|function|package|connector|type|(?:Real|Integer|Boolean|String)(?:\s*\[[^\]]*\])?)\s+("
+    + "|".join(sorted({*_KEYWORDS.split()} - {"annotation", "constrainedby", "extends"}))
+    + r")\b"
+)
+
+
 def located_syntax_error(said: Sequence[tuple[Source, Sequence[str]]]) -> None:
     """Raise ModelicaError for the first file that does not parse; the line comes out of the message's picture.
 
@@ -23,6 +39,9 @@ def located_syntax_error(said: Sequence[tuple[Source, Sequence[str]]]) -> None:
     for source, text in ((source, text) for source, texts in said for text in texts):
         if ": error:" not in text:
             continue
+        if taken := _NAMED.search(source.plain):
+            where = f"{source.path}:{source.plain.count(chr(10), 0, taken.start(1)) + 1}"
+            raise ModelicaError(f"{where}: syntax error: '{taken.group(1)}' is a keyword: choose another name")
         place = re.search(r"\[[^\[\]\n]*:(\d+):(\d+)\]", text)
         pictured = re.search(r"×\s*(?:parse error:\s*)?(.+(?:\n\s*│ .+)*)", text)  # long ones go on in the next line
         what = pictured or re.search(
@@ -198,16 +217,6 @@ def _advice(core: str, sources: Sequence[Source]) -> str:
         if re.search(pattern, core):
             return advice
     return ""
-
-
-# keywords (Modelica specification 3.6, section 2.3.3): none of them is what was meant by a name
-_KEYWORDS = """
-algorithm and annotation block break class connect connector constant constrainedby der discrete each else elseif
-elsewhen encapsulated end enumeration equation expandable extends external false final flow for function if import
-impure initial inner input loop model not operator output outer package parameter partial protected public pure
-record redeclare replaceable return stream then true type when while within
-"""
-_NO_NAMES = frozenset((*_KEYWORDS.split(), "time"))
 
 
 def _identifiers(sources: Sequence[Source]) -> set[str]:
