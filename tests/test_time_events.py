@@ -67,3 +67,24 @@ def test_sums_are_met_once_in_an_importer(path: Path, tmp_path: Path, kind: str,
         assert got["n"][-1] == 1
         # an importer's solver of its own keeps its own tolerance
         assert got["x"][-1] == pytest.approx(a + b, abs=1e-12 if kind == "CoSimulation" else 1e-4)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_instants_that_differ_by_rounding_are_one(tmp_path: Path, version: Literal[2, 3]) -> None:
+    """0.06 s is 3*0.02 for one sampler and 0.01 + 0.05 for the other: CVode cannot step from one to the other."""
+    (tmp_path / "rates.mo").write_text("""
+model Rates
+  discrete Real a(start = 0, fixed = true), b(start = 0, fixed = true);
+  output Real y = a, z = b;
+equation
+  when sample(0, 0.02) then
+    a = pre(a) + 1;
+  end when;
+  when sample(0.01, 0.05) then
+    b = a;
+  end when;
+end Rates;""")
+    fmu = build_model(f"{tmp_path}/rates.mo:Rates", tmp_path / "rates.fmu", fmi=version).path
+    for kind in ("CoSimulation", "ModelExchange"):
+        got = fmpy.simulate_fmu(str(fmu), fmi_type=kind, stop_time=0.2, output_interval=0.01, record_events=False)
+        assert (got["y"][-1], got["z"][-1]) == (11, 9)  # b last at 0.16 s, after the ninth value of a

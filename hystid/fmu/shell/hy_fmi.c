@@ -8,7 +8,7 @@
 #include <string.h>
 
 static const char *const CATEGORY[] = {"logEvents", "logStatusWarning", "logStatusError"};
-enum { N_CATEGORIES = sizeof CATEGORY / sizeof *CATEGORY };
+enum { N_CATEGORIES = sizeof CATEGORY / sizeof *CATEGORY, MOST_AT_ONCE = 100 };
 
 static void engine_log(void *owner, int level, const char *text)
 {
@@ -203,6 +203,17 @@ static double next_tick(const hy_instance *c)
     return s->sampled ? s->tick : s->tick + c->engine.model->sample;
 }
 
+/* What happens now. Instants that differ by rounding, as 3*0.02 and 0.01 + 0.05, are one: no solver can step between. */
+static int events(hy_engine *e, int *states_changed)
+{
+    int outcome = hy_event(e, states_changed), more;
+    for (int i = 0; !outcome && i < MOST_AT_ONCE && hy_is_reached(e, hy_next_time_event(e), e->data.v[0]); i++) {
+        outcome = hy_event(e, &more);
+        *states_changed |= more;
+    }
+    return outcome;
+}
+
 /* In model exchange states count as changed where their derivatives may jump: importers in wide use restart their solver
  * for a new state alone, and a multistep solver that is not told goes on with the old slope, or past the event. The first
  * event iteration comes before any solver. */
@@ -212,7 +223,7 @@ int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_define
     double *const before = c->backup;
     int outcome = e->model->completed_step ? hy_settle(e) : HY_OK;
     memcpy(before, e->data.v, sizeof(double) * (size_t)e->model->n_values);
-    if (!outcome) outcome = hy_event(e, states_changed);
+    if (!outcome) outcome = events(e, states_changed);
     if (!outcome) outcome = tick(c);
     if (e->status->kind == MODEL_EXCHANGE && e->status->sampled && e->model->n_x)
         *states_changed |= switched(e, before);
