@@ -485,7 +485,8 @@ def test_the_front_end_still_refuses_what_the_way_around_lets_through(name: str,
     path = tmp_path / "A.mo"
     path.write_text(text)
     (tmp_path / "points.txt").write_text("#1\ndouble tab(2, 2)\n0 1\n1 3\n")  # of the one that reads a file
-    got = CompiledModel(compile_model(f"{path}:A")).simulate({}, 0.05, rows=21, outputs=[output])
+    code = [compile_model(f"{path}:A") for _ in range(2)][-1]  # twice: the second one finds the text in memory
+    got = CompiledModel(code).simulate({}, 0.05, rows=21, outputs=[output])
     # straight lines and their squares: Runge-Kutta is exact but for rounding
     np.testing.assert_allclose(got[output][-1], value, atol=1e-12)
     try:

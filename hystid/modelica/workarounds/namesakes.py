@@ -29,7 +29,7 @@ def with_functions_apart(sources: Sequence[Source]) -> list[Source]:
         return list(sources)
     elsewhere = {name for source in sources for name in _called_outside(source, alike)}
     renamed = [c for c in alike if c.name not in elsewhere]
-    return [edited(source, (e for c in renamed if c.source is source for e in _renamings(c))) for source in sources]
+    return [edited(source, (e for c in renamed if c.source == source for e in _renamings(c))) for source in sources]
 
 
 def _is_local(function: Class, owner: Class) -> bool:
@@ -41,7 +41,7 @@ def _is_local(function: Class, owner: Class) -> bool:
 def _called_outside(source: Source, functions: Collection[Class]) -> Iterator[str]:
     """Names called where the model around does not declare them, as one that inherits them does."""
     for name in {c.name for c in functions}:
-        owners = [c.parent for c in functions if c.name == name and c.source is source and c.parent is not None]
+        owners = [c.parent for c in functions if c.name == name and c.source == source and c.parent is not None]
         for call in re.finditer(rf"(?<!\w){name}\s*\(", source.plain):
             if not any(o.start <= call.start() < o.end for o in owners):
                 yield name

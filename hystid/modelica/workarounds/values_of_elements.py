@@ -27,7 +27,7 @@ def with_named_values(sources: Sequence[Source]) -> list[Source]:
     types, numbers = Types(everything), count(1)
     components = [k for c in everything if c.kind in ("model", "block", "class") for k in clauses(c) if k.sizes]
     return [
-        edited(s, (e for k in components if k.owner.source is s for e in _edits(k, types, numbers))) for s in sources
+        edited(s, (e for k in components if k.owner.source == s for e in _edits(k, types, numbers))) for s in sources
     ]
 
 
