@@ -369,6 +369,24 @@ model A
 end A;""",
         "y", 123.0, "expression shape mismatch",
     ),
+    "record_fields": (
+        """
+model A
+  record Spring
+    parameter Real k = 1;
+    parameter Integer n = 1;
+    parameter Boolean on = true;
+  end Spring;
+  parameter Spring s[3](k = {2, 3, 5}, on = {true, false, true}) "a; b", t[2] = {Spring(n = 2), Spring(k = 7)};
+  Real f[3], y;
+equation
+  for i in 1:size(s, 1) loop
+    f[i] = if s[i].on then s[i].k*time else 0;
+  end for;
+  y = f[1] + 10*f[3] + 100*sum(t[i].k^t[i].n for i in 1:2);
+end A;""",
+        "y", 852.0, "no entry found for key",
+    ),
     "table_files": (
         """
 package Types

@@ -50,6 +50,7 @@ from hystid.modelica.workarounds.nested_bases import with_unwrapped_bases
 from hystid.modelica.workarounds.nested_conditions import with_branches_side_by_side
 from hystid.modelica.workarounds.package_constants import with_separate_packages
 from hystid.modelica.workarounds.random_functions import with_known_starts
+from hystid.modelica.workarounds.record_fields import with_named_fields
 from hystid.modelica.workarounds.sample_conditions import with_plain_samples
 from hystid.modelica.workarounds.shared_sources import with_separate_elements
 from hystid.modelica.workarounds.surface_tables import with_known_surfaces
@@ -153,7 +154,7 @@ def flat_from_text(
     refuse_large_arrays(name, everything, numbers)
     acting = with_acting_modifiers(name, with_limits_kept(name, with_separate_packages(name, everything)))
     acting = with_carried_algorithms([with_calls_in_algorithms(s) for s in with_named_inputs(name, acting)])
-    acting = with_named_values(with_separate_elements(with_functions_apart(acting)))
+    acting = with_named_fields(with_named_values(with_separate_elements(with_functions_apart(acting))))
     acting = with_numbers_of_enumerations(acting)
     texts = with_counted_bindings(with_plain_samples([_in_words_that_it_takes(source) for source in acting]))
     places = [file for _, file in placed]

@@ -106,6 +106,11 @@ class Types:
         inner = self._class(clause.target, clause.owner)
         return None if inner is None else self.declared(name, inner)
 
+    def is_record(self, clause: Clause) -> bool:
+        """Whether a component is a record."""
+        inner = self._class(clause.target, clause.owner)
+        return inner is not None and inner.kind == "record"
+
     def declared(self, name: str, owner: Class, depth: int = 0) -> Clause | None:
         """The declaration of a simple name in a class or its bases."""
         made = clauses(owner)
