@@ -114,6 +114,22 @@ REFUSED = {
         "der.* takes one variable",
     ),
     "der of an input": (model("  input Real u;\n  Real x;\nequation\n  x = der(u);\n"), 5, "derivative of an input"),
+    "an output that is left out": (
+        "model A\n  function f\n    input Real u;\n    output Real a = u;\n    output Real b = 2*u;\n"
+        "  algorithm\n  end f;\n  Real y;\nequation\n  (, y) = f(time);\nend A;\n",
+        10, "an output that is left out",
+    ),
+    "an external object": (
+        "model A\n  class H\n    extends ExternalObject;\n    function constructor\n      input Real u;\n"
+        "      output H h;\n"
+        '    external "C" h = make(u);\n    end constructor;\n    function destructor\n      input H h;\n'
+        '    external "C" drop(h);\n    end destructor;\n  end H;\n  function g\n    input H h;\n    output Real y;\n'
+        '  external "C" y = g(h);\n  end g;\n  H h = H(1);\n  Real y = g(h);\nend A;\n',
+        3, "external objects are not supported",
+    ),
+    "an encapsulated model without an import": (
+        "encapsulated model A\n  Real y = Modelica.Constants.g_n;\nend A;\n", 2, "sees what it imports alone",
+    ),
     "breakdown of the front end": (model("  Real x;\nequation\n  x = der(time);\n"), 1, "front end broke down"),
     "change of expression": (
         model("  Real v(start = 1);\n  discrete Real n;\nequation\n  der(v) = -1;\n"

@@ -122,6 +122,8 @@ _CONSTRUCTS = (
     (r"history operator|change\(|edge\(", r"\b(?:change|edge|pre)\s*\(\s*(?![\w.\[\], ]+\))"),
     (r"function (?:statement|return|break|loop)", r"\b(?:while|return|break)\b"),
     (r"external function", r"\bexternal\b"),
+    (r"function value type", r"\bextends\s+ExternalObject\b"),
+    (r"missing source scope", r"\(\s*,|,\s*,|,\s*\)\s*:?="),
     (r"initial algorithm", r"\binitial\s+algorithm\b"),
     (r"model algorithm", r"(?<!initial )\balgorithm\b"),
     (r"branches have mismatched", r"(?m)^\s*if\b"),
@@ -167,6 +169,8 @@ _ADVICE = (
     (r"operator '(?:scalar|matrix|vector|symmetric|ndims)'", "; name the elements, A[1, 1], in place of it"),
     (r"function-selection", "; declare the function outside the package that is redeclared with it"),
     (r"external function", "; external functions are not supported: write the function in Modelica"),
+    (r"function value type", "; external objects are not supported: write what they do in Modelica"),
+    (r"missing source scope", "; give each output of the function a variable, also one that nobody reads"),
     (r"only be applied to state variables", "; reinit() takes a scalar state: name array elements as scalars"),
     (r"history operator|edge\(|change\(", "; give the operand a name: Boolean b = <condition>, then change(b)"),
     (
@@ -205,6 +209,8 @@ def _advice(core: str, sources: Sequence[Source]) -> str:
     if unresolved:
         word = unresolved.group(1)
         if word.startswith("Modelica."):
+            if any(re.search(r"\bencapsulated\b", s.plain) for s in sources):
+                return "; an encapsulated class sees what it imports alone: import Modelica"
             return (
                 "; of the Modelica Standard Library only Units.SI, Constants, Math and Blocks.Interfaces are here: "
                 "write the component out, or give its .mo files as a library"
@@ -229,6 +235,7 @@ _WORDS = (
     (r"unevaluable array dimensions for (\S+): .*?\[Expression\((.*?)\)\].*", r"the size \2 of \1 is open"),
     (r".*initial algorithm [`']for[`'] range.*", "the range of a loop in an initial algorithm is open"),
     (r"unsupported Flat semantic owner ", "not supported: "),
+    (r"missing source scope for imports:?", "an output that is left out, as in (, y) = f(x), is not supported"),
     (r".*expected a numeric expression, found Enumeration.*", "an enumeration stands where a number has to"),
     (r"; unknowns\[.*", ""),
     (r"\s*\(line \d+\)", ""),
