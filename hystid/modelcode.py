@@ -120,6 +120,11 @@ class ModelCode:
         found = {v.enumeration for v in self.variables if v.enumeration is not None}
         return tuple(sorted(found, key=lambda enumeration: enumeration.name))
 
+    def state_of(self, name: str) -> str:
+        """The state that a variable is, under this name or another; "" where it is none."""
+        slots = {v.name: v.slot for v in self.variables}
+        return next((state for state in self.states if name in slots and slots.get(state) == slots[name]), "")
+
     def variable(self, name: str) -> Variable:
         """The named variable; KeyError when the model has none of that name."""
         for candidate in self.variables:

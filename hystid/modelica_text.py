@@ -58,9 +58,12 @@ def class_texts(text: str) -> str:
 
 
 def with_class(model: str) -> str:
-    """A model with its class: a file alone stands for its only model, or for Extended, as ``diagnose`` writes it.
+    """A model with its class: a file alone stands for its only model, or for Extended, as ``diagnose`` writes it, and a
+    folder for the file extended.mo that it wrote there.
 
     Raises UsageError, ModelicaError where a file holds none or several."""
+    if (written := Path(model, "extended.mo")).is_file():
+        model = str(written)
     if not model.endswith(".mo") or not Path(model).is_file():
         return model
     return f"{model}:{EXTENDED if has_class(text_of(Path(model), UsageError), EXTENDED) else only_class(Path(model))}"

@@ -26,6 +26,7 @@ LAYERS = [
     {"surrogate"},
     {"fmu"},
     {"simulation", "building", "modelica_text"},
+    {"rig"},
     {"validation"},
     {"identification", "diagnosis"},
     {"study"},

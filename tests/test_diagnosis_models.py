@@ -13,14 +13,14 @@ from hystid.cli import main
 from hystid.compiled import CompiledModel
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.fit.extended import Skeleton, extended_model
-from hystid.diagnosis.model.adapters import mass_of
-from hystid.diagnosis.model.baseline import real_parameters
+from hystid.diagnosis.model.baseline import baseline_of
 from hystid.errors import UsageError
 from hystid.fmu import build
 from hystid.fmu.build import Version
 from hystid.fmu.platforms import host
 from hystid.modelica import compile_model
 from hystid.recording import Recording
+from hystid.rig.terms import mass_of, real_parameters
 from hystid.toolchain import shared_library
 
 DT = 5e-4
@@ -164,6 +164,16 @@ def test_a_mass_is_known_by_its_unit_before_its_name(tmp_path: Path) -> None:
         OWN.format(name="Mine", more="").replace("parameter", 'parameter Real m(unit="1") = 3;\n  parameter', 1)
     )
     assert mass_of(compile_model(f"{path}:Mine").variables) == "mass"
+
+
+def test_a_mass_of_several_parameters_is_their_sum(tmp_path: Path) -> None:
+    text = OWN.format(name="Mine", more="").replace("mass*", "(mass + more)*")
+    (tmp_path / "rig.mo").write_text(text.replace("parameter", 'parameter Real more(unit="kg") = 0.5; parameter', 1))
+    model = f"{tmp_path / 'rig.mo'}:Mine"
+    found = baseline_of(model, compile_model(model), {"more": 1.0, "k": 9000.0}, weighed=True)
+    R, _ = found.force(np.full(5, 1e-3), np.zeros(5), 1e-3, found.nominal)
+    assert found.mass == pytest.approx(3.0) and found.free == ("k", "c")  # the mass is known from weighing
+    np.testing.assert_allclose(R, 9.0)
 
 
 def test_only_the_starts_of_states_are_no_parameters_of_a_fit(tmp_path: Path) -> None:

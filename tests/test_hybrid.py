@@ -17,6 +17,7 @@ from hystid.identification import identify
 from hystid.identification.hybrid.law import law_of
 from hystid.identification.hybrid.package import OSCILLATOR, package_text
 from hystid.modelica import compile_model
+from hystid.modelica_text import compile_text
 from hystid.networks import FurtherInput, Lag, Member, Network, TwoNetworkModel
 from hystid.networks.trust import Tail
 from hystid.processing import add_noise
@@ -55,10 +56,10 @@ def test_the_package_is_the_law_and_the_networks(signals: dict[str, np.ndarray],
     limits = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "u": (0.0, 2.0)}
     further = {"inputs": (FurtherInput("u", "V", "u"),), "lags": (Lag("u", 8e-3), Lag("v", 3e-3))}
     residual = TwoNetworkModel(members, 0.0, RATE, limits, tail=Tail(0.0, 0.0), **further)
-    law = law_of("HystId.Oscillators.Jenkins")
+    law = law_of("HystId.Oscillators.Jenkins", 1.5)
     values = {**law.nominal, "fc": 20.0}
     file = tmp_path / "hybrid.mo"
-    file.write_text(package_text(law, values, residual, 0.7, 1.5))
+    file.write_text(package_text(law, values, residual, 0.7))
     code = compile_model(f"{file}:{OSCILLATOR}")
     motion = {name: signals[name] for name in ("x", "v")}
     names = ("R", "R_physics", "R_network")
@@ -122,7 +123,7 @@ def test_physics_plus_network_beats_each_alone(files: Path, tmp_path: Path) -> N
 
 
 def test_the_law_is_found_from_far_away(signals: dict[str, np.ndarray]) -> None:
-    law = law_of("HystId.Oscillators.Jenkins")
+    law = law_of("HystId.Oscillators.Jenkins", 1.0)
     true = {**law.nominal, "B": 4.0, "Kl": 300.0, "Ks": 2000.0, "fc": 12.0}
     recording = Recording("r", signals["t"], x=signals["x"], v=signals["v"])
     (force,) = law.forces([recording], true)
@@ -136,4 +137,148 @@ def test_physics_without_unseen_recordings_or_a_mass_on_a_force_is_refused(files
         identify([], mass=1.0, model="HystId.Oscillators.Jenkins")
     (files / "block.mo").write_text("model Block\n  input Real F;\n  output Real R;\nequation\n  R = F;\nend Block;\n")
     with pytest.raises(UsageError, match="one mass under a force"):
-        law_of(f"{files / 'block.mo'}:Block")
+        law_of(f"{files / 'block.mo'}:Block", 1.0)
+    with pytest.raises(UsageError, match="give its Modelica class"):
+        law_of("rig.fmu", 1.0)
+
+
+PORTS = """
+  input Real F(unit="N");
+  output Real x(unit="m", start=0, fixed=true);
+  output Real v(unit="m/s", start=0, fixed=true);"""
+PLAIN = """model Rig
+  parameter Real mass(unit="kg") = 1;
+  parameter Real k(unit="N/m") = 9000, c(unit="N.s/m") = 6;PORTS
+equation
+  der(x) = v;
+  mass*der(v) = F - k*x - c*v;
+end Rig;
+"""
+EXTENDED = """model Extended
+  input Real F(unit="N");
+  output Real x(unit="m"), v(unit="m/s"), a(unit="m/s2"), R(unit="N");
+  Rig rig(mass = 3);
+  HystId.Effects.CubicStiffness cubic(k3 = 2e9);
+equation
+  rig.F = F - cubic.f;
+  x = rig.x;
+  v = rig.v;
+  a = der(rig.v);
+  rig.mass*a + R = F;
+  cubic.x = x;
+  cubic.v = v;
+  cubic.a = a;
+  cubic.h = 0;
+end Extended;
+"""
+PARTS = """package Bench
+  connector Flange
+    Real s(unit="m");
+    flow Real f(unit="N");
+  end Flange;
+  model Slide
+    parameter Real weight(unit="kg") = 1;
+    Flange flange;
+    Real v(unit="m/s");
+  equation
+    v = der(flange.s);
+    weight*der(v) = flange.f;
+  end Slide;
+  model Leaf
+    parameter Real k[2](each unit="N/m") = {8000, 1000};
+    parameter Real c(unit="N.s/m") = 6;
+    Flange flange;
+  equation
+    flange.f = sum(k)*flange.s + c*der(flange.s);
+  end Leaf;
+  model Push
+    Flange flange;
+    Real f(unit="N");
+  equation
+    flange.f = -f;
+  end Push;
+  model Rig
+    input Real F(unit="N");
+    output Real x(unit="m", start=0, fixed=true), v(unit="m/s", start=0, fixed=true), a(unit="m/s2");
+    Slide slide;
+    Leaf leaf[2];
+    Push push;
+  equation
+    push.f = F;
+    x = slide.flange.s;
+    v = der(x);
+    a = der(v);
+    connect(slide.flange, push.flange);
+    connect(slide.flange, leaf[1].flange);
+    connect(slide.flange, leaf[2].flange);
+  end Rig;
+end Bench;
+"""
+OWN = {
+    "no restoring force": PLAIN,
+    "of the mass's name": PLAIN.replace("Rig", "Oscillator"),
+    "a written mass": PLAIN.replace("mass*der", "1.5*der").replace('parameter Real mass(unit="kg") = 1;', ""),
+    "two masses": PLAIN.replace("mass*", "(mass + more)*").replace(
+        'Real mass(unit="kg") = 1', 'Real mass(unit="kg") = 1, more(unit="kg") = 0.5'
+    ),
+    "an input of its own": PLAIN.replace("- k*x", "- k*(1 + u/volt)*x").replace(
+        "PORTS", 'PORTS\n  input Real u(unit="V");\n  constant Real volt(unit="V") = 4;'
+    ),
+    "a weight": PLAIN.replace("- k*x", "- k*x - mass*g*sin(x/l)").replace(
+        "PORTS", 'PORTS\n  parameter Real g(unit="m/s2") = 9.81, l(unit="m") = 0.02;'
+    ),
+    "as a diagnosis writes it": EXTENDED + PLAIN,
+    "components": PARTS,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", OWN)
+def test_the_package_holds_any_rig_that_a_diagnosis_takes(
+    signals: dict[str, np.ndarray], tmp_path: Path, kind: str
+) -> None:
+    (tmp_path / "extended.mo").write_text(OWN[kind].replace("PORTS", PORTS))
+    ports = (FurtherInput("u", "V", "u"),) if kind == "an input of its own" else ()
+    law = law_of(f"{tmp_path / 'extended.mo'}:Bench.Rig" if kind == "components" else str(tmp_path), 1.5)
+    t, u, F = signals["t"], signals["u"], 30 * np.sin(50 * signals["t"])
+    driven = {"F": F, **{port.name: u for port in ports}}
+    mass, rate = {name: 1.5 for name in [law.reading.mass] if name}, law.reading.acceleration
+    run = law.model.simulate(driven, 1 / RATE, parameters=mass, outputs=("x", "v", rate), substeps=4)
+    record = Recording("r", t, F=F, x=run["x"], v=run["v"], a=run[rate], extra={"u": u}, units={"u": "V"})
+    law = law.beside([record], ports)
+    (physics,) = law.forces([record], law.nominal)
+    np.testing.assert_allclose(physics, F - 1.5 * run[rate], rtol=0, atol=1e-9 * np.abs(F).max())
+    assert not {"mass", "more", law.reading.mass, "slide.weight"} & {*law.free}  # a fit of the force moves no mass
+
+    rng = np.random.default_rng(4)
+    member = Member(network(rng, 3 + len(ports)), network(rng, 3 + len(ports)))
+    limits = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "u": (0.0, 2.0)}
+    residual = TwoNetworkModel((member,), 0.0, RATE, limits, tail=Tail(0.0, 0.0), inputs=ports)
+    code = compile_text(package_text(law, law.nominal, residual, 0.7), OSCILLATOR)
+    table = np.zeros(600, dtype=[(name, "f8") for name in ("time", *driven)])
+    for name, values in {"time": t, **driven}.items():
+        table[name] = values
+    names = ("x", "a", "R", "R_physics", "R_network")
+    starts = {"x_start": 2e-3, "v_start": 0.1}
+    path = str(build(code, tmp_path / "hybrid.fmu").path)
+    out = fmpy.simulate_fmu(
+        path, start_values=starts, stop_time=0.599, output_interval=1 / RATE, input=table, output=names
+    )
+    assert out["x"][0] == 2e-3
+    np.testing.assert_allclose(1.5 * out["a"][1:] + out["R"][1:], F[: len(out) - 1], atol=1e-6)
+    ours = CompiledModel(code).simulate(driven, 1 / RATE, parameters=starts, outputs=names, interpolation="hold")
+    # FMPy's solver and ours at their steps
+    np.testing.assert_allclose(out["x"], ours["x"], rtol=0, atol=1e-3 * np.abs(ours["x"]).max())
+    assert np.ptp(out["R_network"]) > 0 and np.ptp(out["R_physics"]) > 0
+    given = {"x_start": 0.0, "v_start": 0.0, "network.share": 0.0}
+    alone = CompiledModel(code).simulate(driven, 1 / RATE, parameters=given, outputs=("x",), substeps=4)["x"]
+    np.testing.assert_allclose(alone, run["x"], rtol=0, atol=1e-9 * np.abs(run["x"]).max())  # the rig without networks
+
+
+def test_the_mass_of_each_recording_is_that_of_the_physics(tmp_path: Path) -> None:
+    (tmp_path / "rig.mo").write_text(OWN["a written mass"].replace("PORTS", PORTS))
+    t = np.arange(10) / RATE
+    heavy = Recording("heavy", t, F=t, x=t, v=t, a=t, extra={"mass": np.full(10, 2.0)}, units={"mass": "kg"})
+    with pytest.raises(UsageError, match=r"its mass is 1\.5 kg, .* that of heavy is 2 kg"):
+        law_of(str(tmp_path / "rig.mo"), 1.5).beside([heavy], ())
+    (tmp_path / "rig.mo").write_text(OWN["a weight"].replace("PORTS", PORTS))
+    assert law_of(str(tmp_path / "rig.mo"), 1.5).settings(heavy) == {"mass": 2.0}

@@ -18,7 +18,7 @@ from hystid.diagnosis.fit.case import Case, pose
 from hystid.diagnosis.fit.extended import extensible
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.uncertainty import with_robust_errors
-from hystid.diagnosis.model.adapters import FmuModel, is_fmu
+from hystid.diagnosis.model.adapters import FmuModel
 from hystid.diagnosis.model.catalogue import Catalogue, catalogue_of
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects
@@ -33,6 +33,7 @@ from hystid.diagnosis.tell.written import written
 from hystid.errors import UsageError
 from hystid.progress import quiet_models, track
 from hystid.recording import Sources
+from hystid.rig.terms import is_fmu
 
 
 def diagnose(

@@ -68,7 +68,7 @@ def simulate_with_effects(
         return found["x"]
     given = {v.name: v for v in rig.model.variables}
     hysteresis = ("f_h",) if "f_h" in given else ()
-    if not {"x", "v"} <= set(rig.model.states):
+    if not (rig.model.state_of("x") and rig.model.state_of("v")):
         raise FmuError(f"{rig.name}: a free run with effects needs the states x and v")
     motion = Interpolated(force, dt, slopes_of(force, dt))
     with ExitStack() as opened:
@@ -93,7 +93,8 @@ class _Coupled:
     def __init__(self, rig: _Side, effects: _Side | None, fmu: OpenedFmu) -> None:
         self._rig, self._effects = rig, effects
         self._sides = [side for side in (rig, effects) if side is not None]
-        self._at = fmu.model.states.index("x"), fmu.model.states.index("v")
+        x, v = (fmu.model.states.index(fmu.model.state_of(name)) for name in ("x", "v"))
+        self._at = x, v
         self._reads_a = False
 
     def run(self, force: Interpolated, n: int, dt: float, start: tuple[float, float], substeps: int) -> Array:

@@ -97,11 +97,12 @@ def identify(
     """
     _check(mass, layers, method)
     data.check_counts(ensemble, samples, seed, workers, "ensemble")
-    law = _law(model, holdout)
+    law = _law(model, mass, holdout)
     recordings, holdout = loaded(recordings), loaded(holdout)
     check_together(recordings, holdout)
     recordings, holdout = (admit(group, mass) for group in (recordings, holdout))
     ports = resolve([*recordings, *holdout], inputs)
+    law = law.beside([*recordings, *holdout], ports) if law else None
     check_range(recordings, ports)
     check_lags(lags or (), ports)
     recipe = Recipe(band, decimate, mass, smoothing=method == "refined")
@@ -163,7 +164,7 @@ def identify(
     return result.written(Path(out)) if out is not None else result
 
 
-def _law(model: str | None, holdout: Sources) -> Law | None:
+def _law(model: str | None, mass: float, holdout: Sources) -> Law | None:
     """The physics of a hybrid, compiled before any training; None where none is wanted."""
     if model is None:
         return None
@@ -172,7 +173,7 @@ def _law(model: str | None, holdout: Sources) -> Law | None:
             f"--model {model}: hold out at least one recording (--holdout): physics plus network is only offered where "
             "it beats each alone on recordings that neither has seen"
         )
-    return law_of(model)
+    return law_of(model, mass)
 
 
 def _spread(model: TwoNetworkModel, recordings: Sequence[Recording], trained: Trained, inflation: float) -> Spread:

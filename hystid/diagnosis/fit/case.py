@@ -23,13 +23,12 @@ from hystid.diagnosis.fit.slow_motion import SlowMotion, lacks_slow_motion, sett
 from hystid.diagnosis.fit.velocity_sign import longest_turn
 from hystid.diagnosis.fit.windows import for_recording
 from hystid.diagnosis.fit.zeros import zeros_of_x
-from hystid.diagnosis.model.adapters import FmuModel, is_fmu, mass_of
-from hystid.diagnosis.model.baseline import Baseline, baseline_of, real_parameters
+from hystid.diagnosis.model.adapters import FmuModel
+from hystid.diagnosis.model.baseline import Baseline, baseline_of
 from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.model.channel_effects import history
 from hystid.diagnosis.model.effects import Effect, Scales
 from hystid.diagnosis.model.redundancy import without_redundancy
-from hystid.diagnosis.model.starts import scaled, sizes_of, turning
 from hystid.diagnosis.model.transients import beginning, maybe_holding
 from hystid.diagnosis.prepare import chain
 from hystid.diagnosis.prepare.faults import Fault
@@ -40,10 +39,11 @@ from hystid.diagnosis.prepare.segments import Flags, Part, band, prepare_parts, 
 from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
+from hystid.rig.starts import is_of_the_library, scaled, sizes_of, turning
+from hystid.rig.terms import is_fmu, mass_of, real_parameters
 from hystid.smoothing.noise import NOISE_ERROR
 
 Array = NDArray[np.float64]
-_LIBRARY = "HystId."
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no louder than all that is left
 _SECTIONS = 10  # of a recording, the first of which tells most of what was before
 _RESTED = ", and what its contacts remember of the time before bears out that they were at rest"
@@ -122,11 +122,11 @@ def pose(
         dampers = {v.name for v in real_parameters(code) if v.unit == "N.s/m"} - set(values) if still else set()
         start, rest = {**starts, **dict.fromkeys(dampers, 0.0), **values}, frozenset(fixed) | dampers
         base = baseline_of(model, code, start, rest, weighed=weighed, length=length, model=runs)
-        most = _longest_turns(parts, code, start) if model.startswith(_LIBRARY) else {}
+        most = _longest_turns(parts, code, start) if is_of_the_library(model) else {}
         return replace(base, stated=frozenset(values), highest={**base.highest, **most}), told
 
     baseline, told = begun(values)
-    if (sentence := _no_force(baseline, parts)) and model.startswith(_LIBRARY):
+    if (sentence := _no_force(baseline, parts)) and is_of_the_library(model):
         baseline, told = begun({name: value for name, value in values.items() if name in {"m", *fixed}})
         told = [f"the parameters that were given are no start: {sentence}", *told]
     if sentence := _no_force(baseline, parts):
@@ -464,16 +464,12 @@ def _with_mass(names: Iterable[str], code: ModelCode) -> dict[str, str]:
 def _starts(
     parts: Sequence[Part], code: ModelCode, values: Mapping[str, float], model: str, *, quasi_static: bool
 ) -> tuple[dict[str, float], list[str]]:
-    """Start values of a class of the library for what was not given, and a sentence about them.
-
-    A user's own class keeps its defaults, which are what the user believes.
-    """
-    variables = real_parameters(code)
-    if not model.startswith(_LIBRARY):
+    """Start values of a class of the library for what was not given, and a sentence about them."""
+    if not is_of_the_library(model):
         return {}, []
-    hysteretic = "f_h" in {v.name for v in code.variables} and not set(code.states) <= {"x", "v"}
-    sizes = sizes_of(parts, values.get("m"), inertial=not quasi_static)
-    starts = scaled(variables, values, sizes, hysteretic)
+    *motion, force = (np.concatenate([getattr(p, name) for p in parts]) for name in ("x", "v", "a", "F"))
+    sizes = sizes_of(motion, force, values.get("m"), inertial=not quasi_static)
+    starts = scaled(code, values, sizes)
     notes = [f"start values from the recordings: {', '.join(f'{k} = {v:.4g}' for k, v in starts.items())}"]
     if "m" not in values and sizes.mass == 0.0:
         reason = "time only numbers the samples" if quasi_static else "inertia cannot be told from the other forces"

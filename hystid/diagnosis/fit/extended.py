@@ -12,7 +12,6 @@ from hystid.compiled import CompiledModel
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Term, is_source
 from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.fit.windows import WINDOW, for_recording, window_names
-from hystid.diagnosis.model.adapters import is_fmu
 from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.errors import UsageError
@@ -20,6 +19,7 @@ from hystid.files import text_of
 from hystid.modelica import flat_model
 from hystid.modelica.expr import Num
 from hystid.modelica_text import EXTENDED, class_texts, compile_text, has_class, modifiers, with_class
+from hystid.rig.terms import is_fmu
 
 _WINDOW = "Window"  # ending of the instance that lets an effect act for a part of the time
 
@@ -58,7 +58,7 @@ def skeleton_of(baseline: Baseline) -> Skeleton:
     file, _, _ = baseline.name.rpartition(":")
     text = Path(file).read_text(encoding="utf-8") if file.endswith(".mo") else ""
     kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if _takes_effects(baseline.name) else "wraps"
-    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.inner_mass, text, baseline.has_h)
+    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.reading.inner, text, baseline.has_h)
 
 
 def _takes_effects(name: str) -> bool:

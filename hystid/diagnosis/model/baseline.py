@@ -3,18 +3,25 @@ parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 
 import numpy as np
 
 from hystid.compiled import CompiledModel, Motion
-from hystid.diagnosis.model.adapters import Model, Reading, own_mass, reading_of
-from hystid.errors import NumericalError, UsageError
+from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode, Variable
-from hystid.modelica_text import array_of
 from hystid.numeric import Array
+from hystid.rig.terms import (
+    Model,
+    Reading,
+    check_starts,
+    check_values,
+    limits_of,
+    parts_of_the_mass,
+    reading_of,
+    real_parameters,
+)
 
 _MASS = "m"
 
@@ -38,7 +45,7 @@ class Baseline:
 
     nominal: parameter values as given. free: names that the refit may move. linear: those in which R is linear.
     units: parameter name -> unit. has_h: the model has a hysteretic force f_h that is not zero.
-    reading: where R and the mass stand in the model. inner_mass: mass of a model without a parameter for it [kg].
+    reading: where R and the mass stand in the model.
     lowest, highest: values that the model allows. weighed: the mass may be off by what weighing and sensors leave.
     stated: names of the parameters that somebody has given; the others begin at what the recordings suggest.
     """
@@ -54,8 +61,7 @@ class Baseline:
     lowest: Mapping[str, float] = field(default_factory=dict)
     highest: Mapping[str, float] = field(default_factory=dict)
     weighed: bool = True
-    reading: Reading = field(default=Reading("R", "", _MASS))
-    inner_mass: float = 0.0
+    reading: Reading = field(default=Reading(("x", "v"), "R", "", _MASS))
     stated: frozenset[str] = frozenset()
 
     @property
@@ -66,7 +72,7 @@ class Baseline:
     @property
     def memoryless(self) -> bool:
         """Whether R follows from x and v alone."""
-        return set(self.model.code.states) <= {"x", "v"}
+        return set(self.model.code.states) <= {*self.reading.states}
 
     def reads_x(self) -> bool:
         """Whether the law depends on the displacement, wherever its free parameters go; one with memory does."""
@@ -91,8 +97,9 @@ class Baseline:
 
     def held(self, x: Array, v: Array, dt: float) -> Held:
         """A motion made ready for many evaluations of the law."""
-        compiled = self.model if isinstance(self.model, CompiledModel) and self.reading.force else None
-        return Held(x, v, dt, compiled.motion({"x": x, "v": v}, {}, dt) if compiled else None)
+        compiled = self.model if isinstance(self.model, CompiledModel) else None
+        _, inputs = self.reading.asked(len(x))
+        return Held(x, v, dt, compiled.motion(self.reading.motion(x, v), inputs, dt) if compiled else None)
 
     def forces(self, motions: Sequence[Held], values: Mapping[str, float]) -> list[tuple[Array, Array]]:
         """``force`` along several motions at once, which costs half where the law has inner states."""
@@ -105,25 +112,25 @@ class Baseline:
         ready = [m.ready for m in motions if m.ready is not None]
         if len(ready) < len(motions) or not isinstance(self.model, CompiledModel):
             return [[self.force(m.x, m.v, m.dt, values) for m in motions] for values in each]
-        names = ("R", "f_h") if self.has_h else ("R",)
         settings = [known for known in map(self.settings, each) for _ in ready]
-        found = self.model.follow(ready * len(each), settings, names)
-        pairs = [(out["R"], out["f_h"] if self.has_h else np.zeros_like(out["R"])) for out in found]
+        found = self.model.follow(ready * len(each), settings, self._asked())
+        pairs = [self._forces(out, known) for out, known in zip(found, settings, strict=True)]
         return [pairs[i : i + len(ready)] for i in range(0, len(pairs), len(ready))]
 
     def force(self, x: Array, v: Array, dt: float, values: Mapping[str, float]) -> tuple[Array, Array]:
         """Restoring force R and hysteretic force h [N] along a motion, shape (n,) each."""
-        settings = self.settings(values)
-        if not self.reading.force:
-            rate = self.reading.acceleration
-            found = self.model.clamp(
-                {"x": x, "v": v}, {"F": np.zeros_like(x)}, dt, parameters=settings, outputs=(rate,)
-            )
-            inertia = self.inner_mass or settings[self.reading.mass]
-            return -inertia * found[rate], np.zeros_like(x)
-        names = ("R", "f_h") if self.has_h else ("R",)
-        found = self.model.clamp({"x": x, "v": v}, {}, dt, parameters=settings, outputs=names)
-        return found["R"], found["f_h"] if self.has_h else np.zeros_like(x)
+        settings, (_, inputs) = self.settings(values), self.reading.asked(len(x))
+        motion = self.reading.motion(x, v)
+        return self._forces(self.model.clamp(motion, inputs, dt, parameters=settings, outputs=self._asked()), settings)
+
+    def _asked(self) -> tuple[str, ...]:
+        name, _ = self.reading.asked(0)
+        return (name, "f_h") if self.has_h else (name,)
+
+    def _forces(self, found: Mapping[str, Array], settings: Mapping[str, float]) -> tuple[Array, Array]:
+        name, _ = self.reading.asked(0)
+        R = self.reading.factor(settings) * found[name]
+        return R, found["f_h"] if self.has_h else np.zeros_like(R)
 
     def settings(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values under the model's own names; without inertia the model's own acceleration means nothing."""
@@ -150,68 +157,31 @@ def baseline_of(
     model: what runs the code, where it is not to be compiled here (an FMU).
     """
     compiled: Model = CompiledModel(code) if model is None else model
-    reading = reading_of(name, code)
-    inner = 0.0 if reading.force or reading.mass else own_mass(name, compiled, reading)
+    reading = reading_of(name, compiled, given)
+    inner = reading.inner
     parameters = {_MASS if v.name == reading.mass else v.name: v for v in real_parameters(code)}
     given = {_MASS if key == reading.mass else key: value for key, value in given.items()}
-    _check_names(name, given, [*parameters, *([_MASS] if inner else [])])
-    lowest = {key: float(variable.min) for key, variable in parameters.items() if variable.min is not None}
-    highest = {key: float(variable.max) for key, variable in parameters.items() if variable.max is not None}
-    for key, value in given.items():
-        low, high = lowest.get(key, -np.inf), highest.get(key, np.inf)
-        if not low <= value <= high:
-            raise UsageError(f"{name}: parameter {key} = {value:g} is outside its range [{low:g}, {high:g}]")
+    check_values(name, given, {**parameters, **({_MASS: None} if inner else {})})
+    limits = {key: limits_of(variable) for key, variable in parameters.items()}
+    lowest, highest = ({key: pair[k] for key, pair in limits.items() if np.isfinite(pair[k])} for k in (0, 1))
     nominal = {
-        key: min(max(float(given.get(key, variable.start or 0.0)), lowest.get(key, -np.inf)), highest.get(key, np.inf))
-        for key, variable in parameters.items()
+        key: float(np.clip(given.get(key, variable.start or 0.0), *limits[key])) for key, variable in parameters.items()
     }
     if inner:
         nominal[_MASS] = float(given.get(_MASS, inner))
     if model is None and nominal.get(_MASS):
-        _check_start(name, compiled.code)
+        check_starts(name, compiled.code)
     still = bool(inner) or weighed or nominal.get(_MASS, 0.0) == 0.0
-    held = fixed | ({_MASS} if still else frozenset())
+    held = fixed | ({_MASS} if still else frozenset()) | parts_of_the_mass(compiled, reading, given)
     free = tuple(key for key in nominal if key not in held)
     bare = Baseline(
         name, compiled, nominal, free, (), {key: v.unit for key, v in parameters.items()},
         frozenset(key for key, v in parameters.items() if _is_positive(v, nominal[key])),
-        "f_h" in {v.name for v in code.variables}, lowest, highest, weighed or bool(inner), reading, inner,
+        "f_h" in {v.name for v in code.variables}, lowest, highest, weighed or bool(inner), reading,
     )  # fmt: skip
     bare = replace(bare, has_h=bare.has_h and _has_hysteresis(bare, length))
     linear = tuple(key for key in free if key != _MASS and _is_linear(bare, key, length))
     return replace(bare, linear=linear)
-
-
-def real_parameters(code: ModelCode) -> list[Variable]:
-    """What a fit may move: start values and sizes of arrays are not among them."""
-    real = [v for v in code.variables if v.causality == "parameter" and v.type == "Real"]
-    return [v for v in real if not _is_start(v.name, code.states)]
-
-
-def _is_start(name: str, states: Sequence[str]) -> bool:
-    """Whether a parameter says where a state begins: "x_start", also of a component; "k_start" is a stiffness."""
-    whole = array_of(name)
-    begins = whole.removesuffix("_start")
-    return begins != whole and (begins in map(array_of, states) or begins.rpartition(".")[2] in ("x", "v"))
-
-
-def _check_names(name: str, given: Iterable[str], parameters: Iterable[str]) -> None:
-    known = sorted(parameters)
-    for key in sorted(set(given) - set(known)):
-        near = get_close_matches(key, known, 1, 0.5) or [k for k in known if k.lower() == key.lower()]
-        hint = f" (did you mean '{near[0]}'?)" if near else ""
-        raise UsageError(f"{name} has no parameter '{key}'{hint}; it has {', '.join(known)}")
-
-
-def _check_start(name: str, code: ModelCode) -> None:
-    """Free runs begin where a recording does: refuses a model that computes where it begins from something else."""
-    known = {v.name: v for v in code.variables}
-    for state in ("x", "v"):
-        if known[state].initial == "calculated" and f"{state}_start" not in known:
-            raise UsageError(
-                f"{name}: the start of {state} is computed, so that no recording can set it: write "
-                f"{state}(start = {state}_start, fixed = true), with the parameter {state}_start"
-            )
 
 
 def _is_positive(variable: Variable, value: float) -> bool:

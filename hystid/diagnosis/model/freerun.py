@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hystid.compiled import CompiledModel, Motion
-from hystid.diagnosis.model.adapters import Model
 from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
 from hystid.numeric import Array
+from hystid.rig.terms import Model, starts_of
 
 SUBSTEPS = 4  # Runge-Kutta steps per sample: with a cubic force 6e-4 of the displacement at five samples per period
 _WRAP = 3.0  # steps of a channel, from its last sample to its first, within which a recording closes on itself
@@ -98,12 +98,7 @@ def _closes(part: Part) -> bool:
 
 def start_of(model: Model, part: Part) -> dict[str, float]:
     """Settings that make a model begin with the measured state: parameters for it, or else the states themselves."""
-    known = {variable.name for variable in model.code.variables}
-    found = {}
-    for name, value in (("x", float(part.x[0])), ("v", float(part.v[0]))):
-        state = next((s for s in model.code.states if s in (name, f"rig.{name}")), name)
-        found[f"{state}_start" if f"{state}_start" in known else state] = value
-    return found
+    return dict(zip(starts_of(model.code), (float(part.x[0]), float(part.v[0])), strict=True))
 
 
 def error(simulated: Array | None, part: Part) -> float | None:

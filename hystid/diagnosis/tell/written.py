@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from hystid.diagnosis.model.adapters import is_fmu
 from hystid.diagnosis.prove.runs import write_beside
 from hystid.diagnosis.tell.result import Diagnosis, Traces
 from hystid.diagnosis.tell.turned import turned_model
 from hystid.files import inside, safe_name, write_json, write_text
 from hystid.modelica_text import EXTENDED, compile_text
+from hystid.rig.terms import is_fmu
 from hystid.rotation import turned_code
 
 

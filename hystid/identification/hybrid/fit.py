@@ -17,19 +17,20 @@ from hystid.compiled import CompiledModel
 from hystid.errors import NumericalError
 from hystid.identification import data
 from hystid.identification.hybrid.law import Law
-from hystid.identification.hybrid.package import OSCILLATOR, package_text
+from hystid.identification.hybrid.package import OSCILLATOR, STARTS, package_text
 from hystid.identification.hybrid.result import Hybrid, HybridComparison
 from hystid.identification.inputs import columns_of
 from hystid.identification.methods import Plan, Trained, weights_of
 from hystid.identification.prediction import Prediction, at_rate, begin
 from hystid.identification.result import Comparison
 from hystid.modelica_text import compile_text
-from hystid.networks import TwoNetworkModel
+from hystid.networks import FurtherInput, TwoNetworkModel
 from hystid.networks.ensemble import refine_ensemble
 from hystid.networks.joint import Sequences
 from hystid.networks.training import draw
 from hystid.networks.trust import Tail
-from hystid.recording import Array, Recording
+from hystid.recording import Array, Recording, own_mass
+from hystid.rig.terms import starts_of
 from hystid.turning_points import TurningPoints
 
 _SMALLEST = (4,)  # hidden neurons of the networks that are tried before those of the asked size
@@ -62,7 +63,7 @@ def combine(
     used = [item.recording for item in comparisons if item.role == "training"]
     work = _Work(law, replace(plan, mass=0.0, level=None), used, limits)
     alone, state = work.run()
-    text = package_text(law, state.values, state.model, state.share, plan.mass)
+    text = package_text(law, state.values, state.model, state.share)
     both = CompiledModel(compile_text(text, OSCILLATOR)) if plan.mass else None
     pairs = []
     for item in comparisons:
@@ -73,9 +74,9 @@ def combine(
         lone = Prediction(physics, nrmse(physics, record.channel("R")))
         joint = Prediction(R, nrmse(R, record.channel("R")))
         if both is not None:
-            values = dict(alone) | ({law.mass: plan.mass} if law.mass else {})
-            lone = _with_run(lone, law.model, record, values, ("x_start", "v_start"), {})
-            joint = _with_run(joint, both, record, {}, ("x_start", "v_start"), columns_of(record, state.model.inputs))
+            own = law.settings(record)
+            lone = _with_run(lone, law, None, record, {**alone, **own}, law.inputs)
+            joint = _with_run(joint, law, both, record, {f"law.{k}": u for k, u in own.items()}, plan.inputs)
         pairs.append(HybridComparison(record, item.role, lone, item.network, joint, R_physics))
     return Hybrid(
         law.name, alone, state.values, law.units, state.model, state.share, state.layers, text, pairs,
@@ -175,22 +176,23 @@ def _response(model: TwoNetworkModel, recording: Recording) -> Array:
 
 def _with_run(
     prediction: Prediction,
-    model: CompiledModel,
+    law: Law,
+    both: CompiledModel | None,
     recording: Recording,
     values: Mapping[str, float],
-    starts: tuple[str, str],
-    further: Mapping[str, Array],
+    inputs: Sequence[FurtherInput],
 ) -> Prediction:
-    """The prediction with the free run under the recording's force, from its first displacement and velocity."""
-    names = {v.name for v in model.code.variables}
-    start = {
-        name: float(recording.channel(channel)[0])
-        for name, channel in zip(starts, ("x", "v"), strict=True)
-        if name in names
-    }
-    inputs = {"F": recording.channel("F")} | dict(further)
+    """The prediction with the free run under the recording's force, from its first displacement and velocity.
+
+    both: the oscillator of law and networks; None for the law by itself. values: parameters. inputs: those beside F.
+    """
+    model, rate = (law.model, law.reading.acceleration) if both is None else (both, "a")
+    starts = starts_of(model.code) if both is None else STARTS
+    begin = {name: float(recording.channel(channel)[0]) for name, channel in zip(starts, "xv", strict=True)}
+    force = recording.channel("F")
+    driven = {"F": force} | columns_of(recording, inputs)
     try:
-        run = model.simulate(inputs, recording.dt, parameters={**values, **start}, outputs=("x", "v", "a", "R"))
+        run = model.simulate(driven, recording.dt, parameters={**values, **begin}, outputs=("x", rate))
     except NumericalError as error:
         return replace(prediction, diverged=str(error))
-    return prediction.with_run(recording, run)
+    return prediction.with_run(recording, {"x": run["x"], "R": force - own_mass(recording, law.mass) * run[rate]})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -13,33 +13,47 @@ from scipy.optimize import least_squares
 from hystid.compiled import CompiledModel
 from hystid.errors import NumericalError, UsageError
 from hystid.files import text_of
-from hystid.modelcode import Variable
+from hystid.identification.inputs import columns_of
 from hystid.modelica import compile_model
 from hystid.modelica_text import with_class
-from hystid.recording import Array, Recording
+from hystid.networks import FurtherInput
+from hystid.recording import Array, Recording, own_mass
+from hystid.rig.starts import is_of_the_library, scaled, sizes_of
+from hystid.rig.terms import (
+    Reading,
+    check_starts,
+    is_fmu,
+    limits_of,
+    parts_of_the_mass,
+    reading_of,
+    real_parameters,
+)
 
-_MASSES = ("m", "mass", "M")
 _STARTS = 8  # of the fit: the values of the class and others beside them; a law with friction has local minima
 _WIDE = 4.0  # times and parts of the values of the class: how far the other starts lie from it
 _FIRST_STEPS = 8  # evaluations with which each start shows where it goes
 _LAST_STEPS = 60
+_SAME_MASS = 1e-4  # of a mass, as six figures of it tell
 _REFUSED = 1e3  # times the force: error where a law has no answer at some values, so that the fit turns back
 
 
 @dataclass(frozen=True)
 class Law:
-    """An oscillator m a + R = F in Modelica: class ``name`` in ``text`` ("" for a class of the library).
+    """A rig m a + R = F in Modelica: class ``name`` in ``text`` ("" for a class of the library).
 
-    nominal: free parameters and their values in the class. mass: name of the parameter that is the mass, "" for none.
+    reading: where R and the mass stand in it. nominal: free parameters and their values in the class. mass [kg].
+    inputs: those of the networks that it has as well.
     """
 
     name: str
     text: str
     model: CompiledModel = field(repr=False)
+    reading: Reading
     nominal: Mapping[str, float]
     units: Mapping[str, str]
     limits: Mapping[str, tuple[float, float]]
-    mass: str
+    mass: float
+    inputs: tuple[FurtherInput, ...] = ()
 
     @cached_property
     def free(self) -> tuple[str, ...]:
@@ -49,6 +63,21 @@ class Law:
     def forces(self, recordings: Sequence[Recording], values: Mapping[str, float]) -> list[Array]:
         """R [N] along the motion of each recording, shape (n,) each. Raises NumericalError."""
         return [self._follow(recording, values, ())["R"] for recording in recordings]
+
+    def settings(self, recording: Recording) -> dict[str, float]:
+        """The mass of a recording, by the name of its parameter."""
+        return {self.reading.mass: own_mass(recording, self.mass)} if self.reading.mass else {}
+
+    def beside(self, recordings: Sequence[Recording], inputs: Sequence[FurtherInput]) -> Law:
+        """The law with inputs that recordings have. Raises UsageError for a mass that it cannot have."""
+        for recording in recordings if self.reading.inner else ():
+            if not np.isclose(mass := own_mass(recording, self.mass), self.reading.inner, rtol=_SAME_MASS, atol=0):
+                raise UsageError(
+                    f"--model {self.name}: its mass is {self.reading.inner:.6g} kg, which follows from its equations, "
+                    f"and that of {recording.name} is {mass:g} kg: correct it, or make the mass one parameter"
+                )
+        known = {v.name for v in self.model.code.variables if v.causality == "input"}
+        return replace(self, inputs=tuple(port for port in inputs if port.name in known))
 
     def notes(self, values: Mapping[str, float]) -> tuple[str, ...]:
         """Sentences on parameters that the fit has left on a limit of the class."""
@@ -67,7 +96,7 @@ class Law:
         """
         problem = _Problem(self, recordings, forces, weights)
         rng = np.random.default_rng(seed)
-        given = np.array([*self.nominal.values()])
+        given = np.array([*self._begin(recordings, forces).values()])
         ends = []
         for k in range(_STARTS if len(given) else 0):
             begin = given * (np.exp(rng.uniform(-np.log(_WIDE), np.log(_WIDE), len(given))) if k else 1.0)
@@ -96,10 +125,22 @@ class Law:
     def _follow(
         self, recording: Recording, values: Mapping[str, float], sensitivities: Sequence[str]
     ) -> dict[str, Array]:
-        motion = {name: recording.channel(name) for name in ("x", "v")}
-        return self.model.clamp(
-            motion, {}, recording.dt, parameters=dict(values), outputs=("R",), sensitivities=sensitivities
+        motion = self.reading.motion(recording.channel("x"), recording.channel("v"))
+        name, inputs = self.reading.asked(len(recording))
+        inputs, settings = inputs | columns_of(recording, self.inputs), {**values, **self.settings(recording)}
+        found = self.model.clamp(
+            motion, inputs, recording.dt, parameters=settings, outputs=(name,), sensitivities=sensitivities
         )
+        factor = self.reading.factor(settings)
+        return {key.replace(f"d {name}/", "d R/") if key != name else "R": factor * u for key, u in found.items()}
+
+    def _begin(self, recordings: Sequence[Recording], forces: Sequence[Array]) -> dict[str, float]:
+        """Where a fit begins: at the values of the class, of one of the library at its size in the recordings."""
+        if not is_of_the_library(self.name):
+            return dict(self.nominal)
+        x, v = (np.concatenate([recording.channel(name) for recording in recordings]) for name in ("x", "v"))
+        sizes = sizes_of((x, v, np.zeros_like(x)), np.concatenate(forces), 0.0, inertial=False)
+        return {**self.nominal, **{k: u for k, u in scaled(self.model.code, {}, sizes).items() if k in self.nominal}}
 
 
 class _Problem:
@@ -155,39 +196,29 @@ class _Problem:
         return self.weight * (R - self.force), self.weight[:, None] * slopes
 
 
-def law_of(model: str) -> Law:
-    """The oscillator that a class of the library ("HystId.Oscillators.Jenkins") or a file ("rig.mo:Rig") is.
+def law_of(model: str, mass: float) -> Law:
+    """The rig that a class of the library ("HystId.Oscillators.Jenkins") or a file ("rig.mo:Rig") is.
 
-    A file alone stands for its only model, or for the class Extended, as ``diagnose`` writes it.
-    Raises UsageError where it is no oscillator, ModelicaError where it does not compile.
+    A file alone stands for its only model, or for the class Extended, and a folder for what ``diagnose`` wrote there.
+    mass [kg]: 0 leaves that of the class. Raises UsageError where it is no rig, ModelicaError for other errors in it.
     """
     named = with_class(model)
-    code = compile_model(named)
-    variables = {v.name: v for v in code.variables}
-    force = variables.get("F")
-    if force is None or force.causality != "input" or not {"x", "v"} <= set(code.states) or "R" not in variables:
-        raise UsageError(
-            f"--model {model}: physics for a network is one mass under a force, with the input F, the states x and v "
-            "and the restoring force R; extend HystId.Interfaces.PartialOscillator"
-        )
-    mass = next((name for name in _MASSES if name in variables), "")
-    free = [v for v in code.variables if _is_free(v) and v.name != mass]
+    if is_fmu(named):
+        raise UsageError(f"--model {model}: physics is fitted and written with the networks: give its Modelica class")
+    compiled = CompiledModel(compile_model(named))
+    reading = reading_of(named, compiled, {})
+    check_starts(named, compiled.code)
+    parts = parts_of_the_mass(compiled, reading, {})
+    free = {v.name: v for v in real_parameters(compiled.code) if v.name not in (reading.mass, *parts)}
+    own = reading.inner or (compiled.code.variable(reading.mass).start if reading.mass else 0.0)
     path, _, name = named.rpartition(":")
     return Law(
         name,
         text_of(Path(path), UsageError) if path else "",
-        CompiledModel(code),
-        {v.name: float(v.start or 0.0) for v in free},
-        {v.name: v.unit for v in free},
-        {v.name: (_number(v.min, -np.inf), _number(v.max, np.inf)) for v in free},
-        mass,
+        compiled,
+        reading,
+        {key: float(v.start or 0.0) for key, v in free.items()},
+        {key: v.unit for key, v in free.items()},
+        {key: limits_of(v) for key, v in free.items()},
+        mass or float(own or 0.0),
     )
-
-
-def _is_free(v: Variable) -> bool:
-    """Whether a fit may move it: a Real parameter that acts after the start."""
-    return v.causality == "parameter" and v.type == "Real" and v.variability == "tunable" and "_start" not in v.name
-
-
-def _number(limit: float | None, without: float) -> float:
-    return without if limit is None else float(limit)

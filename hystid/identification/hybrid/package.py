@@ -8,27 +8,32 @@ from itertools import pairwise
 import numpy as np
 
 from hystid.identification.hybrid.law import Law
+from hystid.modelcode import Variable
 from hystid.modelica_text import class_texts, modifiers
 from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.perceptron import Network
 from hystid.recording import Array
+from hystid.rig.terms import starts_of
 
 PACKAGE, OSCILLATOR = "Hybrid", "Hybrid.Oscillator"
+STARTS = ("x_start", "v_start")  # of the oscillator, whatever the law calls its own
 
 
-def package_text(law: Law, values: Mapping[str, float], residual: TwoNetworkModel, share: float, mass: float) -> str:
+def package_text(law: Law, values: Mapping[str, float], residual: TwoNetworkModel, share: float) -> str:
     """Text of the package ``Hybrid``.
 
     values: fitted parameters of the law. residual: networks of the force that the law leaves; share: factor of their
-    force. mass [kg]: 0 leaves that of the law.
+    force.
     """
     lines = [f'package {PACKAGE} "{law.name.rpartition(".")[2]}, and networks for the force that it leaves"']
-    lines += [f"  {line}" if line else "" for line in class_texts(law.text).splitlines()] if law.text else []
+    if law.text:  # in a package of its own: a rig may be called Network, or Oscillator
+        body = [f"  {line}" if line else "" for line in class_texts(law.text).splitlines()]
+        lines += ["  package Law", *body, "  end Law;"]
     for j, member in enumerate(residual.members):
         lines += _function(f"hysteresis{j + 1}", member.hysteresis, "Hysteretic force [N] of (x, x0, force at x0, ...)")
         lines += _function(f"restoring{j + 1}", member.restoring, "Force [N] of (x, v, hysteretic force, ...)")
     lines += _network(residual, share)
-    lines += _oscillator(law, values, residual, mass)
+    lines += _oscillator(law, values, residual)
     return "\n".join([*lines, f"end {PACKAGE};"]) + "\n"
 
 
@@ -106,16 +111,19 @@ def _late(name: str, lag: Lag, residual: TwoNetworkModel) -> list[str]:
     ]
 
 
-def _oscillator(law: Law, values: Mapping[str, float], residual: TwoNetworkModel, mass: float) -> list[str]:
-    known = {v.name for v in law.model.code.variables}
-    starts = {name: name for name in ("x_start", "v_start") if name in known}
-    settings = {name: _number(value) for name, value in values.items()} | starts
-    if mass and law.mass:
-        settings[law.mass] = _number(mass)
-    units = {"x_start": "m", "v_start": "m/s"}
+def _oscillator(law: Law, values: Mapping[str, float], residual: TwoNetworkModel) -> list[str]:
+    code, mass = law.model.code, law.reading.mass
+    settings = {name: _number(value) for name, value in {**values, **({mass: law.mass} if mass else {})}.items()}
+    for place, start in zip(starts_of(code), STARTS, strict=True):
+        settings[place if place not in code.states else f"{place}.start"] = start
+    ports = {port.name for port in residual.inputs}
+    others = [v for v in code.variables if v.causality == "input" and v.name != "F"]
+    kept = {v.name: v.name if v.name in ports else _start(v) for v in others}
+    inertia = f"law.{mass}" if mass else _number(law.mass)
     return [
         '  model Oscillator "One mass on the law and the networks: m a + R = F, R = R_physics + R_network"',
-        *(f'    parameter Real {name}(unit = "{units[name]}") = 0;' for name in starts),
+        '    parameter Real x_start(unit = "m") = 0 "Displacement at the start";',
+        '    parameter Real v_start(unit = "m/s") = 0 "Velocity at the start";',
         '    input Real F(unit = "N") "Excitation, in the direction of x";',
         *(f'    input Real {port.name}(unit = "{port.unit}");' for port in residual.inputs),
         '    output Real x(unit = "m") "Displacement";',
@@ -124,17 +132,18 @@ def _oscillator(law: Law, values: Mapping[str, float], residual: TwoNetworkModel
         '    output Real R(unit = "N") "Restoring force";',
         '    output Real R_physics(unit = "N") "Share of the law";',
         '    output Real R_network(unit = "N") "Share of the networks";',
-        f"    {law.name} law({', '.join(modifiers(settings))});",
+        f"    {'Law.' if law.text else ''}{law.name} law({', '.join(modifiers(settings))});",
         "    Network network;",
         "  equation",
         "    law.F = F - R_network;",
+        *(f"    law.{name} = {value};" for name, value in kept.items()),
         "    x = law.x;",
         "    v = law.v;",
         "    a = der(law.v);",
         "    network.x = law.x;",
         "    network.v = law.v;",
         *(f"    network.{port.name} = {port.name};" for port in residual.inputs),
-        "    R_physics = law.R;",
+        "    R_physics = law.R;" if law.reading.force else f"    {inertia}*a + R_physics = law.F;",
         "    R_network = network.f;",
         "    R = R_physics + R_network;",
         "  end Oscillator;",
@@ -147,3 +156,9 @@ def _vector(values: Array | Sequence[float]) -> str:
 
 def _number(value: float) -> str:
     return repr(float(value))
+
+
+def _start(variable: Variable) -> str:
+    """Start of an input that nobody records, as Modelica writes it."""
+    value = variable.start or 0.0
+    return {"Boolean": str(bool(value)).lower(), "Integer": str(int(value))}.get(variable.type, _number(value))

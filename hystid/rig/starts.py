@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from hystid.diagnosis.prepare.segments import Part
-from hystid.modelcode import Variable
+from hystid.modelcode import ModelCode, Variable
 from hystid.numeric import Array
+from hystid.rig.terms import real_parameters
 
+_LIBRARY = "HystId."
 _ROWS = 20_000  # rows for a coarse fit
 _LIGHT = 0.02  # share of the force below which inertia is not seen
 _ONE_TONE = 0.99  # correlation of x and -a beyond which inertia cannot be told from stiffness
@@ -45,9 +46,10 @@ class Sizes:
         return self.stiffness + self.friction / (_STICK * self.length)
 
 
-def sizes_of(parts: Sequence[Part], mass: float | None, inertial: bool) -> Sizes:
-    """Sizes from recordings. mass [kg]: as given, None where it is sought. inertial: whether time is a measured one."""
-    x, v, a, force = (np.concatenate([getattr(p, n) for p in parts]) for n in ("x", "v", "a", "F"))
+def sizes_of(motion: Sequence[Array], force: Array, mass: float | None, *, inertial: bool) -> Sizes:
+    """Sizes from recordings. motion: x, v, a, each of shape (n,), as the force. mass [kg]: as given, None where it is
+    sought. inertial: whether time is a measured one."""
+    x, v, a = motion
     step = max(1, len(x) // _ROWS)
     x, v, a, force = x[::step], v[::step], a[::step], force[::step]
     force = force - (mass or 0.0) * a
@@ -78,6 +80,11 @@ def _correlation(one: Array, other: Array) -> float:
     return float(np.mean((one - np.mean(one)) * (other - np.mean(other)))) / spread if spread > 0 else 0.0
 
 
+def is_of_the_library(model: str) -> bool:
+    """Whether a class is one of ours, whose defaults say nothing about a rig; a user's are what the user believes."""
+    return model.startswith(_LIBRARY)
+
+
 def turning(variables: Sequence[Variable]) -> list[str]:
     """Speeds over which a law turns with the direction of motion, where its default is to turn at once.
 
@@ -86,13 +93,11 @@ def turning(variables: Sequence[Variable]) -> list[str]:
     return [v.name for v in variables if v.unit == "m/s" and v.min == 0 and not v.start]
 
 
-def scaled(
-    variables: Sequence[Variable], given: Mapping[str, float], sizes: Sizes, hysteretic: bool
-) -> dict[str, float]:
-    """Values for the parameters that were not given: the defaults, brought to the size of the recordings by unit.
-
-    variables: the real parameters of a class. hysteretic: its force remembers, so that springs are contacts that stick.
-    """
+def scaled(code: ModelCode, given: Mapping[str, float], sizes: Sizes) -> dict[str, float]:
+    """Values for the parameters of a class that were not given: the defaults, brought to the size of the recordings by
+    unit. Springs of a class whose force remembers are contacts that stick."""
+    variables = real_parameters(code)
+    hysteretic = "f_h" in {v.name for v in code.variables} and len(code.states) > 2
     target = {
         "kg": sizes.mass,
         "N/m": sizes.stick if hysteretic else sizes.stiffness,
