@@ -99,6 +99,19 @@ equation
   m*der(v) = F - sum(k)*x - c*v;
 end Rig;
 """,
+    "a rig that turns": """
+model Rig
+  parameter Real J(unit="kg.m2") = 2;
+  parameter Real k(unit="N.m/rad") = 9000;
+  parameter Real c(unit="N.m.s/rad") = 6;
+  input Real F(unit="N.m");
+  output Real x(unit="rad", start=0, fixed=true);
+  output Real v(unit="rad/s", start=0, fixed=true);
+equation
+  der(x) = v;
+  J*der(v) = F - k*x - c*v;
+end Rig;
+""",
     "parameters of a component": """
 model Rig
   extends HystId.Interfaces.PartialOscillator;

@@ -229,6 +229,7 @@ OWN = {
     ),
     "as a diagnosis writes it": EXTENDED + PLAIN,
     "components": PARTS,
+    "a rig that turns": PLAIN.replace('"N/m"', '"N.m/rad"').replace("N.s/m", "N.m.s/rad").replace('"kg"', '"kg.m2"'),
 }  # fmt: skip
 
 
@@ -236,7 +237,8 @@ OWN = {
 def test_the_package_holds_any_rig_that_a_diagnosis_takes(
     signals: dict[str, np.ndarray], tmp_path: Path, kind: str
 ) -> None:
-    (tmp_path / "extended.mo").write_text(OWN[kind].replace("PORTS", PORTS))
+    turned = PORTS.replace('"N"', '"N.m"').replace('"m', '"rad')
+    (tmp_path / "extended.mo").write_text(OWN[kind].replace("PORTS", turned if "turns" in kind else PORTS))
     ports = (FurtherInput("u", "V", "u"),) if kind == "an input of its own" else ()
     law = law_of(f"{tmp_path / 'extended.mo'}:Bench.Rig" if kind == "components" else str(tmp_path), 1.5)
     t, u, F = signals["t"], signals["u"], 30 * np.sin(50 * signals["t"])

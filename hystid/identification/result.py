@@ -18,6 +18,7 @@ from hystid.networks import TwoNetworkModel
 from hystid.networks.ensemble import TrainedPair
 from hystid.recording import Recording
 from hystid.results import Result
+from hystid.rotation import turned_code
 
 _TIE = 1.01  # errors whose ratio is below count as the same
 
@@ -172,7 +173,8 @@ class Identification(Result, report="identification", json="identification.json"
             files |= {"hybrid_package": folder / "hybrid.mo", "hybrid": folder / "hybrid.fmu"}
             with atomic(files["hybrid_package"]) as beside:
                 beside.write_text(self.hybrid.text, encoding="utf-8")
-            build(compile_model(f"{files['hybrid_package']}:{OSCILLATOR}"), files["hybrid"])
+            code = compile_model(f"{files['hybrid_package']}:{OSCILLATOR}")
+            build(turned_code(code) if self.rotational else code, files["hybrid"])
         result = replace(self, files=files)
         write_json(folder / "identification.json", result.as_dict())
         return result

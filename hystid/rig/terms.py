@@ -6,7 +6,7 @@ Where its motion, its restoring force and its mass stand, and which of its param
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Protocol
@@ -66,7 +66,7 @@ class Reading:
 
     states: names of the states that are x and v. force: variable R, or "" where it follows from the acceleration.
     acceleration: variable that holds dv/dt. mass: name of the parameter that is the mass, "" where there is none: then
-    it is ``inner`` [kg], 0 for a law without inertia.
+    it is ``inner`` [kg], 0 for a law without inertia. heavy: parameters that it is, or follows from.
     """
 
     states: tuple[str, str]
@@ -74,6 +74,7 @@ class Reading:
     acceleration: str
     mass: str
     inner: float = 0.0
+    heavy: frozenset[str] = frozenset()
 
     def motion(self, x: Array, v: Array) -> dict[str, Array]:
         """A motion by the names of the states."""
@@ -99,29 +100,43 @@ def reading_of(name: str, model: Model, given: Mapping[str, float]) -> Reading:
     if force is None or force.causality != "input" or not (x and v):
         states = ", ".join(code.states) or "none"
         raise UsageError(
-            f"{name}: a baseline is one mass under a force, with the input F and the states x and v; its states are "
+            f"{name}: a rig is one mass under a force, with the input F and the states x and v; its states are "
             f"{states}. Name them so, or extend HystId.Interfaces.PartialOscillator"
         )
-    rate = next((u.name for u in code.variables if u.derivative_of == v), "a" if "a" in variables else "")
-    if not rate and "R" not in variables:
-        raise UsageError(f"{name}: neither a restoring force R nor the acceleration a can be read: add an output R")
-    found = Reading((x, v), "R" if "R" in variables else "", rate, mass_of(code.variables))
-    inner = 0.0
-    if rate and not (found.mass and found.force):
-        values = {v.name: given[v.name] for v in real_parameters(code) if v.name in given}
-        named = {found.mass: variables[found.mass].start or 1.0} if found.mass else {}
-        inner = inertia_of(model, found, {**values, **named})
-        if not (inner or found.force):
-            raise UsageError(
-                f"{name}: its acceleration does not grow with the input F, so that it is not one mass under F"
-            )
-        if named and np.isclose(inner, named[found.mass], rtol=_SAME, atol=0):
-            inner = 0.0
-    found = Reading((x, v), found.force, rate, "" if inner else found.mass, inner)
-    if found.mass != "m" and (found.mass or inner) and variables.get("m", force).causality == "parameter":
-        mass = found.mass or f"{inner:g} kg"
+    rate = next((u.name for u in code.variables if u.derivative_of == v), "a")
+    mass = mass_of(code.variables)
+    found = Reading((x, v), "R" if "R" in variables else "", rate, mass, heavy=frozenset([mass]))
+    if not (found.mass and found.force):
+        found = _weighed(name, model, found, given)
+    if found.mass != "m" and (found.mass or found.inner) and variables.get("m", force).causality == "parameter":
+        mass = found.mass or f"{found.inner:g} kg"
         raise UsageError(f"{name}: its mass is {mass}, and m is another parameter: give that one another name")
     return found
+
+
+def _weighed(name: str, model: Model, found: Reading, given: Mapping[str, float]) -> Reading:
+    """A reading with the mass that the acceleration under a force tells, where its parameter is not that."""
+    at = {v.name: given.get(v.name, v.start or 0.0) for v in real_parameters(model.code)}
+    if found.mass:  # a rig is asked with some mass
+        at[found.mass] = model.code.variable(found.mass).start or 1.0
+    inner = _inertia(model, found, at)
+    if not (inner or found.force):
+        raise UsageError(f"{name}: its acceleration does not grow with the input F, so that it is not one mass under F")
+    if not inner or np.isclose(inner, at.get(found.mass, 0.0), rtol=_SAME, atol=0):
+        return found
+    moved = {key: _inertia(model, found, {**at, key: 1.1 * value or 1.0}) for key, value in at.items()}
+    heavy = frozenset(key for key, mass in moved.items() if not np.isclose(mass, inner, rtol=_SAME, atol=0))
+    return replace(found, mass="", inner=inner, heavy=heavy)
+
+
+def _inertia(model: Model, reading: Reading, values: Mapping[str, float]) -> float:
+    """Mass [kg] by the force over the acceleration that it makes; 0 where it makes none."""
+    rest, rate = reading.motion(np.zeros(3), np.zeros(3)), reading.acceleration
+    pulled, free = (
+        model.clamp(rest, {"F": np.full(3, force)}, 1e-6, parameters=values, outputs=(rate,))[rate][0]
+        for force in (1.0, 0.0)
+    )
+    return float(1.0 / (pulled - free)) if pulled > free else 0.0
 
 
 def mass_of(variables: Sequence[Variable]) -> str:
@@ -133,27 +148,6 @@ def mass_of(variables: Sequence[Variable]) -> str:
     weighed = [[v.name for v in parameters.values() if v.unit == unit] for unit in _INERTIAS]
     alone = [names[0] for names in weighed if len(names) == 1]
     return next(iter([*fitting, *alone, *named]), "")
-
-
-def inertia_of(model: Model, reading: Reading, values: Mapping[str, float]) -> float:
-    """Mass [kg] by the force over the acceleration that it makes; 0 where it makes none."""
-    rest = reading.motion(np.zeros(3), np.zeros(3))
-    pulled, free = (
-        model.clamp(rest, {"F": np.full(3, force)}, 1e-6, parameters=values, outputs=(reading.acceleration,))[
-            reading.acceleration
-        ][0]
-        for force in (1.0, 0.0)
-    )
-    return float(1.0 / (pulled - free)) if pulled > free else 0.0
-
-
-def parts_of_the_mass(model: Model, reading: Reading, given: Mapping[str, float]) -> frozenset[str]:
-    """Parameters that the mass of a rig without one follows from: no fit moves them, for it would move the mass."""
-    if not reading.inner:
-        return frozenset()
-    at = {v.name: given.get(v.name, v.start or 0.0) for v in real_parameters(model.code)}
-    moved = {name: inertia_of(model, reading, {**at, name: 1.1 * value or 1.0}) for name, value in at.items()}
-    return frozenset(name for name, mass in moved.items() if not np.isclose(mass, reading.inner, rtol=_SAME, atol=0))
 
 
 def real_parameters(code: ModelCode) -> list[Variable]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
@@ -20,6 +21,7 @@ from hystid.modelica import flat_model
 from hystid.modelica.expr import Num
 from hystid.modelica_text import EXTENDED, class_texts, compile_text, has_class, modifiers, with_class
 from hystid.rig.terms import is_fmu
+from hystid.rotation import turned_unit
 
 _WINDOW = "Window"  # ending of the instance that lets an effect act for a part of the time
 
@@ -34,6 +36,7 @@ class Skeleton:
     kind: "extends" a class with a place for effects, "wraps" any other class as a component whose force is F less the
     effects, "fmu": only the effects are written. mass: name of its parameter, "" where the mass is ``inner_mass`` [kg].
     text: the file of a user's class, so that the written file is complete in itself. has_h: it has hysteresis.
+    turns: its units are those of a rig that turns.
     """
 
     name: str
@@ -42,6 +45,7 @@ class Skeleton:
     inner_mass: float = 0.0
     text: str = ""
     has_h: bool = True
+    turns: bool = False
 
 
 def extensible(model: str) -> str:
@@ -58,7 +62,8 @@ def skeleton_of(baseline: Baseline) -> Skeleton:
     file, _, _ = baseline.name.rpartition(":")
     text = Path(file).read_text(encoding="utf-8") if file.endswith(".mo") else ""
     kind: Kind = "fmu" if is_fmu(baseline.name) else "extends" if _takes_effects(baseline.name) else "wraps"
-    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.reading.inner, text, baseline.has_h)
+    turns = baseline.model.code.variable("F").unit == "N.m"
+    return Skeleton(baseline.name, kind, baseline.reading.mass, baseline.reading.inner, text, baseline.has_h, turns)
 
 
 def _takes_effects(name: str) -> bool:
@@ -157,10 +162,14 @@ def _frame(baseline: Skeleton, refit: Mapping[str, Value], sums: str) -> tuple[l
     named = {baseline.mass if name == "m" else name: value for name, value in refit.items()}
     changes = modifiers({name: _number(value.value) for name, value in named.items() if name})
     mass = f"rig.{baseline.mass}" if baseline.mass else _number(baseline.inner_mass)
-    head = [*_RIG, f"  {_class(baseline.name)} rig(", *_joined(changes, "    "), "  );"]
-    effects = f" - ({sums})" if sums else ""
+    lever, ports = ("radius*", [f"radius*{name}" for name in "xva"]) if baseline.turns else ("", [*"xva"])
+    signals = [_UNIT.sub(lambda unit: turned_unit(unit[0]), line) for line in _RIG] if lever else _RIG
+    head = [*signals, *([_RADIUS] if lever and sums else []), f"  {_class(baseline.name)} rig("]
+    head += [*_joined(changes, "    "), "  );"]
+    effects = f" - {lever}({sums})" if sums else ""
     equations = [f"  rig.F = F{effects};", "  x = rig.x;", "  v = rig.v;", "  a = der(rig.v);", f"  {mass}*a + R = F;"]
-    return head, (*_PORTS[:3], ("h", "rig.f_h" if baseline.has_h else "0")), equations
+    held = ("h", f"rig.f_h{'/radius' if lever else ''}" if baseline.has_h else "0")
+    return head, (*zip("xva", ports, strict=True), held), equations
 
 
 Ports = tuple[tuple[str, str], ...]
@@ -180,6 +189,8 @@ _RIG = (
     '  output Real a(unit = "m/s2") "Acceleration";',
     '  output Real R(unit = "N") "Restoring force";',
 )
+_RADIUS = '  constant Real radius(unit = "m") = 1 "Where the effects act: their laws are of lengths and forces";'
+_UNIT = re.compile(r'(?<=unit = ")[^"]+')
 _PORTS: Ports = (("x", "x"), ("v", "v"), ("a", "a"), ("h", "f_h"))
 
 

@@ -12,16 +12,7 @@ from hystid.compiled import CompiledModel, Motion
 from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode, Variable
 from hystid.numeric import Array
-from hystid.rig.terms import (
-    Model,
-    Reading,
-    check_starts,
-    check_values,
-    limits_of,
-    parts_of_the_mass,
-    reading_of,
-    real_parameters,
-)
+from hystid.rig.terms import Model, Reading, check_starts, check_values, limits_of, reading_of, real_parameters
 
 _MASS = "m"
 
@@ -172,7 +163,7 @@ def baseline_of(
     if model is None and nominal.get(_MASS):
         check_starts(name, compiled.code)
     still = bool(inner) or weighed or nominal.get(_MASS, 0.0) == 0.0
-    held = fixed | ({_MASS} if still else frozenset()) | parts_of_the_mass(compiled, reading, given)
+    held = fixed | ({_MASS} if still else frozenset()) | (reading.heavy - {reading.mass})
     free = tuple(key for key in nominal if key not in held)
     bare = Baseline(
         name, compiled, nominal, free, (), {key: v.unit for key, v in parameters.items()},

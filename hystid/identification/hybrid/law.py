@@ -19,15 +19,7 @@ from hystid.modelica_text import with_class
 from hystid.networks import FurtherInput
 from hystid.recording import Array, Recording, own_mass
 from hystid.rig.starts import is_of_the_library, scaled, sizes_of
-from hystid.rig.terms import (
-    Reading,
-    check_starts,
-    is_fmu,
-    limits_of,
-    parts_of_the_mass,
-    reading_of,
-    real_parameters,
-)
+from hystid.rig.terms import Reading, check_starts, is_fmu, limits_of, reading_of, real_parameters
 
 _STARTS = 8  # of the fit: the values of the class and others beside them; a law with friction has local minima
 _WIDE = 4.0  # times and parts of the values of the class: how far the other starts lie from it
@@ -208,8 +200,7 @@ def law_of(model: str, mass: float) -> Law:
     compiled = CompiledModel(compile_model(named))
     reading = reading_of(named, compiled, {})
     check_starts(named, compiled.code)
-    parts = parts_of_the_mass(compiled, reading, {})
-    free = {v.name: v for v in real_parameters(compiled.code) if v.name not in (reading.mass, *parts)}
+    free = {v.name: v for v in real_parameters(compiled.code) if v.name not in reading.heavy}
     own = reading.inner or (compiled.code.variable(reading.mass).start if reading.mass else 0.0)
     path, _, name = named.rpartition(":")
     return Law(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
@@ -14,8 +15,10 @@ from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.perceptron import Network
 from hystid.recording import Array
 from hystid.rig.terms import starts_of
+from hystid.rotation import turned_unit
 
 PACKAGE, OSCILLATOR = "Hybrid", "Hybrid.Oscillator"
+_UNIT = re.compile(r'(?<=unit = ")[^"]+')
 STARTS = ("x_start", "v_start")  # of the oscillator, whatever the law calls its own
 
 
@@ -32,8 +35,9 @@ def package_text(law: Law, values: Mapping[str, float], residual: TwoNetworkMode
     for j, member in enumerate(residual.members):
         lines += _function(f"hysteresis{j + 1}", member.hysteresis, "Hysteretic force [N] of (x, x0, force at x0, ...)")
         lines += _function(f"restoring{j + 1}", member.restoring, "Force [N] of (x, v, hysteretic force, ...)")
-    lines += _network(residual, share)
-    lines += _oscillator(law, values, residual)
+    ours = [*_network(residual, share), *_oscillator(law, values, residual)]
+    turns = law.model.code.variable("F").unit == "N.m"  # units are checked where law and networks meet
+    lines += [_UNIT.sub(lambda unit: turned_unit(unit[0]), line) for line in ours] if turns else ours
     return "\n".join([*lines, f"end {PACKAGE};"]) + "\n"
 
 
