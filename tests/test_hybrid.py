@@ -119,7 +119,9 @@ def test_physics_plus_network_beats_each_alone(files: Path, tmp_path: Path) -> N
     driver = fmpy.simulate_fmu(str(tmp_path / "hybrid.fmu"), stop_time=0.1, output=["R", "R_physics", "R_network"])
     assert np.isfinite(driver["R_network"]).all()
     assert "plus networks" in " ".join(result.notes)
-    assert "Physics plus network" in result.report(tmp_path / "report.html").read_text(encoding="utf-8")
+    report = result.report(tmp_path / "report.html").read_text(encoding="utf-8")
+    section = report.partition("Physics plus network")[2].partition("Parameters of the law")[0]
+    assert "held out" in section and f"{100 * law:.1f} %" in section  # shares that add up to a whole
 
 
 def test_the_law_is_found_from_far_away(signals: dict[str, np.ndarray]) -> None:

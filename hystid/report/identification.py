@@ -242,8 +242,9 @@ def _pair(pair: HybridComparison, run: bool) -> list[str | Cell]:
     alone, both = (pair.physics, pair.network), pair.hybrid
     law, networks = pair.shares
     tone: Tone = "good" if both.force_nrmse < min(p.force_nrmse for p in alone) else "warn"
-    row: list[str | Cell] = [pair.recording.name, pair.role, *(percent(p.force_nrmse) for p in alone)]
-    row += [Cell(percent(both.force_nrmse), tone), percent(law), percent(networks), percent(1 - law - networks)]
+    row: list[str | Cell] = [pair.recording.name, "held out" if pair.role == "holdout" else pair.role]
+    row += [*(percent(p.force_nrmse) for p in alone), Cell(percent(both.force_nrmse), tone)]
+    row += [percent(law, 3), percent(networks), percent(1 - law - networks)]
     return row + ([("diverged" if p.diverged else percent(p.x_nrmse)) for p in (*alone, both)] if run else [])
 
 
