@@ -286,3 +286,14 @@ def test_the_mass_of_each_recording_is_that_of_the_physics(tmp_path: Path) -> No
         law_of(str(tmp_path / "rig.mo"), 1.5).beside([heavy], ())
     (tmp_path / "rig.mo").write_text(OWN["a weight"].replace("PORTS", PORTS))
     assert law_of(str(tmp_path / "rig.mo"), 1.5).settings(heavy) == {"mass": 2.0}
+
+
+def test_an_input_of_the_rig_is_recorded_in_its_unit(tmp_path: Path) -> None:
+    text = OWN["an input of its own"].replace("PORTS", PORTS)
+    (tmp_path / "rig.mo").write_text(text)
+    law = law_of(str(tmp_path / "rig.mo"), 1.0)
+    assert "u stays at 0 V, as no --input names it" in " ".join(law.notes(law.nominal))
+    assert law.beside([], (FurtherInput("u", "V", "u"),)).notes(law.nominal) == ()
+    (tmp_path / "rig.mo").write_text(text.replace('"V"', '"mV"'))
+    with pytest.raises(UsageError, match="its input u is in mV, and that of the recordings in V"):
+        law_of(str(tmp_path / "rig.mo"), 1.0).beside([], (FurtherInput("u", "V", "u"),))

@@ -20,6 +20,7 @@ from hystid.networks import FurtherInput
 from hystid.recording import Array, Recording, own_mass
 from hystid.rig.starts import is_of_the_library, scaled, sizes_of
 from hystid.rig.terms import Reading, check_starts, is_fmu, limits_of, reading_of, real_parameters
+from hystid.units import exponents
 
 _STARTS = 8  # of the fit: the values of the class and others beside them; a law with friction has local minima
 _WIDE = 4.0  # times and parts of the values of the class: how far the other starts lie from it
@@ -68,15 +69,28 @@ class Law:
                     f"--model {self.name}: its mass is {self.reading.inner:.6g} kg, which follows from its equations, "
                     f"and that of {recording.name} is {mass:g} kg: correct it, or make the mass one parameter"
                 )
-        known = {v.name for v in self.model.code.variables if v.causality == "input"}
-        return replace(self, inputs=tuple(port for port in inputs if port.name in known))
+        known = {v.name: v.unit for v in self.model.code.variables if v.causality == "input"}
+        shared = tuple(port for port in inputs if port.name in known)
+        for port in shared:
+            unit = known[port.name]
+            if unit and exponents(unit) != exponents(port.unit):
+                raise UsageError(
+                    f"--model {self.name}: its input {port.name} is in {unit}, and that of the recordings in "
+                    f"{port.unit}: declare it in {port.unit}"
+                )
+        return replace(self, inputs=shared)
 
     def notes(self, values: Mapping[str, float]) -> tuple[str, ...]:
-        """Sentences on parameters that the fit has left on a limit of the class."""
-        return tuple(
-            f"{self.name}: {name} = {value:.4g} {self.units[name]} lies on the limit of the class"
-            for name, value in values.items()
-            if value in self.limits[name] or np.isclose(value, self.limits[name], rtol=1e-6, atol=0).any()
+        """Sentences on inputs that nobody recorded, and on parameters that the fit has left on a limit of the class."""
+        recorded = {"F", *(port.name for port in self.inputs)}
+        others = [v for v in self.model.code.variables if v.causality == "input" and v.name not in recorded]
+        return (
+            *(f"{self.name}: {v.name} stays at {v.start or 0:g} {v.unit}, as no --input names it" for v in others),
+            *(
+                f"{self.name}: {name} = {value:.4g} {self.units[name]} lies on the limit of the class"
+                for name, value in values.items()
+                if value in self.limits[name] or np.isclose(value, self.limits[name], rtol=1e-6, atol=0).any()
+            ),
         )
 
     def fit(
