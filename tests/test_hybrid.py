@@ -297,3 +297,13 @@ def test_an_input_of_the_rig_is_recorded_in_its_unit(tmp_path: Path) -> None:
     (tmp_path / "rig.mo").write_text(text.replace('"V"', '"mV"'))
     with pytest.raises(UsageError, match="its input u is in mV, and that of the recordings in V"):
         law_of(str(tmp_path / "rig.mo"), 1.0).beside([], (FurtherInput("u", "V", "u"),))
+
+
+def test_a_law_of_the_library_begins_at_the_size_of_the_recordings(signals: dict[str, np.ndarray]) -> None:
+    law = law_of("HystId.Oscillators.BoucWen", 1.0)
+    sizes = {"N": 100.0, "N/m": 1e3, "N.s/m": 1e3, "m": 0.1, "1/m": 10.0}
+    true = {name: value * sizes.get(law.units[name], 1.0) for name, value in law.nominal.items()}
+    record = Recording("r", signals["t"], x=0.01 * signals["x"], v=0.01 * signals["v"])
+    (force,) = law.forces([record], true)
+    found = law.fit([record], [force], [np.full(len(force), 1 / np.std(force))], 0)
+    np.testing.assert_allclose(law.forces([record], found)[0], force, rtol=0, atol=1e-6 * np.abs(force).max())
