@@ -249,7 +249,7 @@ def identify(
     model: Annotated[
         str | None,
         typer.Option(
-            metavar="MODEL", help="Physics to fit together with networks: a class, file.mo:Class, extended.mo."
+            metavar="MODEL", help="Physics to fit together with networks: file.mo:Class, a class, or DIR of diagnose."
         ),
     ] = None,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Trainings at a time; all cores by default.")] = None,
@@ -267,7 +267,7 @@ def identify(
       hystid identify mr1.csv mr2.csv --mass 0 --input current --holdout mr3.csv -o model
       hystid identify b20.csv b80.csv --mass 0 --input tension=20lbf,80lbf -o model
       hystid identify light.csv heavy.csv --mass 4.2,6.1 -o model
-      hystid identify chirp*.csv --mass 4.2 --model why/extended.mo --holdout sine20.csv -o model
+      hystid identify chirp*.csv --mass 4.2 --model why --holdout sine20.csv -o model
     """
     from hystid import identification
     from hystid.processing import parse_band

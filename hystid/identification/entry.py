@@ -78,7 +78,7 @@ def identify(
     a known unit. A value that was not recorded: ``hystid.recording.with_column``.
     lags: signals that both networks see late (``Lag``), as the current of a coil that follows its voltage. None: those
     that left-out stretches ask for (method "refined"), mostly none.
-    model: an oscillator in Modelica ("HystId.Oscillators.Jenkins", "rig.mo:Rig", "extended.mo" of ``diagnose``) whose
+    model: a rig in Modelica ("HystId.Oscillators.Jenkins", "rig.mo:Rig", the folder that ``diagnose`` wrote) whose
     law is fitted together with networks for what it leaves (``Identification.hybrid``); needs ``holdout``. It is
     written as hybrid.mo and hybrid.fmu where it beats law and networks alone there, else ``notes`` says why not.
     samples: at most so many, drawn at random from all recordings after the turning points were found at full rate.
