@@ -231,6 +231,7 @@ OWN = {
     ),
     "as a diagnosis writes it": EXTENDED + PLAIN,
     "components": PARTS,
+    "final parameters": PLAIN.replace("parameter Real k(", "final parameter Real k("),
     "a rig that turns": PLAIN.replace('"N/m"', '"N.m/rad"').replace("N.s/m", "N.m.s/rad").replace('"kg"', '"kg.m2"'),
 }  # fmt: skip
 

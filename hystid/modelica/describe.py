@@ -243,7 +243,7 @@ def _variable(name: str, v: ScalarVariable, model: HybridModel, layout: Layout) 
 
 def _role(name: str, v: ScalarVariable, model: HybridModel) -> tuple[str, str, str | None]:
     """Causality, variability and initial."""
-    if v.kind == "constant":
+    if v.kind == "constant" or (v.kind == "parameter" and v.flat.final):  # Modelica lets nobody set it
         return "local", "constant", "exact"
     if v.kind == "parameter":
         return "parameter", _parameter_variability(name, v, model), "exact"
