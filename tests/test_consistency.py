@@ -550,3 +550,12 @@ def test_a_wrong_sample_rate_looks_like_a_gain_where_two_channels_are_there() ->
     plain = replace(rig(), v=None)
     (told,) = examine([replace(plain, t=2 * plain.t)]).findings
     assert "a sample rate that is wrong by a factor of 2" in told.mend
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0, 10.0])
+def test_a_wrong_sample_rate_is_named_where_three_channels_are_there(factor: float) -> None:
+    """v is wrong by the factor and a by its square: no unit of one channel, and no two gains, do that by chance."""
+    plain = rig()
+    (told,) = examine([replace(plain, t=factor * plain.t)], mass=MASS).findings
+    assert told.channel == "t" and told.seen["times too large"] == pytest.approx(factor, rel=0.02)
+    assert "sample rate" in told.sentence and not told.repair

@@ -148,9 +148,8 @@ def with_alike(ordered: Sequence[Explanation]) -> Explanation:
         if one is not None and one.kind in _SCALES and not _size_is_among(listed.setdefault(one.channels, []), one):
             listed[one.channels].append(one)
     own, *others = listed.values()
-    return replace(
-        best, alike=tuple(one.units[1] for one in own[1:]), instead=tuple(slips[0] for slips in others if slips)
-    )
+    alike = tuple(one.units[1] for one in own[1:] if one.units[1] != "rate")
+    return replace(best, alike=alike, instead=tuple(slips[0] for slips in others if slips))
 
 
 def _size_is_among(listed: Sequence[Slip], one: Slip) -> bool:
@@ -276,6 +275,8 @@ def _times(situation: Situation) -> Iterator[Slip]:
     step = situation.rate
     if abs(step * factor - 1.0) < 1e-6:  # steps of exactly one: they may be sample numbers of any rate
         yield Slip("time", ("t",), PRIOR_SLIP, math.nan, (written, "samples"))
+    elif len(situation.pairs) > 1:  # one ratio alone is as well that of a gain
+        yield Slip("time", ("t",), _PRIOR_GAIN, math.nan, (written, "rate"))
 
 
 def judged(situation: Situation, slips: tuple[Slip, ...]) -> Explanation:

@@ -86,10 +86,13 @@ def _time(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] 
     told, seen = _evidence("", compared)
     seen["times too large"] = slip.factor
     size = f"{_number(slip.factor)} times too slow" if slip.factor > 1 else f"{_number(1 / slip.factor)} times too fast"
+    repair: dict[str, str] = {}
     if slip.units[1] == "samples":
         looks = f"t numbers the samples; the sample rate would be {_number(slip.factor)} Hz"
         mend = f"divide t by the sample rate in Hz (about {_number(slip.factor)}), or write the time in s"
-        repair = {}
+    elif slip.units[1] == "rate":
+        looks = f"the sample rate would be {_number(slip.factor)} times as high, which fits no unit of t"
+        mend = "check the sample rate that was entered for this file, and correct t by it"
     else:
         looks = f"t looks like {' or '.join([slip.units[1], *alike])}"
         mend = f"write 't [{slip.units[1]}]' in the header or give --unit t={slip.units[1]}"
