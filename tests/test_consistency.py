@@ -559,3 +559,17 @@ def test_a_wrong_sample_rate_is_named_where_three_channels_are_there(factor: flo
     (told,) = examine([replace(plain, t=factor * plain.t)], mass=MASS).findings
     assert told.channel == "t" and told.seen["times too large"] == pytest.approx(factor, rel=0.02)
     assert "sample rate" in told.sentence and not told.repair
+
+
+@pytest.mark.parametrize(("one", "other"), [("x", "v"), ("v", "a")])
+def test_neighbours_that_are_exchanged_beside_a_third_channel_are_named(one: str, other: str) -> None:
+    """The third channel is a quarter of a period off either of them, as a derivative is, and no filter is at work."""
+    t = np.arange(6000) / RATE
+    force = 60 * np.sin(2 * np.pi * (t + 49 / 12 * t**2))
+    code = CompiledModel(compile_model("HystId.Oscillators.Jenkins"))
+    law = {"m": 1.2, "B": 10.0, "Kl": 1e4}
+    moved = code.simulate({"F": force}, 1 / RATE, parameters=law, outputs=("x", "v", "a"), substeps=10)
+    plain = _sensed(force, {name: moved[name] for name in "xva"}, RATE, 40.0, 6)
+    assert examine([plain], 1.2).findings == []
+    (told,) = examine([plain.with_channels({one: plain.channel(other), other: plain.channel(one)})], 1.2).findings
+    assert (told.slip, told.channel) == ("swapped_channels", f"{one} and {other}")

@@ -37,6 +37,7 @@ class Pair:
     band: [rad/s] in which the response stays within 2 dB of the gain; coherence: mean over these bands, by power.
     correlation: of the two after the lag was taken out. bands: the spectra themselves, after the lag.
     computed: which of the two was computed from the other one, None where both were measured.
+    turn: mean sine of the phase as it stands: 1 where ``high`` leads by a quarter of a period, as a derivative does.
     """
 
     low: str
@@ -53,6 +54,7 @@ class Pair:
     correlation: float
     bands: Bands
     computed: str | None = None
+    turn: float = 0.0
 
     @property
     def order(self) -> int:
@@ -88,6 +90,7 @@ def pair(channels: Mapping[str, Array], low: str, high: str, dt: float) -> Pair:
     order = ORDER[high] - ORDER[low]
     one, other = derived(channels[low], order, dt), derived(channels[high], 0, dt)
     shift, sign = alignment(one, other)
+    turn = _turn(bands(one, other, dt))
     one, other = _shifted(one, other, shift)
     found = bands(one, other, dt)
     seen, weight = found.seen, 1.0 / (found.variance + _CALIBRATION**2)
@@ -108,8 +111,13 @@ def pair(channels: Mapping[str, Array], low: str, high: str, dt: float) -> Pair:
         low, high, float(np.exp(level)), error, sign, lag + shift * dt,
         math.hypot(_scatter(one, other, dt, sign), float(np.sum(weight * found.omega**2)) ** -0.5),
         slope, slope_error, (float(found.omega[inside][0]), float(found.omega[inside][-1])),
-        float(np.sum(power * found.coherence) / np.sum(power)), _correlation(one, other), found,
+        float(np.sum(power * found.coherence) / np.sum(power)), _correlation(one, other), found, turn=turn,
     )  # fmt: skip
+
+
+def _turn(found: Bands) -> float:
+    weight = np.where(found.seen, 1.0 / (found.variance + _CALIBRATION**2), 0.0)
+    return float(np.sum(weight * np.sin(np.angle(found.response))) / max(float(np.sum(weight)), 1e-300))
 
 
 def alignment(one: Array, other: Array) -> tuple[int, float]:

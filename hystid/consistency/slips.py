@@ -322,7 +322,7 @@ def _power(pair: Pair, slip: Slip) -> float:
 
 
 def _predicted(pair: Pair, slips: Sequence[Slip]) -> tuple[float, float, float]:
-    """(ln gain, exponent, sign) of a pair under slips."""
+    """(ln gain, exponent, sign) of a pair under slips; for an odd exponent the sign is that of the turn."""
     orders = {name: ORDER[name] for name in ORDER}
     log_gain, sign = 0.0, 1.0
     for slip in slips:
@@ -335,7 +335,7 @@ def _predicted(pair: Pair, slips: Sequence[Slip]) -> tuple[float, float, float]:
         elif math.isfinite(slip.factor):
             log_gain += _power(pair, slip) * math.log(slip.factor)
     exponent = orders[pair.high] - orders[pair.low] - pair.order
-    sign *= (-1.0) ** (exponent // 2) if exponent % 2 == 0 else 0.0
+    sign *= (-1.0) ** (exponent // 2)
     main = float(pair.bands.omega[int((pair.bands.high * pair.bands.seen).argmax())]) if len(pair.bands.omega) else 1.0
     return log_gain + exponent * math.log(max(main, 1e-12)), float(exponent), sign
 
@@ -347,10 +347,9 @@ def _pair_misfit(pair: Pair, slips: Sequence[Slip]) -> float:
     broad = CALIBRATION**2 + pair.error**2 + (0.1 * exponent) ** 2
     misfit = (math.log(pair.gain) - log_gain) ** 2 / broad
     misfit += (pair.slope - exponent) ** 2 / (_FILTERED**2 + pair.slope_error**2)
-    certain = pair.coherence
-    if sign == 0.0:  # a quarter of a period: neither sign, so that no lag would do
-        return misfit + _WRONG_SIGN * certain
-    return misfit + (0.0 if sign == pair.sign else _WRONG_SIGN * certain)
+    if exponent % 2:  # a quarter of a period, ahead or behind
+        return misfit + _WRONG_SIGN * pair.coherence * 0.5 * (1.0 - sign * pair.turn)
+    return misfit + (0.0 if sign == pair.sign else _WRONG_SIGN * pair.coherence)
 
 
 def _mass_power(situation: Situation, slip: Slip) -> float:
