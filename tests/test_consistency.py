@@ -573,3 +573,22 @@ def test_neighbours_that_are_exchanged_beside_a_third_channel_are_named(one: str
     assert examine([plain], 1.2).findings == []
     (told,) = examine([plain.with_channels({one: plain.channel(other), other: plain.channel(one)})], 1.2).findings
     assert (told.slip, told.channel) == ("swapped_channels", f"{one} and {other}")
+
+
+@pytest.mark.parametrize("channel", ["x", "a"])
+def test_the_force_tells_which_of_two_channels_is_wrong(channel: str) -> None:
+    plain = replace(rig(), v=None)
+    values = plain.channel(channel)
+    (told,) = examine([plain.with_channels({channel: -values})], MASS).findings
+    assert (told.slip, told.channel, told.repair) == ("swapped_sign", channel, {"reverse": channel})
+    (told,) = examine([plain.with_channels({channel: np.roll(values, 12)})], MASS).findings
+    assert (told.slip, told.channel) == ("lag", channel)
+    assert told.seen["lag"] == pytest.approx(0.012, abs=5e-4)  # half a sample
+
+
+@pytest.mark.parametrize("kept", ["xa", "va"])
+def test_a_filter_of_the_acceleration_makes_no_force_early(kept: str) -> None:
+    plain = rig()
+    plain = replace(plain, **{name: None for name in "xv" if name not in kept})
+    a = sosfilt(butter(2, 60.0, fs=RATE, output="sos"), plain.channel("a"))
+    assert [(f.slip, f.channel) for f in examine([replace(plain, a=a)], MASS).findings] == [("filtered", "a")]

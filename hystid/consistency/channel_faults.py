@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from hystid.consistency import words
 from hystid.consistency.filters import Form
+from hystid.consistency.force import FOURFOLD, Force, examine_force
 from hystid.consistency.kinematics import ORDER, Pair, hertz, main_frequency, motion, spectrum
 from hystid.consistency.slips import Slip
 from hystid.consistency.types import Finding
@@ -20,7 +22,17 @@ _STANDS_OUT = 10.0  # motion over noise from which two channels are coherent, wh
 _DRIFT = 0.01  # share of the power of a channel
 CERTAIN = 0.8  # coherence at which a response is read band by band
 MATTERS = 0.01  # share of the power of the motion: a tenth of its size
+_SIGMAS_FORCE = 5.0
 PHASE = 0.5  # radians of the main motion beyond which a lag spoils the balance: an eighth of the force moves over
+
+
+@dataclass(frozen=True)
+class Late:
+    """A channel of the motion on another clock: by how much it comes later [s], and the pair that shows it best."""
+
+    channel: str
+    lag: float
+    shown: Pair
 
 
 def channel_faults(
@@ -29,26 +41,32 @@ def channel_faults(
     whole: Sequence[Pair],
     slips: Sequence[Slip],
     forms: Mapping[tuple[str, str], Form],
+    late: Late | None,
 ) -> list[Finding]:
     """Findings about pairs of channels besides the slips. whole: pairs of which no channel is cut off."""
     found = []
     if not any(slip.kind == "exchanged" for slip in slips):
+        if late is not None:
+            severe = main_frequency(recording) * abs(late.lag) > PHASE
+            found.append(words.channel_late(recording.name, late.channel, late.shown, late.lag, severe=severe))
         # a channel that is cut off loses motion where that is large, not by frequency
-        found += _lags(recording, compared, forms) + _filters(recording, whole, forms)
+        found += _filters(recording, whole, forms)
     return found + ([] if slips else _unrelated(recording, compared))
 
 
-def _lags(recording: Recording, compared: Sequence[Pair], forms: Mapping[tuple[str, str], Form]) -> list[Finding]:
-    """A channel of the motion on another clock; of several, the one that all others disagree with."""
+def late_channel(recording: Recording, compared: Sequence[Pair], forms: Mapping[tuple[str, str], Form]) -> Late | None:
+    """A channel of the motion on another clock; of several, the one that all others disagree with, F included."""
     late = [p for p in compared if _pair_is_late(p, recording) and (p.low, p.high) not in forms]
     if not late:
-        return []
+        return None
     names = list(motion(recording))
     blamed = late[0].high if len(late) == 1 else max(names, key=lambda n: sum(n in (p.low, p.high) for p in late))
+    if len(names) == 2:
+        without = {name: examine_force(recording.with_channels({name: None})) for name in names}
+        off = {name: force is not None and is_late(recording, force) for name, force in without.items()}
+        blamed = late[0].low if off[late[0].high] and not off[late[0].low] else late[0].high
     shown = max((p for p in late if blamed in (p.low, p.high)), key=lambda p: abs(p.lag) / max(p.lag_error, 1e-12))
-    lag = shown.lag if shown.high == blamed else -shown.lag
-    severe = main_frequency(recording) * abs(lag) > PHASE
-    return [words.channel_late(recording.name, blamed, shown, lag, severe=severe)]
+    return Late(blamed, shown.lag if shown.high == blamed else -shown.lag, shown)
 
 
 def _pair_is_late(p: Pair, recording: Recording) -> bool:
@@ -152,3 +170,16 @@ def _ought_to_agree(recording: Recording, p: Pair) -> bool:
     hidden = np.maximum(high.level, low.level * high.omega ** (2 * p.order))
     shown = np.interp(p.bands.omega, high.omega, high.density / np.maximum(hidden, 1e-300)) > _STANDS_OUT
     return bool(np.any(shown)) and float(np.median(p.bands.coherence[shown])) < 0.5
+
+
+def is_late(recording: Recording, force: Force) -> bool:
+    """Whether the force comes clearly later or earlier than its motion, by the same time all through the recording."""
+    if recording.quasi_static or not math.isfinite(force.lag_error):
+        return False
+    # fewer standard errors than between channels of the motion, for the power that is left has to drop as well
+    clear = abs(force.lag) > 1.5 * recording.dt and abs(force.lag) > _SIGMAS_FORCE * force.lag_error
+    if force.power > force.power_known and force.share > max(force.reversed_share, force.lag_share):
+        return False  # what drives the motion as it stands is not moved to where it would have to be reversed as well
+    before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
+    passive = (1 - before) > FOURFOLD * (1 - after)
+    return clear and (passive or (1 - force.free_share) > FOURFOLD * (1 - force.free_lag_share))

@@ -14,10 +14,10 @@ import numpy as np
 
 from hystid.consistency import words
 from hystid.consistency.bad_samples import bad_samples, without_bad_samples
-from hystid.consistency.channel_faults import CERTAIN, MATTERS, PHASE, channel_faults
+from hystid.consistency.channel_faults import CERTAIN, MATTERS, PHASE, channel_faults, is_late, late_channel
 from hystid.consistency.cut_off import kept_size, with_full_sizes
 from hystid.consistency.filters import Form, filtered
-from hystid.consistency.force import EXPLAINED, FOURFOLD, SIGMAS_SIGN, Force, examine_force
+from hystid.consistency.force import EXPLAINED, SIGMAS_SIGN, Force, examine_force
 from hystid.consistency.kinematics import (
     ORDER,
     ChannelSpectrum,
@@ -54,8 +54,7 @@ _CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
 _SOUND = 0.005**2  # share of the power of the force that sensors leave which match to 0.5 %: less tells no sign
 _LEAD = math.sin(math.radians(5)) ** 2  # the same of a motion that leads by 5 degrees, as of an AC-coupled sensor ten
 # times above its corner: below a resonance that is a damping which gives out energy
-_SIGMAS_FORCE = 5.0
-_FAR = 2 * _SIGMAS_FORCE  # standard errors by which a mass is out of the question, for units of a usual size too
+_FAR = 10.0  # standard errors by which a mass is out of the question, for units of a usual size too
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
 _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
 
@@ -127,6 +126,10 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     force = examine_force(_as_measured(recording, channels, kept)) if len(recording) >= _SHORTEST and moves else None
     inertia = _inertia(recording, force, mass)
     forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
+    late = late_channel(recording, compared, forms)
+    spoiled = {form.channel for form in forms.values()} | ({late.channel} if late is not None else set())
+    if spoiled and force is not None:
+        force = examine_force(_as_measured(recording, channels, kept, spoiled))
     situation, best = _best(recording, compared, forms, force, mass)
     copied = _copied(recording, mass) if moves else []
     exchanged = _force_for_motion(recording, compared, best, mass) if timed and not copied else None
@@ -135,12 +138,17 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     elif exchanged is not None:
         findings.append(exchanged)
     else:
-        findings += words.slips(recording.name, best, compared, recording.rotational, mass)
-        if not any(slip.kind == "exchanged" for slip in best.slips):
-            mended = _mended(recording, best)
+        judged: list[Finding] = []
+        readable = not any(slip.kind == "exchanged" for slip in best.slips)
+        for tried in (best, *_other_signs(best, compared)) if readable else ():
+            best, mended = tried, _mended(recording, tried)
             if best.slips and len(recording) >= _SHORTEST:
-                force = examine_force(_as_measured(mended, channels, kept))
-            findings += _judged_force(mended, force)
+                force = examine_force(_as_measured(mended, channels, kept, spoiled))
+            judged = _judged_force(mended, force)
+            if not any(finding.slip == "swapped_sign" for finding in judged):
+                break
+        findings += words.slips(recording.name, best, compared, recording.rotational, mass) + judged
+        if readable:
             findings += [] if findings else _sizes(mended)
             left_out = (["x", "v"], _computed(channels))
             if (
@@ -149,7 +157,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
             ):  # fmt: skip
                 findings.append(words.no_inertia(recording, force, mass))
         whole = [p for p in compared if kept[p.low] == kept[p.high] == 1.0]
-        findings += channel_faults(recording, compared, whole, best.slips, forms)
+        findings += channel_faults(recording, compared, whole, best.slips, forms, late)
     relations = [
         Relation(p.low, p.high, p.gain, p.error, p.sign, p.lag, p.lag_error, hertz(p.band), p.coherence)
         for p in compared
@@ -377,16 +385,29 @@ def _mended(recording: Recording, best: Explanation) -> Recording:
     return replace(recording, t=t).with_channels(changed)
 
 
+def _other_signs(best: Explanation, compared: Sequence[Pair]) -> Iterator[Explanation]:
+    """The same with the other one of two channels reversed: which of them it is, the force tells."""
+    if len(compared) == 1:
+        for slip in best.slips:
+            if slip.kind == "reversed":
+                (other,) = {compared[0].low, compared[0].high} - set(slip.channels)
+                yield replace(best, slips=tuple(replace(s, channels=(other,)) if s is slip else s for s in best.slips))
+
+
 def _computed(channels: Mapping[str, Channel]) -> list[str]:
     """Channels of the motion that were computed from another one."""
     return [name for name, channel in channels.items() if name in "xva" and not channel.measured]
 
 
-def _as_measured(recording: Recording, channels: Mapping[str, Channel], kept: Mapping[str, float]) -> Recording:
+def _as_measured(
+    recording: Recording, channels: Mapping[str, Channel], kept: Mapping[str, float], spoiled: Collection[str] = ()
+) -> Recording:
     """The recording without channels of the motion that were computed, or stop at a level, where others are left: a
     displacement that wanders, as an integral of the acceleration, belongs to no force, and beyond the level of one the
-    force of a spring follows the acceleration, as that of a negative mass. kept: share of its size that each keeps."""
-    for left_out in ({*_computed(channels), *(n for n, share in kept.items() if share < 1)}, {*_computed(channels)}):
+    force of a spring follows the acceleration, as that of a negative mass. kept: share of its size that each keeps.
+    spoiled: those with another clock or a filter, which move the force against them."""
+    computed, cut = _computed(channels), [name for name, share in kept.items() if share < 1]
+    for left_out in ({*computed, *cut, *spoiled}, {*computed, *spoiled}, {*computed, *cut}, {*computed}):
         if set(motion(recording)) - left_out:
             return recording.with_channels(dict.fromkeys(left_out))
     return recording
@@ -405,7 +426,7 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
         return []
     names = motion(recording)
     found = []
-    shifted = _is_late(recording, force)
+    shifted = is_late(recording, force)
     share, other = (force.lag_share, force.lag_reversed) if shifted else (force.share, force.reversed_share)
     odds = _sign_odds(force, share, other)
     elastic = recording.quasi_static or "a" not in names
@@ -461,19 +482,6 @@ def _sizes(recording: Recording) -> list[Finding]:
             slow = clock_is_likelier(name, float(np.std(values)), recording.sample_rate)
             return [words.too_large(recording.name, name, seen, size, alone, slow)]
     return []
-
-
-def _is_late(recording: Recording, force: Force) -> bool:
-    """Whether the force comes clearly later or earlier than its motion, by the same time all through the recording."""
-    if recording.quasi_static or not math.isfinite(force.lag_error):
-        return False
-    # fewer standard errors than between channels of the motion, for the power that is left has to drop as well
-    clear = abs(force.lag) > 1.5 * recording.dt and abs(force.lag) > _SIGMAS_FORCE * force.lag_error
-    if force.power > force.power_known and force.share > max(force.reversed_share, force.lag_share):
-        return False  # what drives the motion as it stands is not moved to where it would have to be reversed as well
-    before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
-    passive = (1 - before) > FOURFOLD * (1 - after)
-    return clear and (passive or (1 - force.free_share) > FOURFOLD * (1 - force.free_lag_share))
 
 
 def _fits_aligned(force: Force) -> bool:
