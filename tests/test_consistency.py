@@ -592,3 +592,41 @@ def test_a_filter_of_the_acceleration_makes_no_force_early(kept: str) -> None:
     plain = replace(plain, **{name: None for name in "xv" if name not in kept})
     a = sosfilt(butter(2, 60.0, fs=RATE, output="sos"), plain.channel("a"))
     assert [(f.slip, f.channel) for f in examine([replace(plain, a=a)], MASS).findings] == [("filtered", "a")]
+
+
+def test_a_unit_and_a_lag_are_told_together() -> None:
+    """The mass weighs the channel that the acceleration is taken from: x, where a is late."""
+    plain = replace(rig(), v=None)
+    late = plain.with_channels({"x": 1e3 * plain.channel("x"), "a": np.roll(plain.channel("a"), 12)})
+    unit, lag = examine([late], MASS).findings
+    assert unit.repair == {"unit": "x=mm"} and (lag.slip, lag.channel) == ("lag", "a")
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_one_filter_is_no_lag_in_other_pairs(seed: int) -> None:
+    """300 samples: the filter of a shows beside v, and beside x a lag would do as well."""
+    rng, dt, n = np.random.default_rng(4), 0.004, 300
+    lines, hertz = np.exp(2j * np.pi * rng.random(n // 2 + 1)), np.fft.rfftfreq(n, dt)
+    force = np.fft.irfft(np.where((hertz >= 2) & (hertz <= 40), lines, 0.0), n)
+    force *= 60.0 / np.std(force)
+    rig = CompiledModel(compile_model("HystId.Oscillators.BoucWen"))
+    law = {"m": 3.0, "B": 15.0, "Kl": 4e4}
+    moved = rig.simulate({"F": force}, dt, parameters=law, outputs=("x", "v", "a"), substeps=10)
+    plain = _sensed(force, {name: moved[name] for name in "xva"}, 1 / dt, 40.0, seed)
+    a = sosfilt(butter(2, 70.0, fs=1 / dt, output="sos"), plain.channel("a"))
+    assert [(f.slip, f.channel) for f in examine([replace(plain, a=a)], 3.0).findings] == [("filtered", "a")]
+
+
+def test_beside_exchanged_columns_no_unit_is_told() -> None:
+    """After an exchange the sizes follow from one frequency only: in g, feet fitted as well."""
+    plain = replace(rig(), v=None)
+    (told,) = examine(
+        [plain.with_channels({"x": plain.channel("a") / SIZES["g"], "a": plain.channel("x")})], MASS
+    ).findings
+    assert (told.slip, told.channel) == ("swapped_channels", "x and a") and "check again" in told.mend
+
+
+def test_which_of_two_channels_is_late_is_left_open_without_a_force() -> None:
+    plain = replace(rig(), v=None, F=None)
+    (told,) = examine([replace(plain, x=np.roll(plain.channel("x"), 12))]).findings
+    assert told.slip == "lag" and "which of the two" in told.mend and not told.repair

@@ -28,11 +28,13 @@ PHASE = 0.5  # radians of the main motion beyond which a lag spoils the balance:
 
 @dataclass(frozen=True)
 class Late:
-    """A channel of the motion on another clock: by how much it comes later [s], and the pair that shows it best."""
+    """A channel of the motion on another clock: by how much it comes later [s], and the pair that shows it best. sure:
+    whether a third channel or the force tells that it is this one."""
 
     channel: str
     lag: float
     shown: Pair
+    sure: bool
 
 
 def channel_faults(
@@ -48,7 +50,9 @@ def channel_faults(
     if not any(slip.kind == "exchanged" for slip in slips):
         if late is not None:
             severe = main_frequency(recording) * abs(late.lag) > PHASE
-            found.append(words.channel_late(recording.name, late.channel, late.shown, late.lag, severe=severe))
+            found.append(
+                words.channel_late(recording.name, late.channel, late.shown, late.lag, severe=severe, sure=late.sure)
+            )
         # a channel that is cut off loses motion where that is large, not by frequency
         found += _filters(recording, whole, forms)
     return found + ([] if slips else _unrelated(recording, compared))
@@ -56,17 +60,20 @@ def channel_faults(
 
 def late_channel(recording: Recording, compared: Sequence[Pair], forms: Mapping[tuple[str, str], Form]) -> Late | None:
     """A channel of the motion on another clock; of several, the one that all others disagree with, F included."""
-    late = [p for p in compared if _pair_is_late(p, recording) and (p.low, p.high) not in forms]
+    filtered = {form.channel for form in forms.values()}  # one filter shows in all pairs of its channel
+    late = [p for p in compared if _pair_is_late(p, recording) and not filtered & {p.low, p.high}]
     if not late:
         return None
     names = list(motion(recording))
     blamed = late[0].high if len(late) == 1 else max(names, key=lambda n: sum(n in (p.low, p.high) for p in late))
-    if len(names) == 2:
+    sure = len(names) > 2
+    if not sure:
         without = {name: examine_force(recording.with_channels({name: None})) for name in names}
         off = {name: force is not None and is_late(recording, force) for name, force in without.items()}
-        blamed = late[0].low if off[late[0].high] and not off[late[0].low] else late[0].high
+        sure = off[late[0].low] != off[late[0].high]
+        blamed = late[0].low if sure and off[late[0].high] else late[0].high
     shown = max((p for p in late if blamed in (p.low, p.high)), key=lambda p: abs(p.lag) / max(p.lag_error, 1e-12))
-    return Late(blamed, shown.lag if shown.high == blamed else -shown.lag, shown)
+    return Late(blamed, shown.lag if shown.high == blamed else -shown.lag, shown, sure)
 
 
 def _pair_is_late(p: Pair, recording: Recording) -> bool:

@@ -127,9 +127,11 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     inertia = _inertia(recording, force, mass)
     forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
     late = late_channel(recording, compared, forms)
-    spoiled = {form.channel for form in forms.values()} | ({late.channel} if late is not None else set())
-    if spoiled and force is not None:
-        force = examine_force(_as_measured(recording, channels, kept, spoiled))
+    moved = set() if late is None else {late.channel}
+    if moved and force is not None:
+        force = examine_force(_as_measured(recording, channels, kept, moved))
+    # what looks like a filter may still be an exchange of columns: slips come first
+    spoiled = moved | {form.channel for form in forms.values()}
     situation, best = _best(recording, compared, forms, force, mass)
     copied = _copied(recording, mass) if moves else []
     exchanged = _force_for_motion(recording, compared, best, mass) if timed and not copied else None
@@ -142,7 +144,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
         readable = not any(slip.kind == "exchanged" for slip in best.slips)
         for tried in (best, *_other_signs(best, compared)) if readable else ():
             best, mended = tried, _mended(recording, tried)
-            if best.slips and len(recording) >= _SHORTEST:
+            if (best.slips or forms) and force is not None:
                 force = examine_force(_as_measured(mended, channels, kept, spoiled))
             judged = _judged_force(mended, force)
             if not any(finding.slip == "swapped_sign" for finding in judged):
@@ -197,7 +199,7 @@ def _situation(recording: Recording, compared: Sequence[Pair], force: Force | No
     if recording.F is not None:
         rms["F"] = float(np.std(recording.F))
     kept = [p for p in compared if p.is_one_motion]
-    last = list(names)[-1] if names else "a"
+    last = "a" if force is None else force.source
     bare = frozenset(name for name, unit in recording.units.items() if not unit and name in ("t", *rms))
     return Situation(kept, written, rms, recording.sample_rate, recording.rotational, mass, ratio, last, bare=bare)
 

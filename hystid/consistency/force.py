@@ -50,7 +50,8 @@ class Force:
     is left. law: relative error of the mass from laws that the free ones do not follow. weight [1/kg]: what a mass adds
     to the force that no law makes, over the rms of the force; 0 where noise may add as much. shown: share of the force
     that laws explain without any mass, where the acceleration tells of it. hidden_lag [s]: shifts of the force that
-    leave less than fourfold of what the best one leaves: a law that looks late may be behind them.
+    leave less than fourfold of what the best one leaves: a law that looks late may be behind them. source: channel that
+    the acceleration is taken from.
     """
 
     share: float
@@ -71,6 +72,7 @@ class Force:
     weight: float
     hidden_lag: float
     shown: float
+    source: str
 
     @property
     def mass_ratio_error(self) -> float:
@@ -165,7 +167,7 @@ def examine_force(recording: Recording, *, placed: bool = False) -> Force | None
         now, flipped, mass, error, power, float(F @ x) / max(float(x @ x), 1e-300), float(F @ x) / size,
         lag * recording.dt, lag_error * recording.dt, fit.freely(0), fit.freely(shift), there, back,
         (1 - first / len(F)) * len(left) / max(_memory(left), 1.0), law, weight,
-        fit.hidden(shift) * recording.dt, shown,
+        fit.hidden(shift) * recording.dt, shown, list(motion(recording))[-1],
     )  # fmt: skip
 
 

@@ -23,6 +23,11 @@ def slips(
     """One finding per slip of an explanation, and one for each slip that would explain as much instead."""
     if best.readings:
         return [_several_units(name, best.readings, compared)]
+    exchanged = [_exchanged(name, slip, compared) for slip in best.slips if slip.kind == "exchanged"]
+    if exchanged and len(best.slips) > 1:  # sizes after an exchange follow from one frequency, too roughly for a unit
+        return [
+            replace(item, mend=f"{item.mend}, and check again: something else is wrong as well") for item in exchanged
+        ]
     if best.alike and best.slips[0].kind == "unit":
         found = [_unit(name, best.slips[0], compared, best.alike)]
     elif best.alike:
@@ -234,13 +239,17 @@ def force_late(name: str, force: Force, *, severe: bool) -> Finding:
     return Finding(name, "F", "lag", sentence, mend, "refuse" if severe else "note", seen, {"align": "F"})
 
 
-def channel_late(name: str, channel: str, p: Pair, lag: float, *, severe: bool) -> Finding:
-    """A channel of the motion runs on another clock."""
+def channel_late(name: str, channel: str, p: Pair, lag: float, *, severe: bool, sure: bool) -> Finding:
+    """A channel of the motion runs on another clock. sure: whether it is this one of the two."""
     word, other = "later" if lag > 0 else "earlier", p.low if channel == p.high else p.high
     sentence = f"{channel} comes {milliseconds(abs(lag))} {word} than {other} shows, all through the test"
     seen = {"lag": lag, "lag_error": p.lag_error}
     mend = f"align it with --align {channel}, or check the filter of its amplifier"
-    return Finding(name, channel, "lag", sentence, mend, "refuse" if severe else "note", seen, {"align": channel})
+    if not sure:
+        mend = f"which of the two is off does not show: align it with --align {channel} or --align {other}, or check"
+        mend += " the filters of their amplifiers"
+    repair = {"align": channel} if sure else {}
+    return Finding(name, channel, "lag", sentence, mend, "refuse" if severe else "note", seen, repair)
 
 
 def filtered(name: str, channel: str, side: str, limit: float, p: Pair) -> Finding:
