@@ -626,6 +626,13 @@ def test_beside_exchanged_columns_no_unit_is_told() -> None:
     assert (told.slip, told.channel) == ("swapped_channels", "x and a") and "check again" in told.mend
 
 
+def test_a_force_in_the_column_of_a_motion_is_no_gain() -> None:
+    """Beside a second slip, F for x is not named; but a ratio that changes with frequency is no sensor's factor."""
+    plain = replace(rig(), v=None)
+    found = examine([plain.with_channels({"F": 1e3 * plain.channel("x"), "x": plain.channel("F")})], MASS).findings
+    assert [(f.slip, f.channel) for f in found] == [("not_one_motion", "a")] and "F" in found[0].mend
+
+
 def test_which_of_two_channels_is_late_is_left_open_without_a_force() -> None:
     plain = replace(rig(), v=None, F=None)
     (told,) = examine([replace(plain, x=np.roll(plain.channel("x"), 12))]).findings

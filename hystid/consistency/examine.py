@@ -139,6 +139,8 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
         findings += copied
     elif exchanged is not None:
         findings.append(exchanged)
+    elif (loose := _without_ratio(best, compared)) is not None:
+        findings.append(words.no_fixed_ratio(recording.name, loose))
     else:
         judged: list[Finding] = []
         readable = not any(slip.kind == "exchanged" for slip in best.slips)
@@ -385,6 +387,15 @@ def _mended(recording: Recording, best: Explanation) -> Recording:
         elif slip.kind == "time" and math.isfinite(slip.factor):
             t = t / slip.factor
     return replace(recording, t=t).with_channels(changed)
+
+
+def _without_ratio(best: Explanation, compared: Sequence[Pair]) -> Pair | None:
+    """A pair that only a gain of any size explains, which is not the ratio in most of its power: that is no gain."""
+    if any(slip.kind == "exchanged" for slip in best.slips):
+        return None
+    gains = {slip.channels[0] for slip in best.slips if slip.kind == "gain"}
+    loose = [p for p in compared if gains & {p.low, p.high} and p.is_one_motion and p.level < EXPLAINED]
+    return min(loose, key=lambda p: p.level, default=None)
 
 
 def _other_signs(best: Explanation, compared: Sequence[Pair]) -> Iterator[Explanation]:

@@ -62,6 +62,13 @@ class Pair:
         return ORDER[self.high] - ORDER[self.low]
 
     @property
+    def level(self) -> float:
+        """Share of the power, where both hold one signal, of the band in which the response is that of the gain."""
+        power = np.where(self.bands.seen, self.bands.high, 0.0)
+        inside = (self.bands.omega >= self.band[0]) & (self.bands.omega <= self.band[1])
+        return float(np.sum(power[inside]) / max(float(np.sum(power)), 1e-300))
+
+    @property
     def is_one_motion(self) -> bool:
         """Whether the two have anything to do with each other: one signal where either of them is strongest."""
         seen = self.bands.seen

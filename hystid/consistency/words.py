@@ -280,6 +280,16 @@ def bad_samples(name: str, channel: str, number: int, first: float) -> Finding:
     return Finding(name, channel, "bad_samples", sentence, mend, "note", {"samples": number, "first": first})
 
 
+def no_fixed_ratio(name: str, p: Pair) -> Finding:
+    """Two channels whose ratio no factor explains, as a force in the column of a motion leaves it."""
+    derivative = _DERIVATIVES[p.low, p.high]
+    sentence = (
+        f"{p.high} is no fixed multiple of {derivative}: their ratio is level for {100 * p.level:.0f} % of its power"
+    )
+    mend = f"check that the columns of {p.low} and {p.high} hold what they are called; does one of them hold F?"
+    return Finding(name, p.high, "not_one_motion", sentence, mend, "refuse", {"level": p.level})
+
+
 def unrelated(name: str, p: Pair) -> Finding:
     """Two channels that have nothing in common."""
     sentence = f"{p.high} does not follow {_DERIVATIVES[p.low, p.high]} (both move alike in no band)"
