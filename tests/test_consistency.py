@@ -637,3 +637,10 @@ def test_which_of_two_channels_is_late_is_left_open_without_a_force() -> None:
     plain = replace(rig(), v=None, F=None)
     (told,) = examine([replace(plain, x=np.roll(plain.channel("x"), 12))]).findings
     assert told.slip == "lag" and "which of the two" in told.mend and not told.repair
+
+
+def test_ratios_that_no_slip_explains_are_told_as_such() -> None:
+    """v and a with factors of their own: a unit and a gain, or a rate and a gain, come near to anything."""
+    plain = rig()
+    found = examine([plain.with_channels({"v": 7 * plain.channel("v"), "a": 17 * plain.channel("a")})]).findings
+    assert [f.slip for f in found] == ["not_one_motion"] and "several things are wrong" in found[0].mend

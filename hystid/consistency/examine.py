@@ -41,6 +41,7 @@ from hystid.consistency.slips import (
     doubtful_units,
     explain,
     label_scales,
+    misfit_limit,
     with_alike,
 )  # fmt: skip
 from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
@@ -139,6 +140,8 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
         findings += copied
     elif exchanged is not None:
         findings.append(exchanged)
+    elif not best.sound and best.misfit > misfit_limit(situation):
+        findings.append(words.unexplained(recording.name, situation.pairs))
     elif (loose := _without_ratio(best, compared)) is not None:
         findings.append(words.no_fixed_ratio(recording.name, loose))
     else:

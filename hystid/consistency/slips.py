@@ -123,8 +123,9 @@ def explain(situation: Situation) -> list[Explanation]:
     if best.misfit > misfit_limit(situation):  # two slips, where no single one is enough
         named = [s for s in single if s.kind != "gain"]
         found += [judged(situation, (a, b)) for i, a in enumerate(named) for b in named[i + 1 :] if _differ(a, b)]
+        sized = [s for s in named if s.units[1] != "rate"]  # any rate and any gain explain everything
         found += [
-            judged(situation, (a, b)) for a in named for b in single if b.kind == "gain" and _differ(a, b)
+            judged(situation, (a, b)) for a in sized for b in single if b.kind == "gain" and _differ(a, b)
         ]  # fmt: skip
     return sorted(found, key=lambda e: -e.score)
 

@@ -280,6 +280,14 @@ def bad_samples(name: str, channel: str, number: int, first: float) -> Finding:
     return Finding(name, channel, "bad_samples", sentence, mend, "note", {"samples": number, "first": first})
 
 
+def unexplained(name: str, compared: Sequence[Pair]) -> Finding:
+    """Ratios that neither one slip nor two explain."""
+    told, seen = _evidence("", compared)
+    sentence = f"the channels do not fit together, and no slip explains it: {told}"
+    mend = "several things are wrong: check the columns, the units and the sample rate one by one, and check again"
+    return Finding(name, "", "not_one_motion", sentence, mend, "refuse", seen)
+
+
 def no_fixed_ratio(name: str, p: Pair) -> Finding:
     """Two channels whose ratio no factor explains, as a force in the column of a motion leaves it."""
     derivative = _DERIVATIVES[p.low, p.high]
