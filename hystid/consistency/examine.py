@@ -140,7 +140,8 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
         findings += copied
     elif exchanged is not None:
         findings.append(exchanged)
-    elif not best.sound and best.misfit > misfit_limit(situation):
+    elif best.misfit > misfit_limit(situation) and not best.sound and all(s.kind != "exchanged" for s in best.slips):
+        # beside exchanged columns sizes follow from one frequency, too roughly for that
         findings.append(words.unexplained(recording.name, situation.pairs))
     elif (loose := _without_ratio(best, compared)) is not None:
         findings.append(words.no_fixed_ratio(recording.name, loose))
