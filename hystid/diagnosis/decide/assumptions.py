@@ -419,17 +419,19 @@ def _held(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
 
 
 def _held_for_a_while(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
-    """The same for dry friction that acts for a part of the time."""
+    """The same for dry friction that acts for a part of the time, with the samples that were left out for knocks: what
+    takes hold, and slips now and then, looks like some."""
     if not _is_doubtful(choice) or not case.problem.timed:
         return case, choice
-    criterion = Criterion(case.problem, choice.before, 1)
-    start, left = outside(case.problem, choice.before)
-    if left - criterion.floor > criterion.usual * criterion.misfit(choice.before, criterion.floor):
+    whole, before = (with_what_struck(case), case.refit) if case.struck else (case, choice.before)
+    criterion = Criterion(whole.problem, standing(whole.problem, before.hypothesis), 1)
+    start, left = outside(whole.problem, criterion.baseline)
+    if left - criterion.floor > criterion.usual * criterion.misfit(criterion.baseline, criterion.floor):
         return case, choice
-    again = held_for_a_while(case, start, library)
+    again = held_for_a_while(whole, start, library)
     if again is None:
         return case, choice
-    other = chosen(again, library, known=choice.posterior.likely)
+    other = chosen(again, library)  # windows that were found before ended where rest was taken for what no law gives
     return (again, other) if _is_better(other, choice) else (case, choice)
 
 

@@ -15,6 +15,7 @@ from hystid.diagnosis.fit.windowscan import everywhere, outside, scan_windows
 from hystid.diagnosis.model.effects import Effect
 
 _LAWS, _FORMS = 3, 6  # laws that are fitted to the end, and forms that are tried
+_ROUNDS = 2  # of trying other laws in the windows of what leads
 
 
 def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Sequence[Effect]) -> Iterator[Fit]:
@@ -38,10 +39,12 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
                 return
     switched = [effect for effect in effects if not effect.is_over_time]
     found = list(_switched(problem, criterion, before, _leading(problem, criterion, (start, before), switched)))
-    if found:
-        found += _switched(
-            problem, criterion, before, _exchanged(problem, criterion, _ranked(criterion, found)[0], switched)
-        )
+    best: Fit | None = None
+    for _ in range(_ROUNDS):
+        last, best = best, next(iter(_ranked(criterion, found)), None)
+        if best is None or best is last:
+            break
+        found += _switched(problem, criterion, before, _exchanged(problem, criterion, best, switched))
     yield from found
 
 

@@ -67,7 +67,7 @@ class _Judge:
         off = tuple(term for term in hypothesis.terms if term.law.effect is term.effect)
         on = tuple(term.law for term in hypothesis.terms)
         never, always = (standing(self.alone, replace(hypothesis, terms=terms)) for terms in (off, on))
-        any_ = [self._of_mean_square(chi2) for chi2 in in_every_interval(self.alone, never, always)[0]]
+        any_ = [self._of_mean_square(chi2) for chi2 in in_every_interval(self.alone, never, always)]
         as_ever = standing(self.alone, for_recording(hypothesis))
         return [*map(self._likelihood, (as_ever, never, always)), _mean(any_)]
 

@@ -219,42 +219,43 @@ def _blocks(problem: Problem) -> list[Numbers]:
 
 
 def in_every_interval(problem: Problem, never: Fit, always: Fit) -> Array:
-    """Mean squares that recordings leave of a law that acts in each interval of time, (recordings, intervals), from
-    what they leave where the law never acts and where it always does."""
-    place = _blocks(problem)
-    rows = np.concatenate(place)
-    off, on = (
-        np.bincount(rows, f.residual**2, minlength=len(place) * _BLOCKS).reshape(-1, _BLOCKS).astype(float)
-        for f in (never, always)
-    )
-    counts = np.array([[len(block)] for block in place])
-    return np.asarray((np.sum(off, axis=1, keepdims=True) + _within(on - off)) / counts)
+    """Mean squares that one recording leaves of a law that acts in each interval of time, (intervals,), from what it
+    leaves where the law never acts and where it always does."""
+    place = _blocks(problem)[0]
+    off, on = (np.bincount(place, f.residual**2, minlength=_BLOCKS).astype(float) for f in (never, always))
+    return np.asarray((np.sum(off) + _within((on - off)[None])[0]) / len(place))
 
 
 def everywhere(problem: Problem, fitted: Fit) -> Fit:
-    """A fit of a law in windows, with windows in further recordings where the law as it stands leaves less there. A
-    law that is loud in one recording hides what it does in others."""
+    """A fit of a law in windows, with the window of each recording in which the law as it stands leaves least.
+
+    A law that is loud in one recording hides what it does in others; and where it says nothing for a while, as friction
+    that holds a structure, no fit moves the end of a window over that while.
+    """
     here = fitted.hypothesis
-    term = here.terms[-1]
+    bare, term = replace(here, terms=here.terms[:-1]), here.terms[-1]
     effect = term.effect
-    if not isinstance(effect, Windowed) or effect.owners is None or len(effect.owners) == len(problem.parts):
+    if not isinstance(effect, Windowed) or effect.owners is None:
         return fitted
-    law = replace(here, terms=(*here.terms[:-1], term.law))
-    spans = [float(part.t[-1]) for part in problem.parts]
-    counts = problem.row_counts()
-    never = np.split(fitted.residual, np.cumsum(counts)[:-1])
+    always = replace(here, terms=(*bare.terms, term.law))
+    ends = np.cumsum(problem.row_counts())[:-1]
+    rows = (np.split(residual**2, ends) for residual in (problem.rows(bare), problem.rows(always), fitted.residual))
     windows = {i: Window(*effect.times(term.values, i)[:2]) for i in effect.owners}
-    least = 2 * np.log(sum(counts))  # what two times cost (Schwarz 1978)
-    for i, left in enumerate(in_every_interval(problem, fitted, standing(problem, law))):
-        k = int(np.argmin(left))
-        if i not in windows and float(never[i] @ never[i]) - counts[i] * float(left[k]) > least:
-            windows[i] = Window(float(_FIRST[k] / _BLOCKS * spans[i]), float(_LAST[k] / _BLOCKS * spans[i]))
-    if len(windows) == len(effect.owners):
+    better: dict[int, Window] = {}
+    for i, (off, on, left) in enumerate(zip(*rows, strict=True)):
+        total = np.concatenate([[0.0], np.cumsum(off - on)])
+        last = int(np.argmax(total - np.minimum.accumulate(total)))
+        first = int(np.argmin(total[: last + 1]))
+        gain = float(np.sum(left) - np.sum(off) + total[last] - total[first])
+        if last > first and gain > 2 * np.log(len(fitted.residual)):  # what two times cost (Schwarz 1978)
+            t = problem.reduce.plain(i, problem.parts[i].t)
+            better[i] = Window(float(t[first]), float(t[last - 1]))
+    if not better:
         return fitted
-    made = windowed(effect.inner, windows)
-    known = {name: term.values[name] for name in made.near if name in term.values}
-    there = Term(made, {**term.law.values, **made.near, **known})
-    more = try_fit(problem, replace(here, terms=(*here.terms[:-1], there)))
+    made = windowed(effect.inner, {**windows, **better})
+    ramp = effect.names(effect.owners[0])[2]
+    there = Term(made, {**term.law.values, **made.near, ramp: term.values[ramp]})
+    more = try_fit(problem, replace(here, terms=(*bare.terms, there)))
     return fitted if more is None or more.chi2 > fitted.chi2 else more
 
 
