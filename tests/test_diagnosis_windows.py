@@ -492,5 +492,6 @@ def test_a_law_has_a_window_in_each_recording_in_which_it_acts() -> None:
     assert fit is not None
     (term,) = everywhere(case.problem, fit).hypothesis.terms
     assert isinstance(term.effect, Windowed) and term.effect.owners == (0, 1)
+    assert term.effect.meanings["t_on_2"] == "Begins to rise, in recording 2"
     # A block of the scan, a fortieth of 6 s; the quadratic spring says little near the middle.
     assert term.effect.times(term.values, 1)[:2] == pytest.approx((1.0, 3.5), abs=6.0 / 40)

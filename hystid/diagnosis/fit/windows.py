@@ -60,6 +60,11 @@ class Windowed(Effect):
         return False
 
     @property
+    def meanings(self) -> dict[str, str]:
+        """What each parameter is, times of the window among them."""
+        return {**super().meanings, **{v.name: v.description for v in self.shapes}}
+
+    @property
     def law(self) -> Effect:
         """The effect that is switched on and off."""
         return self.inner
@@ -129,7 +134,11 @@ def windowed(effect: Effect, windows: Window | Windows) -> Windowed:
 def _windowed(effect: Effect, near: Mapping[str, float], owners: tuple[int, ...] | None) -> Windowed:
     model, names = _time_window()
     declared = {v.name: v for v in model.code.variables if v.name in names}
-    times = [replace(declared[name.rstrip("0123456789").rstrip("_")], name=name) for name in near]
+    times = []
+    for name in near:
+        time, number = declared[name.rstrip("0123456789").rstrip("_")], name.rpartition("_")[2]
+        where = f", in recording {number}" if number.isdigit() else ""
+        times.append(replace(time, name=name, description=f"{time.description}{where}"))
     own = {item.name: getattr(effect, item.name) for item in fields(Effect)}
     own |= {"shapes": (*effect.shapes, *times), "units": {**effect.units, **{v.name: v.unit for v in times}}}
     return Windowed(**own, inner=effect, near=near, owners=owners)
