@@ -23,7 +23,7 @@ demo: install    ## the virtual experiment end to end: Modelica to diagnosis, in
 	$(BIN)/hystid demo -o demo
 
 test: install    ## all tests
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 concealed: install ## blind benchmark of the diagnosis on fresh cases (about an hour), writes docs/concealed-first.md
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'

@@ -10,8 +10,6 @@ import pytest
 
 from hystid.virtual_experiment import Check, Outcome, Size, demo
 
-pytestmark = pytest.mark.xdist_group("demo")  # its fixture takes long, and is made once
-
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:

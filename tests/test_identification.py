@@ -23,8 +23,6 @@ EMPS = Path(__file__).parents[1].parent / "shared" / "data" / "emps"
 
 MASS, B, KL, KS, FC, DT = 1.0, 10.0, 1e4, 5e4, 37.5, 5e-4
 
-pytestmark = pytest.mark.xdist_group("identification")  # its fixture takes long, and is made once
-
 
 def stick_slip(name, force, noise=0.0, seed=0, substeps=40):
     """Jenkins oscillator from rest; semi-implicit Euler at a 40th of the sample time, friction force clipped."""

@@ -13,12 +13,9 @@ from hystid.report.linked import Linked, Series
 from hystid.report.page import Fact, Page, Table, Verdict
 from hystid.report.plots import Axis, Bars, Heat, Line, Mark, Plot
 
-pytestmark = [
-    pytest.mark.skipif(
-        browser() is None and not os.environ.get("HYSTID_NEEDS_BROWSER"), reason="no Chromium is installed here"
-    ),
-    pytest.mark.xdist_group("browser"),
-]
+pytestmark = pytest.mark.skipif(
+    browser() is None and not os.environ.get("HYSTID_NEEDS_BROWSER"), reason="no Chromium is installed here"
+)
 
 
 @pytest.fixture(scope="module")
