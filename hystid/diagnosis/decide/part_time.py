@@ -45,6 +45,8 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
         if best is None or best is last:
             break
         found += _switched(problem, criterion, before, _exchanged(problem, criterion, best, switched))
+    wider = [(fit, everywhere(problem, fit)) for fit in _ranked(criterion, found)[:_LAWS]]
+    found += _switched(problem, criterion, before, [there for fit, there in wider if there is not fit])
     yield from found
 
 

@@ -30,6 +30,7 @@ _POINTS = 2  # grid points of each form of which the windows of all recordings a
 _SWEEPS = 4  # of choosing the window of each recording beside those of the others
 _SETTLED = 1e-3  # relative gain of a sweep that ends them
 _WORTH = 0.01  # share of the gain that the window of one recording must add: a right law leaves as much
+_MOST = 0.5  # share of what is left in a recording that another window must take there: a wrong law takes some anywhere
 _APART = 0.05  # share of a law's columns by which window and whitening may differ in order
 _RAMP = 0.8  # of a block, over which an effect comes and goes: a jump would be louder than any real one
 _RIDGE = 1e-9  # of the squared length of columns, in a window and over all rows, against those that are zero or alike
@@ -247,7 +248,8 @@ def everywhere(problem: Problem, fitted: Fit) -> Fit:
         last = int(np.argmax(total - np.minimum.accumulate(total)))
         first = int(np.argmin(total[: last + 1]))
         gain = float(np.sum(left) - np.sum(off) + total[last] - total[first])
-        if last > first and gain > 2 * np.log(len(fitted.residual)):  # what two times cost (Schwarz 1978)
+        other = 0.0 if i in windows else _MOST * (float(np.sum(left)) - len(left))  # noise leaves one in each row
+        if last > first and gain > max(2 * np.log(len(fitted.residual)), other):  # two times (Schwarz 1978)
             t = problem.reduce.plain(i, problem.parts[i].t)
             better[i] = Window(float(t[first]), float(t[last - 1]))
     if not better:
