@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hystid.consistency import words
-from hystid.consistency.filters import Form
-from hystid.consistency.force import FOURFOLD, Force, examine_force
+from hystid.consistency.filters import MATTERS, Form
+from hystid.consistency.force import examine_force, is_late
 from hystid.consistency.kinematics import ORDER, Pair, hertz, main_frequency, motion, spectrum
 from hystid.consistency.slips import Slip
 from hystid.consistency.types import Finding
@@ -21,8 +21,6 @@ _LOST = 0.7  # response over the gain below which a channel does not count (3 dB
 _STANDS_OUT = 10.0  # motion over noise from which two channels are coherent, whatever else differs
 _DRIFT = 0.01  # share of the power of a channel
 CERTAIN = 0.8  # coherence at which a response is read band by band
-MATTERS = 0.01  # share of the power of the motion: a tenth of its size
-_SIGMAS_FORCE = 5.0
 PHASE = 0.5  # radians of the main motion beyond which a lag spoils the balance: an eighth of the force moves over
 
 
@@ -177,16 +175,3 @@ def _ought_to_agree(recording: Recording, p: Pair) -> bool:
     hidden = np.maximum(high.level, low.level * high.omega ** (2 * p.order))
     shown = np.interp(p.bands.omega, high.omega, high.density / np.maximum(hidden, 1e-300)) > _STANDS_OUT
     return bool(np.any(shown)) and float(np.median(p.bands.coherence[shown])) < 0.5
-
-
-def is_late(recording: Recording, force: Force) -> bool:
-    """Whether the force comes clearly later or earlier than its motion, by the same time all through the recording."""
-    if recording.quasi_static or not math.isfinite(force.lag_error):
-        return False
-    # fewer standard errors than between channels of the motion, for the power that is left has to drop as well
-    clear = abs(force.lag) > 1.5 * recording.dt and abs(force.lag) > _SIGMAS_FORCE * force.lag_error
-    if force.power > force.power_known and force.share > max(force.reversed_share, force.lag_share):
-        return False  # what drives the motion as it stands is not moved to where it would have to be reversed as well
-    before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
-    passive = (1 - before) > FOURFOLD * (1 - after)
-    return clear and (passive or (1 - force.free_share) > FOURFOLD * (1 - force.free_lag_share))

@@ -14,10 +14,10 @@ import numpy as np
 
 from hystid.consistency import words
 from hystid.consistency.bad_samples import bad_samples, without_bad_samples
-from hystid.consistency.channel_faults import CERTAIN, MATTERS, PHASE, channel_faults, is_late, late_channel
+from hystid.consistency.channel_faults import CERTAIN, PHASE, channel_faults, late_channel
 from hystid.consistency.cut_off import kept_size, with_full_sizes
-from hystid.consistency.filters import Form, filtered
-from hystid.consistency.force import EXPLAINED, SIGMAS_SIGN, Force, examine_force
+from hystid.consistency.filters import MATTERS, Form, filtered
+from hystid.consistency.force import EXPLAINED, SIGMAS_FORCE, SIGMAS_SIGN, Force, examine_force, is_late
 from hystid.consistency.kinematics import (
     ORDER,
     ChannelSpectrum,
@@ -55,7 +55,7 @@ _CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
 _SOUND = 0.005**2  # share of the power of the force that sensors leave which match to 0.5 %: less tells no sign
 _LEAD = math.sin(math.radians(5)) ** 2  # the same of a motion that leads by 5 degrees, as of an AC-coupled sensor ten
 # times above its corner: below a resonance that is a damping which gives out energy
-_FAR = 10.0  # standard errors by which a mass is out of the question, for units of a usual size too
+_FAR = 2 * SIGMAS_FORCE  # standard errors by which a mass is out of the question, for units of a usual size too
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
 _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
 
@@ -531,7 +531,7 @@ def _channels(recording: Recording, compared: Sequence[Pair]) -> dict[str, Chann
     found = {}
     for name, values in recording.channels("Fxva").items():
         how = spectrum(values, recording.dt)
-        band = _counts(name, how, compared, recording)
+        band = _counts(name, how, compared)
         told = recording.origin.get(name, "measured")
         measured = told.startswith("measured") and name not in made
         origin = f"computed from {made[name]}" if name in made and told.startswith("measured") else told
@@ -544,7 +544,7 @@ def _channels(recording: Recording, compared: Sequence[Pair]) -> dict[str, Chann
     return found
 
 
-def _counts(name: str, how: ChannelSpectrum, compared: Sequence[Pair], recording: Recording) -> tuple[float, float]:
+def _counts(name: str, how: ChannelSpectrum, compared: Sequence[Pair]) -> tuple[float, float]:
     band = hertz(how.signal_band())
     mine = [hertz(p.band) for p in compared if name in (p.low, p.high) and p.is_one_motion]
     if not mine:

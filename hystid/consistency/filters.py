@@ -15,15 +15,15 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.consistency.kinematics import ORDER, Pair, median, motion
+from hystid.consistency.kinematics import ORDER, RESPONSE_ERROR, Pair, median, motion
 from hystid.consistency.spectra import Bands, compare
 from hystid.recording import Array, Recording
 
 Complex = NDArray[np.complex128]
-_CALIBRATION = 0.02 / 2.0 ** np.arange(4)  # relative error of a response that a sound chain leaves in each band
+_ERRORS = RESPONSE_ERROR / 2.0 ** np.arange(4)  # what chains may leave, the worst first
 _PRIOR = math.log(100.0)  # one channel in a hundred has a filter inside the band of the test
 _SURE = math.log(1e3)  # odds beyond: a note on a sound recording costs trust in all others
-_MATTERS = 0.01  # share of the power that a filter takes or moves: a tenth of the size
+MATTERS = 0.01  # share of the power of the motion: a tenth of its size
 _FEIGNED = 0.1  # share of the work taken up that a phase may feign: no test states a damping closer
 _FEWEST = 5  # bands with motion: a form has two unknowns, in size and phase each
 _BEYOND = 10.0  # corner outside of the motion, as a factor: beyond, a first-order filter turns by less than a tenth
@@ -115,10 +115,10 @@ class _Held:
     def __init__(self, found: Bands, at: NDArray[np.bool_], sign: float) -> None:
         self.omega, self.response = found.omega[at], found.response[at] * sign
         # what a chain leaves beside noise is not known: each form is judged with what suits it, at most the largest
-        self.weights = 1.0 / (found.variance[at] + _CALIBRATION[:, None] ** 2)
+        self.weights = 1.0 / (found.variance[at] + _ERRORS[:, None] ** 2)
         # which channel holds the noise is not known: the size lies anywhere between the estimates blind to either
         between = np.log(found.coherence[at]) ** 2 / 12.0
-        self.size_weights = 1.0 / (found.variance[at] + _CALIBRATION[:, None] ** 2 + between)
+        self.size_weights = 1.0 / (found.variance[at] + _ERRORS[:, None] ** 2 + between)
         self.low, self.high = found.low[at], found.high[at]
 
     def likelihood(self, forms: Complex) -> Array:
@@ -175,5 +175,5 @@ class _Held:
         damage = np.abs(1.0 - np.where(np.abs(form) > 1.0, 1.0 / form, form)) ** 2
         power = np.maximum(self.low, self.high)
         return any(
-            float(np.sum(damage * w)) > _MATTERS * float(np.sum(w)) for w in (power, power / self.omega ** (2 * order))
+            float(np.sum(damage * w)) > MATTERS * float(np.sum(w)) for w in (power, power / self.omega ** (2 * order))
         )

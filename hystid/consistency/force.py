@@ -7,6 +7,7 @@ any curve of the way since the last turn, so that a hysteresis is not read as a 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,6 @@ _FURTHEST = 20_000  # samples that two clocks may be apart
 _MEMORY = 5  # knots of the curve of the way since the last turn
 _ALIKE = 1.3  # times the smallest unexplained share, up to which a smaller shift is preferred: a sine repeats itself
 _INTEGRATED = 1e-4  # share of noise in the power of an integrated displacement: as from a sensor of 40 dB
-_HALF = 0.5
 _PERIODS = 4  # of the motion, over which its energy is averaged
 _REST = 0.01  # energy at the beginning over the largest one, from which it could tell for a tenth of the force
 _TENTH = 0.1  # of the force, by which a mass would change it
@@ -33,8 +33,11 @@ _NOISY = 0.2  # of an acceleration: twice what sensors of 20 dB leave
 EXPLAINED = 0.5  # of the power of the force that laws explain, from which it belongs to the motion
 _WEIGHED = 0.37  # of a weighed mass: four standard deviations of what fixtures and springs add to its logarithm
 SIGMAS_SIGN = 1.96  # standard errors of a quantity, from which its sign is known (95 %)
+SIGMAS_FORCE = (
+    5.0  # of a lag: fewer than between channels of the motion, for the power that is left has to drop as well
+)
 _FEWEST = 64  # samples of a force that can be compared with a motion
-FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
+_FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
 
 
 @dataclass(frozen=True)
@@ -171,6 +174,18 @@ def examine_force(recording: Recording, *, placed: bool = False) -> Force | None
     )  # fmt: skip
 
 
+def is_late(recording: Recording, force: Force) -> bool:
+    """Whether the force comes clearly later or earlier than its motion, by the same time all through the recording."""
+    if recording.quasi_static or not math.isfinite(force.lag_error):
+        return False
+    clear = abs(force.lag) > 1.5 * recording.dt and abs(force.lag) > SIGMAS_FORCE * force.lag_error
+    if force.power > force.power_known and force.share > max(force.reversed_share, force.lag_share):
+        return False  # what drives the motion as it stands is not moved to where it would have to be reversed as well
+    before, after = max(force.share, force.reversed_share), max(force.lag_share, force.lag_reversed)
+    passive = (1 - before) > _FOURFOLD * (1 - after)
+    return clear and (passive or (1 - force.free_share) > _FOURFOLD * (1 - force.free_lag_share))
+
+
 def _settled(columns: _Columns) -> int:
     """First sample from which on the motion has no more energy than at the end, 0 where it begins at rest; the number
     of samples where it dies away to the end.
@@ -252,7 +267,7 @@ class _Fit:
     def hidden(self, shift: int) -> int:
         """Samples by which the force can be moved from a shift before four times as much is left unexplained."""
         shares = np.sum((self.cross @ self.everything) ** 2, axis=1) / self.total
-        worse = np.flatnonzero(1.0 - shares > FOURFOLD * (1.0 - shares[shift + self.limit]))
+        worse = np.flatnonzero(1.0 - shares > _FOURFOLD * (1.0 - shares[shift + self.limit]))
         return int(np.min(np.abs(worse - self.limit - shift))) if worse.size else self.limit
 
     def best_shift(self) -> int:
@@ -413,11 +428,11 @@ def _fine(columns: _Columns, fit: _Fit, shift: int) -> tuple[float, float]:
             found.append(near[int(np.argmax([own.passive(k, sign) for k in near]))])
     error = float(np.std(found, ddof=1) / np.sqrt(len(found))) if len(found) > 2 else _of_one_blow(columns, fit, shift)
     if abs(shift) >= fit.limit:
-        return float(shift), max(error, _HALF)
+        return float(shift), max(error, 0.5)
     three = [fit.freely(shift + k) for k in (-1, 0, 1)]
     bend = three[0] - 2 * three[1] + three[2]
     between = 0.5 * (three[0] - three[2]) / bend if bend < 0 else 0.0
-    return shift + float(np.clip(between, -_HALF, _HALF)), max(error, 0.1)
+    return shift + float(np.clip(between, -0.5, 0.5)), max(error, 0.1)
 
 
 def _of_one_blow(columns: _Columns, fit: _Fit, shift: int) -> float:

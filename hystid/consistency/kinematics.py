@@ -13,7 +13,7 @@ from hystid.consistency.spectra import HIGHEST, Bands, bands, compare, derived
 from hystid.recording import Array, Recording
 
 ORDER = {"x": 0, "v": 1, "a": 2}
-_CALIBRATION = 0.02  # relative error of a response that a sound chain leaves in each band, beside noise
+RESPONSE_ERROR = 0.02  # relative error of a response that a sound chain leaves in each band, beside noise
 _SECTIONS = 6  # of the recording, whose lags are compared
 _FLAT = 1.0  # exponent of a power spectrum over the highest octave below which it counts as white
 _SAME = 0.9  # squared coherence beyond which nine tenths of a channel come from another one
@@ -21,7 +21,7 @@ _SMOOTHED = 1e4  # ratio of noise powers, force over motion, that no chain of on
 _CLEARLY = 0.1  # share of a misfit that a formula leaves when it is the right one
 _TAPS = 12  # samples on either side from which a formula computes a channel
 _EQUATIONS = 4000  # of it that are looked at
-_DIGITS = 1e-6  # error of a formula over the size of a channel: the last of the digits that text files hold
+DIGITS = 1e-6  # error of a formula over the size of a channel: the last of the digits that text files hold
 _UNDECIDED = math.log(20.0)  # odds of two signs below which the phases do not tell them apart
 _PLATEAU = 1.25  # response over the gain beyond which a filter is at work (2 dB, the usual limit of a sensor's band)
 
@@ -100,7 +100,7 @@ def pair(channels: Mapping[str, Array], low: str, high: str, dt: float) -> Pair:
     turn = _turn(bands(one, other, dt))
     one, other = _shifted(one, other, shift)
     found = bands(one, other, dt)
-    seen, weight = found.seen, 1.0 / (found.variance + _CALIBRATION**2)
+    seen, weight = found.seen, 1.0 / (found.variance + RESPONSE_ERROR**2)
     weight = np.where(seen, weight, 0.0)
     if not np.any(seen):
         return Pair(low, high, np.nan, np.inf, 1.0, 0.0, np.inf, 0.0, np.inf, (0.0, 0.0), 0.0, 0.0, found)
@@ -123,7 +123,7 @@ def pair(channels: Mapping[str, Array], low: str, high: str, dt: float) -> Pair:
 
 
 def _turn(found: Bands) -> float:
-    weight = np.where(found.seen, 1.0 / (found.variance + _CALIBRATION**2), 0.0)
+    weight = np.where(found.seen, 1.0 / (found.variance + RESPONSE_ERROR**2), 0.0)
     return float(np.sum(weight * np.sin(np.angle(found.response))) / max(float(np.sum(weight)), 1e-300))
 
 
@@ -200,7 +200,7 @@ def _scatter(one: Array, other: Array, dt: float, sign: float) -> float:
     lags = []
     for a, b in zip(np.array_split(one, _SECTIONS), np.array_split(other, _SECTIONS), strict=True):
         found = bands(a, b, dt)
-        weight = np.where(found.seen, 1.0 / (found.variance + _CALIBRATION**2), 0.0)
+        weight = np.where(found.seen, 1.0 / (found.variance + RESPONSE_ERROR**2), 0.0)
         if np.any(found.seen):
             lags.append(_delay(found, sign, weight)[0])
     return float(np.std(lags, ddof=1) / np.sqrt(len(lags))) if len(lags) > 2 else np.inf
@@ -344,7 +344,7 @@ def formula(low: Array, high: Array, order: int, dt: float) -> Formula | None:
     table, target = rows[::step], high[_TAPS : len(high) - _TAPS : step]
     scale = float(np.std(low))
     weights = np.linalg.lstsq(table / scale, target, rcond=1e-13)[0] / scale
-    if float(np.std(target - table @ weights)) > _DIGITS * float(np.std(high)):
+    if float(np.std(target - table @ weights)) > DIGITS * float(np.std(high)):
         return None
     slow = float(weights @ (np.arange(-_TAPS, _TAPS + 1) * dt) ** order) / math.factorial(order)
     return Formula(abs(slow), math.copysign(1.0, slow))

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import get_window
 
-from hystid.consistency.kinematics import ORDER, formula
+from hystid.consistency.kinematics import DIGITS, ORDER, formula
 from hystid.diagnosis.prepare.differences import derivative, spectra
 from hystid.numeric import Array
 from hystid.recording import Recording
@@ -33,7 +33,6 @@ _SHARED = 0.5  # coherence of noise at which as much of it is shared as is not
 _OWN = 0.2  # coherence that shared noise cannot have: four fifths of the power would be of its own
 _EXACTLY = 0.01  # misfit of a sum over its steps: rounding, not noise of its own
 _LEAK = 1e-9  # side lobes of the window, 92 dB below the largest line
-_DIGITS = 1e-6  # prediction error over the size of a channel: the last of the digits that text files hold
 _DERIVATIVE = 1e-3  # error of a derivative that the smoother, which takes v = dx/dt as exact, does not notice
 _OCTAVE = np.sqrt(2)  # half of the band, as a ratio of frequencies, in which the slope of a spectrum is taken
 _SCATTER = 1.0  # of the logarithm of a spectrum: lines of hum scatter that of a noise by less than a factor of e
@@ -172,7 +171,7 @@ def _end_of_motion(omega: Array, power: Array) -> int:
 
 def _above_floor(power: Array, size: float) -> NDArray[np.bool_]:
     """Where a spectrum stands above the rounding of text and of float32, and above what the window leaks."""
-    return np.asarray(power > np.maximum(10 * (size * _DIGITS / 10) ** 2 / np.pi, _LEAK * np.max(power)))
+    return np.asarray(power > np.maximum(10 * (size * DIGITS / 10) ** 2 / np.pi, _LEAK * np.max(power)))
 
 
 def _is_exact_but_no_derivative(low: Array, high: Array, order: int, dt: float) -> bool:
