@@ -21,7 +21,7 @@ from hystid.diagnosis.fit.independence import _has_line
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_fit
 from hystid.diagnosis.fit.windows import Window, Windowed, shared, windowed
-from hystid.diagnosis.fit.windowscan import everywhere, scan_windows
+from hystid.diagnosis.fit.windowscan import placed, scan_windows
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects
 from hystid.diagnosis.prepare.given import given_parameters
@@ -490,7 +490,7 @@ def test_a_law_has_a_window_in_each_recording_in_which_it_acts() -> None:
     law = windowed(spring, {0: Window(2.0, 4.2)})
     fit = try_fit(case.problem, replace(case.refit.hypothesis, terms=(Term(law, {"k2": 4e6, **law.near}),)))
     assert fit is not None
-    (term,) = everywhere(case.problem, fit).hypothesis.terms
+    (term,) = placed(case.problem, fit).hypothesis.terms
     assert isinstance(term.effect, Windowed) and term.effect.owners == (0, 1)
     assert term.effect.meanings["t_on_2"] == "Begins to rise, in recording 2"
     # A block of the scan, a fortieth of 6 s; the quadratic spring says little near the middle.

@@ -31,6 +31,7 @@ from hystid.diagnosis.fit.case import (
 )
 from hystid.diagnosis.fit.clipped import below_level, clipped_force, force_stays
 from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.independence import TWO_SIDED
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.fit.search import try_fit
@@ -48,7 +49,6 @@ Decided = tuple[Case, Choice]
 _PLAINER = 4  # hypotheses of fewer numbers that are looked at with a displacement off its zero
 _LEADING, _ROUNDS = 4, 3  # hypotheses whose slow motion is looked at, and rounds of it
 _PROMISED = 0.5  # share of what a fit leaves that zeros, or slow motion, must take to be worth a search
-_USUAL = 1.96  # standard deviations that hold 95 % of a normal distribution
 _RUBBING = 6  # laws with dry friction that are fitted again before a search
 _SEEN = 3.0  # standard deviations of the noise of a channel, from which a motion at rest would be seen
 _STUCK = "nothing moves for a while, though the force goes on: something holds the structure that the model has not"
@@ -243,7 +243,7 @@ def _off_zero(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
 
 def _are_usual(problem: Problem, zeros: Array) -> bool:
     """Whether a displacement sensor is off these zeros [m] in one case of twenty, or more often."""
-    return all(abs(zero) < _USUAL * ZERO * np.std(part.x) for zero, part in zip(zeros, problem.parts, strict=True))
+    return all(abs(zero) < TWO_SIDED * ZERO * np.std(part.x) for zero, part in zip(zeros, problem.parts, strict=True))
 
 
 def _explains(criterion: Criterion, choice: Choice, misfit: float) -> bool:

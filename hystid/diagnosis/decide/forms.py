@@ -9,7 +9,7 @@ where the fitted form is right, 1 where the other one is, negative where the tru
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,18 +135,15 @@ def _refitted(problem: Problem, fitted: Fit, index: int, forms: Sequence[Effect]
     """Fits with each form in the place of a term; none for forms that find no place in the motion, or act on the
     other side."""
     here = fitted.hypothesis
-    bare = replace(here, terms=(*here.terms[:index], *here.terms[index + 1 :]))
     if not forms:
         return
-    start = standing(problem, bare)
+    start = standing(problem, here.without(index))
     sides = {name: here.terms[index].values[name] for name in here.terms[index].effect.choices}
     for candidate in scan(problem, start, forms):
         points = [t for t in (candidate.term, *candidate.others) if sides.items() <= t.values.items() or not sides]
         fits = []
         for term in points[:_STARTS]:
-            made = try_fit(
-                problem, replace(here, terms=(*here.terms[:index], term, *here.terms[index + 1 :])), _ITERATIONS
-            )
+            made = try_fit(problem, here.exchanged(index, term), _ITERATIONS)
             fits += [made] if made is not None and are_reached(problem, made) else []
         if fits:
             yield min(fits, key=lambda made: made.chi2)

@@ -40,7 +40,7 @@ from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drifts, 
 from hystid.diagnosis.model.effects import Effect
 
 _LEAP = 0.5  # share of the misfit that is left by a start from nominal values, from which the refit was stuck
-_ROUNDS = 3  # of looking for a better local minimum of what leads
+ROUNDS = 3  # of looking for a better local minimum of what leads
 _STARTS = 3  # singles from which sets of effects grow
 _TRIED, _LAWS = 6, 4  # forms that are fitted as a further member of a set, and laws among them
 _PAIRS = 16  # pairs of forms, found by a scan of both together, that are fitted from each start
@@ -200,7 +200,7 @@ class Search:
                 first = exchanged(problem, first, self.baseline, self.library)
         if not self._is_reached(first[0]):
             first = searched_again(problem, first, self.baseline, self.floor, self.minima)
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             best = first[0].chi2
             first = finished(problem, exchanged(problem, first, self.baseline, self.library, every=False), self.excess)
             if best - first[0].chi2 < self.criterion.slack:
@@ -300,7 +300,7 @@ class Search:
                 return self._worth(misfit - gain / self.criterion.rows, size, 2)
 
             for pair in scan_pairs(problem, start, self.library, worth, _PAIRS):
-                made = try_fit(problem, replace(here, terms=(*here.terms, *pair.terms)))
+                made = try_fit(problem, here.beside(*pair.terms))
                 known = best.get((pair.ids, pair.size))
                 if made is None or (known and known.fit.chi2 <= made.chi2) or not are_reached(problem, made):
                     continue
@@ -380,8 +380,7 @@ class Search:
             if term.effect.id not in best.names:
                 continue
             others = {t.effect.id for i, t in enumerate(here.terms) if i != at}
-            bare = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
-            start = standing(self.problem, bare)
+            start = standing(self.problem, here.without(at))
             laws = [effect for effect in self.library if effect.id not in others]
             shapes = {name: value for name, value in term.values.items() if name not in term.effect.amplitudes}
             left = unexplained(self.problem, start) - self.floor
@@ -389,8 +388,7 @@ class Search:
             simpler = [c for c in scanned if c.effect.id == term.effect.id and c.effect.size < term.effect.size]
             instead = [c.term for c in (*_one_per_id(scanned)[:_REPLACED], *simpler[:1])]
             for other in (*instead, *_within(term, laws)):
-                there = replace(bare, terms=(*here.terms[:at], other, *here.terms[at + 1 :]))
-                made = try_fit(self.problem, there, incumbent=best.fit.chi2)
+                made = try_fit(self.problem, here.exchanged(at, other), incumbent=best.fit.chi2)
                 if made is not None and are_reached(self.problem, made):
                     names = tuple(other.effect.id if n == term.effect.id else n for n in best.names)
                     size = best.size - term.effect.size + other.effect.size
@@ -404,8 +402,7 @@ class Search:
         formed = self.formed(hypothesis.names) - criterion.level
         for at, term in enumerate(here.terms):
             if term.effect.id in hypothesis.names:
-                rest = replace(here, terms=(*here.terms[:at], *here.terms[at + 1 :]))
-                made = try_fit(self.problem, rest)
+                made = try_fit(self.problem, here.without(at))
                 if made is None:
                     continue
                 names = tuple(name for name in hypothesis.names if name != term.effect.id)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 
 from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.decide.trials import are_reached, fitted_on
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem, standing
-from hystid.diagnosis.fit.search import Candidate, scan, try_fit
+from hystid.diagnosis.fit.search import Candidate, scan, try_fit, try_term
 from hystid.diagnosis.fit.windows import has_edges, in_window_of, is_off_outside, settled, shared
-from hystid.diagnosis.fit.windowscan import everywhere, outside, scan_windows
+from hystid.diagnosis.fit.windowscan import outside, placed, scan_windows
 from hystid.diagnosis.model.effects import Effect
 
 _LAWS, _FORMS = 3, 6  # laws that are fitted to the end, and forms that are tried
@@ -45,15 +44,15 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
         if best is None or best is last:
             break
         found += _switched(problem, criterion, before, _exchanged(problem, criterion, best, switched))
-    wider = [(fit, everywhere(problem, fit)) for fit in _ranked(criterion, found)[:_LAWS]]
-    found += _switched(problem, criterion, before, [there for fit, there in wider if there is not fit])
+    leading = _ranked(criterion, found)[:_LAWS]
+    found += _switched(problem, criterion, before, [new for fit in leading if (new := placed(problem, fit)) is not fit])
     yield from found
 
 
 def _switched(problem: Problem, criterion: Criterion, before: Fit, begun: Iterable[Fit]) -> Iterator[Fit]:
     """Fits of laws in windows, continued, each once with windows of its own and with one for all where they agree,
     without those that are not switched on and off."""
-    for own in (everywhere(problem, fit) for fit in begun):
+    for own in (placed(problem, fit) for fit in begun):
         one = shared(problem, own.hypothesis)
         made = try_fit(problem, one) if one is not None else None
         for fit in (own, *([made] if made is not None else [])):
@@ -65,18 +64,16 @@ def _switched(problem: Problem, criterion: Criterion, before: Fit, begun: Iterab
 def _exchanged(problem: Problem, criterion: Criterion, best: Fit, effects: Sequence[Effect]) -> Iterator[Fit]:
     """Other laws in the windows of the best: a law that was fitted in windows of its own may stand beside them, and
     would lose for that and not for its law."""
-    here = best.hypothesis
-    bare, term = replace(here, terms=here.terms[:-1]), here.terms[-1]
+    start, term = standing(problem, best.hypothesis.without(-1)), best.hypothesis.terms[-1]
     others = [in_window_of(effect, term) for effect in effects if effect.id != term.effect.id]
-    start = standing(problem, bare)
 
     def cost(candidate: Candidate) -> float:
         left = _left(criterion, start) - candidate.gain / criterion.rows
         return criterion.penalty(candidate.effect.size, 1, left) - criterion.likelihood(left)
 
     scanned = sorted(scan(problem, start, others, near=term.law.values), key=cost)
-    for candidate in list({c.effect.id: c for c in reversed(scanned)}.values())[-_LAWS:]:
-        made = try_fit(problem, replace(bare, terms=(*bare.terms, candidate.term)), incumbent=best.chi2)
+    for candidate in _one_each(scanned)[-_LAWS:]:
+        made = try_term(problem, start, candidate.term, incumbent=best.chi2)
         if made is not None:
             yield made
 
@@ -130,9 +127,7 @@ def _to_the_end(problem: Problem, criterion: Criterion, before: Fit, fit: Fit) -
 
 def _alone(problem: Problem, start: Fit, candidates: Iterable[Candidate]) -> list[Fit]:
     """Fits of laws, and windows, beside a baseline that is held."""
-    here = start.hypothesis
-    terms = [(*here.terms, candidate.term) for candidate in candidates]
-    fits = [try_fit(problem, replace(here, terms=t), last=True) for t in terms]
+    fits = [try_fit(problem, start.hypothesis.beside(candidate.term), last=True) for candidate in candidates]
     return [fit for fit in fits if fit is not None]
 
 

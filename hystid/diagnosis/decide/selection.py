@@ -16,7 +16,7 @@ from hystid.diagnosis.decide.criterion import (
     Posterior,
     zero_probability,
 )
-from hystid.diagnosis.decide.hypotheses import Search
+from hystid.diagnosis.decide.hypotheses import ROUNDS, Search
 from hystid.diagnosis.decide.lawfree import free_curves
 from hystid.diagnosis.decide.limits import blames_in_vain
 from hystid.diagnosis.decide.trials import LAST, Trial, are_reached
@@ -28,7 +28,6 @@ from hystid.diagnosis.fit.search import Candidate as Scanned
 from hystid.diagnosis.fit.zeros import zero_of_term
 from hystid.diagnosis.model.effects import Effect
 
-_ROUNDS = 3  # of looking for a better local minimum of what leads
 _ALIKE = 0.05  # of the probability of what leads: less is told apart, unless it fits better with more parameters
 
 
@@ -176,7 +175,7 @@ def _pruned(
     """Hypotheses without the sets of which a member does not count, and with what sets are without one of theirs: what
     grew by the best further effect may hold one that the next makes idle. What leads then has its members exchanged."""
     pruned, seen, idle = list(found), set[frozenset[str]](), set[frozenset[str]]()
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         for h in weighed(pruned).likely:
             if len(h.names) < 2 or frozenset(h.names) in seen:
                 continue
@@ -271,14 +270,14 @@ def _with_one_mass(problem: Problem, fitted: Fit) -> Fit:
     term = here.terms[at]
     name = term.effect.semantics.mass
     whole = replace(term, values={**term.values, name: term.values[name] + here.mass_error * here.values["m"]})
-    there = replace(here, mass_error=0.0, terms=(*here.terms[:at], whole, *here.terms[at + 1 :]))
+    there = replace(here.exchanged(at, whole), mass_error=0.0)
     rows = problem.rows(there)
     return replace(fitted, hypothesis=there, residual=rows, chi2=fitted.chi2 * float(rows @ rows) / fitted.rss)
 
 
 def _to_the_end(problem: Problem, criterion: Criterion, reached: Fit) -> Fit:
     """What is named, fitted to the end: comparisons accept a side minimum, or end early."""
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         if criterion.is_reached(reached.chi2 - problem.floor(reached)):
             return reached
         on = try_fit(problem, reached.hypothesis, LAST) or reached

@@ -25,7 +25,7 @@ from hystid.diagnosis.model.channel_effects import DRIFT, HIGH_PASS, RANGE
 from hystid.diagnosis.model.effects import Effect
 from hystid.errors import NumericalError
 
-SOUND = 0.075  # excess that smoothing and integration leave in healthy recordings
+_HEALTHY = 0.075  # excess that smoothing and integration leave in healthy recordings
 _PROMISING = 0.3  # share of the largest gain of a scan that makes a form worth a fit
 _HOPEFUL = 0.4  # share of the excess that the best trial may leave to be searched again
 _NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
@@ -44,7 +44,7 @@ DELAY = "channel_delay"
 
 @dataclass(frozen=True)
 class Trial:
-    """One hypothesis that was fitted: what was added last, how it went, and the ids that it was not told from."""
+    """One hypothesis that was fitted: what was added last, and how it went."""
 
     name: str
     form: str
@@ -52,7 +52,6 @@ class Trial:
     fit: Fit = field(repr=False)
     absorbed: float = 0.0
     others: tuple[Term, ...] = field(repr=False, default=())
-    tied: tuple[str, ...] = ()
 
     @property
     def chi2(self) -> float:
@@ -92,7 +91,7 @@ def trials(
         if made is not None:
             found.append(_trial(candidate, made))
     found = ranked(problem, found)
-    if found and found[0].chi2 - 1.0 > 2 * SOUND:
+    if found and found[0].chi2 - 1.0 > 2 * _HEALTHY:
         found = ranked(problem, [*_restarts(problem, fitted, found[0]), *found])
     return [t for t in found if not (t.absorbed > ABSORBED and fitted.chi2 - t.chi2 < 0.5 * excess)]
 
@@ -226,8 +225,7 @@ def exchanged(
     near = best.chi2 + _RIVAL * (before.chi2 - best.chi2)
     forms = {t.form_of.class_name: t for t in reversed(found) if t.chi2 < near and t.form_of}
     forms.pop(here.terms[-1].effect.class_name, None)
-    bare = replace(here, terms=here.terms[:-1])
-    start = standing(problem, bare)
+    start = standing(problem, here.without(-1))
     again, law = list(found), here.terms[-1]
     fitted, own = {t.name for t in found}, {shape.name for shape in law.effect.shapes}
     effects = [
@@ -258,7 +256,7 @@ def _wider(problem: Problem, found: Sequence[Trial], library: Sequence[Effect]) 
             continue
         same = {name: law.values.get(name, 0.0) for name in effect.amplitudes}
         near = (Term(effect, {**at, **same}) for at in effect.grid(problem.scales, law.values))
-        starts = [replace(here, terms=(*here.terms[:-1], term)) for term in near if is_itself(problem, term, signals)]
+        starts = [here.exchanged(-1, term) for term in near if is_itself(problem, term, signals)]
         if starts:
             made = try_fit(problem, min(starts, key=partial(_left, problem)), incumbent=best.chi2)
             if made is not None:
@@ -337,5 +335,5 @@ def added_mass_of(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> T
     if mass is None or here.mass_error == 0.0:
         return None
     term = Term(mass, {mass.semantics.mass: here.mass_error * here.values["m"]})
-    made = try_fit(problem, replace(here, mass_error=0.0, terms=(*here.terms, term)))
+    made = try_fit(problem, replace(here.beside(term), mass_error=0.0))
     return Trial(mass.id, mass.form, 1, made) if made is not None else None

@@ -190,9 +190,7 @@ class _Normal:
         targets = {u.key: _moved(here, u, move) for u, move in zip(unknowns, moves, strict=True)}
         return put(here, {u.key: u.within(targets[u.key]) for u in unknowns})
 
-    def _moves(
-        self, here: Hypothesis, unknowns: Sequence[Unknown], damping: float, held: frozenset[int] = frozenset()
-    ) -> Array:
+    def _moves(self, here: Hypothesis, unknowns: Sequence[Unknown], damping: float, held: frozenset[int]) -> Array:
         """Damped Gauss-Newton step; unknowns that it would push over their bounds are set there and the rest solved
         anew."""
         free = [i for i in range(len(unknowns)) if i not in held]

@@ -54,6 +54,22 @@ class Hypothesis:
         """Values of the baseline, the mass as the balance has it."""
         return {**self.values, **({"m": self.mass()} if "m" in self.values else {})}
 
+    def beside(self, *terms: Term) -> Hypothesis:
+        """The same with further effects."""
+        return replace(self, terms=(*self.terms, *terms))
+
+    def without(self, at: int) -> Hypothesis:
+        """The same without one of the effects."""
+        terms = list(self.terms)
+        del terms[at]
+        return replace(self, terms=tuple(terms))
+
+    def exchanged(self, at: int, other: Term) -> Hypothesis:
+        """The same with another effect in the place of one."""
+        terms = list(self.terms)
+        terms[at] = other
+        return replace(self, terms=tuple(terms))
+
     def elsewhere(self) -> Hypothesis:
         """The same without the faults of the force channel, which differ from recording to recording."""
         return replace(self, terms=tuple(term for term in self.terms if not isinstance(term.effect, ChannelEffect)))

@@ -24,7 +24,7 @@ _CELLS = 7  # bins per axis
 _KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it where most of the residual is excess:
 # mismatches of 0.08 of the floor show 0.05 and more, larger ones 0.1 to 1
 _SHOWN = 0.5  # of an excess, which a mismatch shows between cells, by the share of the rest that is noise by its level
-_TWO_SIDED = 1.96  # standard deviations that hold 95 % of a normal distribution
+TWO_SIDED = 1.96  # standard deviations that hold 95 % of a normal distribution
 _LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
 _PERIODS = 8  # in a recording, from which power is a line: its peak in the spectrum is four frequencies wide
 _SHOCKS = 3.6  # kurtosis; 3 for Gaussian noise
@@ -42,12 +42,11 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
         [problem.reduce.plain(i, column) for column in (s.x, s.v, s.a, s.h, problem.parts[i].t)]
         for i, s in enumerate(signals)
     ]
-    ends = np.cumsum([len(columns[0]) for columns in motion])[:-1]
     residual = problem.reduce.evenly(fitted.residual)  # weights that follow the motion would make any noise follow it
-    sure = np.split(problem.reduce.sure(), ends)
+    sure = problem.by_part(problem.reduce.sure())
     if not all(map(np.any, sure)):
         return False  # a law that is sure of nothing says nothing of what it leaves
-    residuals = [_standard(residual, seen) for residual, seen in zip(np.split(residual, ends), sure, strict=True)]
+    residuals = [_standard(residual, seen) for residual, seen in zip(problem.by_part(residual), sure, strict=True)]
     if any(_has_shocks(residual) or _has_line(residual) for residual in residuals):
         return False
     # An acceleration whose noise is louder than it seems holds noise that the residual is made of, and that of the
@@ -68,7 +67,7 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     counts = np.array([np.count_nonzero(seen) for seen in sure])
     known = (_KNOWN[0] + _KNOWN[1] * excess) * float(np.sum(counts))
     # What is left in one recording alone can show there alone.
-    squares = [float(np.mean(rows**2)) for rows in np.split(fitted.residual, ends)]
+    squares = [float(np.mean(rows**2)) for rows in problem.by_part(fitted.residual)]
     own = np.array([max(0.0, 1.0 - floor / square) if square else 0.0 for square in squares])
     shown = max(known, _SHOWN * float(np.sum(own * (1.0 - own) * counts)))
     powers = [(residual**2 - 1.0) * seen for residual, seen in zip(residuals, sure, strict=True)]
@@ -127,7 +126,7 @@ def _independent(
         return _between(rolled[0], rolled[1], cells)
 
     moved = [moved_by(share) for share in shares]
-    scatter = _TWO_SIDED * float(np.std(moved))
+    scatter = TWO_SIDED * float(np.std(moved))
     return _between(values, sure, cells) - float(np.median(moved)) <= max(known, scatter) and scatter <= shown
 
 

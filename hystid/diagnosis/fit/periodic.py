@@ -93,7 +93,7 @@ def without_periodic_forces(problem: Problem, baseline: Fit) -> Fit:
     return fitted
 
 
-def _by_chance(recordings: int, frequencies: int = 1) -> float:
+def _by_chance(recordings: int, frequencies: int) -> float:
     """What two amplitudes in each recording take of the sum of squares of noise, at the best of some frequencies."""
     return float(chi2.isf(_CHANCE / frequencies, 2 * recordings))
 
@@ -101,8 +101,7 @@ def _by_chance(recordings: int, frequencies: int = 1) -> float:
 def _is_everywhere(problem: Problem, before: Fit, after: Fit) -> bool:
     """Whether less is left in most sections of the recording in which the line is strongest: what comes and goes with
     the motion, as at a resonance, is paid for everywhere else."""
-    ends = np.cumsum(problem.row_counts())[:-1]
-    pairs = zip(np.split(before.residual, ends), np.split(after.residual, ends), strict=True)
+    pairs = zip(problem.by_part(before.residual), problem.by_part(after.residual), strict=True)
     gains = [np.array([np.sum(part) for part in np.array_split(u**2 - w**2, _SECTIONS)]) for u, w in pairs]
     return bool(np.median(max(gains, key=np.sum)) > 0)
 

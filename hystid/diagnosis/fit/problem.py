@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, Unknown, get, is_mass, is_source, put
 from hystid.diagnosis.fit.scanned import Columns, Scanned
-from hystid.diagnosis.fit.slopes import Slope, are_near
+from hystid.diagnosis.fit.slopes import Slope, are_near, step_at
 from hystid.diagnosis.fit.velocity_sign import Law, bends, turns_at_once, unsure
 from hystid.diagnosis.model.baseline import Baseline, Held
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
@@ -28,10 +29,10 @@ from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
+_Row = TypeVar("_Row", bound=np.generic)
 DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fault
 LATE_LIMIT = 8.0  # samples
 MASS_TOLERANCE = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
-_STEP = 2e-3  # relative step of difference quotients: laws with corners need a visible one
 _DRAWS, _MOST_DRAWS = 12, 48  # of the noise, from which their scatter is known, and that are made at most
 _SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
 _KEPT = (40_000_000, 24_000_000, 16_000_000)  # bytes that are remembered: laws, forces of effects, rows per unit
@@ -356,6 +357,10 @@ class Problem:
         """Number of rows of each part."""
         return [len(self.reduce.plain(i, part.x)) for i, part in enumerate(self.parts)]
 
+    def by_part(self, rows: NDArray[_Row]) -> list[NDArray[_Row]]:
+        """Rows of all parts, split into those of each."""
+        return np.split(rows, np.cumsum(self.row_counts())[:-1])
+
     def of(self, parts: Sequence[Part]) -> Problem:
         """The same problem on other recordings."""
         return Problem(parts, self.baseline, self.scales)
@@ -490,20 +495,20 @@ class Problem:
     def _source_column(self, hypothesis: Hypothesis, unknown: Unknown, here: list[Array]) -> list[Array]:
         """Derivative by a parameter of an effect that others read: directly, and through them."""
         value = get(hypothesis, unknown.key)
-        step = _STEP * (abs(value) or 1.0) * (-1.0 if value * (1 + _STEP) > unknown.high else 1.0)
+        step = step_at(value, unknown.high)
         there = self.predicted(put(hypothesis, {unknown.key: value + step}))
         return [(moved - force) / step for moved, force in zip(there, here, strict=True)]
 
     def _shape_column(self, hypothesis: Hypothesis, unknown: Unknown, signals: list[Signals]) -> list[Array]:
         value = get(hypothesis, unknown.key)
-        step = _STEP * (abs(value) or 1.0) * (-1.0 if value * (1 + _STEP) > unknown.high else 1.0)
+        step = step_at(value, unknown.high)
         term = hypothesis.terms[int(unknown.key[0])]
         there = self._force(hypothesis, replace(term, values={**term.values, unknown.key[1]: value + step}), signals)
         return [(g - f) / step for f, g in zip(self._force(hypothesis, term, signals), there, strict=True)]
 
     def _law_rows(self, hypothesis: Hypothesis, name: str, signals: list[Signals], slope: Slope) -> Array:
         """Rows of the derivative by a parameter of the law: directly, and through the effects that read its force."""
-        rows, step = slope.rows, _STEP * (abs(hypothesis.values[name]) or 1.0)
+        rows, step = slope.rows, step_at(hypothesis.values[name])
         for term in hypothesis.terms:
             if term.effect.uses_h:
                 moved = [replace(s, h=s.h + step * dh) for s, dh in zip(signals, slope.h, strict=True)]
@@ -521,7 +526,7 @@ class Problem:
                 return slopes
         here = self._law_at(values)
         at = {**self.baseline.nominal, **dict(zip(self.baseline.shapes, shapes, strict=True))}
-        steps = {name: _STEP * (abs(values[name]) or 1.0) for name in self.baseline.shapes}
+        steps = {name: step_at(values[name]) for name in self.baseline.shapes}
         there = self._follow_at(self._held, [{**at, name: at[name] + step} for name, step in steps.items()])
         moved = [
             [((R1 - R0) / step, (h1 - h0) / step) for (R0, h0), (R1, h1) in zip(here, pairs, strict=True)]

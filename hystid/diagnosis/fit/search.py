@@ -153,8 +153,7 @@ def _scores(columns: Columns, beside: _Beside, lowest: Array) -> tuple[Array, Ar
 
 def try_term(problem: Problem, fitted: Fit, term: Term, incumbent: float = 0.0) -> Fit | None:
     """Joint fit of what is there and one more effect; None where it has no finite answer."""
-    start = fitted.hypothesis
-    return try_fit(problem, replace(start, terms=(*start.terms, term)), incumbent=incumbent)
+    return try_fit(problem, fitted.hypothesis.beside(term), incumbent=incumbent)
 
 
 def try_fit(

@@ -54,9 +54,8 @@ def with_robust_errors(problem: Problem, fitted: Fit, variance: float = 1.0) -> 
 
 def _stretches(problem: Problem, number: int) -> list[NDArray[np.int_]]:
     """Rows of at least so many stretches, none across two recordings."""
-    counts = problem.row_counts()
-    each = -(-number // len(counts))
-    recordings = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
+    recordings = problem.by_part(np.arange(sum(problem.row_counts())))
+    each = -(-number // len(recordings))
     return [stretch for rows in recordings for stretch in np.array_split(rows, each)]
 
 

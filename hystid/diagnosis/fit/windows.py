@@ -199,7 +199,7 @@ def shared(problem: Problem, hypothesis: Hypothesis) -> Hypothesis | None:
         return None
     near = dict(zip(_time_window()[1], (begin, end, next(iter(times.values()))[2]), strict=True))
     made = Term(_windowed(effect.inner, near, None), {**term.law.values, **near})
-    return replace(hypothesis, terms=(*hypothesis.terms[:-1], made))
+    return hypothesis.exchanged(-1, made)
 
 
 def in_window_of(effect: Effect, term: Term) -> Effect:

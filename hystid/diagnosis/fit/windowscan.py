@@ -227,20 +227,19 @@ def in_every_interval(problem: Problem, never: Fit, always: Fit) -> Array:
     return np.asarray((np.sum(off) + _within((on - off)[None])[0]) / len(place))
 
 
-def everywhere(problem: Problem, fitted: Fit) -> Fit:
+def placed(problem: Problem, fitted: Fit) -> Fit:
     """A fit of a law in windows, with the window of each recording in which the law as it stands leaves least.
 
     A law that is loud in one recording hides what it does in others; and where it says nothing for a while, as friction
     that holds a structure, no fit moves the end of a window over that while.
     """
     here = fitted.hypothesis
-    bare, term = replace(here, terms=here.terms[:-1]), here.terms[-1]
+    term = here.terms[-1]
     effect = term.effect
     if not isinstance(effect, Windowed) or effect.owners is None:
         return fitted
-    always = replace(here, terms=(*bare.terms, term.law))
-    ends = np.cumsum(problem.row_counts())[:-1]
-    rows = (np.split(residual**2, ends) for residual in (problem.rows(bare), problem.rows(always), fitted.residual))
+    without, always = problem.rows(here.without(-1)), problem.rows(here.exchanged(-1, term.law))
+    rows = (problem.by_part(residual**2) for residual in (without, always, fitted.residual))
     windows = {i: Window(*effect.times(term.values, i)[:2]) for i in effect.owners}
     better: dict[int, Window] = {}
     for i, (off, on, left) in enumerate(zip(*rows, strict=True)):
@@ -257,7 +256,7 @@ def everywhere(problem: Problem, fitted: Fit) -> Fit:
     made = windowed(effect.inner, {**windows, **better})
     ramp = effect.names(effect.owners[0])[2]
     there = Term(made, {**term.law.values, **made.near, ramp: term.values[ramp]})
-    more = try_fit(problem, replace(here, terms=(*bare.terms, there)))
+    more = try_fit(problem, here.exchanged(-1, there))
     return fitted if more is None or more.chi2 > fitted.chi2 else more
 
 
