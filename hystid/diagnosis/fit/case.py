@@ -18,7 +18,7 @@ from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.knocks import NO_LAW, without_knocks
 from hystid.diagnosis.fit.periodic import without_periodic_forces
 from hystid.diagnosis.fit.problem import Problem, standing
-from hystid.diagnosis.fit.refit import refit, refit_again, refit_at_rest, refit_beside, refit_held
+from hystid.diagnosis.fit.refit import Refit, refit, refit_again, refit_at_rest, refit_beside, refit_held
 from hystid.diagnosis.fit.slow_motion import SlowMotion, lacks_slow_motion, settled_along, slow_motion_of
 from hystid.diagnosis.fit.velocity_sign import longest_turn
 from hystid.diagnosis.fit.windows import for_recording
@@ -194,7 +194,7 @@ def pose(
 
 def _begun_at_rest(
     problem: Problem, whole: Sequence[Part], kept: Sequence[int], sized: Mapping[str, float]
-) -> tuple[Problem, tuple[Fit, tuple[Fit, ...], float], tuple[str, ...]] | None:
+) -> tuple[Problem, Refit, tuple[str, ...]] | None:
     """The problem, refitted, with contacts at rest before the first sample of recordings of which their memory leaves
     out most, and how sentences about these begin; None where there are none, or they were not at rest.
 
@@ -227,7 +227,7 @@ def swings_of_the_past(whole: Problem, kept: Problem, fitted: Fit) -> float:
     """
     whole = whole.of(fainter(whole.parts, whole.parts, 0.0))
     here = standing(whole, fitted.hypothesis)
-    noise, rows = whole.floor(here), np.split(here.residual, np.cumsum(whole.row_counts())[:-1])
+    noise, rows = whole.floor(here), whole.by_part(here.residual)
     total, count = 0.0, 0
     for i, (part, other) in enumerate(zip(whole.parts, kept.parts, strict=True)):
         gone = np.rint(whole.reduce.plain(i, (_valid(part) & ~_valid(other)).astype(float))) > 0
@@ -251,19 +251,21 @@ def _within(rows: Array, length: int) -> float:
 def with_the_past(case: Case, problem: Problem) -> Case:
     """The case with another problem: that with the samples whose force depends on what was before, with the motion run
     backwards before them."""
-    refitted, minima, nominal = refit_again(problem, [case.refit, *case.minima])
-    told = (*(note for note in case.notes if _BEFORE not in note), _KEPT)
-    return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=told)
+    notes = (*(note for note in case.notes if _BEFORE not in note), _KEPT)
+    return _refitted(case, problem, refit_again(problem, [case.refit, *case.minima]), notes=notes)
 
 
 def with_what_struck(case: Case) -> Case:
     """The case with the samples that were left out for knocks."""
     problem = case.problem.of(case.struck)
-    refitted, minima, nominal = refit_again(problem, [case.refit, *case.minima])
     notes = tuple(note for note in case.notes if NO_LAW not in note)
-    return replace(
-        case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes, struck=()
-    )  # fmt: skip
+    return _refitted(case, problem, refit_again(problem, [case.refit, *case.minima]), notes=notes, struck=())
+
+
+def _refitted(case: Case, problem: Problem, found: Refit, **changes: Any) -> Case:
+    """The case with another problem and the fits that belong to it."""
+    fitted, minima, nominal = found
+    return replace(case, problem=problem, refit=fitted, minima=minima, nominal_chi2=nominal, **changes)
 
 
 def _with_beginnings(parts: Sequence[Part], remembering: Sequence[Flags]) -> tuple[Part, ...]:
@@ -285,8 +287,8 @@ def _count(part: Part) -> int:
 
 def _by_section(problem: Problem, fitted: Fit) -> list[Array]:
     """Mean squares of the residual in sections of each recording, one after the other."""
-    pieces = np.split(fitted.residual, np.cumsum(problem.row_counts())[:-1])
-    return [np.array([np.sum(u**2) / max(len(u), 1) for u in np.array_split(rows, _SECTIONS)]) for rows in pieces]
+    each = problem.by_part(fitted.residual)
+    return [np.array([np.sum(u**2) / max(len(u), 1) for u in np.array_split(rows, _SECTIONS)]) for rows in each]
 
 
 def _all_same(parts: Sequence[Part], others: Sequence[Part]) -> bool:
@@ -342,30 +344,23 @@ def noise_beside(case: Case, law: Fit) -> Case | None:
     is_fainter = slow_power(problem.parts) >= _LOUDER * slow_power(again.parts)
     if not (is_noise_now or is_fainter or law.chi2 < problem.floor(law) - NOISE_ERROR):
         return None
-    refitted, minima, nominal = refit_beside(again, [case.refit, *case.minima], beside)
-    unseen = tuple(coloured_alike(case.unseen, again.parts))
-    return replace(case, problem=again, refit=refitted, minima=minima, nominal_chi2=nominal, unseen=unseen)
+    found = refit_beside(again, [case.refit, *case.minima], beside)
+    return _refitted(case, again, found, unseen=tuple(coloured_alike(case.unseen, again.parts)))
 
 
 def at_rest(case: Case, effects: Sequence[Effect]) -> Case | None:
     """The case with the rows weighed down in which dry friction that was left out may hold the structure; None where
     there are none."""
     problem = case.problem.weighed(case.problem.parts)
-    return _refitted(case, problem, refit_at_rest(problem, [case.refit, *case.minima], effects))
+    found = refit_at_rest(problem, [case.refit, *case.minima], effects)
+    return _refitted(case, problem, found) if found is not None else None
 
 
 def held_for_a_while(case: Case, start: Fit, effects: Sequence[Effect]) -> Case | None:
     """The same for dry friction that acts for a part of the time. start: the baseline as it fits where nothing acts."""
     problem = case.problem.weighed(case.problem.parts)
-    return _refitted(case, problem, refit_held(problem, [case.refit, *case.minima], start, effects))
-
-
-def _refitted(case: Case, problem: Problem, found: tuple[Fit, tuple[Fit, ...], float] | None) -> Case | None:
-    """The case with another weighing of its rows, and the fits that belong to it."""
-    if found is None:
-        return None
-    refitted, minima, nominal = found
-    return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal)
+    found = refit_held(problem, [case.refit, *case.minima], start, effects)
+    return _refitted(case, problem, found) if found is not None else None
 
 
 def never_let_go(case: Case, fit: Fit) -> Case | None:
@@ -379,10 +374,9 @@ def never_let_go(case: Case, fit: Fit) -> Case | None:
         return None
     before, problem = history(kept), case.problem.of(parts)
     start = Hypothesis(fit.hypothesis.values, (Term(before, dict.fromkeys(before.amplitudes, 0.0)),))
-    refitted, minima, nominal = refit_again(problem, [replace(fit, hypothesis=start)])
     begun = tuple(f"{part.name} begins in mid-motion" for part in parts)
     notes = (*(note for note in case.notes if not note.startswith(begun)), *told)
-    return replace(case, problem=problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=notes)
+    return _refitted(case, problem, refit_again(problem, [replace(fit, hypothesis=start)]), notes=notes)
 
 
 def moved_slowly(case: Case, laws: Sequence[Fit], most: float = np.inf) -> Case | None:
@@ -394,11 +388,8 @@ def moved_slowly(case: Case, laws: Sequence[Fit], most: float = np.inf) -> Case 
     if not any(any(part.colour) for part in best.problem.parts) and (seen := _colour(best.problem, best.fit, led=True)):
         best = replace(best, problem=best.problem.of(seen))
     start = replace(best.fit, hypothesis=replace(best.fit.hypothesis, terms=case.refit.hypothesis.terms))
-    refitted, minima, nominal = refit_again(best.problem, [start, case.refit, *case.minima])
-    return replace(
-        case, problem=best.problem, refit=refitted, minima=minima, nominal_chi2=nominal, notes=best.told(case.notes),
-        unseen=unseen_along(case, best),
-    )  # fmt: skip
+    found = refit_again(best.problem, [start, case.refit, *case.minima])
+    return _refitted(case, best.problem, found, notes=best.told(case.notes), unseen=unseen_along(case, best))
 
 
 def unseen_along(case: Case, found: SlowMotion) -> tuple[Part, ...]:
@@ -417,7 +408,7 @@ def off_zero(case: Case, zeros: Array, law: Fit) -> Case:
     shares = [abs(zero) / float(np.std(part.x)) for zero, part in zip(zeros, parts, strict=True)]
     problem = case.problem.of(parts)
     start = replace(law, hypothesis=replace(law.hypothesis, terms=case.refit.hypothesis.terms))
-    refitted, minima, nominal = refit_again(problem, [start, case.refit, *case.minima])
+    fits = refit_again(problem, [start, case.refit, *case.minima])
     unseen = case.unseen
     if unseen:
         there = case.problem.elsewhere(unseen)
@@ -431,8 +422,7 @@ def off_zero(case: Case, zeros: Array, law: Fit) -> Case:
             if share > _NO_ZERO * max(shares)
         )
     )
-    fits = replace(case, refit=refitted, minima=minima, nominal_chi2=nominal)
-    return replace(fits, problem=problem, unseen=unseen, notes=(*case.notes, told))
+    return _refitted(case, problem, fits, unseen=unseen, notes=(*case.notes, told))
 
 
 def _no_force(baseline: Baseline, parts: Sequence[Part]) -> str:

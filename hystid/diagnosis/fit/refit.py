@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,10 +19,10 @@ _JUMPS = 2  # rounds in which rows near jumps are found, and the refit begins ag
 _APART = 0.01  # relative difference of mean squares that makes two optima of the refit
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
+Refit = tuple[Fit, tuple[Fit, ...], float]  # the best fit, other optima, and the mean square at the nominal values
 
-def refit(
-    problem: Problem, kept: Sequence[int] = (), sized: Mapping[str, float] | None = None
-) -> tuple[Fit, tuple[Fit, ...], float]:
+
+def refit(problem: Problem, kept: Sequence[int] = (), sized: Mapping[str, float] | None = None) -> Refit:
     """The baseline from several starts, other optima that were met, and the mean square at the nominal values.
 
     Further starts only while something is left: where a simplex comes to from the nominal shapes, these made smaller
@@ -63,16 +62,14 @@ def refit(
     return _without_jumps(problem, fits, nominal)
 
 
-def refit_again(problem: Problem, before: Sequence[Fit]) -> tuple[Fit, tuple[Fit, ...], float]:
+def refit_again(problem: Problem, before: Sequence[Fit]) -> Refit:
     """The same from fits of another problem with the same recordings, of which the noise is known better now."""
     made = [one for fit in before if (one := try_fit(problem, fit.hypothesis, 25)) is not None]
     nominal = _nominal(problem, before)
     return _without_jumps(problem, sorted(made or before[:1], key=lambda f: f.chi2), nominal)
 
 
-def refit_at_rest(
-    problem: Problem, before: Sequence[Fit], effects: Sequence[Effect]
-) -> tuple[Fit, tuple[Fit, ...], float] | None:
+def refit_at_rest(problem: Problem, before: Sequence[Fit], effects: Sequence[Effect]) -> Refit | None:
     """The same with the rows weighed down in which a structure may stand still by dry friction that was left out; None
     where there are none.
 
@@ -83,14 +80,10 @@ def refit_at_rest(
     friction = try_term(problem, before[0], scanned[0].term) if scanned else None
     if friction is None:
         return None
-    sure, nominal = problem.reduce.sure(), _nominal(problem, before)
-    problem.distrust(friction.hypothesis, nominal, refit=before[0].hypothesis)
-    return _weighed(problem, before, nominal) if np.any(sure & ~problem.reduce.sure()) else None
+    return _where_it_moves(problem, before, friction.hypothesis, _nominal(problem, before))
 
 
-def refit_held(
-    problem: Problem, before: Sequence[Fit], start: Fit, effects: Sequence[Effect]
-) -> tuple[Fit, tuple[Fit, ...], float] | None:
+def refit_held(problem: Problem, before: Sequence[Fit], start: Fit, effects: Sequence[Effect]) -> Refit | None:
     """The same for dry friction that acts for a part of the time: it is as large as the largest force that the
     baseline leaves. start: the baseline as it fits where nothing acts."""
     turning = [effect for effect in effects if effect.turns and effect.amplitudes]
@@ -101,14 +94,18 @@ def refit_held(
     left = zip(problem.balance_shown(start.hypothesis), problem.parts, strict=True)
     most = max(float(np.max(np.abs(f if part.valid is None else f * part.valid))) for f, part in left)
     friction = Term(effect, {**shapes, **dict.fromkeys(effect.amplitudes, most)})
-    sure, nominal = problem.reduce.sure(), _nominal(problem, before)
-    problem.distrust(
-        replace(start.hypothesis, terms=(*start.hypothesis.terms, friction)), nominal, refit=start.hypothesis
-    )
-    return _weighed(problem, [start, *before], nominal) if np.any(sure & ~problem.reduce.sure()) else None
+    held = start.hypothesis.beside(friction)
+    return _where_it_moves(problem, [start, *before], held, _nominal(problem, before))
 
 
-def refit_beside(problem: Problem, before: Sequence[Fit], law: Fit) -> tuple[Fit, tuple[Fit, ...], float]:
+def _where_it_moves(problem: Problem, before: Sequence[Fit], friction: Hypothesis, nominal: Hypothesis) -> Refit | None:
+    """Fits again with the rows weighed down in which friction may hold the structure; None where there are none."""
+    sure = problem.reduce.sure()
+    problem.distrust(friction, nominal, refit=before[0].hypothesis)
+    return _weighed(problem, before, nominal) if np.any(sure & ~problem.reduce.sure()) else None
+
+
+def refit_beside(problem: Problem, before: Sequence[Fit], law: Fit) -> Refit:
     """The same from fits of another problem with the same recordings, with the rows weighed down in which a law jumps
     that explains what they leave: a refit that is led astray jumps elsewhere."""
     nominal = _nominal(problem, before)
@@ -120,14 +117,14 @@ def _nominal(problem: Problem, before: Sequence[Fit]) -> Hypothesis:
     return Hypothesis(dict(problem.baseline.nominal), before[0].hypothesis.terms)
 
 
-def _weighed(problem: Problem, before: Sequence[Fit], nominal: Hypothesis) -> tuple[Fit, tuple[Fit, ...], float]:
+def _weighed(problem: Problem, before: Sequence[Fit], nominal: Hypothesis) -> Refit:
     """Fits again with the rows weighed as they are."""
     made = [one for fit in before if (one := try_fit(problem, fit.hypothesis, 25)) is not None]
     best, *others = sorted(made or before[:1], key=lambda f: f.chi2)
     return best, _minima(best, others), float(np.mean(problem.rows(nominal) ** 2))
 
 
-def _without_jumps(problem: Problem, fits: Sequence[Fit], nominal: Hypothesis) -> tuple[Fit, tuple[Fit, ...], float]:
+def _without_jumps(problem: Problem, fits: Sequence[Fit], nominal: Hypothesis) -> Refit:
     """The best fit (they are sorted), other optima, and the mean square at the nominal values, with the rows weighed
     down in which a law jumps."""
     best, *others = fits
