@@ -127,6 +127,20 @@ RECORDINGS = [
     recording("unequal steps", spoilt(t=np.cumsum(0.2 + np.abs(np.sin(np.arange(N)))) * DT), "--resample"),
     recording("gaps everywhere", spoilt(t=T + 0.5 * (np.arange(N) // 80)), "4 gaps"),
     recording("constant force", spoilt(F=np.full(N, 3.0)), "channel F: the channel is constant"),
+    *(
+        Case(
+            f"constant force, {what}",
+            f"hystid {command} -o out",
+            "channel F: the channel is constant (3)",
+            "bad.csv",
+            csv(spoilt(F=np.full(N, 3.0))),
+        )
+        for what, command in (
+            ("examined", "check bad.csv"),
+            ("diagnosed", "diagnose bad.csv --model HystId.Oscillators.Linear"),
+            ("accepted", "diagnose bad.csv --model HystId.Oscillators.Linear --accept constant"),
+        )
+    ),
     recording("clipped force", spoilt(F=np.clip(F, -0.6 * F.max(), 0.6 * F.max())), "cut off at"),
     recording("a loose plug", spoilt(x=at(X, slice(100, 180), X[100])), "while others move"),
     recording("x in mm, labelled m", spoilt(x=1e3 * X), "it looks like mm"),

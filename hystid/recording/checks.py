@@ -62,13 +62,17 @@ def _not_finite(table: Table, name: str, values: Array) -> list[Problem]:
 
 
 def _constant(table: Table, name: str, values: Array) -> list[Problem]:
-    spread = float(np.ptp(values))
-    if spread > 1e-12 * float(np.max(np.abs(values), initial=0.0)):
+    if not is_constant(values):
         return []
     found = f"the channel is constant ({values[0]:.6g})"
     action = "check that the sensor was connected" + (", or remove the column" if name in ("v", "a", "R") else "")
     rule = "missing_force" if name == "F" and not np.any(values) else "constant"
     return [table.problem(rule, found, action, name)]
+
+
+def is_constant(values: Array) -> bool:
+    """Whether a channel changes by no more than rounding."""
+    return float(np.ptp(values)) <= 1e-12 * float(np.max(np.abs(values), initial=0.0))
 
 
 def _clipped(table: Table, name: str, values: Array) -> list[Problem]:

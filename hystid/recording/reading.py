@@ -142,7 +142,7 @@ def _recording(table: Table, channels: Channels, door: _Door) -> Recording:
     _refuse_unusable(channels.values, [*problems, *channel_problems(table, channels.values)])
     values, extra, lost = _without_lost_rows(table, channels)
     table = replace(table, lines=None) if lost else table  # lines are counted with the lost rows
-    checked = {name: u for name, u in values.items() if door.force or name != "F" or np.ptp(u) != 0}
+    checked = {name: u for name, u in values.items() if door.force or name != "F" or np.any(u)}
     more = [*lost, *channel_problems(table, checked), *order_problems(table, values["t"])]
     report(more, door.accept)  # what follows needs an increasing time axis
     if not np.all(np.isfinite(values["t"])):

@@ -23,6 +23,7 @@ from hystid.diagnosis.prepare.user_smoothing import smoothed_alike
 from hystid.errors import RecordingError
 from hystid.processing import prepare
 from hystid.recording import Recording, Sources, check_together, loaded
+from hystid.recording.checks import is_constant
 from hystid.smoothing.noise import is_noise_free
 
 # faults that the diagnosis names instead of refusing them
@@ -102,7 +103,7 @@ def inputs_missing(refusal: RecordingError) -> bool:
 
 
 def _check_content(tests: Sequence[Recording]) -> None:
-    """Raises NotDiagnosable where a recording has no motion, or too few samples."""
+    """Raises NotDiagnosable for a recording without motion or with too few samples, RecordingError for a constant F."""
     for test in tests:
         if test.x is None and test.v is None and test.a is None:
             raise NotDiagnosable(f"{test.name} has no channel of the motion: record x, v or a beside F")
@@ -110,6 +111,9 @@ def _check_content(tests: Sequence[Recording]) -> None:
             raise NotDiagnosable(
                 f"{test.name} has {len(test)} samples: at least {SHORTEST} are needed, better thousands"
             )
+        if test.F is not None and is_constant(test.F) and np.any(test.F):
+            told = f"{test.name}, channel F: the channel is constant ({test.F[0]:.6g})"
+            raise RecordingError(f"{told}; check that the sensor was connected, or leave F out of a free decay")
 
 
 def _bounded(tests: list[Recording]) -> list[Recording]:
