@@ -195,6 +195,16 @@ def test_what_no_channel_can_confirm_is_said() -> None:
     """Without a mass nothing weighs the force; with it, each unit but the right one is found."""
     assert "lbf" in examine([rig()]).undecided("F")[0]
     assert examine([rig()], mass=MASS).undecided("F") == []
+
+
+def test_a_unit_of_the_mass_is_undecided_where_fixtures_may_weigh_as_much() -> None:
+    """F over a shows the mass to a per cent. Of 2.5 kg, which it shows, 2.5 lb would leave less than half; of 3.7 kg it
+    shows 2.5, and 3.7 lb are as near to that."""
+    assert examine([rig()], mass=MASS).undecided("m") == []
+    (told,) = examine([rig()], mass=1.48 * MASS).undecided("m")
+    assert "in lb does not show: fixtures and springs may weigh as much as the unit would change" in told
+    (told,) = examine([replace(rig(), x=None, v=None, a=rig(-10.0).a)], mass=MASS).undecided("m")
+    assert "F over a shows the mass too roughly" in told
     assert "the mass is not known" in examine([rig()]).summary()
 
 

@@ -293,6 +293,8 @@ def _undecided(recording: Recording, situation: Situation, force: Force | None) 
     clock = [] if recording.quasi_static or "t" not in recording.units else ["t"]
     weighed = ["m"] if situation.mass else []
     rest = "F over a shows the mass too roughly" if situation.mass else "the mass is not known"
+    if situation.mass_ratio is not None and situation.mass_ratio[1] <= GIVEN:  # the scale is the rougher one
+        rest = "fixtures and springs may weigh as much as the unit would change"
     why = {"t": f"only rates against each other show it, and {rest}", "m": rest, "F": rest}
     for name in [*clock, *weighed, *(["F"] if recording.F is not None else []), *motion(recording)]:
         doubtful = doubtful_units(situation, name)

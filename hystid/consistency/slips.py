@@ -159,23 +159,30 @@ def _size_is_among(listed: Sequence[Slip], one: Slip) -> bool:
 
 
 def doubtful_units(situation: Situation, name: str) -> list[str]:
-    """Units that a channel, or t, could be in unnoticed: no ratio tells them from the unit of the header."""
+    """Units that a channel, or t, could be in unnoticed: the ratios neither speak for that of the header against them,
+    at odds of 20, nor have them named."""
     table = ANGULAR if situation.rotational else LINEAR
     left = []
     for slip in _times(situation) if name == "t" else _units(name, table[name], situation):
         if not math.isfinite(slip.factor):
             continue
         shift = math.log(slip.factor)
-        seen = sum(
-            (_power(pair, slip) * shift) ** 2 / (CALIBRATION**2 + pair.error**2)
+        against = sum(
+            _odds(math.log(pair.gain), _power(pair, slip) * shift, math.hypot(CALIBRATION, pair.error))
             for pair in situation.pairs
             if math.isfinite(pair.gain)
         )
         if situation.mass_ratio is not None:
-            seen += (_mass_power(situation, slip) * shift) ** 2 / (GIVEN**2 + situation.mass_ratio[1] ** 2)
-        if 0.5 * seen + slip.prior < SURE:
+            ratio, error = situation.mass_ratio
+            against += _odds(math.log(abs(ratio)), _mass_power(situation, slip) * shift, math.hypot(GIVEN, error))
+        if against < SURE and slip.prior - against < SURE:
             left.append(slip.units[1])
     return left
+
+
+def _odds(seen: float, shift: float, error: float) -> float:
+    """Logarithm of the odds for a ratio of 1 against one that a slip shifts, both as logarithms."""
+    return 0.5 * ((seen - shift) ** 2 - seen**2) / error**2
 
 
 def clock_is_likelier(name: str, rms: float, rate: float) -> bool:
