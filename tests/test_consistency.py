@@ -654,3 +654,21 @@ def test_ratios_that_no_slip_explains_are_told_as_such() -> None:
     plain = rig()
     found = examine([plain.with_channels({"v": 7 * plain.channel("v"), "a": 17 * plain.channel("a")})]).findings
     assert [f.slip for f in found] == ["not_one_motion"] and "several things are wrong" in found[0].mend
+
+
+def test_a_channel_that_follows_no_other_is_told_as_such() -> None:
+    """x of another structure beside v and a: others are there, and say nothing about it."""
+    other = np.random.default_rng(3).standard_normal(N) * 1e-4
+    (told,) = (s for s in examine([replace(rig(), x=other)], MASS).undecided("x"))
+    assert "it does not follow the other channels of the motion" in told
+    (told,) = (s for s in examine([replace(rig(), v=None, a=None, F=None)]).undecided("x") if "unit" not in s)
+    assert "no other channel of the motion is there" in told
+
+
+def test_a_recording_that_is_too_short_is_told_as_not_examined() -> None:
+    """63 samples: neither is anything left open about single channels, nor does nothing speak against them."""
+    found = examine([rig().part(slice(0, 63))], MASS)
+    assert found.findings == [] and not found.undecided("tFxvam")
+    assert "rig was not examined: of 63 samples nothing can be compared; at least 64 are needed" in found.summary()
+    assert "nothing speaks against" not in found.summary()
+    assert "not examined" not in examine([rig().part(slice(0, 64))], MASS).summary()

@@ -44,13 +44,12 @@ from hystid.consistency.slips import (
     misfit_limit,
     with_alike,
 )  # fmt: skip
-from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
+from hystid.consistency.types import SHORTEST, Balance, Channel, Examination, Examined, Finding, Relation
 from hystid.consistency.unstated import several_units
 from hystid.errors import UsageError
 from hystid.recording import Array, Recording, Sources, loaded, own_mass
 
 _log = logging.getLogger("hystid")
-_SHORTEST = 64  # samples below which spectra say nothing
 _CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
 _SOUND = 0.005**2  # share of the power of the force that sensors leave which match to 0.5 %: less tells no sign
 _LEAD = math.sin(math.radians(5)) ** 2  # the same of a motion that leads by 5 degrees, as of an AC-coupled sensor ten
@@ -120,11 +119,11 @@ def check(
 def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Finding]]:
     findings: list[Finding] = []
     moves = all(np.ptp(values) > 0 for values in motion(recording).values())  # a constant channel is told as such
-    timed = not recording.quasi_static and len(recording) >= _SHORTEST and moves
+    timed = not recording.quasi_static and len(recording) >= SHORTEST and moves
     kept = {name: kept_size(values) for name, values in motion(recording).items()} if timed else {}
     compared = with_full_sizes(pairs(recording), kept) if timed else []
     channels = _channels(recording, compared)
-    force = examine_force(_as_measured(recording, channels, kept)) if len(recording) >= _SHORTEST and moves else None
+    force = examine_force(_as_measured(recording, channels, kept)) if len(recording) >= SHORTEST and moves else None
     inertia = _inertia(recording, force, mass)
     forms = {(p.low, p.high): form for p in compared if (form := _form(recording, p, inertia)) is not None}
     late = late_channel(recording, compared, forms)
@@ -289,6 +288,8 @@ def _explanation(situation: Situation) -> Explanation:
 
 def _undecided(recording: Recording, situation: Situation, force: Force | None) -> dict[str, str]:
     """What no other channel of the recording can confirm."""
+    if len(recording) < SHORTEST:
+        return {}  # nothing was examined
     found = {}
     clock = [] if recording.quasi_static or "t" not in recording.units else ["t"]
     weighed = ["m"] if situation.mass else []
@@ -299,7 +300,7 @@ def _undecided(recording: Recording, situation: Situation, force: Force | None) 
     for name in [*clock, *weighed, *(["F"] if recording.F is not None else []), *motion(recording)]:
         doubtful = doubtful_units(situation, name)
         if doubtful:
-            reason = why.get(name, f"no other channel of the motion is there, and {rest}")
+            reason = why.get(name, f"{_why_alone(recording, situation, name)}, and {rest}")
             called = "the mass" if name == "m" else name
             found[name] = f"whether {called} is in {', '.join(doubtful)} does not show: {reason}"
     if recording.x is None and not recording.quasi_static and motion(recording):
@@ -312,6 +313,17 @@ def _undecided(recording: Recording, situation: Situation, force: Force | None) 
         late = f"a lag of F below {words.milliseconds(hidden)} does not show: hysteresis explains F as well"
         found["F"] = f"{found['F']}; {late}" if "F" in found else late
     return found
+
+
+def _why_alone(recording: Recording, situation: Situation, name: str) -> str:
+    """Why no other channel of the motion tells the unit of one."""
+    if len(motion(recording)) < 2:
+        return "no other channel of the motion is there"
+    if recording.quasi_static:
+        return "without a time no rate can be compared with it"
+    if any(name in (p.low, p.high) for p in situation.pairs):
+        return "the other channels of the motion show it too roughly"
+    return "it does not follow the other channels of the motion"
 
 
 def _copied(recording: Recording, mass: float | None) -> list[Finding]:

@@ -13,6 +13,7 @@ from hystid.recording import Recording
 from hystid.results import Result
 
 Severity = Literal["refuse", "note"]
+SHORTEST = 64  # samples below which spectra say nothing
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,14 @@ class Examined:
     balance: Balance | None
     undecided: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def unexamined(self) -> str:
+        """Why nothing of it was compared, as a sentence; empty where that was done."""
+        if self.samples >= SHORTEST:
+            return ""
+        few = f"{self.recording} was not examined: of {self.samples} samples nothing can be compared"
+        return f"{few}; at least {SHORTEST} are needed"
+
 
 @dataclass(frozen=True)
 class Examination(Result, report="examination", json="check.json"):
@@ -143,6 +152,11 @@ class Examination(Result, report="examination", json="check.json"):
     def notes(self) -> list[Finding]:
         """Findings that a user should know of."""
         return [item for item in self.findings if item.severity == "note"]
+
+    @property
+    def unexamined(self) -> list[str]:
+        """Of recordings that were not compared: why, as sentences."""
+        return [item.unexamined for item in self.examined if item.unexamined]
 
     def accepting(self, rules: Mapping[str, Collection[str]]) -> Examination:
         """The same with refusals turned into notes: name of a recording -> slips that are accepted there."""

@@ -47,6 +47,8 @@ def page(result: Examination, command: str) -> Page:
         if item.undecided:
             made.text("What this recording does not show, and was not checked:")
             made.bullets(item.undecided.values())
+        if item.unexamined:
+            made.text(f"{item.unexamined}.")
         if further := _further(result, item):
             made.text(further)
         recording = next((r for r in result.recordings[:_SHOWN] if r.name == item.recording), None)
@@ -67,7 +69,10 @@ def verdict(result: Examination) -> Verdict:
         return Verdict("bad", f"{first.recording}: {first.sentence}", f"To mend it: {first.mend}.")
     if result.notes:
         first = result.notes[0]
-        return Verdict("warn", f"The channels fit together, with {_notes(len(result.notes))}", f"{first.sentence}.")
+        fit = "Not all was examined" if result.unexamined else "The channels fit together"
+        return Verdict("warn", f"{fit}, with {_notes(len(result.notes))}", f"{first.sentence}.")
+    if result.unexamined:
+        return Verdict("warn", "Too short to be examined", f"{'. '.join(result.unexamined)}.")
     return Verdict("good", "Nothing speaks against using these recordings", "Units, signs and clocks fit together.")
 
 
@@ -90,7 +95,8 @@ def summary(result: Examination) -> str:
         parts += [further] if (further := _further(result, item)) else []
         parts[before:] = map(turned_text, parts[before:]) if item.rotational else parts[before:]
     parts += [f"{'mend' if f.severity == 'refuse' else 'note'}: {f}" for f in (*result.refusals, *result.notes)]
-    if not result.findings:
+    parts += result.unexamined
+    if not result.findings and not result.unexamined:
         parts.append("nothing speaks against using these recordings")
     return "\n".join(parts)
 
