@@ -672,3 +672,14 @@ def test_a_recording_that_is_too_short_is_told_as_not_examined() -> None:
     assert "rig was not examined: of 63 samples nothing can be compared; at least 64 are needed" in found.summary()
     assert "nothing speaks against" not in found.summary()
     assert "not examined" not in examine([rig().part(slice(0, 64))], MASS).summary()
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_mass_that_the_force_contradicts_is_a_note(factor: float) -> None:
+    """No unit is twice another one, and fixtures may be heavy: nothing is refused, and both masses are told."""
+    (told,) = examine([rig()], factor * MASS).findings
+    assert (told.slip, told.severity) == ("wrong_mass", "note")
+    assert told.seen == pytest.approx({"apparent mass": MASS, "given mass": factor * MASS}, rel=0.03)
+    assert "says a mass of 2.498 kg" in told.sentence and f"not {factor * MASS:g} kg" in told.sentence
+    assert "give --mass 2.498" in told.mend
+    assert examine([rig()], 1.4 * MASS).findings == []

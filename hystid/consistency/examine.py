@@ -163,6 +163,8 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
                 and all(_denied_without(others, mended, mass) for others in left_out)
             ):  # fmt: skip
                 findings.append(words.no_inertia(recording, force, mass))
+            if mass and not findings and (ratio := _mass_apart(situation)):
+                findings.append(words.mass_apart(recording, mass, ratio))
         whole = [p for p in compared if kept[p.low] == kept[p.high] == 1.0]
         findings += channel_faults(recording, compared, whole, best.slips, forms, late)
     relations = [
@@ -389,6 +391,12 @@ def _weighs(force: Force, mass: float, times: float = SIGMAS_SIGN) -> bool:
     """Whether a force shows a mass within so many standard errors of a weighed one."""
     error = math.hypot(GIVEN, force.mass_ratio_error)
     return force.mass > 0 and math.isfinite(error) and abs(math.log(force.mass / mass)) < times * error
+
+
+def _mass_apart(situation: Situation) -> float:
+    """Apparent over given mass, where they differ by more than weighing and the error of the test explain; else 0."""
+    ratio, error = situation.mass_ratio or (0.0, 0.0)
+    return ratio if ratio > 0 and abs(math.log(ratio)) > SIGMAS_SIGN * math.hypot(GIVEN, error) else 0.0
 
 
 def _mended(recording: Recording, best: Explanation) -> Recording:

@@ -145,6 +145,12 @@ def _mass(name: str, slip: Slip, rotational: bool, mass: float | None) -> Findin
     return Finding(name, "m", "wrong_mass", sentence, mend, "refuse", seen)
 
 
+def mass_apart(recording: Recording, mass: float, ratio: float) -> Finding:
+    """A mass that F over a shows, further off the given one than fixtures and springs, and no unit. ratio: of both."""
+    told = _mass(recording.name, Slip("gain", ("m",), 0.0, 1.0 / ratio), recording.rotational, mass)
+    return replace(told, severity="note")
+
+
 def no_inertia(recording: Recording, force: Force, mass: float) -> Finding:
     """The force follows the motion without the mass that was given."""
     word, unit = ("inertia", "kg.m2") if recording.rotational else ("mass", "kg")
