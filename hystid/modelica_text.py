@@ -61,9 +61,12 @@ def with_class(model: str) -> str:
     """A model with its class: a file alone stands for its only model, or for Extended, as ``diagnose`` writes it, and a
     folder for the file extended.mo that it wrote there.
 
-    Raises UsageError, ModelicaError where a file holds none or several."""
+    Raises UsageError, ModelicaError where a file holds none or several, or a folder none."""
     if (written := Path(model, "extended.mo")).is_file():
         model = str(written)
+    elif Path(model).is_dir():
+        told = f"{model}: this folder holds no extended.mo, as diagnose writes it"
+        raise UsageError(f"{told}: write a class such as HystId.Oscillators.Jenkins, or file.mo:Class")
     if not model.endswith(".mo") or not Path(model).is_file():
         return model
     return f"{model}:{EXTENDED if has_class(text_of(Path(model), UsageError), EXTENDED) else only_class(Path(model))}"

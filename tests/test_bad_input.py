@@ -74,6 +74,12 @@ def truncated_onnx(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:60])
 
 
+def in_a_folder(path: Path) -> None:
+    path.parent.mkdir()
+    path.write_text("no model")
+    Path("unseen.csv").write_text(csv({**GOOD, "F [N]": 1.1 * F}))
+
+
 Content = str | bytes | Callable[[Path], None]
 
 
@@ -233,6 +239,17 @@ ARGUMENTS = [
         "not JSON",
         "p.json",
         "{",
+    ),
+    *(
+        Case(
+            f"folder without a model, {command.split()[0]}",
+            f"hystid {command} --model rig -o out",
+            "this folder holds no extended.mo",
+            "rig/notes.txt",
+            in_a_folder,
+            2,
+        )
+        for command in ("diagnose good.csv", "identify good.csv --mass 0 --holdout unseen.csv")
     ),
     Case("baseline class not found", "hystid diagnose good.csv --model HystId.Oscillators.Jenkin -o out", "Jenkin"),
 ]
