@@ -57,7 +57,8 @@ def _switched(problem: Problem, criterion: Criterion, before: Fit, begun: Iterab
         made = try_fit(problem, one) if one is not None else None
         for fit in (own, *([made] if made is not None else [])):
             ended = _to_the_end(problem, criterion, before, fit)
-            if has_edges(ended) and are_reached(problem, ended) and is_off_outside(problem, ended):
+            is_switched = has_edges(ended) and are_reached(problem, ended)
+            if is_switched and is_off_outside(problem, ended, criterion.floor, criterion.slack):
                 yield settled(problem, ended)
 
 

@@ -292,10 +292,11 @@ def has_edges(fitted: Fit) -> bool:
     return max(widths) < _EDGE
 
 
-def is_off_outside(problem: Problem, fitted: Fit) -> bool:
+def is_off_outside(problem: Problem, fitted: Fit, floor: float, slack: float) -> bool:
     """Whether the last effect would have been seen outside of its window, had it acted there: else the window says
-    nothing but that the motion was small. It is seen where it is a part of what it is inside, or where it stands out
-    of what the fit leaves."""
+    nothing but that the motion was small. It is seen where it is a part of what it is inside, or where it is more than
+    the fit leaves there beyond the noise, and than is open about the noise. floor, slack: mean squares of the noise,
+    and of what is open about it."""
     hypothesis = fitted.hypothesis
     term, signals = hypothesis.terms[-1], problem.signals(hypothesis)
     effect = term.effect
@@ -311,5 +312,5 @@ def is_off_outside(problem: Problem, fitted: Fit) -> bool:
     if float(np.mean(beyond)) > _SHOWN * float(np.mean(within)):
         return True
     closed = np.concatenate([problem.reduce.plain(i, shut) for i, shut in enumerate(gates)]) == 0
-    rows = problem.reduce(forces)[closed]
-    return bool(rows @ rows > fitted.residual[closed] @ fitted.residual[closed])
+    seen, left = (float(np.mean(rows[closed] ** 2)) for rows in (problem.reduce(forces), fitted.residual))
+    return seen > slack + max(left - floor, 0.0)
