@@ -264,6 +264,23 @@ def test_a_window_that_quiet_ends_show_is_found(noise: float, known: float) -> N
     assert finding.parameters["t_off_1"].value == pytest.approx(4.0, abs=known)
 
 
+def test_what_strikes_while_a_law_acts_is_the_law() -> None:
+    """Four large swings, and a cubic spring in two of them. They look like knocks, which the motion does not repeat;
+    without them a name stays doubtful, and the law that leaves noise there as well is surer."""
+
+    def size(t: np.ndarray) -> np.ndarray:
+        return 0.3 + 0.7 * np.sum([np.exp(-(((t - at) / 0.04) ** 2)) for at in (0.8, 2.5, 3.1, 5.0)], axis=0)
+
+    def force(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return 1e10 * x**3 * ((t > 2.0) & (t < 4.0))
+
+    found = diagnose([modulated(size, force, 0.02)], model=MODEL, parameters=NOMINAL)
+    (finding,) = found.findings
+    assert finding.effect == "cubic_stiffness"
+    assert finding.confidence > 0.9  # less than one in ten, where four swings tell
+    assert not any("knock" in note for note in found.notes)
+
+
 @pytest.mark.parametrize(("rest", "swings"), [((2.0, 3.5), (2.1, 3.4)), ((1.8, 6.0), (2.3, 4.5))])
 def test_what_holds_a_structure_at_rest_is_missing(rest: tuple[float, float], swings: tuple[float, float]) -> None:
     """Nothing moves for a while, or to the end, while the force swings on: the rest says no law, and not that nothing

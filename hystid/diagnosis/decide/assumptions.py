@@ -113,13 +113,14 @@ def _not_cut_off(case: Case, choice: Choice) -> Case:
 
 
 def _struck(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
-    """With the samples that were left out for knocks, where a law has a name that leaves noise there as well: what acts
-    for a while may strike a few times."""
-    if choice.named or not case.struck:
+    """With the samples that were left out for knocks, where a law has a name that leaves noise there as well, and
+    something unknown is less probable: what acts for a while may strike a few times."""
+    if not case.struck or (choice.named and not _is_doubtful(choice)):
         return case, choice
     whole = with_what_struck(case)
     again = chosen(whole, library)
-    return (whole, again) if again.named and leaves_noise(whole.problem, again.after) else (case, choice)
+    is_surer = not choice.named or again.posterior.unknown < choice.posterior.unknown
+    return (whole, again) if again.named and is_surer and leaves_noise(whole.problem, again.after) else (case, choice)
 
 
 def _cut_off(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
