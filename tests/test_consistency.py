@@ -683,3 +683,27 @@ def test_a_mass_that_the_force_contradicts_is_a_note(factor: float) -> None:
     assert "says a mass of 2.498 kg" in told.sentence and f"not {factor * MASS:g} kg" in told.sentence
     assert "give --mass 2.498" in told.mend
     assert examine([rig()], 1.4 * MASS).findings == []
+
+
+@pytest.mark.parametrize(("seed", "K", "band", "tau"), [(6, 15500.0, (6, 10), 1.5), (0, 3e4, (6, 10), 1.5)])
+def test_a_mass_that_nothing_shows_exchanges_nothing(
+    seed: int, K: float, band: tuple[float, float], tau: float
+) -> None:
+    """F and x of a rig with dry friction, recorded from mid-motion on while a burst dies away: as the columns are
+    called, no stretch tells a mass; the other way any mass is within the errors, and only a spring is seen."""
+    n, before, sub, fs, rng = 2800, 700, 4, 1500.0, np.random.default_rng(seed)
+    m, B, Ks, fc = 4.0, 8.0, 21000.0, 1.2
+    t = (np.arange(n + before) - before) / fs
+    F = sosfilt(butter(2, band, "band", fs=fs, output="sos"), rng.standard_normal(n + before))
+    F = 1.3 * F / np.std(F[before:]) * np.exp(-t / tau)
+    x = np.zeros(n + before)
+    u = v = z = 0.0
+    for i, f in enumerate(F):
+        x[i] = u
+        for _ in range(sub):
+            v += (f - B * v - K * u - z) / m / fs / sub
+            u += v / fs / sub
+            z = min(max(z + Ks * v / fs / sub, -fc), fc)  # an elastic slider
+    channels = {name: values[before:] for name, values in {"F": F, "x": x}.items()}
+    noisy = {name: y + 1e-3 * np.std(y) * rng.standard_normal(n) for name, y in channels.items()}
+    assert not examine([Recording("burst", t[before:], **noisy)], m).findings

@@ -379,12 +379,18 @@ def _force_for_x(recording: Recording, mass: float | None) -> Finding | None:
     if here is None or there is None or recording.rotational:
         return None
     for other, with_units in others if mass and not _weighs(here, mass, _FAR) else ():
-        if other is not None and mass and _weighs(other, mass) and other.share > max(here.share, EXPLAINED):
+        weighs = other is not None and mass and _has_mass(other) and _weighs(other, mass)
+        if other is not None and weighs and other.share > max(here.share, EXPLAINED):
             return words.force_exchanged(recording.name, "x", other.share, with_units=with_units)
     active = 0.5 * here.samples * math.log(max(1 - here.reversed_share, 1e-9) / max(1 - here.share, 1e-9)) < -_CLEAR
     if (active or largest > 1.0) and there.share > max(here.share, 0.5) and float(np.std(F)) < 0.1 and largest > 1.0:
         return words.force_exchanged(recording.name, "x", there.share)
     return None
+
+
+def _has_mass(force: Force) -> bool:
+    """Whether a force shows that it moves a mass."""
+    return force.mass > 0 and force.mass_ratio_error < 1 / SIGMAS_SIGN
 
 
 def _weighs(force: Force, mass: float, times: float = SIGMAS_SIGN) -> bool:
@@ -473,7 +479,7 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
         odds += _CLEAR * 2 * math.copysign(1.0, force.correlation) if recording.quasi_static else 0.0
     # energy that is taken up, and a mass, speak against a reversed force, whatever drift and decays make of the rest
     takes_up = not shifted and force.power > force.power_known
-    moves_mass = not shifted and force.mass > 0 and force.mass_ratio_error < 1 / SIGMAS_SIGN
+    moves_mass = not shifted and _has_mass(force)
     if odds < -_CLEAR and other > 0.2 and not (takes_up or moves_mass):
         found.append(words.force_reversed(recording.name, force, other, share, names))
     if shifted:
