@@ -46,6 +46,26 @@ REFUSED = {
         7,
         r"3 equations for 2 unknowns \(y, x\), 1 too many: 'x = 1' \(rig.mo:5\), 'x \+ y = 3' \(rig.mo:6\), 'y = 2'",
     ),
+    "too many equations for states": (
+        model(
+            "  Real x(start=0, fixed=true), v(start=0, fixed=true);\nequation\n  der(x) = v;\n  der(v) = -x;\n"
+            "  x + v = 1;\n"
+        ),
+        6,
+        r"3 equations for 2 unknowns \(v, x\), 1 too many: 'der\(x\) = v' \(rig.mo:4\), .*'x \+ v = 1' \(rig.mo:6\)",
+    ),
+    "a torque on a free end": (
+        model(
+            "  J a(phi(start=1, fixed=true)), b;\n  G g;\nequation\n  connect(a.b, g.a);\n  connect(g.b, b.a);\n"
+            "  a.a.tau = sin(time);\n  b.b.tau = -b.w;\n",
+            "connector F\n  Real phi;\n  flow Real tau;\nend F;\n"
+            "model J\n  F a, b;\n  Real phi, w;\nequation\n  phi = a.phi;\n  phi = b.phi;\n  w = der(phi);\n"
+            "  der(w) = a.tau + b.tau;\nend J;\n"
+            "model G\n  F a, b;\nequation\n  a.phi = 3*b.phi;\n  3*a.tau + b.tau = 0;\nend G;\n",
+        ),
+        3,
+        r"2 too many: .*'a\.a\.tau = sin\(time\)' \(rig.mo:26\), '0 = a\.a\.tau'",
+    ),
     "two sources side by side": (
         model(
             "  V one, two;\n  G g;\nequation\n  connect(one.p, two.p);\n  connect(one.n, two.n);\n"

@@ -47,7 +47,22 @@ def causalise(flat: FlatModel, parameters: Mapping[str, float]) -> HybridModel:
 def _sortable(events: EventModel) -> tuple[EventModel, dict[str, str]]:
     events, aliases = _without_aliases(events)  # no equation says that two unknown variables are equal
     events = silenced(events)  # no event without effect
+    _counted(events, aliases)  # as many equations as unknowns
     return reduce_index(events, aliases, _unknowns), aliases  # no equation ties states alone
+
+
+def _counted(events: EventModel, aliases: Mapping[str, str]) -> None:
+    """Raises ModelicaError where equations and unknowns differ in number. A state counts once, whether an equation
+    speaks of it or of its derivative: states tied by equations are no fault of the count."""
+    unknowns = _unknowns(events, aliases)
+    if len(events.equations) != len(unknowns):
+        states = {der(s): s for s in events.states}
+        names = {states.get(u, u) for u in unknowns}
+        found = (preference(e, {*unknowns, *names}) for e in events.equations)
+        options = [list(dict.fromkeys(states.get(n, n) for n in each)) for each in found]
+        owner, left = matching(options, sorted(names))
+        unmatched = sorted(names - owner.keys())
+        raise _singular(events, Incidence(events.equations, options, owner, left, unmatched))  # type: ignore[arg-type]  # the same
 
 
 def _of_kind(events: EventModel, *kinds: str) -> list[str]:
@@ -181,7 +196,7 @@ def _derivatives(events: EventModel, aliases: Mapping[str, str]) -> tuple[Step, 
     owner, left = matching(options, unknowns)
     if left or len(owner) < len(unknowns):
         unmatched = [u for u in unknowns if u not in owner]
-        raise _singular(events, Incidence(equations, options, owner, left, unmatched))  # type: ignore[arg-type]  # the same
+        raise _tied_states(events, Incidence(equations, options, owner, left, unmatched))  # type: ignore[arg-type]  # the same
     return tuple(solve_order(equations, owner, _guessed(events)))  # type: ignore[arg-type]  # all have an owner
 
 
@@ -200,17 +215,26 @@ def _with_initial(e: ScalarEquation, value: Num) -> ScalarEquation:
 
 
 def _singular(events: EventModel, found: Incidence) -> ModelicaError:
+    first = (
+        events.scalar.variables.get(found.unmatched[0].removeprefix("der(").removesuffix(")"))
+        if found.unmatched
+        else None
+    )
+    return structural_error(found, str(first.place) if first else events.scalar.flat.name)
+
+
+def _tied_states(events: EventModel, found: Incidence) -> ModelicaError:
+    """Of as many equations as unknowns, some determine nothing: those between states are a matter of the index."""
     equations, left = found.equations, found.left
     held = sorted((refs(equations[left[0]].left) | refs(equations[left[0]].right)) & set(events.states)) if left else []
-    if held:
-        missing = ", ".join(f"'{u}'" for u in found.unmatched[:4])
-        return ModelicaError(
-            f"{equations[left[0]].place}: this equation ties the state(s) {', '.join(held)} together, so that "
-            f"{missing or 'a derivative'} would need differentiated equations (index reduction), which is not "
-            "supported: state the derivatives as variables of their own and give forces x and v as inputs"
-        )
-    first = events.scalar.variables.get(found.unmatched[0].removeprefix("der(").removesuffix(")")) if not left else None
-    return structural_error(found, str(first.place) if first else events.scalar.flat.name)
+    if not held:
+        return _singular(events, found)
+    missing = ", ".join(f"'{u}'" for u in found.unmatched[:4])
+    return ModelicaError(
+        f"{equations[left[0]].place}: this equation ties the state(s) {', '.join(held)} together, so that "
+        f"{missing or 'a derivative'} would need differentiated equations (index reduction), which is not "
+        "supported: state the derivatives as variables of their own and give forces x and v as inputs"
+    )
 
 
 def _event_order(events: EventModel, derivatives: Sequence[Step]) -> tuple[Step, ...]:

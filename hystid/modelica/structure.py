@@ -93,6 +93,7 @@ def _names(names: Sequence[str]) -> str:
 
 
 def _texts(found: Incidence, which: Sequence[int]) -> str:
-    shown = [found.equations[k] for k in which[:_SHOWN]]
+    fewest = sorted(which, key=lambda k: len(found.options[k]))[:_SHOWN]  # these tell most
+    shown = [found.equations[k] for k in sorted(fewest)]
     texts = [f"'{equation_text(op('-', e.left, e.right))}' ({e.place.short})" for e in shown]
     return ", ".join(texts) + (" and more" if len(which) > _SHOWN else "")
