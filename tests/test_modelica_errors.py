@@ -66,6 +66,27 @@ REFUSED = {
         3,
         r"2 too many: .*'a\.a\.tau = sin\(time\)' \(rig.mo:26\), '0 = a\.a\.tau'",
     ),
+    "a member that a bus does not declare": (
+        model(
+            "  Bus bus;\n  O o;\nequation\n  connect(o.y, bus.speed);\n",
+            "expandable connector Bus end Bus;\nconnector Out = output Real;\nblock O\n  Out y = time;\nend O;\n",
+        ),
+        10,
+        "adds a member that the connector does not declare; this is not supported: declare the member in the connector",
+    ),
+    "outputs of a distribution": (
+        model(
+            "  Real x(start=0, fixed=true), y, z;\nequation\n  der(x) = 1;\n"
+            "  (y, z) = spatialDistribution(time, 0, x, true, {0, 1}, {0, 0});\n"
+        ),
+        5,
+        r"spatialDistribution\(\) is not supported: discretise in space with an array of states",
+    ),
+    "a counter without pre": (
+        model("  Integer n(start=0, fixed=true);\nequation\n  when time > 0.3 then\n    n = n + 1;\n  end when;\n"),
+        2,
+        r"'n' depends on itself at one instant; break the loop with pre\(\), as in n = pre\(n\) \+ 1",
+    ),
     "two sources side by side": (
         model(
             "  V one, two;\n  G g;\nequation\n  connect(one.p, two.p);\n  connect(one.n, two.n);\n"

@@ -8,7 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from hystid.modelcode import BuiltInText, Enumeration
-from hystid.modelica.dictionary import REFUSED, DictionaryReader
+from hystid.modelica.diagnostics import REFUSED
+from hystid.modelica.dictionary import DictionaryReader
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text
 from hystid.modelica.flat import (
     Action,

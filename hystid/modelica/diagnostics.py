@@ -14,6 +14,17 @@ _QUOTED = re.compile(
     r":? [`']?([A-Za-z_][\w.\[\]]*)"
 )
 
+# Built-in operators outside the subset, with the way around.
+REFUSED = {
+    "spatialDistribution": "discretise in space with an array of states",
+    "terminate": "end the experiment from outside",
+    "inStream": "streams are not supported: use plain connectors",
+    "actualStream": "streams are not supported: use plain connectors",
+    "previous": "use sample(start, interval) and pre()",
+    "hold": "use sample(start, interval) and pre()",
+    "subSample": "use sample(start, interval) and pre()",
+    "cardinality": "state the number of connections by a parameter",
+}
 
 # keywords (Modelica specification 3.6, section 2.3.3): none of them is what was meant by a name
 _KEYWORDS = """
@@ -59,6 +70,9 @@ def explain(message: str, name: str, files: Sequence[Source], library: Sequence[
     core = _core(message)
     place = _PLACE.search(message)
     where = f"{place.group(1)}:{place.group(2)}" if place else _search(message, core, name, sources)
+    operator = re.search(r"unresolved Flat reference [`'](\w+)[`']", core)
+    if operator and operator.group(1) in REFUSED:
+        return ModelicaError(f"{where}: {operator.group(1)}() is not supported: {REFUSED[operator.group(1)]}")
     return ModelicaError(f"{where}: {_plain(core)}{_advice(core, sources)}")
 
 
@@ -194,7 +208,12 @@ _ADVICE = (
         r"not a discrete coordinate",
         "; a state is set by reinit(x, value); assign an array as a whole, u = {...}, or name its elements as scalars",
     ),
-    (r"dependency cycle", "; break the loop with pre()"),
+    (r"dependency cycle", "; break the loop with pre(), as in n = pre(n) + 1"),
+    (
+        r"member augmentation",
+        "; this is not supported: declare the member in the connector, expandable connector Bus Real speed; end Bus",
+    ),
+    (r"when-equation LHS", "; write name = expression in a when-clause, solved for what is assigned"),
     (
         r"found Enumeration",
         "; write Integer(e), where e is the name of a variable or of a parameter",
@@ -237,6 +256,11 @@ _WORDS = (
     (r"unsupported Flat semantic owner ", "not supported: "),
     (r"missing source scope for imports:?", "an output that is left out, as in (, y) = f(x), is not supported"),
     (r".*expected a numeric expression, found Enumeration.*", "an enumeration stands where a number has to"),
+    (
+        r"invalid Appendix B discrete solved form: [`']([^`']+)[`'] .* dependency cycle",
+        r"the value of '\1' depends on itself at one instant",
+    ),
+    (r"requires unsupported member augmentation", "adds a member that the connector does not declare"),
     (r"; unknowns\[.*", ""),
     (r"\s*\(line \d+\)", ""),
     ("`", "'"),

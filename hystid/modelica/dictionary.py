@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 from hystid.errors import ModelicaError
 from hystid.modelica.connections import Connections, is_connection
-from hystid.modelica.diagnostics import declared_at
+from hystid.modelica.diagnostics import REFUSED, declared_at
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text, balanced_sum
 from hystid.modelica.flat import Place
 from hystid.modelica.sources import Source
@@ -23,17 +23,6 @@ _UNARY = {"Minus": "neg", "Not": "not", "Plus": "+", "DotMinus": "neg", "DotPlus
 
 # The front end is asked for this class, which extends the wanted one.
 ASKED_FOR = "HystidStructure"
-# Built-in operators outside the subset, with the way around.
-REFUSED = {
-    "spatialDistribution": "discretise in space with an array of states",
-    "terminate": "end the experiment from outside",
-    "inStream": "streams are not supported: use plain connectors",
-    "actualStream": "streams are not supported: use plain connectors",
-    "previous": "use sample(start, interval) and pre()",
-    "hold": "use sample(start, interval) and pre()",
-    "subSample": "use sample(start, interval) and pre()",
-    "cardinality": "state the number of connections by a parameter",
-}
 
 
 class DictionaryReader:
