@@ -515,6 +515,32 @@ def test_the_front_end_still_refuses_what_the_way_around_lets_through(name: str,
         pytest.fail(f"rumoca {metadata.version('rumoca')} takes this: {name}.py is no longer needed")
 
 
+def test_derivatives_of_expressions_in_declarations(tmp_path: Path) -> None:
+    """In values and modifiers, of a class with an annotation and of one with functions and classes in it."""
+    path = tmp_path / "A.mo"
+    path.write_text("""
+model B
+  Real a, x = 1 + 2*time;
+  Real d = der(x*x) annotation(HideResult = false);
+  annotation(experiment(StopTime = 2));
+end B;
+model A
+  function f
+    input Real u;
+    output Real y;
+  algorithm
+    y := 2*u;
+  end f;
+  Real x = 1 + 2*time;
+  B b(a = der(
+    x^2));
+  Real y = f(der(x*x + time)) + b.a + b.d;
+end A;""")
+    got = CompiledModel(compile_model(f"{path}:A")).simulate({}, 0.05, rows=21, outputs=["y"])
+    x = 1 + 2 * np.linspace(0, 1, 21)
+    np.testing.assert_allclose(got["y"], 2 * (4 * x + 1) + 8 * x, atol=1e-12)
+
+
 DROPPED = {
     "dropped_modifiers": (
         """

@@ -1,4 +1,4 @@
-"""``der(expression)`` in an equation of a model, by a variable of its own.
+"""``der(expression)`` in an equation or a declaration of a model, by a variable of its own.
 
 rumoca 0.10 takes one variable as the operand ("der(...) must have exactly one resolved variable-reference operand").
 ``der(a*x)`` becomes ``der(hystid_der_1)`` with ``Real hystid_der_1 = a*x`` declared in the same class. Not where the
@@ -8,7 +8,6 @@ operand holds the index of a loop or stands in an algorithm or in a function: th
 from __future__ import annotations
 
 import re
-from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import count
 
@@ -20,6 +19,7 @@ from hystid.modelica.workarounds.edits import Edit, edited
 _DERIVATIVE = re.compile(r"(?<![\w.])der\s*\(")
 _VARIABLE = re.compile(r"\s*[A-Za-z_][\w.]*(?:\s*\[[^\[\]]*\](?:\s*\.\s*\w+)*)*\s*\Z")
 _SECTION = re.compile(r"\b(?:initial\s+)?(?:equation|algorithm)\b")
+_ANNOTATION = re.compile(r";\s*(annotation\s*\()")
 _INDEX = re.compile(r"\bfor\s+(\w+)\s+in\b")
 
 
@@ -37,13 +37,15 @@ def _edits(source: Source, found: Sequence[Class]) -> Iterator[Edit]:
         owner = _innermost(found, der.start())
         if owner is None or owner.kind not in ("model", "block", "class") or owner.short or _VARIABLE.match(operand):
             continue
-        section = deque(_SECTION.finditer(plain, owner.body, der.start()), maxlen=1)
-        first = _SECTION.search(plain, owner.body, owner.tail)
+        sections = [
+            m for m in _SECTION.finditer(plain, owner.body, owner.tail) if _innermost(found, m.start()) is owner
+        ]
+        before = [m.group() for m in sections if m.start() < der.start()]
         indices = set(_INDEX.findall(plain, owner.body, owner.tail))
-        if not section or "algorithm" in section[0].group() or indices & set(re.findall(r"\w+", operand)) or not first:
+        if (before and "algorithm" in before[-1]) or indices & set(re.findall(r"\w+", operand)):
             continue
         name = f"hystid_der_{next(numbers)}"
-        at = _declarations_end(owner, found, first)
+        at = sections[0].start() if sections else _end(owner)
         yield at, at, f"protected Real {name} = {' '.join(source.text[der.end() : end].split())}; "
         yield der.end(), end, name + "\n" * plain.count("\n", der.end(), end)
 
@@ -54,12 +56,10 @@ def _innermost(found: Sequence[Class], offset: int) -> Class | None:
     return holding[-1] if holding else None
 
 
-def _declarations_end(owner: Class, found: Sequence[Class], first: re.Match[str]) -> int:
-    """Where the first section of the class itself begins, classes in it left aside."""
-    at = first
-    while (inner := _innermost(found, at.start())) is not None and inner is not owner:
-        following = _SECTION.search(owner.source.plain, inner.end, owner.tail)
-        if following is None:
-            return owner.tail
-        at = following
-    return at.start()
+def _end(owner: Class) -> int:
+    """Where the declarations of a class without a section end: its own annotation comes last."""
+    plain = owner.source.plain
+    for said in _ANNOTATION.finditer(plain, owner.body, owner.tail):
+        if plain[closing(plain, said.end() - 1) + 1 : owner.tail].strip() == ";":
+            return said.start(1)
+    return owner.tail
