@@ -317,6 +317,27 @@ def test_damaged_or_foreign_bytes_are_refused(version):
 # ---- derivatives ----
 
 
+@BOTH
+def test_a_state_of_another_model_is_refused(version):
+    """Its memory may be shorter than what would be copied."""
+    suffix = "FMUstate" if version == 2 else "FMUState"
+    with start(linear, version) as other, start(jenkins, version) as instance:
+        foreign, kept = get_state(other), get_state(instance)
+        for name, arguments in (
+            (f"Set{suffix}", (foreign,)),
+            (f"Get{suffix}", (byref(foreign),)),
+            (f"Serialize{suffix}", (foreign, ctypes.create_string_buffer(4096), c_size_t(4096))),
+        ):
+            assert instance.function(name)(instance.component, *arguments) == 3, name
+            assert "no state of this model" in instance.last_message
+            instance.last_message = ""
+        other.call(f"Set{suffix}", foreign)  # and it is as it was
+        instance.call(f"Set{suffix}", kept)
+        instance.call(f"Get{suffix}", byref(kept))  # room that the importer gives is taken
+        instance.call(f"Free{suffix}", byref(kept))
+        other.call(f"Free{suffix}", byref(foreign))
+
+
 def directional(instance, make, unknowns, knowns, seed):
     u, k = references(make, *unknowns), references(make, *knowns)
     seed, result = np.asarray(seed, float), np.zeros(len(unknowns))
