@@ -93,7 +93,7 @@ def test_no_step_is_tried_twice() -> None:
     unknowns = problem.unknowns(here)
     normal = _Normal(problem.jacobian(here, unknowns), problem.rows(here))
     tried = [
-        np.array([normal._moves(here, unknowns, damping)]) * normal.scale
+        np.array([normal._moves(here, unknowns, damping, frozenset())]) * normal.scale
         for damping, _, _ in normal.steps(here, unknowns, 1e-11)
     ]
     assert 1 < len(tried) < 7
