@@ -133,9 +133,9 @@ def _listed(words: Sequence[str]) -> str:
 
 def _mass(name: str, slip: Slip, rotational: bool, mass: float | None) -> Finding:
     given, unit = mass or 0.0, "kg.m2" if rotational else "kg"
-    word = "inertia" if rotational else "mass"
+    word = "an inertia" if rotational else "a mass"
     true = given / slip.factor
-    sentence = f"F over a at high frequency says a {word} of {_number(true)} {unit}, not {_number(given)} {unit}"
+    sentence = f"F over a at high frequency says {word} of {_number(true)} {unit}, not {_number(given)} {unit}"
     if slip.kind == "unit":
         sentence += f": it looks like {slip.units[1]}"
     seen = {"apparent mass": true, "given mass": given}
