@@ -62,7 +62,7 @@ def _counted(events: EventModel, aliases: Mapping[str, str]) -> None:
         options = [list(dict.fromkeys(states.get(n, n) for n in each)) for each in found]
         owner, left = matching(options, sorted(names))
         unmatched = sorted(names - owner.keys())
-        raise _singular(events, Incidence(events.equations, options, owner, left, unmatched))  # type: ignore[arg-type]  # the same
+        raise _singular(events, Incidence(events.equations, options, owner, left, unmatched))
 
 
 def _of_kind(events: EventModel, *kinds: str) -> list[str]:
@@ -196,8 +196,8 @@ def _derivatives(events: EventModel, aliases: Mapping[str, str]) -> tuple[Step, 
     owner, left = matching(options, unknowns)
     if left or len(owner) < len(unknowns):
         unmatched = [u for u in unknowns if u not in owner]
-        raise _tied_states(events, Incidence(equations, options, owner, left, unmatched))  # type: ignore[arg-type]  # the same
-    return tuple(solve_order(equations, owner, _guessed(events)))  # type: ignore[arg-type]  # all have an owner
+        raise _tied_states(events, Incidence(equations, options, owner, left, unmatched))
+    return tuple(solve_order(equations, owner, _guessed(events)))
 
 
 def _guessed(events: EventModel) -> set[str]:
@@ -215,11 +215,8 @@ def _with_initial(e: ScalarEquation, value: Num) -> ScalarEquation:
 
 
 def _singular(events: EventModel, found: Incidence) -> ModelicaError:
-    first = (
-        events.scalar.variables.get(found.unmatched[0].removeprefix("der(").removesuffix(")"))
-        if found.unmatched
-        else None
-    )
+    names = (u.removeprefix("der(").removesuffix(")") for u in found.unmatched)
+    first = events.scalar.variables.get(next(names, ""))
     return structural_error(found, str(first.place) if first else events.scalar.flat.name)
 
 
@@ -449,7 +446,7 @@ class _Start:
                 f"{v.place if v else self.events.scalar.flat.name}: nothing determines '{missing[0]}' at the start: "
                 "give it a start value with fixed=true, or an initial equation"
             )
-        return owner, equations, defaults, surplus  # type: ignore[return-value]  # the same
+        return owner, equations, defaults, surplus
 
     def _contradicts(self, e: ScalarEquation) -> bool:
         """Whether an equation of known start values does not hold; one that holds only for these numbers does, too."""

@@ -43,12 +43,12 @@ def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Un
         known = set(unknowns)
         options = [preference(e, known) for e in events.equations]
         owner, left = matching(_settled(events.equations, options, {*events.states, *former}), unknowns)
-        tie = _tie(events.equations, options, owner, left[0], {*events.states, *former}) if left else None  # type: ignore[arg-type]  # lists are invariant
+        tie = _tie(events.equations, options, owner, left[0], {*events.states, *former}) if left else None
         if tie is not None and (tie in used or not _free(events, tie)):
             # known, or none may go but such as went: what determines those leads to states that still are
-            tie = _tie(events.equations, options, owner, left[0], {*events.states})  # type: ignore[arg-type]  # the same
+            tie = _tie(events.equations, options, owner, left[0], {*events.states})
         if tie is None or tie in used:
-            further = _with_slopes(events, options, owner, left[0], former, rates) if left else None  # type: ignore[arg-type]  # lists are invariant
+            further = _with_slopes(events, options, owner, left[0], former, rates) if left else None
             if further is None:
                 break
             former |= {*events.states} - {*further.states}

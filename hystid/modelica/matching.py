@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Hashable, Iterable, Sequence, Set
+from typing import TypeVar
+
+Unknown = TypeVar("Unknown", bound=Hashable)
 
 
 def matching(
-    candidates: Sequence[Sequence[Hashable]], unknowns: Iterable[Hashable]
-) -> tuple[dict[Hashable, int], list[int]]:
+    candidates: Sequence[Sequence[Unknown]], unknowns: Iterable[Unknown]
+) -> tuple[dict[Unknown, int], list[int]]:
     """Largest assignment of one unknown to each equation.
 
     candidates: for each equation the unknowns that it may determine, most wanted first.
     Returns unknown -> equation and the equations that got none. The first choices are taken where they are free, then
     augmenting paths (breadth first) make room.
     """
-    owner: dict[Hashable, int] = {}
+    owner: dict[Unknown, int] = {}
     known = set(unknowns)
     waiting = []
     for equation, options in enumerate(candidates):
@@ -29,11 +32,11 @@ def matching(
 
 
 def augment(
-    equation: int, candidates: Sequence[Sequence[Hashable]], known: Set[Hashable], owner: dict[Hashable, int]
+    equation: int, candidates: Sequence[Sequence[Unknown]], known: Set[Unknown], owner: dict[Unknown, int]
 ) -> bool:
     """Give ``equation`` an unknown by moving others along an augmenting path; False where there is none."""
-    parent: dict[Hashable, int] = {}
-    owned: dict[int, Hashable] = {}  # by equations in the queue
+    parent: dict[Unknown, int] = {}
+    owned: dict[int, Unknown] = {}  # by equations in the queue
     queue = deque([equation])
     while queue:
         e = queue.popleft()

@@ -38,7 +38,7 @@ static size_t whole(const hy_instance *c) { return sizeof(hy_head) + c->engine.s
 /* Room for a state: a new one, or one of this model that the importer gave. */
 static int room(hy_instance *c, void **state)
 {
-    if (*state) return is_own(c, *state) ? FMI_OK : hy_fail(c, "get state: what was given is no state of this model");
+    if (*state) return is_own(c, *state) ? FMI_OK : hy_fail(c, "what was given for a state is no state of this model");
     *state = malloc(whole(c));
     return *state ? FMI_OK : hy_fail(c, "out of memory");
 }
