@@ -707,3 +707,18 @@ def test_a_mass_that_nothing_shows_exchanges_nothing(
     channels = {name: values[before:] for name, values in {"F": F, "x": x}.items()}
     noisy = {name: y + 1e-3 * np.std(y) * rng.standard_normal(n) for name, y in channels.items()}
     assert not examine([Recording("burst", t[before:], **noisy)], m).findings
+
+
+def test_an_exciter_that_drags_along_is_not_reversed_by_knocks() -> None:
+    """A decay that is knocked anew: what comes after the last knock holds little of the force, and tells no sign."""
+    drag, rng, t = 1.0, np.random.default_rng(0), np.arange(N) / RATE
+    A = [[0.0, 1.0], [-STIFFNESS / MASS, -(DAMPING + drag) / MASS]]
+    blow = np.where(abs(t - 3.0) < 0.01, 10 * np.cos(np.pi * (t - 3.0) / 0.02) ** 2, 0.0)
+    system = (A, [[0.0], [1.0]], [[1.0, 0.0], [0.0, 1.0], A[1]], [[0.0], [0.0], [1.0]])
+    x, v, a = lsim(system, blow, t, X0=[1e-3, 0.0])[1].T
+    channels = {"F": -drag * v, "x": x, "v": v, "a": a}
+    noisy = {k: u + 1e-3 * np.std(u) * rng.standard_normal(N) for k, u in channels.items()}
+    assert examine([Recording("decay", t, **noisy, origin=dict.fromkeys(noisy, "measured"))]).findings == []
+    driven = rig(60.0)
+    assert driven.F is not None
+    assert examine([replace(driven, F=-driven.F)]).findings[0].slip == "swapped_sign"

@@ -214,11 +214,14 @@ def _settled(columns: _Columns) -> int:
 def _passive_from(columns: _Columns, first: int, shift: int) -> tuple[float, float]:
     """Shares that a passive structure explains of the force, and of the reversed one, from a sample on.
 
-    Both are alike where nothing is left that could tell.
+    Both are alike where too little is left to tell: few samples, or less than half of the power of the force.
     """
     later = columns.part(slice(first, None))
     limit = abs(shift) + 1
     if len(later.F) < _FEWEST + 2 * limit or not np.ptp(later.F):
+        return 0.0, 0.0
+    left, right = np.split((columns.F - np.mean(columns.F)) ** 2, [first])
+    if np.sum(right) < EXPLAINED * (np.sum(left) + np.sum(right)):
         return 0.0, 0.0
     fit = _Fit(later, limit)
     now, flipped = (max(fit.passive(shift + k, sign) for k in _NEAR) for sign in (1.0, -1.0))
