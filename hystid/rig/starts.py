@@ -7,7 +7,7 @@ spring is the softer one, that fast friction is the lower one) is kept; their si
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
@@ -23,6 +23,8 @@ _ONE_TONE = 0.99  # correlation of x and -a beyond which inertia cannot be told 
 _CLEAR = 0.5  # a motion of one frequency shows a mass only if it leaves less than this share of the residual
 _ROUNDED = 0.01  # share of the largest speed over which a jump that the default has sharp is rounded, as a start
 _STICK = 0.2  # share of the largest displacement over which a contact sticks, as a start
+_SELDOM = 9  # such shares, evenly spaced, of contacts that slip seldom
+_OF_ALL = (0.25, 1.0)  # their stiffness over that of the structure
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class Sizes:
     """Coarse fit of F = m a + B v + k x + c sign(v) + constant, no coefficient negative; sizes of the motion.
 
     mass [kg]: 0 where inertia is below 2 % of the force, or the motion has one frequency and the mass explains little.
-    damping [N s/m], stiffness [N/m], friction [N]; length [m] and speed [m/s]: largest absolute values.
+    damping [N s/m], stiffness [N/m], friction [N]; length [m] and speed [m/s]: largest absolute values. stick [N/m]:
+    stiffness of a contact that sticks, over a share ``sticks`` of that length.
     """
 
     mass: float
@@ -39,11 +42,18 @@ class Sizes:
     friction: float
     length: float
     speed: float
+    stick: float
+    sticks: float = _STICK
 
-    @property
-    def stick(self) -> float:
-        """Stiffness of a contact that sticks [N/m]."""
-        return self.stiffness + self.friction / (_STICK * self.length)
+    def seldom_slipping(self) -> list[Sizes]:
+        """The same for contacts that slip seldom: the coarse fit takes most of their force for that of a spring."""
+        shares = [(k + 1) / (_SELDOM + 1) for k in range(_SELDOM)]
+        stiff = [part * self.stiffness for part in _OF_ALL]
+        return [
+            replace(self, friction=share * stick * self.length, stick=stick, sticks=share)
+            for stick in stiff
+            for share in shares
+        ]
 
 
 def sizes_of(motion: Sequence[Array], force: Array, mass: float | None, *, inertial: bool) -> Sizes:
@@ -65,13 +75,15 @@ def sizes_of(motion: Sequence[Array], force: Array, mass: float | None, *, inert
     spread = float(np.std(force)) or 1.0
     heavy = found[0] * float(np.std(a)) > _LIGHT * spread
     length, speed = float(np.max(np.abs(x))) or 1.0, float(np.max(np.abs(v))) or 1.0
+    stiffness, friction = float(found[2]) or 0.1 * spread / length, max(float(found[3]), 0.05 * spread)
     return Sizes(
         mass if mass is not None else float(found[0]) if heavy else 0.0,
         float(found[1]) or 0.05 * spread / speed,
-        float(found[2]) or 0.1 * spread / length,
-        max(float(found[3]), 0.05 * spread),
+        stiffness,
+        friction,
         length,
         speed,
+        stiffness + friction / (_STICK * length),
     )
 
 
@@ -104,7 +116,7 @@ def scaled(code: ModelCode, given: Mapping[str, float], sizes: Sizes) -> dict[st
         "N.s/m": sizes.damping,
         "N": sizes.friction,
         "m": 1.2 * sizes.length,
-        "1/m": 1.0 / (_STICK * sizes.length),
+        "1/m": 1.0 / (sizes.sticks * sizes.length),
         "m/s": 0.1 * sizes.speed,
     }
     largest: dict[str, float] = {}

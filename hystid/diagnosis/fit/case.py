@@ -39,7 +39,7 @@ from hystid.diagnosis.prepare.segments import Flags, Part, band, prepare_parts, 
 from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
-from hystid.rig.starts import is_of_the_library, scaled, sizes_of, turning
+from hystid.rig.starts import Sizes, is_of_the_library, scaled, sizes_of, turning
 from hystid.rig.terms import is_fmu, mass_of, real_parameters
 from hystid.smoothing.noise import NOISE_ERROR
 
@@ -139,7 +139,11 @@ def pose(
     problem = Problem(parts, baseline, scales_of(parts, baseline))
     if not problem.reduce.count:
         raise NotDiagnosable(_NOTHING_LEFT)
-    sized, _ = _starts(parts, code, {n: v for n, v in values.items() if n in {"m", *fixed}}, model, quasi_static=still)
+    certain = {name: value for name, value in values.items() if name in {"m", *fixed}}
+    sizes = _sizes(parts, certain, quasi_static=still)
+    sized = (
+        [scaled(code, certain, one) for one in (sizes, *sizes.seldom_slipping())] if is_of_the_library(model) else []
+    )
     refitted, minima, nominal = refit(problem, kept, sized)
     for _ in range(_BEGUN):  # a contact that slips later than was believed remembers longer
         longer, keeping, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values, holding=holding)
@@ -193,7 +197,7 @@ def pose(
 
 
 def _begun_at_rest(
-    problem: Problem, whole: Sequence[Part], kept: Sequence[int], sized: Mapping[str, float]
+    problem: Problem, whole: Sequence[Part], kept: Sequence[int], sized: Sequence[Mapping[str, float]]
 ) -> tuple[Problem, Refit, tuple[str, ...]] | None:
     """The problem, refitted, with contacts at rest before the first sample of recordings of which their memory leaves
     out most, and how sentences about these begin; None where there are none, or they were not at rest.
@@ -457,14 +461,18 @@ def _starts(
     """Start values of a class of the library for what was not given, and a sentence about them."""
     if not is_of_the_library(model):
         return {}, []
-    *motion, force = (np.concatenate([getattr(p, name) for p in parts]) for name in ("x", "v", "a", "F"))
-    sizes = sizes_of(motion, force, values.get("m"), inertial=not quasi_static)
+    sizes = _sizes(parts, values, quasi_static=quasi_static)
     starts = scaled(code, values, sizes)
     notes = [f"start values from the recordings: {', '.join(f'{k} = {v:.4g}' for k, v in starts.items())}"]
     if "m" not in values and sizes.mass == 0.0:
         reason = "time only numbers the samples" if quasi_static else "inertia cannot be told from the other forces"
         notes.append(f"mass 0, as {reason}: the force is taken as the restoring force; give m where this is not so")
     return starts, notes if starts else []
+
+
+def _sizes(parts: Sequence[Part], values: Mapping[str, float], *, quasi_static: bool) -> Sizes:
+    *motion, force = (np.concatenate([getattr(p, name) for p in parts]) for name in ("x", "v", "a", "F"))
+    return sizes_of(motion, force, values.get("m"), inertial=not quasi_static)
 
 
 def _longest_turns(parts: Sequence[Part], code: ModelCode, start: Mapping[str, float]) -> dict[str, float]:

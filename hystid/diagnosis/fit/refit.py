@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.search import downhill, from_nominal, other_minima, scan, try_fit, try_term
+from hystid.diagnosis.fit.search import downhill, from_nominal, leading, other_minima, scan, try_fit, try_term
 from hystid.diagnosis.model.channel_effects import history
 from hystid.diagnosis.model.effects import Effect
 from hystid.errors import NumericalError
@@ -22,12 +23,13 @@ _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 Refit = tuple[Fit, tuple[Fit, ...], float]  # the best fit, other optima, and the mean square at the nominal values
 
 
-def refit(problem: Problem, kept: Sequence[int] = (), sized: Mapping[str, float] | None = None) -> Refit:
+def refit(problem: Problem, kept: Sequence[int] = (), sized: Sequence[Mapping[str, float]] = ()) -> Refit:
     """The baseline from several starts, other optima that were met, and the mean square at the nominal values.
 
     Further starts only while something is left: where a simplex comes to from the nominal shapes, these made smaller
     and larger, then where it comes to from the best, and shapes scattered around: a law with corners has local minima.
-    sized: values that the recordings suggest, for a further start: nominal ones may be such that a contact never slips.
+    sized: values that the recordings suggest: for a further start, as nominal ones may be such that a contact never
+    slips, and others, of which the best few are tried.
     kept: numbers of recordings in which a contact keeps a force of the time before.
     """
     before = history(kept)
@@ -36,10 +38,10 @@ def refit(problem: Problem, kept: Sequence[int] = (), sized: Mapping[str, float]
     fits = [made for made in (try_fit(problem, nominal, 25),) if made is not None]
     if fits and not _sits(problem, fits[0]) and (relaxed := from_nominal(problem, fits[0])) is not None:
         fits += [made for h in downhill(problem, relaxed) if (made := try_fit(problem, h, 25)) is not None]
-    if sized and fits and problem.baseline.shapes and not _sits(problem, min(fits, key=lambda f: f.chi2)):
-        own = {name: value for name, value in sized.items() if name in problem.baseline.free}  # others are held
-        made = try_fit(problem, Hypothesis({**nominal.values, **own}, terms), 25)
-        fits += [made] if made is not None else []
+    if fits and problem.baseline.shapes and not _sits(problem, min(fits, key=lambda f: f.chi2)):
+        free = problem.baseline.free  # others are held
+        starts = [replace(nominal, values={**nominal.values, **{n: v[n] for n in free & v.keys()}}) for v in sized]
+        fits += [made for h in [*starts[:1], *leading(problem, starts[1:])] if (made := try_fit(problem, h, 25))]
     for factor in _STARTS if problem.baseline.shapes else ():
         fits.sort(key=lambda f: f.chi2)
         if fits and _sits(problem, fits[0]):

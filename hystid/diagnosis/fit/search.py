@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -185,21 +185,25 @@ def scattered(problem: Problem, fitted: Fit) -> list[Hypothesis]:
     A law with corners has local minima in its shapes, and a refit without the missing effect often ends in one. The
     points are those of a Sobol sequence, hence the same in every run; the best few are returned.
     """
-    unknowns = problem.unknowns(fitted.hypothesis)
-    shapes = [u for u in unknowns if u.log]
-    linear = [u for u in unknowns if u.linear]
+    shapes = [u for u in problem.unknowns(fitted.hypothesis) if u.log]
     if not any(u.key[0] == "base" for u in shapes):
         return []
     spread = np.log([_SPREAD[u.key[0] != "base"] for u in shapes])
     draws = qmc.Sobol(len(shapes), seed=0).random(_POINTS)
-    found = []
-    for draw in (2 * draws - 1) * spread:
-        moved = {
+    moved = (
+        {
             u.key: u.within(float(get(fitted.hypothesis, u.key) * np.exp(step)))
             for u, step in zip(shapes, draw, strict=True)
         }
-        made = _solved(problem, put(fitted.hypothesis, moved), linear)
-        found += [made] if made is not None else []
+        for draw in (2 * draws - 1) * spread
+    )
+    return leading(problem, (put(fitted.hypothesis, values) for values in moved))
+
+
+def leading(problem: Problem, starts: Iterable[Hypothesis]) -> list[Hypothesis]:
+    """The best few of some starts, everything linear solved at each."""
+    linear = [(start, [u for u in problem.unknowns(start) if u.linear]) for start in starts]
+    found = [made for start, unknowns in linear if (made := _solved(problem, start, unknowns)) is not None]
     return [hypothesis for _, hypothesis in sorted(found, key=lambda item: item[0])[:_KEPT]]
 
 
