@@ -441,6 +441,7 @@ def test_a_spring_or_a_damper_comes_or_goes(
     assert finding.effect == name
     value = finding.parameters[parameter]
     assert value.value == pytest.approx(true, abs=4 * value.stderr)  # four standard errors: chance of 1 in 16,000
+    assert ("that is lost" if spring + damper < 0 else "additional") in finding.title
 
 
 def test_a_rig_that_was_changed_between_two_recordings() -> None:

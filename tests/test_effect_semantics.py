@@ -113,9 +113,15 @@ def test_a_law_that_does_not_exist_is_refused(tmp_path: Path, effects: list[Effe
 
 def test_a_form_declares_only_what_is_its_own(tmp_path: Path, effects: list[Effect]) -> None:
     law = next(e for e in effects if e.form == "Hertz")
-    said = declared(block(tmp_path, 'title = "mine"'))
-    with pytest.raises(ModelicaError, match=f"title holds for all forms of {law.id}"):
+    said = declared(block(tmp_path, 'family = "mine"'))
+    with pytest.raises(ModelicaError, match=f"family holds for all forms of {law.id}"):
         with_laws([e if e is not law else replace(e, semantics=said) for e in effects])
+
+
+def test_a_form_may_have_a_title_of_its_own(effects: list[Effect]) -> None:
+    titles = {(e.id, e.form): e.semantics.title for e in with_laws(effects)}
+    assert titles["linear_stiffness", "Lost"] == "linear spring that is lost"
+    assert titles["two_sided_stop", "Hertz"] == titles["two_sided_stop", ""]
 
 
 def test_strings_comments_and_numbers_of_an_annotation(tmp_path: Path) -> None:

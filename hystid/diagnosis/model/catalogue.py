@@ -79,6 +79,7 @@ def with_laws(effects: Sequence[Effect]) -> list[Effect]:
                 block = law.class_name.rpartition(":")[2].rpartition(".")[2]
                 raise ModelicaError(f"{place}: {own[0]} holds for all forms of {effect.id}: state it in {block}")
         shared = {key: getattr(law.semantics, key) for key in OF_THE_LAW}
+        shared |= {"title": effect.semantics.title or law.semantics.title}
         found.append(replace(effect, semantics=replace(effect.semantics, **shared)))
     return found
 

@@ -101,7 +101,7 @@ class Semantics:
 
 
 # What holds for all forms of a law, and is stated once, in the block without a double underscore.
-OF_THE_LAW = ("title", "family", "experiment", "steered", "lasting", "hysteretic", "needs", "alike", "tells")
+OF_THE_LAW = ("family", "experiment", "steered", "lasting", "hysteretic", "needs", "alike", "tells")
 _RECORDS = {"becomes": ("End", End), "alike": ("Alike", Alike), "tells": ("Telling", Telling)}
 _WORDS = tuple(item.name for item in fields(Semantics) if item.name != "places")
 

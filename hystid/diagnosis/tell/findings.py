@@ -50,7 +50,7 @@ def _finding(
     sure, share = worth
     term = answer.term(name)
     said = term.effect.semantics if term is not None else Semantics()
-    title = answer.catalogue.class_title(together)
+    title = said.title if together == (name,) and said.title else answer.catalogue.class_title(together)
     model = term.effect.model if term is not None else None
     sentence = said.sentence or (model.code.description if model is not None else "")
 
