@@ -362,6 +362,37 @@ def _(t):
     }
 
 
+@model(
+    "if-expressions with elseif",
+    """
+model A
+  function level
+    input Real u;
+    output Real y;
+  algorithm
+    y := 0;
+    while y < 2 loop
+      y := y + (if u > 0.6 then 2 elseif u > 0.3 then 3 else 4);
+    end while;
+  end level;
+  Real x, y = level(time);
+  Integer k(start = 1, fixed = true);
+algorithm
+  when {time > 0.25, time > 0.75} then
+    if pre(k) <> 0 then
+      k := if time > 2 then 1 elseif time > 0.2 then 0 else 5;
+    else
+      k := -1;
+    end if;
+  end when;
+  x := if time > 0.6 then 2 elseif time > 0.3 then 3 else 4;
+end A;""",
+)
+def _(t):
+    x = np.where(t > 0.6, 2, np.where(t > 0.3, 3, 4))
+    return {"x": x, "y": x, "k": np.where(t > 0.75, -1, np.where(t > 0.25, 0, 1))}
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_a_section_does_what_its_lines_say(name: str, tmp_path: Path) -> None:
     text, stop, answer = MODELS[name]

@@ -42,7 +42,7 @@ _ENDS = frozenset(
     ["end", "else", "elseif", "annotation", "equation", "algorithm", "initial", "public", "protected", "external"]
 )
 _KEPT = frozenset(("assert", "terminate", "reinit"))
-_UNIT = re.compile(r"\b(?:if|then|loop)\b|[;()\[\]{}]")
+_UNIT = re.compile(r"\b(?:if|elseif|then|loop)\b|[;()\[\]{}]")
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ def until(plain: str, mark: str, at: int) -> int:
         if unit == mark and depth == 0 and pending == 0:
             return found.start()
         depth += (unit in "([{") - (unit in ")]}")
-        pending += (unit == "if") - (unit == "then")
+        pending += (unit in ("if", "elseif")) - (unit == "then")
         if unit == ";":
             pending = 0
     raise Unreadable
