@@ -368,6 +368,18 @@ REFUSED = {
         9,
         "write the size of 'd' in its declaration",
     ),
+    "start value that is a derivative": (
+        model("  Real x = time;\n  Real y(start=der(x));\nequation\n  der(y) = 1;\n"),
+        3,
+        r"the start value of 'y' holds der\(\), .* write an initial equation",
+    ),
+    "derivative of an array expression": (
+        model("  Real x[2] = {time, 1};\n  Real y[2];\nequation\n  y = der(2*x);\n"),
+        5, r"declare Real z\[n\] = ..., and"
+    ),
+    "derivative of an array expression in a declaration": (
+        model("  Real x[2] = {time, 1};\n  Real y[2] = der(2*x);\n"), 3, r"declare Real z\[n\] = ..., and"
+    ),
     "library that is not here": (
         model("  Modelica.Mechanics.Translational.Components.Mass m;\n"), 2, "of the Modelica Standard Library only"
     ),

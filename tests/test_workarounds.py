@@ -531,14 +531,15 @@ model A
   algorithm
     y := 2*u;
   end f;
+  parameter Real k = 3, still = 5 + der(6*k), too = der(k);
   Real x = 1 + 2*time;
   B b(a = der(
     x^2));
-  Real y = f(der(x*x + time)) + b.a + b.d;
+  Real y = f(der(x*x + time)) + b.a + b.d + still + too;
 end A;""")
     got = CompiledModel(compile_model(f"{path}:A")).simulate({}, 0.05, rows=21, outputs=["y"])
     x = 1 + 2 * np.linspace(0, 1, 21)
-    np.testing.assert_allclose(got["y"], 2 * (4 * x + 1) + 8 * x, atol=1e-12)
+    np.testing.assert_allclose(got["y"], 2 * (4 * x + 1) + 8 * x + 5, atol=1e-12)
 
 
 DROPPED = {

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from hystid.errors import ModelicaError
 from hystid.modelica.sources import Source, declaration, near
+from hystid.modelica.workarounds.derivatives_of_expressions import NAME as NAMED_DERIVATIVE
 
 _PLACE = re.compile(r"\[([^\[\]\n]+):(\d+):\d+\]")
 _QUOTED = re.compile(
@@ -133,6 +134,7 @@ _CONSTRUCTS = (
     (r"function loop domain|comprehension domain", _OVER_ELEMENTS),
     (r"escaped its structured owner", r"\b(?:mod|rem|div)\s*\("),
     (r"derivative expression", r"\bder\s*\(\s*(?![\w.\[\], ]+\))"),
+    (r"shape mismatch", rf"(?<!Real ){NAMED_DERIVATIVE}"),
     (r"history operator|change\(|edge\(", r"\b(?:change|edge|pre)\s*\(\s*(?![\w.\[\], ]+\))"),
     (r"function (?:statement|return|break|loop)", r"\b(?:while|return|break)\b"),
     (r"external function", r"\bexternal\b"),
@@ -224,6 +226,8 @@ _ADVICE = (
 def _advice(core: str, sources: Sequence[Source]) -> str:
     if "unbalanced" in core and any(re.search(r"\bstream\b", s.plain) for s in sources):
         return "; stream connectors are not supported: use plain connectors"
+    if "mismatch" in core and any(NAMED_DERIVATIVE in s.text for s in sources):
+        return "; der() of an array takes its name: if one stands there, declare Real z[n] = ..., and write der(z)"
     unresolved = re.search(r"(?:unresolved [\w ]+|base class not found)[:\s]+[`']([\w.]+)[`']", core)
     if unresolved:
         word = unresolved.group(1)

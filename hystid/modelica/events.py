@@ -16,6 +16,7 @@ from hystid.modelica.matching import matching
 from hystid.modelica.scalar import ScalarEquation, ScalarModel
 
 _ROUNDING = frozenset({"floor", "ceil", "integer", "div", "mod", "rem"})
+_RUNNING = ("der", "pre", "edge", "change", "sample", "delay", "initial")  # operators on a model that runs
 INITIAL = "initial()"
 BEGIN = "$begin"  # the time at which the run begins
 HOMOTOPY = "homotopy()"  # at the start, the share of the actual argument in homotopy(actual, simplified)
@@ -150,6 +151,12 @@ class _Namer:
                             f"{e.place}: der() takes one variable: give the expression a name and derive that"
                         )
                     found.add(argument.name)
+        for v in self.variables.values():
+            for name in (n for n in _RUNNING if v.start is not None and any(_ops(v.start, n))):
+                raise ModelicaError(
+                    f"{v.place}: the start value of '{v.name}' holds {name}(), which means nothing before the start: "
+                    f"write an initial equation, {v.name} = ..."
+                )
         for name in found:
             if self.variables[name].kind != "unknown":
                 raise ModelicaError(
