@@ -120,7 +120,11 @@ REFUSED = {
         4,
         "the range of a loop in an initial algorithm is open; give a number",
     ),
-    "initial algorithm": (model("  Real x;\ninitial algorithm\n  x := 1;\nequation\n  der(x) = 1;\n"), 3, "algorithm"),
+    "initial algorithm": (
+        model("  Real x;\ninitial algorithm\n  x := 1;\nequation\n  der(x) = 1;\n"),
+        3,
+        r"an initial algorithm sets 'x', which is no parameter; let it set a parameter p\(fixed = false\), and say",
+    ),
     "string": (model('  String s;\n  Real x = 1;\nequation\n  s = "a";\n'), 2, "String variable"),
     "string without a value": (model("  parameter String s;\n  Real x = 1;\n"), 2, "value of the String 's'"),
     "external": (

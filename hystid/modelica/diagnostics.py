@@ -191,7 +191,11 @@ _ADVICE = (
     (r"history operator|edge\(|change\(", "; give the operand a name: Boolean b = <condition>, then change(b)"),
     (
         r"unevaluable array dimensions|algorithm [`']for[`'] range",
-        "; give a number that is known when the model is built",
+        "; give a number that is known when the model is built, as of a final parameter",
+    ),
+    (
+        r"initial algorithm target",
+        "; let it set a parameter p(fixed = false), and say by an initial equation what is equal to p",
     ),
     (r"algorithm", "; write equations, or a function, in place of this algorithm section"),
     (
@@ -257,6 +261,7 @@ _WORDS = (
     (r".*model algorithm.*", "this algorithm section in a model is not supported"),
     (r"unevaluable array dimensions for (\S+): .*?\[Expression\((.*?)\)\].*", r"the size \2 of \1 is open"),
     (r".*initial algorithm [`']for[`'] range.*", "the range of a loop in an initial algorithm is open"),
+    (r".*initial algorithm target ([`'][^`']+[`']) has role.*", r"an initial algorithm sets \1, which is no parameter"),
     (r"unsupported Flat semantic owner ", "not supported: "),
     (r"missing source scope for imports:?", "an output that is left out, as in (, y) = f(x), is not supported"),
     (r".*expected a numeric expression, found Enumeration.*", "an enumeration stands where a number has to"),
