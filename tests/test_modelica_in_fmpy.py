@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import fmpy
@@ -128,3 +129,18 @@ def test_a_trial_step_beyond_a_limit_leaves_nothing(fmi, tmp_path):
             importer.place(0.05)
             slopes.append(float(importer.slopes()[0]))
     assert slopes[0] == slopes[4] == slopes[6] == pytest.approx(-100, abs=1e-9)
+
+
+@pytest.mark.parametrize("restitution", [0.7, 0.05])
+@pytest.mark.parametrize("event_mode", [False, True])
+def test_impacts_that_accumulate_end_the_run(restitution, event_mode, tmp_path, capsys):
+    """Where flights become shorter than the first look behind an impact, the ball would fall through the floor."""
+    fmu = build_model(f"{MODEL.with_name('BouncingBall.mo')}:BouncingBall", tmp_path / "b.fmu", fmi=3).path
+    with pytest.raises(FMICallException):
+        fmpy.simulate_fmu(
+            str(fmu), fmi_type="CoSimulation", stop_time=4.0, output_interval=0.01, start_values={"e": restitution},
+            use_event_mode=event_mode, early_return_allowed=event_mode,
+        )  # fmt: skip
+    found = re.search(r"Zeno: events accumulate at t = ([0-9.]+) s", capsys.readouterr().out)
+    rest = np.sqrt(2 / 9.81) * (1 + 2 * restitution / (1 - restitution))  # a geometric series of free flights
+    assert found and abs(float(found[1]) - rest) < 1e-3  # one step of the model

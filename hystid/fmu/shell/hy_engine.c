@@ -188,11 +188,18 @@ int hy_start(hy_engine *e)
     if (outcome) return outcome;
     memcpy(e->data.v, e->settings, block);
     outcome = solve_initial(e);
-    e->status->time_event = -INFINITY;
+    e->status->time_event = e->status->renewed = -INFINITY;
     e->status->tick = e->settings[0];
     e->status->stale = 1;
     e->status->started = !outcome;
     return outcome;
+}
+
+int hy_accumulated(hy_engine *e)
+{
+    hy_report(e, HY_FAILURE, "Zeno: events accumulate at t = %.9g s and each sets states anew; give the model a resting mode",
+              e->data.v[0]);
+    return HY_ERROR;
 }
 
 static int pass(hy_engine *e, int *again)
@@ -259,6 +266,19 @@ static double due(const hy_engine *e)
     return is_now(e, next) ? next : event_clock(e);
 }
 
+/* Whether events that each set states anew follow each other as a geometric series, of which the next one comes before
+ * the first look at the model: a ball that bounces would fall through the floor. */
+static int accumulates(hy_engine *e)
+{
+    hy_status *s = e->status;
+    const double pause = e->data.v[0] - s->renewed, shrink = pause / s->pause, look = HY_FIRST_LOOK * e->model->step;
+    const int steady = shrink < 1 && shrink < 2 * s->shrink && s->shrink < 2 * shrink;
+    s->renewed = e->data.v[0];
+    s->pause = pause;
+    s->shrink = shrink;
+    return steady && pause >= look && shrink * pause < look; /* shorter ones are rounding: events of one instant */
+}
+
 int hy_event(hy_engine *e, int *states_changed)
 {
     const hy_model *m = e->model;
@@ -278,6 +298,7 @@ int hy_event(hy_engine *e, int *states_changed)
     *states_changed = memcmp(e->x_before, x, size) != 0;
     if (e->data.v[0] != now) e->status->stale = 1;
     e->data.v[0] = now;
+    if (*states_changed && accumulates(e)) return hy_accumulated(e);
     return hy_note_signs(e);
 }
 

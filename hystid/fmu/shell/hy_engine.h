@@ -22,6 +22,7 @@ typedef struct {
     int stale;         /* 0: dx and y belong to the present values; 1: they do not; 2: y does, but the memory has moved on */
     int started;       /* 1: initial equations solved since the last change of a start value */
     int event_pending; /* 1: an event was found and not yet handled */
+    int fresh;         /* 1: an event was handled between two steps of co-simulation */
     int chattered;     /* 1: chattering has been reported */
     int coarse;        /* steps in a row whose error is too large, as many as are counted */
     int n_driven;
@@ -30,6 +31,8 @@ typedef struct {
     double last_time;  /* last successful communication point [s] */
     double tick;       /* of a model with a sample interval: when its memory moves on next [s] */
     double time_event; /* instant of the last time event that was handled [s] */
+    double renewed, pause, shrink; /* instant of the last event that set states anew [s], the time since the one before
+                                      [s], and that as a part of the one before that */
 } hy_status;
 
 typedef struct hy_duhem hy_duhem; /* curves of rate-independent states */
@@ -86,6 +89,10 @@ struct hy_duhem_methods {
     void (*close)(hy_duhem *d);
 };
 
+/* After an event the first look is this part of the step further on. A mass that bounces off a stop is still a rounding
+ * error inside it; were the next look at the step's end, where it may have come back, both crossings would be missed. */
+#define HY_FIRST_LOOK 1e-6
+
 enum { HY_EVENT = 3 }; /* hy_advance stopped at an event that it was told not to handle */
 
 /* Driven values at the present time. Here, like the next one, for each stage of each step comes by. */
@@ -122,6 +129,7 @@ hy_driven *hy_driven_at(const hy_engine *e, int slot); /* NULL where that is not
 int hy_event(hy_engine *e, int *states_changed);   /* event iteration at the present time */
 int hy_is_reached(const hy_engine *e, double instant, double now); /* whether it lies ahead by no more than rounding */
 double hy_next_time_event(const hy_engine *e);     /* first time event that was not handled yet, INFINITY without one */
+int hy_accumulated(hy_engine *e);                  /* reports a Zeno point at the present time */
 int hy_note_signs(hy_engine *e);                   /* takes the indicators' present signs as reference */
 int hy_crossed(hy_engine *e, int *any);            /* whether an indicator left its reference sign */
 int hy_has_events(const hy_engine *e);

@@ -228,6 +228,7 @@ int hy_new_discrete_states(hy_instance *c, int *states_changed, int *next_define
     if (e->status->kind == MODEL_EXCHANGE && e->status->sampled && e->model->n_x)
         *states_changed |= switched(e, before);
     *next = fmin(hy_next_time_event(e), next_tick(c));
+    e->status->fresh = 1;
     *next_defined = isfinite(*next);
     if (!*next_defined) *next = 0;
     return hy_fmi_status(c, outcome ? HY_ERROR : HY_OK);

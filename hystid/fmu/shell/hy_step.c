@@ -17,9 +17,6 @@ enum {
 };
 static const double WIDTH = 1e-11; /* of an event's bracket, as part of the step */
 static const double ROUNDING = 1e-5; /* most, as part of the step, by which rounding may blur an event */
-/* After an event the first look is this part of the step further on. A mass that bounces off a stop is still a rounding
- * error inside it; were the next look at the step's end, where it may have come back, both crossings would be missed. */
-static const double FIRST_LOOK = 1e-6;
 /* Share of a state by which a step may be wrong: a vibration of nine steps a period has it, and a decay as fast as the
  * step; of what is slower the method leaves less than a thousandth. */
 static const double COARSE = 0.01;
@@ -332,11 +329,7 @@ static int mark_crossed(hy_engine *e, int *which, int *any)
 
 static int give_up_locating(hy_engine *e, int states_changed)
 {
-    if (states_changed) {
-        hy_report(e, HY_FAILURE,
-                  "Zeno: events accumulate at t = %.9g s and each sets states anew; give the model a resting mode", e->data.v[0]);
-        return HY_ERROR;
-    }
+    if (states_changed) return hy_accumulated(e);
     if (!e->status->chattered)
         hy_report(e, HY_WARNING,
                   "chattering: a relation switches faster than the step from t = %.9g s; there it is held over each step, "
@@ -379,14 +372,15 @@ static int quiet_step(hy_engine *e, const stretch *w, int *done)
 static int step_with_events(hy_engine *e, stretch w, int stop_at_events)
 {
     int *which = e->crossings + e->model->n_z; /* second part */
-    int sliding = 0, fresh = 0, done, outcome = quiet_step(e, &w, &done);
+    int sliding = 0, fresh = e->status->fresh, done = 0, outcome = fresh ? HY_OK : quiet_step(e, &w, &done);
+    e->status->fresh = 0;
     if (outcome || done) return outcome;
     for (int i = 0; i < e->model->n_z; i++) e->crossings[i] = 0;
     for (int events = 0;; events++) {
         double target, wanted;
         int any = 0, changed = 0, timed = next_target(e, &w, &target);
         wanted = target;
-        if (fresh && !sliding) target = fmin(target, w.s + FIRST_LOOK * w.h);
+        if (fresh && !sliding) target = fmin(target, w.s + HY_FIRST_LOOK * w.h);
         outcome = left_end(e);
         if (!outcome && target > w.s) {
             outcome = reach_towards(e, &w, &target);
