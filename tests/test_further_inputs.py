@@ -17,6 +17,7 @@ from hystid.compiled import CompiledModel
 from hystid.errors import RecordingError, UsageError
 from hystid.fmu import build
 from hystid.identification import identify
+from hystid.identification.leftout import LeftOut
 from hystid.identification.levels import apart_between_levels, levels_of, with_curves
 from hystid.networks import Curve, FurtherInput, Lag, Member, Network, TwoNetworkModel, evaluation
 from hystid.networks import onnx as exchange
@@ -44,7 +45,7 @@ def model() -> TwoNetworkModel:
     members = tuple(Member(network(rng, 7), network(rng, 7)) for _ in range(3))
     limits = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "R": (-2.0, 2.0), "u": (0.0, 2.0), "p": (-1.0, 1.0)}
     level = Level(0.3, (0.2, 0.5, -0.1, 0.2, 0.1), 1.0, (0.4, 0.1, 0.2, -0.1), 0.05)
-    trust = {"tail": Tail(0.7, 0.2), "spread": Spread(0.1, 1.3)}
+    trust = {"tail": Tail(0.7, 0.2), "spread": Spread(0.1, 1.3, (Curve((0.0, 1.0, 2.0), (1.0, 3.0, 1.0)), None))}
     return TwoNetworkModel(members, 1.5, RATE, limits, inputs=PORTS, lags=LAGS, level=level, **trust)
 
 
@@ -53,7 +54,7 @@ def signals() -> dict[str, np.ndarray]:
     t = np.arange(600) / RATE
     v = 0.8 * np.cos(40 * t) + 0.4 * np.sin(110 * t)  # up to 1.2: beyond the range of the training data
     x = np.cumsum(v) / RATE
-    return {"x": x, "v": v, "u": np.where(np.sin(25 * t) > 0, 2.0, 0.0), "p": 0.5 * np.sin(9 * t)}
+    return {"x": x, "v": v, "u": np.where(np.sin(25 * t) > 0, 2.0, 0.3), "p": 0.5 * np.sin(9 * t)}
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +107,10 @@ def test_onnx_runtime_and_fmpy_give_the_same_force(model, signals, saved):
         feed = {name: values[k : k + 1] for name, values in signals.items()} | {"state": state}
         R, width, state = session.run(["R", "R_spread", "state_next"], feed)
         force[k], spread[k] = R[0], width[0]
-    np.testing.assert_allclose(spread, model.spread.of(each), rtol=0, atol=1e-10)
+    expected_spread = model.spread.of(each, list(inputs.values()))
+    np.testing.assert_allclose(spread, expected_spread, rtol=0, atol=1e-10)
+    at_level = replace(model.spread, between=()).of(each)
+    np.testing.assert_allclose(expected_spread / at_level, np.where(signals["u"] == 2.0, 1.0, 1.6), rtol=1e-12)
     np.testing.assert_allclose(force, expected, rtol=0, atol=1e-10)
     build(surrogate_code(saved / "surrogate.onnx"), saved / "surrogate.fmu")
     described = {v.name: v for v in fmpy.read_model_description(str(saved / "surrogate.fmu")).modelVariables}
@@ -136,7 +140,7 @@ def test_the_oscillator_runs_as_the_library_does(model, signals, saved):
     for name in ("x", "R"):
         np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-9)
     _, each, _ = model.members_response(expected["x"], expected["v"], start, inputs)
-    np.testing.assert_allclose(found["R_spread"], model.spread.of(each), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found["R_spread"], model.spread.of(each, list(inputs.values())), rtol=0, atol=1e-9)
 
 
 def test_derivatives_of_the_oscillator_to_a_further_input_are_exact(saved):
@@ -207,6 +211,38 @@ def test_an_input_carries_to_a_level_between_the_trained_ones(tensions, tmp_path
         validate(tmp_path / "surrogate.onnx", [replace(held, extra={}, units={})])
     with pytest.raises(RecordingError, match="is in V, but"):
         validate(tmp_path / "surrogate.onnx", [replace(held, units={"tension": "V"})])
+
+
+def test_the_band_is_as_wide_as_recordings_with_zeros_of_their_own_ask_for():
+    """Tests at 40, 80 and 120 N whose force has a zero of its own, +-5 N: at 80 N it is known, between it is not.
+
+    One band for both would be four times too wide at 80 N. Noise: 1 N.
+    """
+
+    def test(tension: float, seed: int, zero: float) -> Recording:
+        made = with_column(friction(0.5 * tension, seed, f"{tension} N"), "tension", tension, "N")
+        return replace(made, F=made.F + zero)
+
+    used = [test(*values) for values in ((40, 0, 5.0), (80, 1, -5.0), (120, 2, 5.0))]
+    held = [test(80, 3, -5.0), test(60, 4, 4.0), test(100, 5, -3.0)]
+    found = identify(used, mass=0.0, layers=(5,), ensemble=4, holdout=held, inputs=["tension"])
+    known, *between = found.comparisons[3:]
+    known_spread = np.mean(known.network.spread)
+    assert known_spread < 1.64 * np.sqrt(np.mean((known.network.R - known.recording.channel("R")) ** 2))
+    for each in (known, *between):
+        assert each.network.within(each.recording.channel("R")) > 0.8
+    for each in between:
+        assert np.mean(each.network.spread) > 2 * known_spread
+    (curve,) = found.model.spread.between
+    assert curve.at == (40.0, 60.0, 80.0, 100.0, 120.0) and curve.to[::2] == (1.0, 1.0, 1.0)
+
+
+def test_an_input_that_moves_within_recordings_has_no_gaps_between_levels():
+    """Three values, but the tension passes through all of them in every recording."""
+    n = 40.0 * (1 + np.arange(3000) // 1000)
+    made = [friction(20, k, f"{k}") for k in range(2)]
+    made = [replace(r, R=r.F + n * np.tanh(r.v / 0.02), extra={"T": n}, units={"T": "N"}) for r in made]
+    assert LeftOut(made, [FurtherInput("T", "N", "T")], 0).inflation(())[1] == (None,)
 
 
 def test_three_levels_say_how_the_force_goes_on_between_them():

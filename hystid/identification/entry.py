@@ -129,7 +129,8 @@ def identify(
         unaided = replace(plan, lags=(), level=None, inputs=plain_ports)
         plain = unaided.published(raw)
         models["published"] = _model(plain, raw, unaided)
-    spread = _spread(networks, used, trained, leftout.inflation(lags))
+    inflation, between = leftout.inflation(lags)
+    spread = replace(_spread(networks, used, trained, inflation), between=between)
     networks = models["network"] = replace(networks, spread=spread, tail=data.tail_of(plain_samples))
     comparisons = _compared(models, used, unseen, workers)
     if method == "refined" and (why := _unsteady(comparisons)):

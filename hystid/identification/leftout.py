@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.identification import data
-from hystid.networks import FurtherInput, Lag
+from hystid.identification.levels import levels_of
+from hystid.networks import Curve, FurtherInput, Lag
 from hystid.networks.level import Level
 from hystid.networks.training import RULES, Data, Scaling, initial_weights, train
 from hystid.recording import Array, Recording
@@ -23,6 +24,7 @@ _HIDDEN = (8, 8)
 _SAMPLES = 4_000  # enough for some 200 weights
 _STARTS = 2
 _BLOCKS = 40  # of each recording, of which a quarter is left out
+_SHARE = 0.9  # that of the band which R_spread states
 _STRETCHES = 4  # of each recording, where there are too few recordings to leave one out
 
 
@@ -51,26 +53,24 @@ class LeftOut:
             self._columns[lag] = np.concatenate(follow)
         return self._columns[lag]
 
-    def power(
-        self,
-        lags: Sequence[Lag],
-        out: NDArray[np.bool_],
-        judged: NDArray[np.bool_] | None = None,
-        by_level: bool = False,
-    ) -> float:
-        """Mean square error [N2] on the samples ``judged`` (``out`` where not given) without those of ``out``.
+    def power(self, lags: Sequence[Lag], out: NDArray[np.bool_]) -> float:
+        """Mean square error [N2] on the samples ``out`` without those."""
+        return float(np.mean(self._errors(lags, out, out, by_level=False) ** 2))
+
+    def _errors(self, lags: Sequence[Lag], out: NDArray[np.bool_], judged: NDArray[np.bool_], by_level: bool) -> Array:
+        """Errors [N] on some of the samples ``judged`` without those of ``out``.
 
         by_level: forces scaled by their level at the samples seen (``Level``).
         """
         rng = np.random.default_rng(self.seed)
         known = rng.permutation(np.flatnonzero(~out))[:_SAMPLES]
-        test = rng.permutation(np.flatnonzero(out if judged is None else judged))[:_SAMPLES]
-        rows, R, spread = np.stack([*self._table, *(self.column(lag) for lag in lags)]), self.R, 1.0
+        test = rng.permutation(np.flatnonzero(judged))[:_SAMPLES]
+        rows, R, spread = np.stack([*self._table, *(self.column(lag) for lag in lags)]), self.R, np.ones(len(test))
         if by_level and self.inputs:
             x, R0, further = rows[0], rows[3], rows[4:]
             level = Level.of(x[known], further[:, known], R[known])
             R, rows[3] = ((force - level.centre(x, further)) / level.spread(further) for force in (R, R0))
-            spread = float(np.sqrt(np.mean(level.spread(further[:, test]) ** 2)))
+            spread = level.spread(further[:, test])
         scaling, goal = Scaling.of(rows), Scaling.of(R[None])
         inputs, target = scaling.apply(rows), goal.apply(R[None])[0]
         cut = len(known) * 17 // 20
@@ -78,24 +78,50 @@ class LeftOut:
         split = Data({name: (inputs[:, at], target[at]) for name, at in parts.items()}, scaling, goal)
         sizes = (len(rows), *_HIDDEN, 1)
         starts = [initial_weights(sizes, np.random.default_rng([self.seed, k])) for k in range(_STARTS)]
-        errors = [train(split, _HIDDEN, w, rule=RULES["fast"]).test for w in starts]
-        return float(min(errors) * (spread / goal.gain[0]) ** 2)
+        found = min((train(split, _HIDDEN, w, rule=RULES["fast"]) for w in starts), key=lambda each: each.test)
+        return np.asarray(spread * (split.network(found.w, _HIDDEN)(*rows[:, test]) - R[test]))
 
-    def inflation(self, lags: Sequence[Lag]) -> float:
-        """How much greater the error is on a recording of its own than on scattered parts of known ones, at least 1.
+    def inflation(self, lags: Sequence[Lag]) -> tuple[float, tuple[Curve | None, ...]]:
+        """How much greater errors are than on scattered parts of known recordings, at least 1: on a recording of its
+        own at inputs that were trained on; and, for each further input, times what between its levels.
 
-        Each recording is left out in turn, or each quarter of all where there are fewer than three; only samples within
-        the range of the rest are judged.
+        Each recording is left out in turn, or each quarter of all where there are fewer than three or levels of an
+        input; only samples within the range of the rest are judged. Then each level that has others on both sides.
+        Between two levels it is the greater the farther from both, most in the middle.
         """
-        whole = len(self.recordings) >= 3
+        known = self._reach(lags, self.scattered)
+        tables = [self._levels(port) for port in self.inputs]
+        whole = len(self.recordings) >= 3 and not any(tables)
         part = self._parts(1) if whole else self._parts(_STRETCHES) % _STRETCHES
-        powers = []
-        for number in range(int(part.max()) + 1):
-            out = part == number
-            low, high = (bound(self._seen[:, ~out], axis=1)[:, None] for bound in (np.min, np.max))
-            judged = out & ((self._seen >= low) & (self._seen <= high)).all(axis=0)
-            if judged.sum() >= len(self.recordings[0]) // _BLOCKS:
-                powers.append(self.power(lags, out, judged, whole))
-        if not powers:
-            return 1.0
-        return float(max(1.0, np.sqrt(np.median(powers) / self.power(lags, self.scattered, None, whole))))
+        found = [self._reach(lags, part == number) / known for number in range(int(part.max()) + 1)]
+        alike = float(max(1.0, np.nanmedian(found))) if np.isfinite(found).any() else 1.0
+        return alike, tuple(table and self._between(lags, *table, alike * known) for table in tables)
+
+    def _levels(self, port: FurtherInput) -> tuple[Array, NDArray[np.intp]] | None:
+        """Levels of an input that stands at one of them in each recording, as a tension set per test."""
+        found = levels_of(np.concatenate([recording.channel(port.column) for recording in self.recordings]))
+        if found is None or any(np.ptp(found[1][self._parts(1) == k]) for k in range(len(self.recordings))):
+            return None
+        return found
+
+    def _between(self, lags: Sequence[Lag], at: Array, number: NDArray[np.intp], known: float) -> Curve | None:
+        """Greater errors between the levels of an input; None where no level lies between others."""
+        heights = []
+        for k in range(1, len(at) - 1):
+            near = min(at[k] - at[k - 1], at[k + 1] - at[k]) / (at[k + 1] - at[k - 1])
+            heights.append((self._reach(lags, number == k) / known - 1.0) / (2.0 * near))
+        if not np.isfinite(heights).any():
+            return None
+        height = 1.0 + max(0.0, float(np.nanmean(heights)))
+        middles = (at[1:] + at[:-1]) / 2
+        to = np.insert(np.ones(len(at)), np.arange(1, len(at)), height)
+        return Curve(tuple(np.insert(at, np.arange(1, len(at)), middles).tolist()), tuple(to.tolist()))
+
+    def _reach(self, lags: Sequence[Lag], out: NDArray[np.bool_]) -> float:
+        """Magnitude that nine in ten errors [N] stay below on the samples ``out``, as far as they lie within the range
+        of the rest; NaN where hardly any do."""
+        low, high = (bound(self._seen[:, ~out], axis=1)[:, None] for bound in (np.min, np.max))
+        judged = out & ((self._seen >= low) & (self._seen <= high)).all(axis=0)
+        if judged.sum() < len(self.recordings[0]) // _BLOCKS:
+            return float("nan")
+        return float(np.quantile(np.abs(self._errors(lags, out, judged, by_level=True)), _SHARE))

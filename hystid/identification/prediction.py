@@ -73,7 +73,7 @@ def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
     model = replace(model, mass=own_mass(recording, model.mass))
     x, v, further, start = begin(model, recording)
     force, each, _ = at_rate(model, recording).members_response(x, v, start, further)
-    spread = None if model.spread is None else model.spread.of(each)
+    spread = None if model.spread is None else model.spread.of(each, list(further.values()))
     open_loop = Prediction(force, force_error(recording, force), spread=spread)
     if not model.mass:
         return open_loop

@@ -27,7 +27,7 @@ from hystid.networks.level import Level
 from hystid.networks.model import TwoNetworkModel
 from hystid.networks.onnx_reading import TURNING_POINTS, check_finite
 from hystid.networks.perceptron import Network
-from hystid.networks.ports import FurtherInput, Lag
+from hystid.networks.ports import Curve, FurtherInput, Lag
 from hystid.networks.trust import Spread
 from hystid.numeric import Array
 from hystid.rotation import turned_unit
@@ -165,7 +165,8 @@ def _graph(model: TwoNetworkModel) -> GraphProto:
     beyond = ""
     if model.tail is not None:
         x, v, further, beyond = _ends(g, model, x, v, further)
-    further = [_curved(g, port, column) for port, column in zip(model.inputs, further, strict=True)]
+    near = further
+    further = [_curved(g, port.name, port.curve, column) for port, column in zip(model.inputs, further, strict=True)]
     sources = {"v": v} | {port.name: column for port, column in zip(model.inputs, further, strict=True)}
     coming = [
         _follow(g, lag, name, sources[lag.source], 1 / model.sample_rate)
@@ -191,7 +192,12 @@ def _graph(model: TwoNetworkModel) -> GraphProto:
         column = g.node("Add", [column, beyond], "R_column")
     g.node("Squeeze", [column, first], "R")
     if model.spread is not None:
-        g.node("Squeeze", [_spread(g, model.spread, deviation), first], "R_spread")
+        width = _spread(g, model.spread, deviation)
+        for port, curve, values in zip(model.inputs, model.spread.between, near, strict=bool(model.spread.between)):
+            if curve is not None:
+                factor = _curved(g, f"{port.name}/between", curve, values)
+                width = g.node("Mul", [width, factor], f"R_spread_by_{port.name}")
+        g.node("Squeeze", [width, first], "R_spread")
     size = 2 + 2 * members + len(late)
     inputs = [_port("x"), _port("v"), *(_port(port.name) for port in model.inputs), _port("state", size)]
     outputs = [_port("R"), *([_port("R_spread")] if model.spread else []), _port("state_next", size)]
@@ -226,19 +232,20 @@ def _ends(g: _Graph, model: TwoNetworkModel, x: str, v: str, further: Sequence[s
     return x_near, v_near, columns, g.node("Add", forces, "R_beyond")
 
 
-def _curved(g: _Graph, port: FurtherInput, column: str) -> str:
-    """What the networks see of an input: to[0] + sum over the lines of slope * (value within the line - its begin)."""
-    if port.curve is None:
+def _curved(g: _Graph, name: str, curve: Curve | None, column: str) -> str:
+    """Curve at an input, which stays as it is where there is none: to[0] + sum over the lines of slope * (value within
+    the line - its begin)."""
+    if curve is None:
         return column
     begin, end = (
-        g.constant(f"{port.name}/{name}", [list(values)])
-        for name, values in (("line_begins", port.curve.at[:-1]), ("line_ends", port.curve.at[1:]))
+        g.constant(f"{name}/{which}", [list(values)])
+        for which, values in (("line_begins", curve.at[:-1]), ("line_ends", curve.at[1:]))
     )
-    inside = g.node("Max", [g.node("Min", [column, end], f"{port.name}/below_end"), begin], f"{port.name}/in_line")
-    way = g.node("Sub", [inside, begin], f"{port.name}/along_line")
-    slopes = g.constant(f"{port.name}/slopes", [list(port.curve.slopes)])
-    first = g.constant(f"{port.name}/curve_start", [port.curve.to[0]])
-    return g.node("Gemm", [way, slopes, first], f"{port.name}_seen", transB=1)
+    inside = g.node("Max", [g.node("Min", [column, end], f"{name}/below_end"), begin], f"{name}/in_line")
+    way = g.node("Sub", [inside, begin], f"{name}/along_line")
+    slopes = g.constant(f"{name}/slopes", [list(curve.slopes)])
+    first = g.constant(f"{name}/curve_start", [curve.to[0]])
+    return g.node("Gemm", [way, slopes, first], f"{name}_seen", transB=1)
 
 
 def _deviation(g: _Graph, mean: str) -> str:

@@ -11,17 +11,17 @@ from hystid.recording import Array
 
 @dataclass(frozen=True)
 class Curve:
-    """What the level of the force does between the values of an input that were trained on: straight lines.
+    """Straight lines over the values of an input: what the networks see in their place, or a factor (``Spread``).
 
-    at: the values, ascending; to: what the networks see in their place, ascending too, from the same least to the same
-    greatest value. Outside, the nearest of them.
+    at: the values, ascending; to: what stands in their place. Outside, the nearest of them. What networks see follows
+    the level of the force between the values trained on: ascending, from the same least to the same greatest value.
     """
 
     at: tuple[float, ...]
     to: tuple[float, ...]
 
     def __call__(self, values: Array) -> Array:
-        """What the networks see, of the shape of the values."""
+        """What stands in the place of the values, of their shape."""
         return np.asarray(np.interp(values, self.at, self.to))
 
     @property

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from hystid.networks.ports import Curve
 from hystid.recording import Array
 
 BAND = 1.6448536269514722  # standard deviations that a 90 % band of a normal error reaches to each side
@@ -28,15 +30,20 @@ class Tail:
 class Spread:
     """Standard deviation of the model's error [N], from that between its members: sqrt(floor^2 + (factor s)^2).
 
-    floor [N]: what all members miss alike, noise of the recordings included.
+    floor [N]: what all members miss alike, noise of the recordings included. between: what it is multiplied by between
+    the levels of each further input, 1 at those trained on; None for inputs without such levels.
     """
 
     floor: float
     factor: float
+    between: tuple[Curve | None, ...] = ()
 
-    def of(self, each: Array) -> Array:
-        """Spread [N], shape (n,), for the members' forces, shape (n, members)."""
-        return np.asarray(np.hypot(self.floor, self.factor * np.std(each, axis=1)))
+    def of(self, each: Array, further: Sequence[Array] = ()) -> Array:
+        """Spread [N], shape (n,), for the members' forces, shape (n, members), and the further inputs, (n,) each."""
+        spread = np.hypot(self.floor, self.factor * np.std(each, axis=1))
+        for curve, values in zip(self.between, further, strict=bool(self.between)):
+            spread = spread if curve is None else spread * curve(values)
+        return np.asarray(spread)
 
     @staticmethod
     def fit(error: Array, between: Array, inflation: float = 1.0) -> Spread:
