@@ -12,6 +12,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
+from benchmarks import attainable
 from benchmarks.lm import numpy_networks
 from hystid.compiled import CompiledModel
 from hystid.errors import RecordingError, UsageError
@@ -235,6 +236,23 @@ def test_the_band_is_as_wide_as_recordings_with_zeros_of_their_own_ask_for():
         assert np.mean(each.network.spread) > 2 * known_spread
     (curve,) = found.model.spread.between
     assert curve.at == (40.0, 60.0, 80.0, 100.0, 120.0) and curve.to[::2] == (1.0, 1.0, 1.0)
+
+
+def test_what_recordings_share_is_told_from_what_is_their_own():
+    """A zero of 3 N at 80 N of tension, off the line of 40 and 120 N, and 20 % more friction at 80 N another time.
+
+    Noise is 1 N and friction 40 N; the motions differ, so that a mean loop is only near the force.
+    """
+
+    def test(tension: float, seed: int, friction_of: float, zero: float = 0.0) -> Recording:
+        made = with_column(friction(friction_of, seed, f"{tension} N"), "tension", tension, "N")
+        return replace(made, F=made.F + zero, R=made.F + zero)
+
+    train = [test(40, 0, 20), test(120, 0, 60)]
+    assert attainable.zero_gap(train, test(80, 0, 40, 3.0), ["tension"]) == pytest.approx(3.0, abs=0.5)
+    known = test(80, 0, 40)
+    assert attainable.pass_gap([known], known, ["tension"]) < 2.0
+    assert attainable.pass_gap([known], test(80, 0, 48), ["tension"]) == pytest.approx(8.0, abs=2.0)
 
 
 def test_an_input_that_moves_within_recordings_has_no_gaps_between_levels():
