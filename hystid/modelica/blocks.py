@@ -12,7 +12,8 @@ from typing import TypeVar
 import numpy as np
 
 from hystid.errors import ModelicaError
-from hystid.modelica.expr import LOGICAL, STEPS, ZERO, Derivative, Expr, Num, Op, Ref, nodes, op, refs, substitute
+from hystid.modelica.differentiation import STEPS, Derivative
+from hystid.modelica.expr import LOGICAL, ZERO, Expr, Num, Op, Ref, nodes, op, refs, substitute
 from hystid.modelica.flat import Place
 from hystid.modelica.scalar import ScalarEquation
 

@@ -11,8 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence, Set
 
 from hystid.modelica.blocks import Solve, Step, has_steps
-from hystid.modelica.events import EventModel, is_cornered, mark_corners
-from hystid.modelica.expr import RELATIONS, Derivative, Expr, Num, Op, Ref, nodes, rebuild, refs
+from hystid.modelica.differentiation import Derivative
+from hystid.modelica.event_model import EventModel
+from hystid.modelica.events import is_cornered, mark_corners
+from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, nodes, rebuild, refs
 from hystid.modelica.scalar import ScalarModel
 
 

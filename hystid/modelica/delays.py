@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from hystid.errors import ModelicaError
 from hystid.modelica.blocks import Assign, Step
 from hystid.modelica.c_expr import Printer, quoted
-from hystid.modelica.events import Delay
+from hystid.modelica.event_model import Delay
 from hystid.modelica.expr import evaluate
 
 _HEAD = 5  # numbers before the points

@@ -15,7 +15,7 @@ from hystid.modelica.delays import slots
 from hystid.modelica.duhem import DuhemState, duhem_states
 from hystid.modelica.emit_c import Emitter, indented
 from hystid.modelica.emit_derivatives import DerivativeEmitter
-from hystid.modelica.events import der
+from hystid.modelica.event_model import der
 from hystid.modelica.expr import refs
 from hystid.modelica.hybrid import HybridModel, is_output
 from hystid.modelica.jumps import jumps_without_event

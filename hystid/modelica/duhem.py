@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hystid.modelica.blocks import Assign, sources, targets
-from hystid.modelica.events import der
+from hystid.modelica.event_model import der
 from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref
 from hystid.modelica.hybrid import HybridModel
 

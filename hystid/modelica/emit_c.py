@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from hystid.modelica.blocks import Assign, Solve, Step, components, sources, targets
 from hystid.modelica.c_expr import HELPERS, Printer, comment, number, quoted
 from hystid.modelica.delays import TEXTS, DelayPrinter
-from hystid.modelica.events import BEGIN, HOMOTOPY, INITIAL, Relation, pre
+from hystid.modelica.event_model import BEGIN, HOMOTOPY, INITIAL, Relation, pre
 from hystid.modelica.expr import RELATIONS, Expr, Num, Op, Ref, Text, op, rebuild, refs
 from hystid.modelica.flat import Assertion
 from hystid.modelica.hybrid import HybridModel

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 
 from hystid.modelica.blocks import Assign, Solve, Step, sources, targets
 from hystid.modelica.c_expr import comment
+from hystid.modelica.differentiation import gradient
 from hystid.modelica.emit_c import Emitter, indented
-from hystid.modelica.expr import Expr, Num, gradient
+from hystid.modelica.expr import Expr, Num
 
 
 class DerivativeEmitter:

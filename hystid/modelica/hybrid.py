@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from hystid.modelica.blocks import Assign, Solve, Step
-from hystid.modelica.events import Delay, Reinit, Relation, Sampler
+from hystid.modelica.event_model import Delay, Reinit, Relation, Sampler
 from hystid.modelica.expr import Expr
 from hystid.modelica.flat import Assertion, FlatModel
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable

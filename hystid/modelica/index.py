@@ -10,14 +10,15 @@ and ends the run there).
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 
 from hystid.errors import ModelicaError
 from hystid.modelcode import Experiment
 from hystid.modelica.blocks import Assign, isolate, preference, solve_order
-from hystid.modelica.events import HOMOTOPY, EventModel, Relation, der
-from hystid.modelica.expr import ONE, ZERO, Derivative, Expr, Num, Op, Ref, Text, evaluate, nodes, op, refs, substitute
+from hystid.modelica.differentiation import Derivative
+from hystid.modelica.event_model import HOMOTOPY, EventModel, Relation, der
+from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Ref, Text, evaluate, nodes, op, refs, substitute
 from hystid.modelica.flat import Assertion
 from hystid.modelica.matching import matching
 from hystid.modelica.scalar import ScalarEquation, ScalarVariable
@@ -25,21 +26,19 @@ from hystid.modelica.scalar import ScalarEquation, ScalarVariable
 # a located turning point is off by less than this many steps of the model, also where the solver is the importer's
 _STEPS_AHEAD = 10
 _VANISHED = 1e-2  # of the value at the start: a solver of tolerance 1e-6 places a turning point to 1e-3
-Unknowns = Callable[[EventModel, Mapping[str, str]], list[str]]
 
 
-def reduce_index(events: EventModel, aliases: Mapping[str, str], unknowns_of: Unknowns) -> EventModel:
+def reduce_index(events: EventModel, aliases: Mapping[str, str]) -> EventModel:
     """The model with as many states as are free. Unchanged where every equation has an unknown to determine.
 
-    unknowns_of(events, aliases) lists derivatives and algebraic variables. Raises ModelicaError where the states are
-    tied in a way that needs more than this.
+    Raises ModelicaError where the states are tied in a way that needs more than this.
     """
     events = _with_preferred_velocities(events)
     former: set[str] = set()  # were states, have a derivative still
     used: dict[ScalarEquation, str] = {}  # ties, and the state that went for each
     rates: dict[str, ScalarEquation] = {}  # what determines the derivatives of those
     for _ in range(len(events.states)):
-        unknowns = unknowns_of(events, aliases)
+        unknowns = events.unknowns(aliases)
         known = set(unknowns)
         options = [preference(e, known) for e in events.equations]
         owner, left = matching(_settled(events.equations, options, {*events.states, *former}), unknowns)

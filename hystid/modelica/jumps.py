@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hystid.modelica.blocks import Assign, Step, sources
-from hystid.modelica.events import der
+from hystid.modelica.event_model import der
 from hystid.modelica.expr import Op, evaluate, nodes
 from hystid.modelica.hybrid import HybridModel
 

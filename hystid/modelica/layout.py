@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from hystid.modelica.delays import slots
-from hystid.modelica.events import BEGIN, HOMOTOPY, INITIAL, der, pre
+from hystid.modelica.event_model import BEGIN, HOMOTOPY, INITIAL, der, pre
 from hystid.modelica.expr import refs
 from hystid.modelica.hybrid import HybridModel
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hystid.modelica.blocks import Assign, sources, targets
-from hystid.modelica.events import pre
+from hystid.modelica.event_model import pre
 from hystid.modelica.hybrid import HybridModel, is_output
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from hystid.modelica.events import EventModel, Relation
+from hystid.modelica.event_model import EventModel, Relation
 from hystid.modelica.expr import ONE, Expr, Op, Ref, op
 
 _Literal = tuple[str, bool]  # a relation, and whether it must hold

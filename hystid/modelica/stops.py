@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 
 from hystid.modelica.blocks import Assign, Step
-from hystid.modelica.events import der
+from hystid.modelica.event_model import der
 from hystid.modelica.expr import Expr, Num, Op, Ref
 from hystid.modelica.hybrid import HybridModel
 
