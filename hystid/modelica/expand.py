@@ -6,6 +6,7 @@ algorithm on expressions, where an ``if`` statement merges the values of its bra
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ import numpy as np
 
 from hystid.errors import ModelicaError
 from hystid.limits import COMPILE_ELEMENTS, room_for
+from hystid.modelica.array_functions import ARRAY_FUNCTIONS
 from hystid.modelica.expr import (
     FUNCTIONS,
     LOGICAL,
@@ -41,18 +43,14 @@ from hystid.modelica.values import (
     array,
     flattened,
     mapped,
-    matrix,
     merge,
     product,
-    rows,
-    stacked,
     summed,
 )
 
 _KEPT = frozenset({"der", "pre", "edge", "change", "sample", "initial", "terminal", "homotopy", "delay", "String"})
 _ELEMENTWISE = {".*": "*", "./": "/", ".^": "^"}
 _EVENTS = RELATIONS | {"floor", "ceil", "integer", "div", "mod", "rem"}
-_LOOP_LIMIT = 100_000
 _CALL_DEPTH = 50
 _OPERATION = 4  # elements of the budget of a compilation: an operation on scalars takes some 10 us
 _CALL_COST = 10  # in such operations
@@ -323,111 +321,14 @@ class Expander:
             self.refuse(f"subscript {max(whole, key=abs) + 1} is outside 1..{size}")
         return np.array(whole, dtype=int) if isinstance(value, np.ndarray) else whole[0]
 
-    def _build(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        parts = [self.value(a, local) for a in args]
-        if not any(isinstance(p, np.ndarray) for p in parts):
-            return array(parts)
-        if len({p.shape if isinstance(p, np.ndarray) else () for p in parts}) > 1:
-            self.refuse("the rows of an array have different sizes")
-        return stacked(parts)
-
-    def _horizontal(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return np.concatenate([matrix(self.value(a, local)) for a in args], axis=1)
-
-    def _vertical(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return np.concatenate([rows(self.value(a, local)) for a in args], axis=0)
-
-    def _range(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Array:
-        start, step, end = (self.number(a, local, "a range") for a in args)
-        count = int((end - start) / step + 1e-9) + 1 if (end - start) * step >= 0 else 0
-        if count > _LOOP_LIMIT:
-            self.refuse(f"a range of {count} elements is too long (limit {_LOOP_LIMIT})")
-        return array([Num(start + step * k) for k in range(count)])
-
-    def _comprehension(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        body, name, values = args[0], args[1], args[2]
-        assert isinstance(name, Ref)
-        parts = []
-        for v in flattened(self.value(values, local)):
-            self.spend(1)
-            inner = Op("for", (body, *args[3:])) if len(args) > 3 else body
-            parts.append(self.value(inner, {**local, name.name: v}))
-        return stacked(parts) if parts and isinstance(parts[0], np.ndarray) else array(parts)
-
-    def _extreme(self, name: str) -> Callable[..., Value]:
-        def run(args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-            values = [self.value(a, local) for a in args]
-            if len(values) > 1:
-                return self._broadcast(name, values)
-            items = flattened(values[0])
-            if not items:
-                self.refuse(f"{name}() of an empty array")
-            result = items[0]
-            for item in items[1:]:
-                result = op(name, result, item)
-            return result
-
-        return run
-
-    def _size(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        base = self.value(args[0], local)
-        shape = base.shape if isinstance(base, np.ndarray) else ()
-        if len(args) == 1:
-            return array([Num(float(n)) for n in shape])
-        axis = int(self.number(args[1], local, "the dimension of size()"))
-        if not 1 <= axis <= len(shape):
-            self.refuse(f"size(): there is no dimension {axis}")
-        return Num(float(shape[axis - 1]))
-
-    def _filled(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        shape = tuple(int(self.number(a, local, "a size")) for a in args[1:])
-        self.spend(int(np.prod(shape)))
-        return array([self.scalar(args[0], local)] * int(np.prod(shape))).reshape(shape)
-
-    def _identity(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        n = int(self.number(args[0], local, "a size"))
-        self.spend(n * n)
-        return array([ONE if i == j else ZERO for i in range(n) for j in range(n)]).reshape(n, n)
-
-    def _diagonal(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        items = self.flat(args[0], local)
-        n = len(items)
-        self.spend(n * n)
-        return array([items[i] if i == j else ZERO for i in range(n) for j in range(n)]).reshape(n, n)
-
-    def _linspace(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        a, b = self.scalar(args[0], local), self.scalar(args[1], local)
-        n = int(self.number(args[2], local, "the count of linspace()"))
-        self.spend(n)
-        span = op("-", b, a)
-        return array([op("+", a, op("/", op("*", span, Num(float(k))), Num(n - 1.0))) for k in range(n)])
-
-    def _sum_of(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return summed(self.flat(args[0], local))
-
-    def _product_of(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        result: Expr = ONE
-        for item in self.flat(args[0], local):
-            result = op("*", result, item)
-        return result
-
-    def _transpose(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return matrix(self.value(args[0], local)).T
-
-    def _cross(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        a, b = self.flat(args[0], local), self.flat(args[1], local)
-        pairs = ((1, 2), (2, 0), (0, 1))
-        return array([op("-", op("*", a[i], b[j]), op("*", a[j], b[i])) for i, j in pairs])
-
-    def _concatenate(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        axis = int(self.number(args[0], local, "the dimension of cat()")) - 1
-        return np.concatenate([np.atleast_1d(np.asarray(self.value(a, local), object)) for a in args[1:]], axis=axis)
-
-    def _vector(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return array(self.flat(args[0], local))
-
-    def _scalar_of(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        return self.scalar(args[0], local)
+    def _extreme(self, name: str, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
+        values = [self.value(a, local) for a in args]
+        if len(values) > 1:
+            return self._broadcast(name, values)
+        items = flattened(values[0])
+        if not items:
+            self.refuse(f"{name}() of an empty array")
+        return functools.reduce(lambda a, b: op(name, a, b), items)
 
     def _choice(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         condition = self.scalar(args[0], local)
@@ -446,10 +347,6 @@ class Expander:
 
     def _tuple(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         return tuple(self.value(a, local) for a in args)
-
-    def _record(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
-        names = [n.value for n in args[::2] if isinstance(n, Text)]
-        return Record.of(names, (self.value(a, local) for a in args[1::2]))
 
     def _semi_linear(self, args: tuple[Expr, ...], local: Mapping[str, Value]) -> Value:
         x, up, down = (self.scalar(a, local) for a in args)
@@ -489,33 +386,13 @@ class Expander:
 
 
 _SPECIAL: dict[str, Callable[..., Value]] = {
+    **ARRAY_FUNCTIONS,
     "[]": Expander._subscripted,
     "field": Expander._field,
-    "{}": Expander._build,
-    "[,]": Expander._horizontal,
-    "[;]": Expander._vertical,
-    "range": Expander._range,
-    "for": Expander._comprehension,
     "tuple": Expander._tuple,
     "if": Expander._choice,
-    "min": lambda self, args, local: self._extreme("min")(args, local),
-    "max": lambda self, args, local: self._extreme("max")(args, local),
-    "size": Expander._size,
-    "fill": Expander._filled,
-    "zeros": lambda self, args, local: self._filled((ZERO, *args), local),
-    "ones": lambda self, args, local: self._filled((ONE, *args), local),
-    "identity": Expander._identity,
-    "diagonal": Expander._diagonal,
-    "linspace": Expander._linspace,
-    "sum": Expander._sum_of,
-    "product": Expander._product_of,
-    "transpose": Expander._transpose,
-    "cross": Expander._cross,
-    "cat": Expander._concatenate,
-    "array": Expander._build,
-    "vector": Expander._vector,
-    "scalar": Expander._scalar_of,
+    "min": lambda self, args, local: self._extreme("min", args, local),
+    "max": lambda self, args, local: self._extreme("max", args, local),
     "semiLinear": Expander._semi_linear,
-    "record": Expander._record,
     "outside": lambda self, args, local: self.value(args[0], {}),
 }
