@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import io
 import logging
 import os
 import signal
@@ -16,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hystid import child
+from hystid.child import Child, frames
 from hystid.cli.run import run
 from hystid.errors import FmuError, HystidError
 from hystid.fmu import Driver, build_model
@@ -391,10 +392,7 @@ def test_arrays_and_texts_come_through_the_pipe() -> None:
         "e": [1, 2.5, None, "x", {"f": np.array(["a", "ü"], object)}], "": float("inf"), "g": np.array(2.0),
         "h": np.arange(10)[::2],
     }  # fmt: skip
-    packed = child._Arrays()
-    text = child._packed(value, packed)
-    data = memoryview(b"".join(bytes(memoryview(array).cast("B")) for array in packed if array.nbytes))
-    found = child._unpacked(text, data)
+    found = frames.receive(io.BytesIO(b"".join(frames.encoded(value))), 10_000, 10_000)
     assert list(found) == list(value)
     for name in ("a", "b", "c", "g", "h"):
         np.testing.assert_array_equal(found[name], value[name])
@@ -407,7 +405,7 @@ def test_arrays_and_texts_come_through_the_pipe() -> None:
 )
 def test_nonsense_from_over_there_is_no_array(told: list[object]) -> None:
     with pytest.raises((ValueError, TypeError, IndexError)):
-        child._unpacked(told, memoryview(bytes(16)))
+        frames._unpacked(told, memoryview(bytes(16)))
 
 
 def floods(count: int) -> int:
@@ -419,7 +417,7 @@ def floods(count: int) -> int:
 
 def test_messages_without_end_are_cut(caplog: pytest.LogCaptureFixture) -> None:
     """The first ones say what is wrong; each call has its own number of them."""
-    other = child.Child()
+    other = Child()
     try:
         for _ in range(2):
             caplog.clear()

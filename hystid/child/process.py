@@ -1,21 +1,13 @@
-"""Work in a process of its own, for code that may crash, hang, leak memory, print, or end the process it runs in.
-
-``Child.ask`` calls a function there by name. Requests and answers are JSON with arrays beside it, so that whatever
-happened over there, nothing but numbers and texts comes back. A child that dies, stays silent for too long, or lives on
-for ever without an answer is one ``ChildError`` with the reason; the next request starts another.
-"""
+"""The side that asks: a process that is started, asked, watched and ended."""
 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json
 import logging
-import math
 import os
 import queue
 import signal
-import struct
 import subprocess
 import sys
 import threading
@@ -24,24 +16,23 @@ import weakref
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
-
-import numpy as np
+from typing import Any
 
 from hystid import errors
-from hystid.limits import CHILD_MEMORY, CHILD_RUN_SECONDS, CHILD_SECONDS, FMU_UNPACKED, kill
+from hystid.child.frames import encoded, receive, write
+from hystid.child.serving import BEAT
+from hystid.limits import CHILD_MEMORY, CHILD_RUN_SECONDS, CHILD_SECONDS, kill
 
 _log = logging.getLogger("hystid")
-_HEADER = struct.Struct("<QQ")  # bytes of JSON, bytes of arrays
 _START = """import json, sys
 sys.path[:] = json.loads(sys.argv[1])
-from hystid.child import serve
+from hystid.child.serving import serve
 serve(int(sys.argv[2]))"""
-_BEAT = 1.0  # s between two signs of life
-_SHARE = 10  # a busy machine stretches the time between them by so much at most; 100 threads of one library are no load
+_SHARE = (
+    10  # by so much a busy machine stretches the time between signs of life at most; a library's threads are no load
+)
 _GRACE = 0.25  # s between looks at whether it still runs
 _KEPT = 4096  # bytes of what a child printed
-_MESSAGES = 1000  # of one request that are passed on
 _ATTEMPTS = 200  # to see it end, 10 ms apart
 _SIGN = "HYSTID_CHILD_SIGN"  # a variable by which it, and whatever it starts, is known
 _JSON = 64 << 20  # bytes of JSON in an answer
@@ -139,7 +130,7 @@ class _Process:
     def ask(self, request: Mapping[str, Any], seconds: float) -> Any:
         """One request and its answer."""
         until = time.monotonic() + CHILD_RUN_SECONDS.value
-        sender = threading.Thread(target=self._put, args=(_encoded(request),), daemon=True)
+        sender = threading.Thread(target=self._put, args=(encoded(request),), daemon=True)
         self._threads[2:] = [sender]
         sender.start()  # beside, for it may have stopped to read
         while True:
@@ -155,7 +146,7 @@ class _Process:
 
     def _put(self, blocks: Sequence[memoryview]) -> None:
         with contextlib.suppress(OSError, ValueError):
-            _write(self._questions, blocks)
+            write(self._questions, blocks)
 
     def _next(self, seconds: float, until: float) -> Any:
         """What it tells next, None where its process is over."""
@@ -212,7 +203,7 @@ class _Process:
                 if f"{_SIGN}={self._sign}".encode() in place.read_bytes():
                     os.kill(int(place.parent.name), signal.SIGKILL)
         for thread in self._threads:
-            thread.join(_BEAT)
+            thread.join(BEAT)
         if not any(thread.is_alive() for thread in self._threads):
             for file in (self._questions, self._answers, self._printed):
                 file.close()
@@ -258,7 +249,7 @@ class _Process:
     def _listen(self) -> None:
         try:
             while True:
-                self._told.put(_receive(self._answers, _JSON, self._memory))
+                self._told.put(receive(self._answers, _JSON, self._memory))
         except (OSError, ValueError, EOFError, KeyError, TypeError, IndexError, MemoryError, RecursionError):
             # where it did not end, it wrote nonsense between the answers; Popen.kill would reap it unseen
             kill(self._process)
@@ -276,186 +267,3 @@ def _memory() -> int:
     if not hasattr(os, "sysconf"):
         return wanted
     return min(wanted, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") * 3 // 4)
-
-
-# ---- over there ----
-
-_answers: IO[bytes] | None = None
-_sending = threading.Lock()
-_beats = 0
-
-
-def is_child() -> bool:
-    """Whether this process was started by ``Child``."""
-    return _answers is not None
-
-
-def beat() -> None:
-    """A sign of life from work that takes long. It is counted, and told once a second: steps take microseconds."""
-    global _beats
-    _beats += 1
-
-
-class _Told(logging.Handler):
-    """Sends messages on, so many for one request: more tell nothing new, and bury what was said first."""
-
-    left = _MESSAGES
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.left -= 1
-        if self.left >= 0:
-            text = record.getMessage() if self.left else "further messages of this call are left out"
-            _tell({"log": record.levelno, "text": text})
-
-
-def _tell(value: Mapping[str, Any]) -> None:
-    assert _answers is not None
-    with _sending:
-        _write(_answers, _encoded(value))
-
-
-def serve(memory: int) -> None:
-    """Answer requests until there are no more. Standard output belongs to the code that is called from here on."""
-    global _answers
-    questions = os.fdopen(os.dup(0), "rb", buffering=0)
-    _answers = os.fdopen(os.dup(1), "wb", buffering=0)
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    os.dup2(2, 1)
-    _limit(memory)
-    threading.Thread(target=_watch, args=(os.getppid(),), daemon=True).start()
-    told = _Told()
-    _log.addHandler(told)
-    _log.propagate = False
-    while True:
-        try:
-            request = _receive(questions, 1 << 40, 1 << 40)
-        except (EOFError, OSError):
-            _leave()
-        told.left = _MESSAGES
-        _tell(_answered(request))
-
-
-def _answered(request: Mapping[str, Any]) -> dict[str, Any]:
-    try:
-        module, _, name = request["call"].partition(":")
-        return {"answer": getattr(importlib.import_module(module), name)(**request["arguments"])}
-    except Exception as error:  # whatever it is, it is told over there
-        text = str(error).strip()
-        known = isinstance(error, errors.HystidError)
-        return {"error": type(error).__name__, "text": text if known else " ".join(text.split())[:500]}
-
-
-def _limit(memory: int) -> None:
-    try:
-        import resource
-    except ImportError:
-        return
-    try:  # what Python and its libraries have set aside by now does not count
-        taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    except (OSError, ValueError):
-        taken = 0
-    file = int(FMU_UNPACKED.value) << 20  # a log without end fills the disk; Python takes the signal for an error
-    limits = ((resource.RLIMIT_AS, memory + taken), (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, file))
-    for kind, size in limits:
-        with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(kind, (size, size))
-
-
-def _watch(parent: int) -> None:
-    """Pass on that the work goes on; end where the process that asks has been killed, whatever is being computed."""
-    told = _beats
-    while os.getppid() == parent:
-        time.sleep(_BEAT)
-        if _beats != told:
-            told = _beats
-            with contextlib.suppress(OSError):
-                _tell({"alive": True})
-    _leave()
-
-
-def _leave() -> None:
-    """End, with what the code here has started."""
-    if hasattr(os, "killpg"):
-        os.killpg(0, signal.SIGKILL)
-    os._exit(0)
-
-
-# ---- between the two ----
-
-
-def _encoded(value: Mapping[str, Any]) -> list[memoryview]:
-    arrays = _Arrays()
-    text = json.dumps(_packed(dict(value), arrays)).encode()
-    data = b"".join([_HEADER.pack(len(text), arrays.size), text])
-    return [memoryview(data), *(memoryview(array).cast("B") for array in arrays if array.nbytes)]
-
-
-def _write(file: IO[bytes], blocks: Sequence[memoryview]) -> None:
-    for rest in blocks:
-        while rest:
-            rest = rest[file.write(rest) :]
-
-
-def _receive(file: IO[bytes], most_text: int, most_data: int) -> Any:
-    n_text, n_data = _HEADER.unpack(_exactly(file, _HEADER.size))
-    if n_text > most_text or n_data > most_data:
-        raise ValueError("an answer that is too long")
-    text = json.loads(bytes(_exactly(file, n_text)))
-    data = _exactly(file, n_data)
-    return _unpacked(text, memoryview(data))
-
-
-def _exactly(file: IO[bytes], n: int) -> bytearray:
-    data = bytearray(n)
-    view = memoryview(data)
-    while view:
-        count = file.readinto(view)  # type: ignore[attr-defined]  # binary pipes have it
-        if not count:
-            raise EOFError
-        view = view[count:]
-    return data
-
-
-class _Arrays(list[Any]):
-    """Arrays that follow one another, and their size in bytes."""
-
-    size = 0
-
-    def add(self, array: Any) -> int:
-        begin = self.size
-        self.append(array)
-        self.size += array.nbytes
-        return begin
-
-
-def _packed(value: Any, arrays: _Arrays) -> Any:
-    """Scalars as they are, everything else as [kind, ...]; arrays of numbers are put aside."""
-    if isinstance(value, np.ndarray):
-        if value.dtype.kind in "fiub":
-            return ["array", arrays.add(np.ascontiguousarray(value)), value.dtype.str, list(value.shape)]
-        return ["texts", [str(item) for item in value.ravel()], list(value.shape)]
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, Mapping):
-        return ["map", [[str(key), _packed(item, arrays)] for key, item in value.items()]]
-    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        return ["list", [_packed(item, arrays) for item in value]]
-    return str(value) if isinstance(value, Path) else value
-
-
-def _unpacked(value: Any, data: memoryview) -> Any:
-    if not isinstance(value, list):
-        return value
-    if value[0] == "map":
-        return {str(key): _unpacked(item, data) for key, item in value[1]}
-    if value[0] == "list":
-        return [_unpacked(item, data) for item in value[1]]
-    if value[0] == "texts":
-        texts = np.empty(len(value[1]), object)
-        texts[:] = value[1]
-        return texts.reshape(value[2])
-    _, begin, name, shape = value
-    dtype = np.dtype(name)
-    if dtype.kind not in "fiub" or begin < 0 or any(n < 0 for n in shape):
-        raise ValueError("an array of a type that is never sent")
-    return np.frombuffer(data, dtype, math.prod(shape), begin).reshape(shape).copy()
