@@ -28,9 +28,7 @@ _START = """import json, sys
 sys.path[:] = json.loads(sys.argv[1])
 from hystid.child.serving import serve
 serve(int(sys.argv[2]))"""
-_SHARE = (
-    10  # by so much a busy machine stretches the time between signs of life at most; a library's threads are no load
-)
+_SHARE = 10  # a busy machine stretches the time between signs of life by so much; threads of a library are no load
 _GRACE = 0.25  # s between looks at whether it still runs
 _KEPT = 4096  # bytes of what a child printed
 _ATTEMPTS = 200  # to see it end, 10 ms apart

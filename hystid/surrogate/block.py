@@ -10,8 +10,9 @@ from itertools import accumulate
 import numpy as np
 
 from hystid.modelcode import ModelCode
-from hystid.surrogate.emit import Functions, number
+from hystid.surrogate.emit import Functions
 from hystid.surrogate.identifiers import readable
+from hystid.surrogate.loops import number
 from hystid.surrogate.program import Port, Program
 from hystid.toolchain import digest_of, texts_of
 

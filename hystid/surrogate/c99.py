@@ -17,8 +17,9 @@ import numpy as np
 from hystid.errors import NetworkError, UsageError
 from hystid.networks import onnx_reading
 from hystid.surrogate import block, reader
-from hystid.surrogate.emit import Functions, number, value_function
+from hystid.surrogate.emit import Functions, value_function
 from hystid.surrogate.identifiers import Names, identifier, readable
+from hystid.surrogate.loops import number
 from hystid.surrogate.network import Layout, Ports, interface_of
 from hystid.surrogate.program import Elementwise, MatMul, Port, Program
 from hystid.surrogate.restoring_force import interface_of_surrogate, is_surrogate

@@ -10,14 +10,12 @@ All three are pure functions of their arguments. Locals live on the stack, or in
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from math import prod
-
-import numpy as np
 
 from hystid.surrogate.functions import C_HELPERS, FUNCTIONS
 from hystid.surrogate.identifiers import readable
+from hystid.surrogate.loops import Lines, Nest, number, over, pointer
 from hystid.surrogate.program import Elementwise, Gather, MatMul, Program, Reduce, Statement
 from hystid.surrogate.tensors import Buffer, View
 
@@ -37,18 +35,7 @@ _APART = """\
 #endif
 
 """
-_INDEX = "ijklmnop"
 _OPERANDS = "abc"
-Lines = list[str]
-
-
-def number(value: float) -> str:
-    """A C literal that reads back as exactly this double."""
-    if np.isnan(value):
-        return "NAN"
-    if np.isinf(value):
-        return "INFINITY" if value > 0 else "(-INFINITY)"
-    return repr(float(value)) if value >= 0 and not np.signbit(value) else f"({float(value)!r})"
 
 
 @dataclass(frozen=True)
@@ -214,7 +201,7 @@ class _Writer:
     def _value(self, place: int, statement: Statement) -> None:
         if isinstance(statement, Elementwise):
             if statement.function == "tanh" and _in_a_row(statement.out, *statement.operands):
-                n, x, y = statement.out.size, _pointer(statement.operands[0]), _pointer(statement.out)
+                n, x, y = statement.out.size, pointer(statement.operands[0]), pointer(statement.out)
                 self.lines.append(f"    nn_tanh_all({n}, {x}, {y});")
                 return
             expression = FUNCTIONS[statement.function].c
@@ -229,14 +216,14 @@ class _Writer:
 
     def _product(self, s: MatMul) -> None:
         if _is_dense(s):
-            bias = "0" if s.bias is None else _pointer(s.bias)
-            self.lines.append(f"    nn_dense({_dense_arguments(s)}, {_pointer(s.a)}, {bias}, {_pointer(s.out)});")
+            bias = "0" if s.bias is None else pointer(s.bias)
+            self.lines.append(f"    nn_dense({_dense_arguments(s)}, {pointer(s.a)}, {bias}, {pointer(s.out)});")
             return
         rows, columns, inner = s.out.shape[0], s.out.shape[1], s.a.shape[1]
-        outer = _Nest((rows, columns))
+        outer = Nest((rows, columns))
         start = "0.0" if s.bias is None else outer.at(s.bias)
-        deep = _Nest((rows, columns, inner))
-        a, b = _over(s.a, (rows, columns, inner), (0, 2)), _over(s.b, (rows, columns, inner), (2, 1))
+        deep = Nest((rows, columns, inner))
+        a, b = over(s.a, (rows, columns, inner), (0, 2)), over(s.b, (rows, columns, inner), (2, 1))
         self.lines += outer.wrap(
             [
                 f"double sum = {start};",
@@ -247,7 +234,7 @@ class _Writer:
 
     def _reduction(self, s: Reduce) -> None:
         rank = len(s.out.shape)
-        deep, outer = _Nest(s.operand.shape), _Nest(s.out.shape)
+        deep, outer = Nest(s.operand.shape), Nest(s.out.shape)
         value = deep.at(s.operand)
         if s.function == "sum":
             start, line = "0.0", f"result += {value};"
@@ -282,7 +269,7 @@ class _Writer:
 
     def _reduction_forward(self, s: Reduce) -> None:
         rank = len(s.out.shape)
-        deep, outer = _Nest(s.operand.shape), _Nest(s.out.shape)
+        deep, outer = Nest(s.operand.shape), Nest(s.out.shape)
         line = f"result += {deep.at(s.operand, 'd_')};"
         if s.function != "sum":  # the first of equal elements is the one that counts
             line = f"if (!found && {deep.at(s.operand)} == {outer.at(s.out)}) {{ {line} found = 1; }}"
@@ -292,13 +279,11 @@ class _Writer:
     def _product_forward(self, s: MatMul) -> None:
         bias = s.bias if s.bias is not None and s.bias.buffer in self.active else None
         if _is_dense(s) and bias is None and s.b.buffer not in self.active:
-            self.lines.append(
-                f"    nn_dense({_dense_arguments(s)}, {_pointer(s.a, 'd_')}, 0, {_pointer(s.out, 'd_')});"
-            )
+            self.lines.append(f"    nn_dense({_dense_arguments(s)}, {pointer(s.a, 'd_')}, 0, {pointer(s.out, 'd_')});")
             return
         shape = (s.out.shape[0], s.out.shape[1], s.a.shape[1])
-        outer, deep = _Nest(shape[:2]), _Nest(shape)
-        a, b = _over(s.a, shape, (0, 2)), _over(s.b, shape, (2, 1))
+        outer, deep = Nest(shape[:2]), Nest(shape)
+        a, b = over(s.a, shape, (0, 2)), over(s.b, shape, (2, 1))
         start = "0.0" if bias is None else outer.at(bias, "d_")
         terms = []
         if s.a.buffer in self.active:
@@ -332,12 +317,12 @@ class _Writer:
 
     def _product_adjoint(self, s: MatMul) -> None:
         shape = (s.out.shape[0], s.out.shape[1], s.a.shape[1])
-        outer, deep = _Nest(shape[:2]), _Nest(shape)
-        a, b = _over(s.a, shape, (0, 2)), _over(s.b, shape, (2, 1))
-        slope = deep.at(_over(s.out, shape, (0, 1)), "d_")
+        outer, deep = Nest(shape[:2]), Nest(shape)
+        a, b = over(s.a, shape, (0, 2)), over(s.b, shape, (2, 1))
+        slope = deep.at(over(s.out, shape, (0, 1)), "d_")
         body = []
         if _is_dense(s) and s.a.buffer in self.active and s.b.buffer not in self.active:
-            back = f"{_pointer(s.out, 'd_')}, {_pointer(s.a, 'd_')}"
+            back = f"{pointer(s.out, 'd_')}, {pointer(s.a, 'd_')}"
             self.lines.append(f"    nn_dense_back({_dense_arguments(s)}, {back});")
         elif s.a.buffer in self.active:
             body.append(f"{deep.at(a, 'd_')} += {slope} * {deep.at(b)};")
@@ -350,16 +335,16 @@ class _Writer:
 
     def _reduction_adjoint(self, s: Reduce) -> None:
         rank = len(s.out.shape)
-        deep, outer = _Nest(s.operand.shape), _Nest(s.out.shape)
+        deep, outer = Nest(s.operand.shape), Nest(s.out.shape)
         line, start = f"{deep.at(s.operand, 'd_')} += {outer.at(s.out, 'd_')};", []
         if s.function != "sum":
             line = f"if (!found && {deep.at(s.operand)} == {outer.at(s.out)}) {{ {line} found = 1; }}"
             start = ["int found = 0;"]
         self.lines += outer.wrap([*start, *deep.inner_wrap([line], rank)])
 
-    def _loop(self, statement: Statement, body: Callable[[_Nest], Lines]) -> None:
+    def _loop(self, statement: Statement, body: Callable[[Nest], Lines]) -> None:
         views = [statement.out] if isinstance(statement, Gather) else [statement.out, *statement.operands]
-        nest = _Nest.merged(views)
+        nest = Nest.merged(views)
         lines = body(nest)
         if lines:
             self.lines += nest.wrap(lines)
@@ -378,81 +363,13 @@ def _is_dense(s: MatMul) -> bool:
 
 
 def _dense_arguments(s: MatMul) -> str:
-    return f"{s.out.shape[1]}, {s.a.shape[1]}, {_pointer(s.b)}"
+    return f"{s.out.shape[1]}, {s.a.shape[1]}, {pointer(s.b)}"
 
 
-def _pointer(view: View, prefix: str = "") -> str:
-    name = prefix + view.buffer.name
-    return f"{name} + {view.offset}" if view.offset else name
-
-
-def _over(view: View, shape: Sequence[int], axes: Sequence[int]) -> View:
-    """View re-read over a larger index space: its axis n runs with index ``axes[n]``, the others do not move it."""
-    strides = [0] * len(shape)
-    for stride, axis in zip(view.strides, axes, strict=True):
-        strides[axis] = stride
-    return View(view.buffer, tuple(shape), tuple(strides), view.offset, view.kind)
-
-
-def _fill(expression: str, statement: Elementwise, nest: _Nest) -> str:
+def _fill(expression: str, statement: Elementwise, nest: Nest) -> str:
     values = dict(zip(_OPERANDS, map(nest.at, statement.operands), strict=False))
     return expression.format(y=nest.at(statement.out), **values)
 
 
 def _times(factor: str, term: str) -> str:
     return {"1.0": term, "-1.0": f"-{term}"}.get(factor, f"({factor}) * {term}")
-
-
-@dataclass(frozen=True)
-class _Nest:
-    """Nested loops over a shape. strides: for views whose axes were merged, their strides in this nest."""
-
-    shape: tuple[int, ...]
-    strides: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
-
-    @staticmethod
-    def merged(views: Sequence[View]) -> _Nest:
-        """As few loops as visit the same elements of all views in row-major order."""
-        axes: list[tuple[int, list[int]]] = []
-        for axis, size in enumerate(views[0].shape):
-            steps = [view.strides[axis] for view in views]
-            if size == 1:
-                continue
-            if axes and all(before == size * step for before, step in zip(axes[-1][1], steps, strict=True)):
-                axes[-1] = (axes[-1][0] * size, steps)
-            else:
-                axes.append((size, steps))
-        columns = {id(view): tuple(steps[n] for _, steps in axes) for n, view in enumerate(views)}
-        return _Nest(tuple(size for size, _ in axes), columns)
-
-    def at(self, view: View, prefix: str = "") -> str:
-        """The element of a view at the loop counters; constants of one element are written out."""
-        strides = self.strides.get(id(view), view.strides)
-        if view.is_constant and not prefix and all(n == 1 or s == 0 for n, s in zip(self.shape, strides, strict=True)):
-            assert view.buffer.values is not None
-            return number(float(view.buffer.values[view.offset]))
-        terms = [str(view.offset)] if view.offset else []
-        for index, size, stride in zip(_INDEX, self.shape, strides, strict=False):
-            if size > 1 and stride:
-                terms.append(index if stride == 1 else f"{stride} * {index}")
-        return f"{prefix}{view.buffer.name}[{' + '.join(terms) or '0'}]"
-
-    def counter(self) -> str:
-        """Row-major position of the loop counters."""
-        assert len(self.shape) <= 1
-        return "i" if prod(self.shape) > 1 else "0"
-
-    def wrap(self, body: Lines) -> Lines:
-        """The body inside all loops, or in a block of its own where there is nothing to loop over."""
-        return self.inner_wrap(body, 0, "    ")
-
-    def inner_wrap(self, body: Lines, first: int, indent: str = "") -> Lines:
-        """The body inside the loops from axis ``first`` on."""
-        loops = [(index, size) for index, size in list(zip(_INDEX, self.shape, strict=False))[first:] if size > 1]
-        lines: Lines = []
-        for depth, (index, size) in enumerate(loops):
-            lines.append(f"{indent}{'    ' * depth}for (int {index} = 0; {index} < {size}; ++{index}) {{")
-        block = len(body) > 1 and not loops
-        inner = indent + "    " * (len(loops) + block)
-        lines += [indent + "{"] * block + [inner + line for line in body] + [indent + "}"] * block
-        return lines + [f"{indent}{'    ' * depth}}}" for depth in reversed(range(len(loops)))]

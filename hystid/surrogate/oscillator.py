@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from hystid.networks.onnx_reading import StepDescription
 from hystid.surrogate import block
-from hystid.surrogate.emit import number
+from hystid.surrogate.loops import number
 from hystid.surrogate.program import Program
 
 _FIXED = 11  # what stands in the private memory before the next memory
