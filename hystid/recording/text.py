@@ -11,7 +11,6 @@ import json
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -19,26 +18,27 @@ import numpy as np
 from hystid.errors import RecordingError
 from hystid.files import content_of
 from hystid.numeric import Array
-from hystid.recording.names import announced, is_unit, known_name, labels_units, scales, split_header
-from hystid.recording.problems import Problem
+from hystid.recording.headings import Header, headers_of, refuse_scales, with_unit_row, with_units_below
+from hystid.recording.names import announced, known_name
 from hystid.recording.stamps import is_stamp, seconds
 from hystid.recording.table import Column, Table
+from hystid.recording.text_cells import (
+    COMMAS,
+    EXAMPLE,
+    FORTRAN,
+    MISSING,
+    THOUSANDS,
+    Line,
+    cells_of,
+    is_number,
+    refused,
+    row_length,
+)  # fmt: skip
 
-_EXAMPLE = "name the columns like 't [s],F [N],x [m]'"
-_MISSING = frozenset(
-    {"", "nan", "na", "n/a", "#n/a", "-", "--", "---", "null", "none", "n.a.", "#nv", "1.#qnan", "-nan"}
-)
-_HEADERS = 4  # rows above the numbers that may hold names, units, or what a logger has to say of each channel
 _LOST = 0.01  # share of rows that may have lost a cell, as ``reading`` bridges them
 _LOOKED_AT = 200  # lines by which the separator is chosen
 _MARKS = ("\t", ";", ",", "|", None)  # that part columns; None: blanks
-_COMMAS = (
-    "commas separate both columns and decimals", "separate the columns with semicolons, or write decimal points"
-)  # fmt: skip
 _ONE_MARK = "write numbers with one decimal mark and no marks between thousands"
-_PLAIN = r" *[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)? *"  # a number as nearly all are written
-_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # 1.5D-03
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([,.'\s])\d{3})(?:\1\d{3})*(?:[.,]\d+)?")
 
 _MINUS = "\N{MINUS SIGN}"  # what word processors make of a hyphen
 _WITH_UNIT = re.compile(r"[+-]?\d+(?:[.,]\d+)?\s*[^\W\d]\S*$")
@@ -46,26 +46,23 @@ _WITH_UNIT = re.compile(r"[+-]?\d+(?:[.,]\d+)?\s*[^\W\d]\S*$")
 _LONGEST_LINE = 1_000_000  # characters: some 50,000 columns
 _LONGEST_NOTE, _MOST_NOTES = 1_000, 2_000  # characters and lines above the table that are read for a sample rate
 
-Line = tuple[int, str]
-Header = tuple[str, str | None]
-
 
 def read_text(path: Path) -> list[Table]:
     """The one table of a text file. Raises RecordingError naming the line and column of the first bad cell."""
     lines, comments = _content(path)
     if not lines:
-        raise _refused(path, "format", "the file is empty", _EXAMPLE + " and put one sample in each line")
+        raise refused(path, "format", "the file is empty", EXAMPLE + " and put one sample in each line")
     if _is_json([line for _, line in lines]):
-        raise _refused(path, "format", "this is JSON, and no table of columns", _EXAMPLE)
+        raise refused(path, "format", "this is JSON, and no table of columns", EXAMPLE)
     separator = _separator([line for _, line in lines])
     first = _first_row(lines, separator)
-    headers = _headers(path, lines[:first], comments, lines[first:], separator)
+    headers = headers_of(path, lines[:first], comments, lines[first:], separator)
     body = _body(lines[first:], separator)
     if not body:
         raise _without_samples(path, lines[-1], separator)
-    _refuse_scales(path, lines[:first], separator)
-    headers = _with_unit_row(headers, lines[:first], separator)
-    headers = _with_units_below(headers, lines[first + len(body) :], separator)
+    refuse_scales(path, lines[:first], separator)
+    headers = with_unit_row(headers, lines[:first], separator)
+    headers = with_units_below(headers, lines[first + len(body) :], separator)
     headers, body = _with_seconds(headers, body, separator)
     headers, body = _without_words(headers, body, separator)
     values = _numbers(path, headers, body, separator)
@@ -87,11 +84,11 @@ def _is_json(lines: Sequence[str]) -> bool:
 
 
 def _without_samples(path: Path, last: Line, separator: str | None) -> RecordingError:
-    cells = [cell for cell in _cells(last[1], separator) if _WITH_UNIT.match(cell)]
+    cells = [cell for cell in cells_of(last[1], separator) if _WITH_UNIT.match(cell)]
     if cells:
         found = f"'{cells[0][:40]}' holds more than a number"
-        return _refused(path, "cell", found, "write units into the header, and numbers alone below it", line=last[0])
-    return _refused(path, "too_short", "there is a header but no sample", "record at least 16 samples")
+        return refused(path, "cell", found, "write units into the header, and numbers alone below it", line=last[0])
+    return refused(path, "too_short", "there is a header but no sample", "record at least 16 samples")
 
 
 def _content(path: Path) -> tuple[list[Line], list[Line]]:
@@ -103,7 +100,7 @@ def _content(path: Path) -> tuple[list[Line], list[Line]]:
             is_comment = line.lstrip().startswith(("#", "%"))
             if len(line) > _LONGEST_LINE and not is_comment:
                 found = f"the line has {len(line)} characters"
-                raise _refused(path, "format", found, "put one sample in each line", line=number)
+                raise refused(path, "format", found, "put one sample in each line", line=number)
             (comments if is_comment else lines).append((number, line))
     return lines, comments
 
@@ -124,7 +121,7 @@ def _decode(path: Path) -> str:
             if zeros.count(0) > 0.6 * len(zeros):  # plain text in two bytes: every other byte is zero
                 return raw.decode(name, errors="replace")
         advice = "give CSV, .mat, .h5, .uff, .tdms, .mf4 or .parquet by its suffix"
-        raise _refused(path, "format", "this is a binary file, not text", advice)
+        raise refused(path, "format", "this is a binary file, not text", advice)
     for name in ("utf-8", "cp932", "gb18030", "cp949", "cp1252"):
         try:
             text = raw.decode(name)
@@ -146,7 +143,7 @@ def _separator(lines: Sequence[str]) -> str | None:
     looked_at = [*lines[: _LOOKED_AT // 2], *lines[-_LOOKED_AT:]]
     best, most = None, 0.0
     for mark in _MARKS:
-        counts = Counter(n for line in looked_at if (n := _is_row(line, mark)) > 1)
+        counts = Counter(n for line in looked_at if (n := row_length(line, mark)) > 1)
         usual = counts.most_common(1)
         if usual and usual[0][1] > most:
             best, most = mark, usual[0][1]
@@ -155,52 +152,16 @@ def _separator(lines: Sequence[str]) -> str | None:
     return next((mark for mark in _MARKS if mark and mark in lines[0]), None)
 
 
-def _cells(line: str, separator: str | None) -> list[str]:
-    if separator and '"' in line:
-        import csv
-
-        return [cell.strip() for cell in next(csv.reader([line.strip("\r\n")], delimiter=separator))]
-    text = line.strip() if separator != "\t" else line.strip("\r\n ")
-    return [cell.strip().strip('"') for cell in text.split(separator)]
-
-
-def _is_row(line: str, separator: str | None) -> int:
-    """Number of cells where all of them are numbers or missing and at least one is a number, else 0."""
-    if separator is not None and _plain_row(separator).fullmatch(line):
-        return line.count(separator) + 1
-    cells = _cells(line, separator)
-    while len(cells) > 1 and cells[-1] == "":
-        cells.pop()
-    numbers = [_is_number(cell) for cell in cells]
-    allowed = all(number or cell.lower() in _MISSING for number, cell in zip(numbers, cells, strict=True))
-    return len(cells) if allowed and any(numbers) else 0
-
-
-@cache
-def _plain_row(separator: str) -> re.Pattern[str]:
-    """Rows that are nothing but plain numbers."""
-    return re.compile(f"{_PLAIN}(?:{re.escape(separator)}{_PLAIN})*")
-
-
-def _is_number(cell: str) -> bool:
-    """Whether a number is meant, in any way of writing: those that are not read are refused in their own words."""
-    try:
-        float(_FORTRAN.sub("e", cell.replace(",", ".")))
-    except ValueError:
-        return is_stamp(cell) or _THOUSANDS.fullmatch(cell) is not None
-    return cell.strip().lower() not in _MISSING
-
-
 def _first_row(lines: Sequence[Line], separator: str | None) -> int:
     """Index of the first row of numbers: of the usual length, and with others of its kind after it."""
-    lengths = Counter(n for _, line in lines[: 50 * _LOOKED_AT] if (n := _is_row(line, separator)) > 1)
+    lengths = Counter(n for _, line in lines[: 50 * _LOOKED_AT] if (n := row_length(line, separator)) > 1)
     if not lengths:
         return next((k for k, (_, line) in enumerate(lines) if k and _is_data_like(line, separator)), len(lines))
     usual = lengths.most_common(1)[0][0]
     rows: list[bool] = []  # as far as it had to be looked: to the tenth row after the first, mostly
     alone = None
     for k in range(len(lines)):
-        rows += [_is_row(line, separator) == usual for _, line in lines[len(rows) : k + 10]]
+        rows += [row_length(line, separator) == usual for _, line in lines[len(rows) : k + 10]]
         if rows[k] and 2 * sum(rows[k : k + 10]) >= len(rows[k : k + 10]):
             return _with_remarks(lines, k, separator)
         alone = k if rows[k] and alone is None else alone
@@ -210,139 +171,36 @@ def _first_row(lines: Sequence[Line], separator: str | None) -> int:
 
 def _with_remarks(lines: Sequence[Line], first: int, separator: str | None) -> int:
     """The first row, where rows before it have a word in a column that is empty below, as a remark on a sample."""
-    cells = _cells(lines[first][1], separator)
-    at = [k for k, cell in enumerate(cells) if _is_number(cell)]
+    cells = cells_of(lines[first][1], separator)
+    at = [k for k, cell in enumerate(cells) if is_number(cell)]
     while first > 0:
-        above = _cells(lines[first - 1][1], separator)
-        if len(above) != len(cells) or not all(_is_number(above[k]) for k in at):
+        above = cells_of(lines[first - 1][1], separator)
+        if len(above) != len(cells) or not all(is_number(above[k]) for k in at):
             break
         first -= 1
     return first
 
 
 def _is_data_like(line: str, separator: str | None) -> bool:
-    cells = _cells(line, separator)
-    return sum(_is_number(cell) for cell in cells) * 2 >= len(cells)
-
-
-def _headers(
-    path: Path, above: Sequence[Line], comments: Sequence[Line], rows: Sequence[Line], separator: str | None
-) -> list[Header]:
-    """(name, unit) of every column."""
-    width = max((_is_row(line, separator) for _, line in rows[:50]), default=0)
-    if above and separator is None and "[" in above[-1][1] and not width > 1:
-        raise _refused(path, "columns", "only one column is there", _EXAMPLE, line=above[-1][0])
-    names = [_heading(line, separator, 0) for _, line in above[-_HEADERS:]]
-    if separator == "," and any(2 * len(cells) == width and any(map(_known, cells)) for cells in names):
-        raise _refused(path, "cell", *_COMMAS, line=rows[0][0])
-    candidates = [_heading(line, separator, width) for _, line in above[-_HEADERS:]]
-    candidates = [cells for cells in candidates if len(cells) > 1 and (not width or abs(len(cells) - width) <= 1)]
-    if not candidates and rows:
-        before = [line.lstrip("#% ") for number, line in comments if number < rows[0][0]]
-        named = [_heading(line, separator, width) for line in before]
-        candidates = [cells for cells in named if len(cells) == width and any(_known(cell) for cell in cells)]
-    if not candidates:
-        if not above:
-            found = "the first line holds numbers instead of names"
-            raise _refused(path, "columns", found, _EXAMPLE, line=rows[0][0])
-        if width <= 1:
-            raise _refused(path, "columns", "only one column is there", _EXAMPLE, line=above[-1][0])
-        found = f"the line before the numbers does not name {width} columns"
-        raise _refused(path, "columns", found, _EXAMPLE, line=above[-1][0])
-    return _named(candidates, width)
-
-
-def _heading(line: str, separator: str | None, width: int) -> list[str]:
-    """Cells of a line of names. Names may hold blanks where blanks part the numbers: two or more then part them."""
-    cells = _cells(line, separator)
-    if separator is None and width and len(cells) != width:
-        for mark in (r"\t", r"\s{2,}", ";", r"(?<=[\])])\s+", ","):
-            parted = [cell.strip() for cell in re.split(mark, line.strip())]
-            if len(parted) == width:
-                return parted
-    while len(cells) > max(width, 1) and cells[-1] == "":
-        cells.pop()
-    return cells
-
-
-def _known(cell: str) -> bool:
-    return known_name(split_header(cell)[0]) is not None
-
-
-def _named(candidates: Sequence[list[str]], width: int) -> list[Header]:
-    """The row with the most known names (the lowest of equals), and a row of nothing but units beside it."""
-    units = [all(is_unit(cell) for cell in cells) and any(cells) for cells in candidates]
-    scores = [sum(map(_known, cells)) - (0.5 if unit else 0.0) for cells, unit in zip(candidates, units, strict=True)]
-    best = max(range(len(candidates)), key=lambda k: (scores[k], not units[k], k))
-    headers = [split_header(cell) for cell in candidates[best]]
-    while width and len(headers) > width and headers[-1] == ("", None):
-        headers.pop()
-    beside = [cells for k, (cells, unit) in enumerate(zip(candidates, units, strict=True)) if unit and k != best]
-    if beside and all(unit is None for _, unit in headers):
-        return _in_units(headers, beside[-1])
-    return headers
-
-
-def _in_units(headers: Sequence[Header], cells: Sequence[str]) -> list[Header]:
-    """The headers with units from the cells of a row, as far as it goes."""
-    row = [*cells, *[""] * len(headers)]
-    return [(name, unit.strip().strip("[](){}") or None) for (name, _), unit in zip(headers, row, strict=False)]
+    cells = cells_of(line, separator)
+    return sum(is_number(cell) for cell in cells) * 2 >= len(cells)
 
 
 def _body(rows: Sequence[Line], separator: str | None) -> list[Line]:
     """Rows of the table without what a logger wrote after its end."""
     body = list(rows)
-    while body and not _is_row(body[-1][1], separator) and not any(map(_is_number, _cells(body[-1][1], separator))):
+    while body and not row_length(body[-1][1], separator) and not any(map(is_number, cells_of(body[-1][1], separator))):
         body.pop()
     return body
 
 
-def _with_unit_row(headers: list[Header], above: Sequence[Line], separator: str | None) -> list[Header]:
-    """Units from a row that says so in its first cell, as "Einheit;s;N;mm", where the names state none."""
-    for _, line in reversed(above):
-        label, *cells = _heading(line, separator, len(headers))
-        if labels_units(label) and any(cells) and len(cells) < len(headers) and not any(map(_known, cells)):
-            if any(unit is not None for _, unit in headers):
-                return headers
-            return [headers[0], *_in_units(headers[1:], cells)]
-    return headers
-
-
-def _with_units_below(headers: list[Header], below: Sequence[Line], separator: str | None) -> list[Header]:
-    """Units from a row of nothing but units below the samples, where the names state none."""
-    rows = [_cells(line, separator) for _, line in below]
-    rows = [row for row in rows if len(row) == len(headers) and all(map(is_unit, row)) and any(row)]
-    if not rows or any(unit is not None for _, unit in headers):
-        return headers
-    return _in_units(headers, rows[0])
-
-
-def _refuse_scales(path: Path, above: Sequence[Line], separator: str | None) -> None:
-    """Factors above the samples: nobody knows whether the logger has applied them."""
-    for number, line in above[-_HEADERS:]:
-        cells = [cell for cell in _cells(line, separator) if cell]
-        if cells and scales(cells[0]) and any(_is_factor(cell) for cell in cells[1:]):
-            found = f"'{' '.join(cells)[:60]}' scales the columns below, and is not applied"
-            raise _refused(path, "columns", found, "write the columns in their units and cut this line", line=number)
-
-
-def _is_factor(cell: str) -> bool:
-    """Whether a cell is a number other than 0 and 1; one with marks of thousands may be any, a date is none."""
-    if is_stamp(cell) or not _is_number(cell):
-        return False
-    try:
-        return float(_FORTRAN.sub("e", cell.replace(",", "."))) not in (0.0, 1.0)
-    except ValueError:
-        return True
-
-
 def _with_seconds(headers: list[Header], body: list[Line], separator: str | None) -> tuple[list[Header], list[Line]]:
     """The table with times of day as seconds; where another column is the time, they are left out."""
-    first = _cells(body[0][1], separator)
+    first = cells_of(body[0][1], separator)
     at = [k for k, cell in enumerate(first[: len(headers)]) if is_stamp(cell)]
     if not at:
         return headers, body
-    rows = [_cells(line, separator) for _, line in body]
+    rows = [cells_of(line, separator) for _, line in body]
     if any(known_name(name) == "t" for k, (name, _) in enumerate(headers) if k not in at):
         rows = [[cell for k, cell in enumerate(cells) if k not in at] for cells in rows]
         return [header for k, header in enumerate(headers) if k not in at], _joined(body, rows, separator)
@@ -362,14 +220,14 @@ def _without_words(headers: list[Header], body: list[Line], separator: str | Non
         return headers, body
 
     def wordy(rows: Sequence[Sequence[str]], among: Collection[int]) -> set[int]:
-        return {k for k in among if not any(_is_number(cells[k]) for cells in rows if k < len(cells))}
+        return {k for k in among if not any(is_number(cells[k]) for cells in rows if k < len(cells))}
 
-    looked_at = [_cells(line, separator) for _, line in body[:_LOOKED_AT]]
+    looked_at = [cells_of(line, separator) for _, line in body[:_LOOKED_AT]]
     empty = {k for k in range(len(headers)) if not any(cells[k] for cells in looked_at if k < len(cells))}
     dropped = wordy(looked_at, {k for k, (name, _) in enumerate(headers) if known_name(name) is None} | empty)
     if not dropped:
         return headers, body
-    rows = [_cells(line, separator) for _, line in body]
+    rows = [cells_of(line, separator) for _, line in body]
     dropped = wordy(rows, dropped)
     rows = [[cell for k, cell in enumerate(cells) if k not in dropped] for cells in rows]
     return [header for k, header in enumerate(headers) if k not in dropped], _joined(body, rows, separator)
@@ -386,8 +244,8 @@ def _numbers(path: Path, headers: Sequence[Header], body: Sequence[Line], separa
     lines = [line for _, line in body]
     if separator != "," and any("," in line for line in lines[:50]):
         lines = _decimal_points(path, body)
-    if any(_FORTRAN.search(line) for line in lines[:50]):
-        lines = [_FORTRAN.sub("e", line) for line in lines]
+    if any(FORTRAN.search(line) for line in lines[:50]):
+        lines = [FORTRAN.sub("e", line) for line in lines]
     lines = [line.rstrip().rstrip(separator) if separator and separator != "\t" else line for line in lines]
     try:
         values = np.loadtxt(lines, delimiter=separator, ndmin=2, comments=None, quotechar='"')
@@ -408,11 +266,11 @@ def _refuse_thousands(
         whole = size == np.round(size)
         if np.all(whole) or np.max(size) >= 1000 or np.min(size[~whole]) < 1 or np.count_nonzero(size[whole] >= 10) < 5:
             continue
-        cells = [(number, cells[k]) for number, line in body if k < len(cells := _cells(line, separator))]
+        cells = [(number, cells[k]) for number, line in body if k < len(cells := cells_of(line, separator))]
         marked = [(number, cell) for number, cell in cells if "." in cell or "," in cell]
-        if all(_THOUSANDS.fullmatch(cell) for _, cell in marked):
+        if all(THOUSANDS.fullmatch(cell) for _, cell in marked):
             found = f"'{marked[0][1]}' beside whole numbers looks like thousands"
-            raise _refused(path, "cell", found, _ONE_MARK, line=marked[0][0], channel=name)
+            raise refused(path, "cell", found, _ONE_MARK, line=marked[0][0], channel=name)
 
 
 def _row_by_row(path: Path, headers: Sequence[Header], body: Sequence[Line], separator: str | None) -> Array:
@@ -420,34 +278,34 @@ def _row_by_row(path: Path, headers: Sequence[Header], body: Sequence[Line], sep
     values = np.full((len(body), len(headers)), np.nan)
     lost = 0
     for sample, (number, line) in enumerate(body):
-        cells = _cells(line, separator)
+        cells = cells_of(line, separator)
         if len(cells) == len(headers) + 1 and cells[-1] == "":
             cells.pop()
         if separator == "," and len(cells) == 2 * len(headers):
-            raise _refused(path, "cell", *_COMMAS, line=number)
+            raise refused(path, "cell", *COMMAS, line=number)
         if len(cells) > len(headers):
             found = f"{len(cells)} cells where the header names {len(headers)} columns"
-            raise _refused(path, "length", found, "complete or remove the line", sample, number)
+            raise refused(path, "length", found, "complete or remove the line", sample, number)
         lost += len(cells) < len(headers) or "" in cells
         if lost > _LOST * len(body):
             if len(cells) < len(headers):
                 found = f"{len(cells)} cells where the header names {len(headers)} columns"
-                raise _refused(path, "length", found, "complete or remove the line", sample, number)
+                raise refused(path, "length", found, "complete or remove the line", sample, number)
             name = headers[cells.index("")][0]
-            raise _refused(path, "cell", "the cell is empty", "write a number, or cut the line", sample, number, name)
+            raise refused(path, "cell", "the cell is empty", "write a number, or cut the line", sample, number, name)
         for k, cell in enumerate(cells):
-            if cell.lower() in _MISSING:
+            if cell.lower() in MISSING:
                 continue
             try:
                 values[sample, k] = float(cell)
             except ValueError:
                 found = f"'{cell[:40]}' is not a number"
                 action = "write a number, or cut the line"
-                action = _ONE_MARK if _THOUSANDS.fullmatch(cell) else _COMMAS[1] if _is_number(cell) else action
-                if not any(map(_is_number, cells)) or line.startswith("Channels\t"):  # as in LabVIEW's segments
+                action = _ONE_MARK if THOUSANDS.fullmatch(cell) else COMMAS[1] if is_number(cell) else action
+                if not any(map(is_number, cells)) or line.startswith("Channels\t"):  # as in LabVIEW's segments
                     found = f"a second table begins with '{line.strip()[:40]}'"
                     action = "put one test in each file, or cut the line"
-                raise _refused(path, "cell", found, action, sample, number, headers[k][0]) from None
+                raise refused(path, "cell", found, action, sample, number, headers[k][0]) from None
         if len(cells) < len(headers):
             values[sample] = np.nan  # the row broke off: its last number may have lost digits
     return values
@@ -456,7 +314,7 @@ def _row_by_row(path: Path, headers: Sequence[Header], body: Sequence[Line], sep
 def _decimal_points(path: Path, body: Sequence[Line]) -> list[str]:
     for number, line in body:
         if "." in line and "," in line:
-            raise _refused(path, "cell", "decimal point and decimal comma are mixed", _ONE_MARK, line=number)
+            raise refused(path, "cell", "decimal point and decimal comma are mixed", _ONE_MARK, line=number)
     return [line.replace(",", ".") for _, line in body]
 
 
@@ -465,15 +323,3 @@ def _line_numbers(body: Sequence[Line]) -> range | Array:
     if last - first == len(body) - 1:
         return range(first, last + 1)
     return np.array([number for number, _ in body], dtype=np.float64)
-
-
-def _refused(
-    path: Path,
-    rule: str,
-    found: str,
-    action: str,
-    sample: int | None = None,
-    line: int | None = None,
-    channel: str = "",
-) -> RecordingError:
-    return RecordingError(str(Problem(path.name, rule, found, action, channel, sample, line)))
