@@ -6,7 +6,7 @@ import logging
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations, permutations
+from itertools import combinations
 from numbers import Real
 from pathlib import Path
 
@@ -14,10 +14,11 @@ import numpy as np
 
 from hystid.consistency import words
 from hystid.consistency.bad_samples import bad_samples, without_bad_samples
-from hystid.consistency.channel_faults import CERTAIN, PHASE, channel_faults, late_channel
+from hystid.consistency.channel_faults import PHASE, channel_faults, late_channel
 from hystid.consistency.cut_off import kept_size, with_full_sizes
+from hystid.consistency.exchanged import exchanged_force, exchanged_motion
 from hystid.consistency.filters import MATTERS, Form, filtered
-from hystid.consistency.force import EXPLAINED, SIGMAS_FORCE, SIGMAS_SIGN, Force, examine_force, is_late
+from hystid.consistency.force import EXPLAINED, GIVEN, SIGMAS_SIGN, Force, examine_force, is_late, off_weighing
 from hystid.consistency.kinematics import (
     ORDER,
     ChannelSpectrum,
@@ -30,31 +31,22 @@ from hystid.consistency.kinematics import (
     pairs,
     spectrum,
 )
+from hystid.consistency.situations import CLEAR, explanation_of, sign_odds, situation_of
 from hystid.consistency.slips import (
-    GIVEN,
     PRIOR_SLIP,
     SURE,
     Explanation,
     Situation,
-    Slip,
     clock_is_likelier,
     doubtful_units,
-    explain,
-    label_scales,
     misfit_limit,
-    with_alike,
 )  # fmt: skip
 from hystid.consistency.types import SHORTEST, Balance, Channel, Examination, Examined, Finding, Relation
-from hystid.consistency.unstated import several_units
 from hystid.errors import UsageError
 from hystid.recording import Array, Recording, Sources, loaded, own_mass
 
 _log = logging.getLogger("hystid")
-_CLEAR = math.log(1e3)  # odds of the reversed force over the force as it is
-_SOUND = 0.005**2  # share of the power of the force that sensors leave which match to 0.5 %: less tells no sign
-_LEAD = math.sin(math.radians(5)) ** 2  # the same of a motion that leads by 5 degrees, as of an AC-coupled sensor ten
-# times above its corner: below a resonance that is a damping which gives out energy
-_FAR = 2 * SIGMAS_FORCE  # standard errors by which a mass is out of the question, for units of a usual size too
+
 # Beyond any structure's vibration [m, m/s, m/s2], but below what a thousandfold error of the unit makes of it.
 _LARGEST = {"x": 10.0, "v": 100.0, "a": 1e5}
 
@@ -134,7 +126,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     spoiled = moved | {form.channel for form in forms.values()}
     situation, best = _best(recording, compared, forms, force, mass)
     copied = _copied(recording, mass) if moves else []
-    exchanged = _force_for_motion(recording, compared, best, mass) if timed and not copied else None
+    exchanged = exchanged_force(recording, compared, best, mass) if timed and not copied else None
     if copied:
         findings += copied
     elif exchanged is not None:
@@ -188,29 +180,6 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     return Examined(name, len(recording), rate, recording.rotational, channels, relations, balance, doubts), findings
 
 
-def _situation(recording: Recording, compared: Sequence[Pair], force: Force | None, mass: float | None) -> Situation:
-    names = motion(recording)
-    ratio = None
-    # a force that no law explains, as the noise of a free decay, says nothing about the mass
-    seen = force is not None and force.free_share > EXPLAINED
-    # nor does one that no passive structure explains, whichever its sign: an exciter's own law in a decay
-    seen = seen and force is not None and max(force.share, force.reversed_share) > EXPLAINED
-    # nor does a mass whose sign is not that of the force: a spring and an inertia of one frequency are alike
-    seen = seen and force is not None and (force.mass > 0) == (force.share >= force.reversed_share)
-    if force is not None and force.mass < 0:
-        seen = seen and _sign_odds(force, force.share, force.reversed_share) < -_CLEAR
-    if mass and force is not None and seen and math.isfinite(force.mass_ratio_error):
-        ratio = force.mass / mass, force.mass_ratio_error
-    written = {name: unit for name, unit in recording.units.items() if unit}
-    rms = {name: float(np.std(values)) for name, values in names.items()}
-    if recording.F is not None:
-        rms["F"] = float(np.std(recording.F))
-    kept = [p for p in compared if p.is_one_motion]
-    last = "a" if force is None else force.source
-    bare = frozenset(name for name, unit in recording.units.items() if not unit and name in ("t", *rms))
-    return Situation(kept, written, rms, recording.sample_rate, recording.rotational, mass, ratio, last, bare=bare)
-
-
 def _best(
     recording: Recording,
     compared: Sequence[Pair],
@@ -220,10 +189,10 @@ def _best(
 ) -> tuple[Situation, Explanation]:
     """What the slips are judged by, and the best of them: with gains and signs as filters, and formulas that smooth,
     leave them, if that is more probable than slips without."""
-    plain = _situation(recording, compared, force, mass)
-    best = _explanation(plain)
+    plain = situation_of(recording, compared, force, mass)
+    best = explanation_of(plain)
     if best.sound:
-        return plain, _exchanged(recording, compared) or best
+        return plain, exchanged_motion(recording, compared) or best
     known = _formulas(recording, compared)
     responses = {pair: response for pair in known if (response := known[pair] or forms.get(pair)) is not None}
     if not responses:
@@ -234,41 +203,11 @@ def _best(
         else p
         for p in compared
     ]
-    other = _situation(recording, passed, force, mass)
-    filtered_best = _explanation(other)
+    other = situation_of(recording, passed, force, mass)
+    filtered_best = explanation_of(other)
     channels = {form.channel for pair, form in forms.items() if known[pair] is None}  # a formula is a fact
     score = filtered_best.score + PRIOR_SLIP * len(channels)
     return (other, filtered_best) if score > best.score + SURE else (plain, best)
-
-
-def _exchanged(recording: Recording, compared: Sequence[Pair]) -> Explanation | None:
-    """Columns of the motion that show one motion only after an exchange: noise hides one of slow channels where it is
-    differentiated, and with it the response by which an exchange is seen otherwise."""
-    names = motion(recording)
-    if all(p.is_one_motion for p in compared):
-        return None
-    for order in permutations(names):
-        moves = {held: name for held, name in zip(names, order, strict=True) if held != name}
-        for moved, scales in _moved(recording, moves) if moves else ():
-            again = pairs(moved)
-            if not all(p.is_one_motion and p.coherence > CERTAIN for p in again):
-                break
-            other = _explanation(_situation(moved, again, None, None))
-            if other.sound:
-                mapped = tuple(f"{held}={name}" for held, name in moves.items())
-                return replace(other, slips=(Slip("exchanged", mapped, PRIOR_SLIP, scales=scales),))
-    return None
-
-
-def _moved(recording: Recording, moves: Mapping[str, str]) -> Iterator[tuple[Recording, tuple[tuple[str, float], ...]]]:
-    """The recording with columns exchanged, as they are, and with the units of the labels that went with the names.
-
-    moves: channel -> the one that it holds.
-    """
-    held = recording.channels("Fxva")
-    yield recording.with_channels({name: held[channel] for channel, name in moves.items()}), ()
-    if scales := label_scales(recording.units, moves, rotational=recording.rotational):
-        yield recording.with_channels({moves[channel]: held[channel] / ratio for channel, ratio in scales}), scales
 
 
 def _formulas(recording: Recording, compared: Sequence[Pair]) -> dict[tuple[str, str], Formula | None]:
@@ -279,13 +218,6 @@ def _formulas(recording: Recording, compared: Sequence[Pair]) -> dict[tuple[str,
     if one is not None and other is not None and found.get(("v", "a"), one) is None:
         found["v", "a"] = Formula(other.gain / one.gain, other.sign * one.sign)
     return found
-
-
-def _explanation(situation: Situation) -> Explanation:
-    ordered = explain(situation)
-    sound = next(item for item in ordered if item.sound)
-    best = several_units(situation, ordered) or with_alike(ordered)
-    return best if best.score - sound.score > SURE else sound
 
 
 def _undecided(recording: Recording, situation: Situation, force: Force | None) -> dict[str, str]:
@@ -337,72 +269,10 @@ def _copied(recording: Recording, mass: float | None) -> list[Finding]:
     return []
 
 
-def _force_for_motion(
-    recording: Recording, compared: Sequence[Pair], best: Explanation, mass: float | None
-) -> Finding | None:
-    """The column of F follows the motion, and that of a motion channel does not."""
-    names = motion(recording)
-    if recording.F is None or not np.ptp(recording.F):
-        return None
-    if len(names) < 2:
-        return _force_for_x(recording, mass)
-    if best.sound and all(p.is_one_motion for p in compared):
-        return None
-    found = []
-    for name in names:
-        for moved, scales in _moved(recording, {"F": name, name: "F"}):
-            again = pairs(moved)
-            if not all(p.is_one_motion for p in again):
-                break
-            other = _explanation(_situation(moved, again, None, None))
-            fits = min(abs(p.correlation) for p in again if name in (p.low, p.high))
-            if other.sound and (other.score - best.score > -PRIOR_SLIP + SURE or not _all_one_motion(compared, name)):
-                finding = words.force_exchanged(recording.name, name, fits, with_units=bool(scales))
-                found.append((other.score, finding))
-    return max(found, key=lambda item: item[0])[1] if found else None
-
-
-def _all_one_motion(compared: Sequence[Pair], name: str) -> bool:
-    return all(p.is_one_motion for p in compared if name in (p.low, p.high))
-
-
-def _force_for_x(recording: Recording, mass: float | None) -> Finding | None:
-    """With x alone: the exchange makes the structure give out energy, and F a length; or the mass is far off as the
-    columns are called, and right the other way."""
-    x, F = recording.x, recording.F
-    if x is None or F is None or list(motion(recording)) != ["x"]:
-        return None
-    largest = float(np.max(np.abs(x - np.median(x))))
-    here = examine_force(recording)
-    others = [(examine_force(moved), bool(scales)) for moved, scales in _moved(recording, {"F": "x", "x": "F"})]
-    there = others[0][0]
-    if here is None or there is None or recording.rotational:
-        return None
-    for other, with_units in others if mass and not _weighs(here, mass, _FAR) else ():
-        weighs = other is not None and mass and _has_mass(other) and _weighs(other, mass)
-        if other is not None and weighs and other.share > max(here.share, EXPLAINED):
-            return words.force_exchanged(recording.name, "x", other.share, with_units=with_units)
-    active = 0.5 * here.samples * math.log(max(1 - here.reversed_share, 1e-9) / max(1 - here.share, 1e-9)) < -_CLEAR
-    if (active or largest > 1.0) and there.share > max(here.share, 0.5) and float(np.std(F)) < 0.1 and largest > 1.0:
-        return words.force_exchanged(recording.name, "x", there.share)
-    return None
-
-
-def _has_mass(force: Force) -> bool:
-    """Whether a force shows that it moves a mass."""
-    return force.mass > 0 and force.mass_ratio_error < 1 / SIGMAS_SIGN
-
-
-def _weighs(force: Force, mass: float, times: float = SIGMAS_SIGN) -> bool:
-    """Whether a force shows a mass within so many standard errors of a weighed one."""
-    error = math.hypot(GIVEN, force.mass_ratio_error)
-    return force.mass > 0 and math.isfinite(error) and abs(math.log(force.mass / mass)) < times * error
-
-
 def _mass_apart(situation: Situation) -> float:
     """Apparent over given mass, where they differ by more than weighing and the error of the test explain; else 0."""
     ratio, error = situation.mass_ratio or (0.0, 0.0)
-    return ratio if ratio > 0 and abs(math.log(ratio)) > SIGMAS_SIGN * math.hypot(GIVEN, error) else 0.0
+    return ratio if ratio > 0 and off_weighing(ratio, error) > SIGMAS_SIGN else 0.0
 
 
 def _mended(recording: Recording, best: Explanation) -> Recording:
@@ -458,13 +328,6 @@ def _as_measured(
     return recording
 
 
-def _sign_odds(force: Force, share: float, other: float) -> float:
-    """Logarithm of the odds for the sign of a force, from shares that a passive structure explains of it, and of the
-    reversed one."""
-    sound = _LEAD if force.correlation > 0 else _SOUND
-    return 0.5 * force.samples * math.log(max(1 - other, sound) / max(1 - share, sound))
-
-
 def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
     """Sign and clock of the force."""
     if force is None:
@@ -473,14 +336,14 @@ def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
     found = []
     shifted = is_late(recording, force)
     share, other = (force.lag_share, force.lag_reversed) if shifted else (force.share, force.reversed_share)
-    odds = _sign_odds(force, share, other)
+    odds = sign_odds(force, share, other)
     elastic = recording.quasi_static or "a" not in names
-    if elastic and abs(force.correlation) > 0.9 and abs(odds) < 20 * _CLEAR:  # the slope of a spring says it
-        odds += _CLEAR * 2 * math.copysign(1.0, force.correlation) if recording.quasi_static else 0.0
+    if elastic and abs(force.correlation) > 0.9 and abs(odds) < 20 * CLEAR:  # the slope of a spring says it
+        odds += CLEAR * 2 * math.copysign(1.0, force.correlation) if recording.quasi_static else 0.0
     # energy that is taken up, and a mass, speak against a reversed force, whatever drift and decays make of the rest
     takes_up = not shifted and force.power > force.power_known
-    moves_mass = not shifted and _has_mass(force)
-    if odds < -_CLEAR and other > 0.2 and not (takes_up or moves_mass):
+    moves_mass = not shifted and force.moves_mass
+    if odds < -CLEAR and other > 0.2 and not (takes_up or moves_mass):
         found.append(words.force_reversed(recording.name, force, other, share, names))
     if shifted:
         severe = main_frequency(recording) * abs(force.lag) > PHASE and _fits_aligned(force)

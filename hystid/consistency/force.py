@@ -12,32 +12,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hystid.consistency.kinematics import ORDER, ChannelSpectrum, motion, spectrum
-from hystid.consistency.spectra import REACH, derived
+from hystid.consistency.force_columns import FEWEST, REST, Columns, columns_of
+from hystid.consistency.kinematics import motion
 from hystid.recording import Array, Recording
-from hystid.smoothing.noise import noise_level
 
-_KNOTS = 7  # of the curve of the displacement: one stop on either side, a dead zone and a slope between them
-_AGAIN = 1.5  # width of the kernel that all columns pass, over that of the first: 92 % at the top of the band
 _ROWS = 4000  # rows of the least squares
 _BLOCKS = 8  # of the recording, each left out once for the standard error of the mass
 _NEAR = (-1, 0, 1)  # samples by which channels of one logger may differ, that are scanned one after the other
 _FURTHEST = 20_000  # samples that two clocks may be apart
-_MEMORY = 5  # knots of the curve of the way since the last turn
 _ALIKE = 1.3  # times the smallest unexplained share, up to which a smaller shift is preferred: a sine repeats itself
-_INTEGRATED = 1e-4  # share of noise in the power of an integrated displacement: as from a sensor of 40 dB
 _PERIODS = 4  # of the motion, over which its energy is averaged
-_REST = 0.01  # energy at the beginning over the largest one, from which it could tell for a tenth of the force
 _TENTH = 0.1  # of the force, by which a mass would change it
 _NOISY = 0.2  # of an acceleration: twice what sensors of 20 dB leave
 EXPLAINED = 0.5  # of the power of the force that laws explain, from which it belongs to the motion
+GIVEN = 0.25  # of ln(mass): a weighed mass moves with fixtures, cables and a third of its springs
 _WEIGHED = 0.37  # of a weighed mass: four standard deviations of what fixtures and springs add to its logarithm
 SIGMAS_SIGN = 1.96  # standard errors of a quantity, from which its sign is known (95 %)
 SIGMAS_FORCE = (
     5.0  # of a lag: fewer than between channels of the motion, for the power that is left has to drop as well
 )
-_FEWEST = 64  # samples of a force that can be compared with a motion
 _FOURFOLD = 4.0  # drop of the unexplained power by a shift, a half of its size: a law may look late, but not so late
+
+
+def off_weighing(ratio: float, error: float) -> float:
+    """Standard errors by which a mass that a force shows is off a weighed one. ratio: of the two; error: of its
+    logarithm, from the test."""
+    return abs(math.log(ratio)) / math.hypot(GIVEN, error)
 
 
 @dataclass(frozen=True)
@@ -89,6 +89,16 @@ class Force:
         """Size of ``power`` from which its sign is known."""
         return float(SIGMAS_SIGN / np.sqrt(max(self.samples, 1.0)))
 
+    @property
+    def moves_mass(self) -> bool:
+        """Whether it shows that it moves a mass."""
+        return self.mass > 0 and self.mass_ratio_error < 1 / SIGMAS_SIGN
+
+    def is_of(self, mass: float, most: float = SIGMAS_SIGN) -> bool:
+        """Whether it shows a mass within ``most`` standard errors of a weighed one."""
+        error = self.mass_ratio_error
+        return self.mass > 0 and math.isfinite(error) and off_weighing(self.mass / mass, error) < most
+
     def denies(self, mass: float) -> bool:
         """Whether a mass would show in the force, and next to none does.
 
@@ -107,47 +117,13 @@ class Force:
         return abs(self.mass) < _WEIGHED * mass and shows
 
 
-@dataclass(frozen=True)
-class _Columns:
-    """Smoothed columns, shape (n,) each, of one recording; those of ``signed`` have coefficients of at least 0.
-
-    noise: a draw of the noise in the first of these, the acceleration.
-    """
-
-    F: Array
-    signed: Array
-    free: Array
-    memory: Array
-    x: Array
-    noise: Array
-
-    def smoothed(self, width: float) -> _Columns:
-        """The same, all smoothed alike by a kernel of a width [samples].
-
-        A curve of the displacement has harmonics that the acceleration lost where it was differentiated: both lose
-        them here.
-        """
-        if len(self.F) < 8 * width * REACH + 2 * _FEWEST:
-            return self
-        each = [
-            np.stack([derived(u, 0, 1.0, width, flat=True) + np.mean(u) for u in table.T], axis=1)
-            for table in (self.F[:, None], self.signed, self.free, self.memory, self.x[:, None], self.noise[:, None])
-        ]
-        return _Columns(each[0][:, 0], each[1], each[2], each[3], each[4][:, 0], each[5][:, 0])
-
-    def part(self, rows: slice) -> _Columns:
-        """The same of a part of the recording."""
-        each = (self.F, self.signed, self.free, self.memory, self.x, self.noise)
-        return _Columns(*(column[rows] for column in each))
-
-
 def examine_force(recording: Recording, *, placed: bool = False) -> Force | None:
     """The force of one recording against its motion; None where the force is zero or the motion does not move.
 
     placed: the mass beside dampers that follow the place as well. Near a resonance these are most of the force, and
     elsewhere they take from the mass what tells it.
     """
-    columns = _columns(recording)
+    columns = columns_of(recording)
     if columns is None:
         return None
     limit = min(len(columns.F) // 4, _FURTHEST)
@@ -160,7 +136,7 @@ def examine_force(recording: Recording, *, placed: bool = False) -> Force | None
         now, flipped = _passive_from(columns, first, 0)
         there, back = _passive_from(columns, first, shift)
     still = recording.quasi_static or first == len(columns.F)
-    mass, error, law, weight, shown = _mass(_columns(recording, curved=True) or columns, still, placed)
+    mass, error, law, weight, shown = _mass(columns_of(recording, curved=True) or columns, still, placed)
     left = _left(columns)
     F, v, x = columns.F - np.mean(columns.F), columns.signed[:, 1], columns.x - np.mean(columns.x)
     lag, lag_error = _fine(columns, fit, shift)
@@ -186,7 +162,7 @@ def is_late(recording: Recording, force: Force) -> bool:
     return clear and (passive or (1 - force.free_share) > _FOURFOLD * (1 - force.free_lag_share))
 
 
-def _settled(columns: _Columns) -> int:
+def _settled(columns: Columns) -> int:
     """First sample from which on the motion has no more energy than at the end, 0 where it begins at rest; the number
     of samples where it dies away to the end.
 
@@ -204,21 +180,21 @@ def _settled(columns: _Columns) -> int:
         float(np.mean((v[:first] - np.mean(v)) ** 2)) / max(float(np.max(v**2)), 1e-300),
         float(away**2) / max(float(np.max((x - np.mean(x[-window:])) ** 2)), 1e-300),
     )
-    if begun < _REST:
+    if begun < REST:
         return 0
     falls = bool(np.all(np.diff(energy[::-1][::window]) >= 0))
     dies_away = falls and energy[-1] < 0.5 * energy[0]  # it has given out more than it still has
     return len(v) if dies_away else int(np.argmax(energy <= energy[-1]))
 
 
-def _passive_from(columns: _Columns, first: int, shift: int) -> tuple[float, float]:
+def _passive_from(columns: Columns, first: int, shift: int) -> tuple[float, float]:
     """Shares that a passive structure explains of the force, and of the reversed one, from a sample on.
 
     Both are alike where too little is left to tell: few samples, or less than half of the power of the force.
     """
     later = columns.part(slice(first, None))
     limit = abs(shift) + 1
-    if len(later.F) < _FEWEST + 2 * limit or not np.ptp(later.F):
+    if len(later.F) < FEWEST + 2 * limit or not np.ptp(later.F):
         return 0.0, 0.0
     left, right = np.split((columns.F - np.mean(columns.F)) ** 2, [first])
     if np.sum(right) < EXPLAINED * (np.sum(left) + np.sum(right)):
@@ -234,7 +210,7 @@ class _Fit:
     The columns stay where they are; the force is moved, and nothing is known of it outside of the recording.
     """
 
-    def __init__(self, columns: _Columns, limit: int) -> None:
+    def __init__(self, columns: Columns, limit: int) -> None:
         table = np.concatenate([columns.signed, columns.free, columns.memory], axis=1)
         table = table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
         self.limit, n = limit, len(columns.F)
@@ -286,136 +262,7 @@ class _Fit:
         return at - self.limit
 
 
-def _columns(recording: Recording, curved: bool = False) -> _Columns | None:
-    """Columns of one recording, None where they cannot be had; ``curved``: smoothed so that curves stay curves."""
-    names, dt = motion(recording), recording.dt
-    if recording.F is None or not names or not np.ptp(recording.F):
-        return None
-    last = list(names)[-1]  # the channel that the acceleration is taken from
-    held = spectrum(names[last], dt)
-    level = max(held.noise, noise_level(names[last], [recording.F], cautious=True))
-    width = _width(held, level, dt, len(recording))
-    found: dict[int, Array] = {}
-    for target in (0, 1, 2):
-        sources = [name for name in names if ORDER[name] <= target]
-        if sources:
-            source = max(sources, key=lambda name: ORDER[name])
-            found[target] = derived(names[source], target - ORDER[source], dt, width, curved)
-    force = derived(recording.F, 0, dt, width, curved)
-    if len(force) < _FEWEST:
-        return None
-    draw = level * np.random.default_rng(0).standard_normal(len(recording))
-    noise = derived(draw, 2 - ORDER[last], dt, width, curved)
-    columns = _assembled(recording, found, force, noise)
-    return columns.smoothed(_AGAIN * width) if curved and columns is not None else columns
-
-
-def _assembled(recording: Recording, found: dict[int, Array], force: Array, noise: Array) -> _Columns | None:
-    dt = recording.dt
-    names = motion(recording)
-    if 0 not in found:  # integrals, without drift; the force is compared in the same band
-        edge = _lowest(recording)
-        for target in range(min(found) - 1, -1, -1):
-            found[target] = _integral(found[target + 1], dt)
-        kept = _settled_filter(edge * dt, found[max(found)])
-        found = {target: _above(values, edge * dt)[kept] for target, values in found.items()}
-        force, noise = _above(force, edge * dt)[kept], noise[kept]
-    if not all(np.any(found[k]) for k in (0, 1, 2)):
-        return None
-    if "x" in names:
-        found[0] = found[0] + np.mean(names["x"])
-    inertia = np.zeros_like(found[2]) if recording.quasi_static else found[2]
-    way = _sign(found[1])
-    signed = np.stack([inertia, found[1], way], axis=1)
-    since = way[:, None] * _hats(_since_turn(found[0], found[1]), _MEMORY)[:, 1:]
-    memory = np.concatenate([(found[1] * np.abs(found[1]))[:, None], since], axis=1)
-    return _Columns(force, signed, _curve(found[0]), memory, found[0], noise)
-
-
-def _width(held: ChannelSpectrum, level: float, dt: float, samples: int) -> float:
-    """Kernel that keeps what stands above the noise of the channel that the motion is taken from. level: of that noise,
-    before a filter that may end it."""
-    top = held.signal_band(10.0 * (level / max(held.noise, 1e-300)) ** 2)[1] * dt
-    widest = max(1.5, samples / 400)
-    return float(np.clip(1.2 / max(top, 1e-3), 1.5, min(widest, 60.0)))
-
-
-def _lowest(recording: Recording) -> float:
-    """Frequency [rad/s] above which the displacement, integrated from the motion, is motion and not noise.
-
-    0 where it is so down to the slowest waves of the recording.
-    """
-    name = next(iter(motion(recording)))
-    held = spectrum(motion(recording)[name], recording.dt)
-    if len(held.omega) < 2:
-        return 0.0
-    weight = np.gradient(held.omega) / held.omega ** (2 * ORDER[name])
-    noise = held.level * weight
-    signal = np.maximum(held.density - held.level, 0.0) * weight
-    total = np.maximum(np.cumsum(signal[::-1])[::-1], 1e-300)
-    share = np.cumsum(noise[::-1])[::-1] / total
-    clear = int(np.argmax(share <= max(_INTEGRATED, 2.0 * float(np.min(share)))))
-    return 0.5 * float(held.omega[clear]) if clear else 0.0  # an octave lower, so that the filter leaves the motion
-
-
-def _above(values: Array, edge: float) -> Array:
-    """A channel without what is slower than an edge [rad per sample]."""
-    if edge <= 0:
-        return values
-    from scipy.signal import butter, sosfiltfilt
-
-    return np.asarray(sosfiltfilt(butter(4, edge / np.pi, "high", output="sos"), values))
-
-
-def _settled_filter(edge: float, values: Array) -> slice:
-    """Samples that such a filter leaves without its transients: they are a hundredth after one period of the edge.
-
-    At an end where the structure rests there are none, and a blow may come right after it.
-    """
-    n = len(values)
-    period = min(int(2 * np.pi / edge), n // 8) if edge > 0 else 0
-    largest, short = _REST * float(np.max(values**2)), max(period // 8, 1)
-    first, last = (0 if np.mean(end**2) < largest else period for end in (values[:short], values[-short:]))
-    return slice(first, n - last)
-
-
-def _integral(values: Array, dt: float) -> Array:
-    """Integral without its drift; a window keeps a tone that is cut within its period out of that."""
-    k, window = np.linspace(-1, 1, len(values)), np.hanning(len(values))
-    plain = values - np.average(values, weights=window)
-    total = (np.cumsum(plain) - 0.5 * plain) * dt
-    return np.asarray(total - np.polyval(np.polyfit(k, total, 3, w=np.sqrt(window)), k))
-
-
-def _sign(v: Array) -> Array:
-    return np.asarray(np.tanh(v / max(0.05 * float(np.std(v)), 1e-300)))
-
-
-def _since_turn(x: Array, v: Array) -> Array:
-    """Way since the velocity last changed its sign, shape (n,)."""
-    turn = np.concatenate([[True], np.signbit(v[1:]) != np.signbit(v[:-1])])
-    last = np.maximum.accumulate(np.where(turn, np.arange(len(x)), 0))
-    return np.asarray(np.abs(x - x[last]))
-
-
-def _curve(x: Array) -> Array:
-    """Columns of any curve of the displacement, shape (n, _KNOTS + 2): broken lines, and a square and a cube.
-
-    Along a resonance that a cubic spring bends the restoring force is many times the measured one, and what broken
-    lines leave of it would pass for inertia.
-    """
-    plain = (x - np.mean(x)) / max(float(np.std(x)), 1e-300)
-    return np.concatenate([_hats(x, _KNOTS), np.stack([plain**2, plain**3], axis=1)], axis=1)
-
-
-def _hats(x: Array, count: int) -> Array:
-    """Broken lines over the range of x, shape (n, count): any curve of it."""
-    knots = np.quantile(x, np.linspace(0.0, 1.0, count))
-    knots = knots + np.linspace(-1e-9, 1e-9, count) * max(float(np.ptp(x)), 1e-300)
-    return np.stack([np.interp(x, knots, row) for row in np.eye(count)], axis=1)
-
-
-def _fine(columns: _Columns, fit: _Fit, shift: int) -> tuple[float, float]:
+def _fine(columns: Columns, fit: _Fit, shift: int) -> tuple[float, float]:
     """Best shift between samples by a parabola, and its standard error from quarters of the recording.
 
     A blow lies in one of them: the error then follows from what is left of the force, and from how steep that is.
@@ -425,7 +272,7 @@ def _fine(columns: _Columns, fit: _Fit, shift: int) -> tuple[float, float]:
     for part in np.array_split(np.arange(len(columns.F)), 4):
         one = columns.part(slice(part[0], part[-1] + 1))
         reach = min(abs(shift) + 8, len(part) // 3)
-        if len(part) >= _FEWEST and np.ptp(one.F) > 0.1 * np.ptp(columns.F) and reach > abs(shift):
+        if len(part) >= FEWEST and np.ptp(one.F) > 0.1 * np.ptp(columns.F) and reach > abs(shift):
             own = _Fit(one, reach)
             near = [k for k in range(shift - 8, shift + 9) if abs(k) <= reach]
             found.append(near[int(np.argmax([own.passive(k, sign) for k in near]))])
@@ -438,20 +285,20 @@ def _fine(columns: _Columns, fit: _Fit, shift: int) -> tuple[float, float]:
     return shift + float(np.clip(between, -0.5, 0.5)), max(error, 0.1)
 
 
-def _of_one_blow(columns: _Columns, fit: _Fit, shift: int) -> float:
+def _of_one_blow(columns: Columns, fit: _Fit, shift: int) -> float:
     steep = float(np.sum(np.diff(columns.F) ** 2))
     left = (1.0 - fit.freely(shift)) * fit.total / len(columns.F) * _memory(_left(columns))
     return float(np.sqrt(max(left, 0.0) / steep)) if steep > 0 else np.inf
 
 
-def _table(columns: _Columns) -> tuple[Array, Array]:
+def _table(columns: Columns) -> tuple[Array, Array]:
     """Rows of all columns, each of rms 1, and of the force, thinned."""
     step = max(1, len(columns.F) // _ROWS)
     table = np.concatenate([columns.signed, columns.free, columns.memory], axis=1)[::step]
     return table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300), columns.F[::step]
 
 
-def _left(columns: _Columns) -> Array:
+def _left(columns: Columns) -> Array:
     table, force = _table(columns)
     return np.asarray(force - table @ np.linalg.lstsq(table, force, rcond=None)[0])
 
@@ -468,7 +315,7 @@ def _memory(left: Array) -> float:
     return 1.0 + 2.0 * float(np.sum(np.abs(rho[1:end])))
 
 
-def _mass(columns: _Columns, quasi_static: bool, placed: bool) -> tuple[float, float, float, float, float]:
+def _mass(columns: Columns, quasi_static: bool, placed: bool) -> tuple[float, float, float, float, float]:
     """Apparent mass with a free law beside it, its standard error (one block left out at a time), the relative error
     that laws of another form can make, and ``weight`` and ``shown`` of the answer.
 

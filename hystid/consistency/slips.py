@@ -12,12 +12,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 
+from hystid.consistency.force import GIVEN
 from hystid.consistency.kinematics import ORDER, Pair
 from hystid.errors import UsageError
 from hystid.units import to_si
 
 CALIBRATION = 0.05  # standard deviation of ln(gain) of sensors that nobody calibrated: makers state 5 to 10 %
-GIVEN = 0.25  # of ln(mass): a weighed mass moves with fixtures, cables and a third of its springs
 _FILTERED = 1.0  # standard deviation of the exponent of a response, as filters at the edge of a band leave it
 _WRONG_SIGN = 40.0  # chi square of a sign that is plainly the other one: certain, but for columns that nobody knows
 PRIOR_SLIP = math.log(0.01)  # one channel in a hundred is mislabelled
