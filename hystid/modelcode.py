@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from math import inf
 from typing import Any, Literal
 
 Causality = Literal[
@@ -59,6 +60,11 @@ class Variable:
     derivative_of: str | None = None
     enumeration: Enumeration | None = field(default=None, repr=False)
     shown: str = ""
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Least and greatest value that it may have."""
+        return -inf if self.min is None else float(self.min), inf if self.max is None else float(self.max)
 
 
 @dataclass(frozen=True)

@@ -119,11 +119,10 @@ def check_parameters(driver: Driver, parameters: Mapping[str, float]) -> None:
             near += [other for other in known if other.lower() == name.lower() and other not in near]
             hint = f"did you mean {' or '.join(near)}?" if near else f"it has {', '.join(known) or 'none'}"
             raise UsageError(f"{driver.path.name} has no parameter '{name}': {hint}")
-        low, high = known[name].min, known[name].max
-        if (low is not None and value < low) or (high is not None and value > high):
-            limits = f"[{'-inf' if low is None else f'{low:g}'}, {'inf' if high is None else f'{high:g}'}]"
+        low, high = known[name].limits
+        if value < low or value > high:
             raise UsageError(
-                f"{driver.path.name}: parameter {driver.shown({name: value})} is outside its range {limits}"
+                f"{driver.path.name}: parameter {driver.shown({name: value})} is outside its range [{low:g}, {high:g}]"
             )
 
 

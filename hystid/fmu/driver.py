@@ -22,7 +22,6 @@ from hystid.fmu.native import Instance, Stepper, load
 from hystid.fmu.rows import Rows
 from hystid.fmu.si import beside_si, from_si
 from hystid.fmu.signals import Signal
-from hystid.modelcode import Variable
 from hystid.numeric import Array
 
 
@@ -38,7 +37,7 @@ class Driver:
         self.model = self._fmu.model
         self.path = self._fmu.path
         self.fmi = self._fmu.version
-        self._ranges = {v.name: _range(v) for v in self.model.variables if v.min is not None or v.max is not None}
+        self._ranges = {v.name: v.limits for v in self.model.variables if v.min is not None or v.max is not None}
         self._foreign = None if runs_here(self._fmu) else Foreign.of(self._fmu)
         self._elements: Mapping[str, tuple[str, ...]] = {}  # array -> names of its elements, for the batch entry
         self._own = self._batch_entry() if self._foreign is None else None
@@ -236,8 +235,7 @@ class Driver:
         for name, value in settings.items():
             if not self._find(name).is_real or np.ndim(value):
                 continue
-            known = self._ranges.get(name)
-            low, high = known if known else (-np.inf, np.inf)
+            low, high = self._ranges.get(name, (-np.inf, np.inf))
             if not (np.isfinite(value) and low <= value <= high):
                 raise FmuError(
                     f"{self._fmu.name}: {name} = {value:g} is not in its range, which is [{low:g}, {high:g}]"
@@ -325,11 +323,6 @@ class Driver:
             f"{self._fmu.name}: it asked for the end of the simulation at t = {end:.9g} s, "
             f"before the last time {last:.9g} s"
         )
-
-
-def _range(variable: Variable) -> tuple[float, float]:
-    low, high = variable.min, variable.max
-    return -np.inf if low is None else low, np.inf if high is None else high
 
 
 def _went_on(_: float, __: Any) -> bool:

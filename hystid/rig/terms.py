@@ -163,12 +163,6 @@ def _is_start(name: str, states: Sequence[str]) -> bool:
     return begins != whole and (begins in map(array_of, states) or begins.rpartition(".")[2] in ("x", "v"))
 
 
-def limits_of(variable: Variable) -> tuple[float, float]:
-    """Least and greatest value that a parameter may have."""
-    low, high = variable.min, variable.max
-    return -np.inf if low is None else float(low), np.inf if high is None else float(high)
-
-
 def check_values(name: str, given: Mapping[str, float], parameters: Mapping[str, Variable | None]) -> None:
     """Raise UsageError for a value of no parameter, or beyond the limits of its own; None stands for a mass without."""
     for key in sorted(set(given) - set(parameters)):
@@ -177,7 +171,7 @@ def check_values(name: str, given: Mapping[str, float], parameters: Mapping[str,
         hint = f" (did you mean '{near[0]}'?)" if near else ""
         raise UsageError(f"{name} has no parameter '{key}'{hint}; it has {', '.join(known)}")
     for key, value in given.items():
-        low, high = limits_of(variable) if (variable := parameters[key]) else (0.0, np.inf)
+        low, high = variable.limits if (variable := parameters[key]) else (0.0, np.inf)
         if not low <= value <= high:
             raise UsageError(f"{name}: parameter {key} = {value:g} is outside its range [{low:g}, {high:g}]")
 

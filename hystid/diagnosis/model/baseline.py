@@ -12,7 +12,7 @@ from hystid.compiled import CompiledModel, Motion
 from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode, Variable
 from hystid.numeric import Array
-from hystid.rig.terms import Model, Reading, check_starts, check_values, limits_of, reading_of, real_parameters
+from hystid.rig.terms import Model, Reading, check_starts, check_values, reading_of, real_parameters
 
 _MASS = "m"
 
@@ -153,7 +153,7 @@ def baseline_of(
     parameters = {_MASS if v.name == reading.mass else v.name: v for v in real_parameters(code)}
     given = {_MASS if key == reading.mass else key: value for key, value in given.items()}
     check_values(name, given, {**parameters, **({_MASS: None} if inner else {})})
-    limits = {key: limits_of(variable) for key, variable in parameters.items()}
+    limits = {key: variable.limits for key, variable in parameters.items()}
     lowest, highest = ({key: pair[k] for key, pair in limits.items() if np.isfinite(pair[k])} for k in (0, 1))
     nominal = {
         key: float(np.clip(given.get(key, variable.start or 0.0), *limits[key])) for key, variable in parameters.items()

@@ -19,7 +19,7 @@ from hystid.modelica_text import with_class
 from hystid.networks import FurtherInput
 from hystid.recording import Array, Recording, own_mass
 from hystid.rig.starts import is_of_the_library, scaled, sizes_of
-from hystid.rig.terms import Reading, check_starts, is_fmu, limits_of, reading_of, real_parameters
+from hystid.rig.terms import Reading, check_starts, is_fmu, reading_of, real_parameters
 from hystid.units import exponents
 
 _STARTS = 8  # of the fit: the values of the class and others beside them; a law with friction has local minima
@@ -224,6 +224,6 @@ def law_of(model: str, mass: float) -> Law:
         reading,
         {key: float(v.start or 0.0) for key, v in free.items()},
         {key: v.unit for key, v in free.items()},
-        {key: limits_of(v) for key, v in free.items()},
+        {key: v.limits for key, v in free.items()},
         mass or float(own or 0.0),
     )
