@@ -37,8 +37,8 @@ class Interface:
 
     @property
     def offers_model_exchange(self) -> bool:
-        """A memory that takes each step for a sample has no place among the steps of a solver, nor has a jump that is
-        no event."""
+        """Not where each step is a sample of a memory, nor where a derivative jumps without an event: solvers try
+        steps and repeat them."""
         return not (self.code.steps_are_samples or self.code.jumps)
 
     @property

@@ -17,7 +17,7 @@ from hystid.toolchain import object_files, shared_library
 
 @dataclass(frozen=True)
 class Platform:
-    """One target. tuple: FMI 3's name; folder: FMI 2's; zig: target of ``zig cc``; glibc 2.17 is that of 2012.
+    """One target. tuple: FMI 3's name; folder: FMI 2's; zig: target of ``zig cc``, for glibc 2.17 (2012) and newer.
 
     own: compiled by this machine's compiler, for its C library or newer ones, instead of zig's.
     """

@@ -51,7 +51,7 @@ def apart_between_levels(model: TwoNetworkModel, recordings: Sequence[Recording]
     (members,); None where no input has levels.
 
     Asked are the motions of the recordings on both sides of a gap, with the input in the middle of it. No recording
-    says what is right there, so that an error by chance shows in nothing but disagreement.
+    covers that range, so only disagreement between the members shows an error there.
     """
     found: list[Array] = []
     for port in model.inputs:

@@ -209,7 +209,7 @@ class Emitter:
         return [*way, *self.function("int", "initialise", "hy_data *m", lines)]
 
     def _holds(self, e: ScalarEquation) -> list[str]:
-        """An initial condition more than there are unknowns: it must say what follows from the others."""
+        """A surplus initial condition: it has to follow from the others, which is checked at the start."""
         text = f"too many initial conditions, which do not fit together: {e.place.short}: remove it, or a fixed=true"
         size = min((self._nominal(name) for name in refs(e.left) | refs(e.right)), default=1.0)
         a, b = self.printer.value(e.left), self.printer.value(e.right)
@@ -287,7 +287,7 @@ class Emitter:
         return self.function("int", "modes", "hy_data *m, double *now", lines)
 
     def _agreement(self, looped: Sequence[Relation]) -> list[str]:
-        """Relations and equations until they agree; where that goes round in circles, other values are looked for."""
+        """Relations and equations until they agree; where they keep changing, all values of the relations are tried."""
         n, size = len(looped), self.layout.size
         slots = ", ".join(str(self.layout.slots[r.name]) for r in looped)
         again = [

@@ -89,7 +89,7 @@ class EventModel:
         return [v.name for v in self.scalar.variables.values() if v.kind in kinds]
 
     def all_discrete(self) -> list[str]:
-        """Names of the discrete variables, those that have a name here alone first."""
+        """Names of all discrete variables; those that the compiler has introduced come first."""
         return [*self.hidden, *(n for n in self.discrete if n not in self.hidden), *self.from_when]
 
     def unknowns(self, aliases: Mapping[str, str]) -> list[str]:

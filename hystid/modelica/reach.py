@@ -1,7 +1,7 @@
 """Which classes of the texts a model may depend on, found by the words that its text holds.
 
 A class cannot be used without its short name standing in a text that is used. So following every word that is the name
-of a class reaches at least what the front end will read: too much at times, never too little.
+of a class reaches at least what the front end will read, and sometimes more.
 """
 
 from __future__ import annotations

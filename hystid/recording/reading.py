@@ -33,7 +33,7 @@ _BRIDGED = 0.01  # share of lost rows that are bridged: with a straight line ove
 
 @dataclass(frozen=True)
 class _Door:
-    """What a file must hold and what is forgiven. motion: whether x, v or a must be there."""
+    """What a file must hold, and which rules it may break. motion: whether x, v or a must be there."""
 
     wishes: Wishes
     resample: bool
@@ -93,7 +93,7 @@ def read_all(
     sensitivity: channel -> "22.4mV/N" or "44.6N/V", for channels stored as voltage.
     names: channel -> column, for files with names of their own. resample: interpolate unequal steps and gaps.
     accept: rules (see ``problems.RULES``) whose violation is a warning here and not an error.
-    units: channel -> unit, instead of the one in the header. reverse: channels whose sign is turned round.
+    units: channel -> unit, instead of the one in the header. reverse: channels whose sign is changed.
     Raises RecordingError with one line for every problem of every file; UsageError for a wrong argument.
     """
     if not paths:

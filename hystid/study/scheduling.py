@@ -19,8 +19,8 @@ def complete(
 ) -> list[TrainingResult]:
     """Outcomes of all tasks, in their order. Each is stored in ``folder`` as soon as it is there.
 
-    What is stored already is not trained again, so that a study that was killed goes on where it was; the outcome of a
-    task depends on nothing but payload and task. Ctrl-C: KeyboardInterrupt after the finished ones were stored.
+    A stored outcome is not computed again, so a killed study resumes. The outcome of a task depends on payload and task
+    alone. Ctrl-C: KeyboardInterrupt after the finished ones were stored.
     """
     folder.mkdir(parents=True, exist_ok=True)
     missing = [task for task in tasks if load(task, folder) is None]

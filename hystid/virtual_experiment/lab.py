@@ -66,7 +66,6 @@ class LabCase:
     """Results of part 2."""
 
     folder: Path
-    chirps: tuple[Recording, ...]
     tests: tuple[UnseenTest, ...]
     network: Identification
     diagnosis: Diagnosis
@@ -112,7 +111,7 @@ def lab_case(out: Path, size: Size) -> LabCase:
     )
     found = diagnose(chirps, model=BELIEVED, parameters=NOMINAL, holdout=unseen, out=out)
     found.report(out / "report.html", f"hystid diagnose recordings/chirp_*.csv --model {BELIEVED}")
-    return LabCase(out, chirps, _tried(out, unseen, network, found), network, found)
+    return LabCase(out, _tried(out, unseen, network, found), network, found)
 
 
 def _record(rig: Driver, text: str, seed: int, folder: Path) -> Recording:

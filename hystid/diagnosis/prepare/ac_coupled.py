@@ -113,8 +113,8 @@ class _Fit(NamedTuple):
 
 
 def _beside(lower: Array, whole: Array, further: Array, order: int) -> _Fit:
-    """The lower of two channels, (n,), as a gain times ``order`` integrals of the upper one, and a further column
-    beside it. Each integral has a constant that nobody knows."""
+    """The lower of two channels, (n,), as a gain times ``order`` integrals of the upper one, and a further column.
+    Each integral has an unknown constant."""
     place = np.linspace(-1.0, 1.0, len(lower))
     columns = [further, whole, *(place**k for k in range(order + 2))]
     table = np.column_stack(columns)

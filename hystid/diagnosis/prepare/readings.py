@@ -87,8 +87,8 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
 
 @dataclass(frozen=True)
 class _Read:
-    """A recording in its consistent reading, what the door finds of it, how late its force is [s], with the error (None
-    where it is not), and what the door says of a force that is too late to be used as it is."""
+    """A recording in its consistent reading. found: what its examination says. lag: delay of its force [s] and
+    standard error, None where it is not late. severe: the finding on a force that is too late to be used."""
 
     recording: Recording
     found: Examination

@@ -22,7 +22,7 @@ from hystid.modelica.workarounds.edits import Edit, edited
 def with_limits_kept(name: str, sources: Sequence[Source]) -> list[Source]:
     """The texts with such modifiers of what class ``name`` may meet where they act; lines stay where they are.
 
-    What cannot be told apart by names, or what names variables, is left as it is, to be refused.
+    What names do not distinguish, or what names variables, is not changed; a later pass refuses it.
     """
     used = reached(name, sources)
     declared = [c for found in used.values() for owner in found or () for c in clauses(owner)]
