@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hystid.consistency.force_columns import FEWEST, REST, Columns, columns_of
+from hystid.consistency.force_columns import FEWEST, REST, ForceColumns, columns_of
 from hystid.consistency.kinematics import motion
 from hystid.recording import Array, Recording
 
@@ -162,7 +162,7 @@ def is_late(recording: Recording, force: Force) -> bool:
     return clear and (passive or (1 - force.free_share) > _FOURFOLD * (1 - force.free_lag_share))
 
 
-def _settled(columns: Columns) -> int:
+def _settled(columns: ForceColumns) -> int:
     """First sample from which on the motion has no more energy than at the end, 0 where it begins at rest; the number
     of samples where it dies away to the end.
 
@@ -187,7 +187,7 @@ def _settled(columns: Columns) -> int:
     return len(v) if dies_away else int(np.argmax(energy <= energy[-1]))
 
 
-def _passive_from(columns: Columns, first: int, shift: int) -> tuple[float, float]:
+def _passive_from(columns: ForceColumns, first: int, shift: int) -> tuple[float, float]:
     """Shares that a passive structure explains of the force, and of the reversed one, from a sample on.
 
     Both are alike where too little is left to tell: few samples, or less than half of the power of the force.
@@ -210,7 +210,7 @@ class _Fit:
     The columns stay where they are; the force is moved, and nothing is known of it outside of the recording.
     """
 
-    def __init__(self, columns: Columns, limit: int) -> None:
+    def __init__(self, columns: ForceColumns, limit: int) -> None:
         table = np.concatenate([columns.signed, columns.free, columns.memory], axis=1)
         table = table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
         self.limit, n = limit, len(columns.F)
@@ -262,7 +262,7 @@ class _Fit:
         return at - self.limit
 
 
-def _fine(columns: Columns, fit: _Fit, shift: int) -> tuple[float, float]:
+def _fine(columns: ForceColumns, fit: _Fit, shift: int) -> tuple[float, float]:
     """Best shift between samples by a parabola, and its standard error from quarters of the recording.
 
     A blow lies in one of them: the error then follows from what is left of the force, and from how steep that is.
@@ -285,20 +285,20 @@ def _fine(columns: Columns, fit: _Fit, shift: int) -> tuple[float, float]:
     return shift + float(np.clip(between, -0.5, 0.5)), max(error, 0.1)
 
 
-def _of_one_blow(columns: Columns, fit: _Fit, shift: int) -> float:
+def _of_one_blow(columns: ForceColumns, fit: _Fit, shift: int) -> float:
     steep = float(np.sum(np.diff(columns.F) ** 2))
     left = (1.0 - fit.freely(shift)) * fit.total / len(columns.F) * _memory(_left(columns))
     return float(np.sqrt(max(left, 0.0) / steep)) if steep > 0 else np.inf
 
 
-def _table(columns: Columns) -> tuple[Array, Array]:
+def _table(columns: ForceColumns) -> tuple[Array, Array]:
     """Rows of all columns, each of rms 1, and of the force, thinned."""
     step = max(1, len(columns.F) // _ROWS)
     table = np.concatenate([columns.signed, columns.free, columns.memory], axis=1)[::step]
     return table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300), columns.F[::step]
 
 
-def _left(columns: Columns) -> Array:
+def _left(columns: ForceColumns) -> Array:
     table, force = _table(columns)
     return np.asarray(force - table @ np.linalg.lstsq(table, force, rcond=None)[0])
 
@@ -315,7 +315,7 @@ def _memory(left: Array) -> float:
     return 1.0 + 2.0 * float(np.sum(np.abs(rho[1:end])))
 
 
-def _mass(columns: Columns, quasi_static: bool, placed: bool) -> tuple[float, float, float, float, float]:
+def _mass(columns: ForceColumns, quasi_static: bool, placed: bool) -> tuple[float, float, float, float, float]:
     """Apparent mass with a free law beside it, its standard error (one block left out at a time), the relative error
     that laws of another form can make, and ``weight`` and ``shown`` of the answer.
 

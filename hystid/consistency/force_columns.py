@@ -20,7 +20,7 @@ FEWEST = 64  # samples of a force that can be compared with a motion
 
 
 @dataclass(frozen=True)
-class Columns:
+class ForceColumns:
     """Smoothed columns, shape (n,) each, of one recording; those of ``signed`` have coefficients of at least 0.
 
     noise: a draw of the noise in the first of these, the acceleration.
@@ -33,7 +33,7 @@ class Columns:
     x: Array
     noise: Array
 
-    def smoothed(self, width: float) -> Columns:
+    def smoothed(self, width: float) -> ForceColumns:
         """The same, all smoothed alike by a kernel of a width [samples].
 
         A curve of the displacement has harmonics that the acceleration lost where it was differentiated: both lose
@@ -45,15 +45,15 @@ class Columns:
             np.stack([derived(u, 0, 1.0, width, flat=True) + np.mean(u) for u in table.T], axis=1)
             for table in (self.F[:, None], self.signed, self.free, self.memory, self.x[:, None], self.noise[:, None])
         ]
-        return Columns(each[0][:, 0], each[1], each[2], each[3], each[4][:, 0], each[5][:, 0])
+        return ForceColumns(each[0][:, 0], each[1], each[2], each[3], each[4][:, 0], each[5][:, 0])
 
-    def part(self, rows: slice) -> Columns:
+    def part(self, rows: slice) -> ForceColumns:
         """The same of a part of the recording."""
         each = (self.F, self.signed, self.free, self.memory, self.x, self.noise)
-        return Columns(*(column[rows] for column in each))
+        return ForceColumns(*(column[rows] for column in each))
 
 
-def columns_of(recording: Recording, curved: bool = False) -> Columns | None:
+def columns_of(recording: Recording, curved: bool = False) -> ForceColumns | None:
     """Columns of one recording, None where they cannot be had; ``curved``: smoothed so that curves stay curves."""
     names, dt = motion(recording), recording.dt
     if recording.F is None or not names or not np.ptp(recording.F):
@@ -77,7 +77,7 @@ def columns_of(recording: Recording, curved: bool = False) -> Columns | None:
     return columns.smoothed(_AGAIN * width) if curved and columns is not None else columns
 
 
-def _assembled(recording: Recording, found: dict[int, Array], force: Array, noise: Array) -> Columns | None:
+def _assembled(recording: Recording, found: dict[int, Array], force: Array, noise: Array) -> ForceColumns | None:
     dt = recording.dt
     names = motion(recording)
     if 0 not in found:  # integrals, without drift; the force is compared in the same band
@@ -96,7 +96,7 @@ def _assembled(recording: Recording, found: dict[int, Array], force: Array, nois
     signed = np.stack([inertia, found[1], way], axis=1)
     since = way[:, None] * _hats(_since_turn(found[0], found[1]), _MEMORY)[:, 1:]
     memory = np.concatenate([(found[1] * np.abs(found[1]))[:, None], since], axis=1)
-    return Columns(force, signed, _curve(found[0]), memory, found[0], noise)
+    return ForceColumns(force, signed, _curve(found[0]), memory, found[0], noise)
 
 
 def _width(held: ChannelSpectrum, level: float, dt: float, samples: int) -> float:

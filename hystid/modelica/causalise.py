@@ -15,7 +15,7 @@ from hystid.modelica.expr import ONE, ZERO, Expr, refs, substitute
 from hystid.modelica.flat import FlatModel
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.index import reduce_index
-from hystid.modelica.initialisation import Initial, Start
+from hystid.modelica.initialisation import Initial, Initialisation
 from hystid.modelica.matching import matching
 from hystid.modelica.scalar import ScalarEquation
 from hystid.modelica.silence import silenced
@@ -32,7 +32,7 @@ def causalise(flat: FlatModel, parameters: Mapping[str, float]) -> HybridModel:
     running = replaced(events, {HOMOTOPY: ONE})  # after the start homotopy means what it is meant to
     derivatives = _derivatives(running, aliases)  # each unknown once, after what it needs
     event = _event_order(running, derivatives)
-    start = Start(events, aliases).run()
+    start = Initialisation(events, aliases).run()
     return _assemble(running, aliases, derivatives, event, start)
 
 

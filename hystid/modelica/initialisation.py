@@ -27,7 +27,7 @@ class Initial:
     surplus: tuple[ScalarEquation, ...]
 
 
-class Start:
+class Initialisation:
     """Everything is unknown at the start but time, inputs, settable parameters and what has a plain start value."""
 
     def __init__(self, events: EventModel, aliases: Mapping[str, str]) -> None:
