@@ -404,3 +404,17 @@ def test_what_is_far_louder_than_a_channel_shows_is_no_noise(force: float, place
     test = Recording("r", t, F=F + force * rng.standard_normal(6000), x=x + place * rng.standard_normal(6000))
     found = diagnose(test, model="HystId.Oscillators.Linear", parameters={"m": 0.0, "B": 2500.0, "Kl": 9000.0})
     assert found.verdict == "unknown_physics"
+
+
+def test_what_stands_still_at_its_limit_is_no_quiet_noise() -> None:
+    """An accelerometer that is cut off for most of the time while a resonance is passed."""
+    rate, n, sigma, most = 1000.0, 6000, 0.1, 10.0
+    t, rng = np.arange(n) / rate, np.random.default_rng(0)
+    omega = 2 * np.pi * 8.0
+    waves = np.exp(1j * omega * t) * (5 + 145 * np.exp(-((t - 3.0) ** 2)))
+    a, v, x = (np.real(waves / (1j * omega) ** k) for k in range(3))
+    noisy = {name: u + s * rng.standard_normal(n) for name, u, s in (("x", x, 1e-4), ("v", v, 1e-3), ("a", a, sigma))}
+    recording = Recording("cut", t, F=2 * a + 1e4 * x, **{**noisy, "a": np.clip(noisy["a"], -most, most)})
+    part = prepare_part(recording, stopped={"a": most})
+    assert part.noise["a"] == pytest.approx(sigma, rel=0.1)  # four standard errors of the median of 1,000 differences
+    assert "a" not in part.louder

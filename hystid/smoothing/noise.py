@@ -12,9 +12,10 @@ from scipy.ndimage import maximum_filter1d
 from scipy.signal import coherence
 from scipy.special import betainc, binom, chdtri
 
-from hystid.numeric import Array
+from hystid.numeric import Array, Flags
 from hystid.smoothing.kernels import corner, kernel_of_smoothing, response
 
+_FEWEST = 64  # samples that tell a level by their sixth differences
 _DIFFERENCES = 6
 _SECTION, SECTIONS = 128, 24  # samples of a section at least, and sections at most, in which noise may be louder
 _LOUD = 2.0  # over the median section: 4.5 standard errors of the level of a section of 128 samples
@@ -100,12 +101,21 @@ def unfiltered_level(channel: Array) -> float:
     Where a filter has taken that end away, both see what is left there.
     """
     floor = _RESOLUTION * float(np.std(channel))
-    if len(channel) < 64:
+    if len(channel) < _FEWEST:
         return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
     differences, spectrum = _by_differences(channel), _by_spectrum(channel)
     apart = max(_APART, _APART_SHORT / np.sqrt(len(channel)))
     lower = differences if differences < (1 - apart) * spectrum else spectrum
     return float(max(floor, _by_steps(channel), lower))
+
+
+def level_between(channel: Array, stops: Flags) -> float:
+    """The same of a channel that stops at a level, (n,) flags: what stands still there is no quiet noise."""
+    differences = scaled_differences(channel)
+    around = np.convolve(stops, np.ones(len(channel) - len(differences) + 1), mode="valid") > 0
+    if np.count_nonzero(~around) < _FEWEST:
+        return unfiltered_level(channel)
+    return float(np.median(np.abs(differences[~around])) / 0.6745)
 
 
 def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
@@ -141,7 +151,7 @@ def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
 def between_samples(channel: Array) -> Array:
     """Error (n,) that is left between the samples of shocks of two or three samples, in the unit of a channel; 0 where
     its differences of sixth order are not far above those elsewhere."""
-    if len(channel) < 64:
+    if len(channel) < _FEWEST:
         return np.zeros(len(channel))
     rough = maximum_filter1d(np.pad(np.abs(scaled_differences(channel)), _DIFFERENCES // 2), _DIFFERENCES + 1)
     return np.where(rough > _SHOCK * np.median(rough), _UNRESOLVED * rough, 0.0)

@@ -26,6 +26,7 @@ from hystid.smoothing.noise import (
     NoiseBefore,
     between_samples,
     filtered_beyond,
+    level_between,
     louder_for_a_while,
     steps,
     unfiltered_level,
@@ -204,9 +205,15 @@ def prepare_part(
     # what is integrated does not know slow motion better than integration allows, however quiet it is
     limited = frozenset("F" if "x" in measured else channels)
     before = noise_before(channels, corners or {})
-    levels = {name: max(unfiltered_level(y), before[name].level) for name, y in channels.items()}
+    stops = {
+        name: np.abs(channels[name]) >= (1 - 1e-9) * level
+        for name, level in (stopped or {}).items()
+        if name in channels
+    }
+    levels = {name: max(_level(y, stops.get(name)), before[name].level) for name, y in channels.items()}
     noise = {name: _at_least(name in limited, level, channels[name]) for name, level in levels.items()}
-    louder = _louder(channels, noise, limited, {name for name, one in before.items() if one.end == 0.5})
+    white = {name for name, one in before.items() if one.end == 0.5 and name not in stops}
+    louder = _louder(channels, noise, limited, white)
     gapped, valid = _without_stops(channels, noise, stopped or {})
     seen, force = {name: gapped[name] for name in measured}, np.nan_to_num(gapped["F"])
     motion = smooth(seen, noise, dt, None, _of_motion(louder), force)
@@ -224,6 +231,10 @@ def prepare_part(
 
 def _all_channels(recording: Recording) -> dict[str, Array]:
     return {**measured_motion(recording), "F": recording.channel("F")}
+
+
+def _level(channel: Array, stops: Flags | None) -> float:
+    return unfiltered_level(channel) if stops is None else level_between(channel, stops)
 
 
 def noise_before(channels: Mapping[str, Array], corners: Mapping[str, Collection[float]]) -> dict[str, NoiseBefore]:
