@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from hystid.diagnosis import Diagnosis, diagnose
 from hystid.diagnosis.fit.knocks import Knock, _come_with_motion, _knocks, without_knocks
@@ -259,3 +260,38 @@ def test_a_recording_of_which_no_sample_is_left_has_no_knocks() -> None:
     driven, released = case.problem.parts
     problem = case.problem.of([driven, replace(released, valid=np.zeros(len(released), dtype=bool))])
     assert without_knocks(problem, standing(problem, case.refit.hypothesis)) is None
+
+
+def dragged_against_stops(seed: int, level: float) -> Recording:
+    """A quadratic damper, and two stops that the motion meets a few times in twenty seconds."""
+    rng, n, dt = np.random.default_rng(seed), 5000, 4e-3
+    mass, damper, spring, gap, drag = 40.0, 10.0, 6317.0, 0.025, 240.0
+    t, omega = np.arange(n) * dt, 2 * np.pi * np.linspace(0.8, 4.0, 40)
+    phase = rng.uniform(0, 2 * np.pi, 40)
+
+    def force(t: float) -> float:
+        return level * float(np.sum(np.cos(omega * t + phase))) * min(t, 1.0)
+
+    def law(x: float, v: float) -> float:
+        return damper * v + spring * (x + 5 * (max(x - gap, 0.0) - max(-x - gap, 0.0))) + drag * v * abs(v)
+
+    made = solve_ivp(
+        lambda t, y: (y[1], (force(t) - law(*y)) / mass), (0, t[-1]), (0.0, 0.0), t_eval=t,
+        rtol=1e-8, atol=1e-9, max_step=0.01,
+    )  # fmt: skip
+    F = np.array([force(one) for one in t])
+    x, v = made.y
+    a = (F - np.array([law(*one) for one in made.y.T])) / mass
+    channels = {"F": F, "x": x, "v": v, "a": a}
+    noisy = {key: u + 10 ** (-44 / 20) * np.std(u) * rng.standard_normal(n) for key, u in channels.items()}
+    return Recording(f"rig_{seed}", t, **noisy, origin=dict.fromkeys(noisy, "measured"))
+
+
+@pytest.mark.parametrize("seed", [1, 4, 6])
+def test_a_stop_that_is_met_a_few_times_is_no_knock_beside_another_law(seed: int) -> None:
+    """The damper has a name without it, and two or three strikes say little of where they come."""
+    recordings = [dragged_against_stops(11, 3.0), dragged_against_stops(seed, 6.0)]
+    found = diagnose(recordings, model="HystId.Oscillators.Linear", parameters={"m": 40.0})
+    drag, stop = sorted(found.findings, key=lambda finding: "quadratic_damping" not in finding.alike)
+    assert drag.effect == "quadratic_damping" and {stop.effect} <= {"two_sided_stop", "backlash"}
+    assert not [note for note in found.notes if "knock" in note]

@@ -114,13 +114,16 @@ def _not_cut_off(case: Case, choice: Choice) -> Case:
 
 def _struck(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     """With the samples that were left out for knocks, where a law has a name that leaves noise there as well, and
-    something unknown is less probable: what acts for a while may strike a few times."""
-    if not case.struck or (choice.named and not _is_doubtful(choice)):
+    something unknown is less probable: what acts for a while may strike a few times. So may a further law beside one
+    that is named, as a stop beside a damper does."""
+    if not case.struck:
         return case, choice
     whole = with_what_struck(case)
-    again = chosen(whole, library)
+    again = chosen(whole, library, known=choice.posterior.likely if choice.named else ())
     is_surer = not choice.named or again.posterior.unknown < choice.posterior.unknown
-    return (whole, again) if again.named and is_surer and leaves_noise(whole.problem, again.after) else (case, choice)
+    is_more = set(again.named) > set(choice.named) and not _is_doubtful(again)
+    explains = again.named and leaves_noise(whole.problem, again.after)
+    return (whole, again) if explains and (is_surer or is_more) else (case, choice)
 
 
 def _cut_off(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
