@@ -283,6 +283,15 @@ def test_a_further_law_is_no_name_where_noise_hides_what_it_leaves(stiffening: D
     assert not criterion.is_worth_a_name(0.5 * clear, clear, 20 * clear)  # nor does what leaves half of the rest
 
 
+def test_a_small_further_law_has_a_name_where_it_leaves_next_to_nothing(stiffening: Diagnosis) -> None:
+    """A two-hundredth of all may be what is wrong with a form; but other laws take any share of that, and seldom all:
+    by the stated odds of one effect against two, a right law leaves less than 3 % of it."""
+    criterion, _ = fits(stiffening, 0.0)
+    small = 1e4 * criterion.slack
+    assert criterion.is_worth_a_name(0.01 * small, small, 200 * small)
+    assert not criterion.is_worth_a_name(0.1 * small, small, 200 * small)
+
+
 def test_a_set_is_compared_with_what_it_is_without_an_idle_member(stiffening: Diagnosis) -> None:
     assert stiffening.choice is not None and stiffening.problem is not None
     problem, choice = stiffening.problem, stiffening.choice

@@ -237,9 +237,9 @@ class Criterion:
         return float(np.log(PRIOR["window"] if windowed else PRIOR.get(effects, PRIOR[3] / self.ids)))
 
     def is_settled(self, misfit: float, formed: float) -> bool:
-        """Whether no further effect could earn its place, however well it fits.
+        """Whether no more is left than right laws leave by their form: a further effect would have to take nearly all.
 
-        formed: misfit that is left to laws with a form, of which a right one leaves a little.
+        formed: misfit that is left to laws with a form.
         """
         return misfit < FORM**2 * formed or self.is_reached(misfit)
 
@@ -300,8 +300,6 @@ class Criterion:
         Of what their form may leave, a law must show that it takes more than any curve would, by the odds against a
         further one.
         """
-        if without - misfit < FORM**2 * formed and not self.is_reached(misfit):
-            return False
         return without > self.usual * formed or self.form(misfit, without) > np.log(PRIOR[1] / PRIOR[2])
 
     def is_no_form(self, misfit: float, without: float, size: int, curves: Sequence[float]) -> bool:

@@ -327,14 +327,17 @@ class Search:
 
     def _beside(self, start: Trial) -> Iterator[Hypothesis]:
         """A small effect beside one that explains nearly all: what the form of a law leaves, no other law takes down to
-        the noise."""
+        the noise, or to next to nothing."""
         misfit = self.criterion.misfit(start.fit, float("nan"))
         scanned = scan(self.problem, start.fit, self.library) if self._is_settled([start]) else []
         if not self._may_gain(scanned, misfit):
             return
         nexts = self._further([start], scanned, most=len(self.library), fits=3 * _TRIED)  # simple ones too
         made = (self._of([start, further]) for further in nexts)
-        yield from (h for h in made if self.criterion.is_reached(self.criterion.misfit(h.fit, h.floor)))
+        for h in made:
+            left = self.criterion.misfit(h.fit, h.floor)
+            if self.criterion.is_reached(left) or self.criterion.is_worth_a_name(left, misfit, self.formed(h.names)):
+                yield h
 
     def _line(self, start: Trial, library: Sequence[Effect], found: list[Hypothesis]) -> list[Trial]:
         """A set that grows from one effect by the best further one; all that was tried is added to what was found."""
