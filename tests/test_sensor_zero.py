@@ -92,3 +92,16 @@ def test_a_constant_of_each_recording_needs_no_clock_and_is_no_other_of_one() ->
     assert [drift.form for drift in force_drifts([still])] == ["", "Bowed"]
     blind = replace(quick, lowest=7 * np.pi / t[-1])  # six bends in the time are slower than all that is seen
     assert [drift.form for drift in force_drifts([blind])] == ["Wandering12"]
+
+
+def test_a_drift_of_x_is_not_blamed_on_the_force_alone() -> None:
+    """What a spring holds does not tell which of the two sensors drifts."""
+    tests = [recorded(seed, level, lambda t, x, v: 0 * t, noise=0.002) for seed, level in enumerate(LEVELS, 1)]
+    warmer = [0.5 * float(np.std(t.x)) * (1 - np.exp(-3 * t.t / t.t[-1])) for t in tests]
+    tests = [replace(t, x=t.x + slow) for t, slow in zip(tests, warmer, strict=True)]
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
+    (finding,) = found.findings
+    assert finding.effect == "force_drift" and "displacement" in finding.title
+    (told,) = re.findall(r"one of the displacement sensor, by up to ([0-9.]+) mm", " ".join(found.notes))
+    # A bow is no exponential: the two differ by a few per cent at the ends.
+    assert float(told) == pytest.approx(1e3 * max(map(np.max, warmer)), rel=0.1)

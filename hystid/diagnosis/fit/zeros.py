@@ -67,10 +67,28 @@ def zero_of_term(problem: Problem, hypothesis: Hypothesis, term: Term) -> Zero |
     return zero_of_x(problem, hypothesis, force) if force else None
 
 
+def drift_of_x(problem: Problem, hypothesis: Hypothesis, term: Term) -> Zero | None:
+    """Drift of a displacement sensor, where it is furthest off, that does what a drift of the force channel does; None
+    for other terms, without such a sensor, and where the law has no stiffness."""
+    measured = all("x" in part.measured for part in problem.parts)
+    if term.effect.id != DRIFT or not measured or is_constant(term.values, problem.parts):
+        return None
+    forces = np.concatenate([term.effect.force(signal, term.values) for signal in problem.signals(hypothesis)])
+    return zero_of_x(problem, hypothesis, float(forces[np.argmax(np.abs(forces))]))
+
+
 def zeros_instead(problem: Problem, hypothesis: Hypothesis) -> list[str]:
-    """Sentences about constant forces of a hypothesis that the zero of the displacement sensor would explain."""
-    found = [zero_of_term(problem, hypothesis, term) for term in hypothesis.terms]
-    return [zero.sentence() for zero in found if zero is not None]
+    """Sentences about constant forces, and drifts, of a hypothesis that the displacement sensor would explain."""
+    zeros, drifts = ([of(problem, hypothesis, term) for term in hypothesis.terms] for of in (zero_of_term, drift_of_x))
+    return [
+        *(zero.sentence() for zero in zeros if zero is not None),
+        *(
+            f"the drift of the force channel, by up to {abs(zero.force):.3g} N, may as well be one of the displacement "
+            f"sensor, by up to {1e3 * abs(zero.size):.3g} mm: look at both zeros before and after a test"
+            for zero in drifts
+            if zero is not None
+        ),
+    ]
 
 
 def zeros_of_x(problem: Problem, fit: Fit, share: float, *, free: bool = True) -> tuple[Array, float]:

@@ -13,6 +13,7 @@ from hystid.diagnosis.decide.answer import GAIN, Answer, describe
 from hystid.diagnosis.decide.trials import DELAY
 from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.fit.windows import Windowed
+from hystid.diagnosis.fit.zeros import drift_of_x
 from hystid.diagnosis.model.channel_effects import wanders
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.faults import Fault
@@ -63,6 +64,8 @@ def _finding(
         seconds = Value(delay.value * answer.problem.parts[0].dt, delay.stderr * answer.problem.parts[0].dt, "s")
         where = Where("the force channel is late as a whole", (0, 0), (0, 0), {}, {}, "no harmonics")
         return told({"samples": delay, "delay": seconds}, where), 1e299
+    if drift_of_x(answer.problem, fit.hypothesis, term) is not None:
+        title += ", or of the displacement sensor"
     where = where_term(answer.problem, term, signals)
     weight = float(np.sqrt(np.mean(np.concatenate([term.effect.force(s, term.values) for s in signals]) ** 2)))
     evidence |= {"form": term.effect.form, "class_name": term.effect.class_name, "rms_force": weight}
