@@ -37,6 +37,7 @@ _DERIVATIVE = 1e-3  # error of a derivative that the smoother, which takes v = d
 _OCTAVE = np.sqrt(2)  # half of the band, as a ratio of frequencies, in which the slope of a spectrum is taken
 _SCATTER = 1.0  # of the logarithm of a spectrum: lines of hum scatter that of a noise by less than a factor of e
 _LINES = 8  # lines of a spectrum at least that show a slope
+_COMPUTED = "computed from {0}: it repeats the noise of {0}"
 _MOTION = 0.999  # share of the power of the velocity that counts as motion
 
 
@@ -64,7 +65,9 @@ def measurements(recording: Recording, doubtful: Collection[str] = "xva") -> Mea
             told = _related(known[low], known[high], (ORDER[low], ORDER[high]), recording.dt)
             source, other = (low, high) if told == "higher" else (high, low)
             if told and other in doubtful and (source not in computed or len(known) - len(computed) > 1):
-                computed.setdefault(other, f"computed from {source}: it repeats the noise of {source}")
+                quiet = is_noise_free(known[source])
+                reason = f"as it follows from {source} to its last digit"
+                computed.setdefault(other, reason if quiet else _COMPUTED.format(source))
     left = recording.with_channels(dict.fromkeys(computed))
     return MeasuredChannels(left, tuple(name for name in known if name not in computed), computed)
 
