@@ -196,12 +196,11 @@ def _passive_from(columns: ForceColumns, first: int, shift: int) -> tuple[float,
     limit = abs(shift) + 1
     if len(later.F) < FEWEST + 2 * limit or not np.ptp(later.F):
         return 0.0, 0.0
-    left, right = np.split((columns.F - np.mean(columns.F)) ** 2, [first])
-    if np.sum(right) < EXPLAINED * (np.sum(left) + np.sum(right)):
-        return 0.0, 0.0
     fit = _Fit(later, limit)
     now, flipped = (max(fit.passive(shift + k, sign) for k in _NEAR) for sign in (1.0, -1.0))
-    return now, flipped
+    left, right = np.split((columns.F - np.mean(columns.F)) ** 2, [first])
+    tells = np.sum(right) > EXPLAINED * (np.sum(left) + np.sum(right))
+    return (now, flipped) if tells else (max(now, flipped),) * 2
 
 
 class _Fit:

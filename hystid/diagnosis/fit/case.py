@@ -141,9 +141,9 @@ def pose(
         raise NotDiagnosable(_NOTHING_LEFT)
     certain = {name: value for name, value in values.items() if name in {"m", *fixed}}
     sizes = _sizes(parts, certain, quasi_static=still)
-    sized = (
-        [scaled(code, certain, one) for one in (sizes, *sizes.seldom_slipping())] if is_of_the_library(model) else []
-    )
+    is_guessed = not {*values}.issuperset(baseline.shapes)  # nobody said how a contact slips
+    starts = (sizes, *(sizes.seldom_slipping() if is_guessed else ()))
+    sized = [scaled(code, certain, one) for one in starts] if is_of_the_library(model) else []
     refitted, minima, nominal = refit(problem, kept, sized)
     for _ in range(_BEGUN):  # a contact that slips later than was believed remembers longer
         longer, keeping, told_again = beginning(problem.parts, baseline, refitted.hypothesis.values, holding=holding)
