@@ -67,3 +67,16 @@ def test_the_import_graph_draws_every_package(tmp_path: Path, capsys: pytest.Cap
     assert "| `diagnosis` |" in page
     assert ">diagnosis</text>" in (tmp_path / "imports.svg").read_text(encoding="utf-8")
     assert "pairs of packages" in capsys.readouterr().out
+
+
+def test_every_constant_that_decides_stands_where_the_table_says() -> None:
+    table = (ROOT / "docs" / "decisions.md").read_text(encoding="utf-8")
+    module, missing = "", []
+    for row in re.findall(r"^\| (`[^|]+`) \|", table, re.MULTILINE):
+        for name in re.findall(r"`([\w.]+)`", row):
+            place, _, constant = name.rpartition(".")
+            module = place or module
+            texts = (path.read_text(encoding="utf-8") for path in (ROOT / "hystid").rglob(f"{module}.py"))
+            if not any(re.search(rf"\b{constant}\b", text) for text in texts):
+                missing.append(f"{module}.{constant}")
+    assert not missing

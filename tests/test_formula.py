@@ -66,3 +66,9 @@ def test_what_is_held_out_does_not_say_what_was_measured() -> None:
     found = measured_alike([*derived, *measured], len(derived))
     assert all(channels.measured == ("x",) for channels in found)
     assert "in the other recordings" in found[-1].computed["a"]
+
+
+@pytest.mark.parametrize(("level", "reason"), [(0.0, "to its last digit"), (1e-3, "it repeats the noise of x")])
+def test_without_noise_a_channel_follows_from_another_and_repeats_none(level: float, reason: str) -> None:
+    (found,) = measured_alike([smoothed(rig(level=level))])
+    assert found.measured == ("x",) and found.computed["a"].endswith(reason)

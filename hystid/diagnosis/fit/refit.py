@@ -39,9 +39,10 @@ def refit(problem: Problem, kept: Sequence[int] = (), sized: Sequence[Mapping[st
     if fits and not _sits(problem, fits[0]) and (relaxed := from_nominal(problem, fits[0])) is not None:
         fits += [made for h in downhill(problem, relaxed) if (made := try_fit(problem, h, 25)) is not None]
     if fits and problem.baseline.shapes and not _sits(problem, min(fits, key=lambda f: f.chi2)):
-        free = problem.baseline.free  # others are held
-        starts = [replace(nominal, values={**nominal.values, **{n: v[n] for n in free & v.keys()}}) for v in sized]
-        fits += [made for h in [*starts[:1], *leading(problem, starts[1:])] if (made := try_fit(problem, h, 25))]
+        own = [{n: values[n] for n in problem.baseline.free if n in values} for values in sized]  # others are held
+        starts = [replace(nominal, values={**nominal.values, **values}) for values in own]
+        promising = [*starts[:1], *leading(problem, starts[1:])]
+        fits += [made for h in promising if (made := try_fit(problem, h, 25)) is not None]
     for factor in _STARTS if problem.baseline.shapes else ():
         fits.sort(key=lambda f: f.chi2)
         if fits and _sits(problem, fits[0]):
