@@ -12,7 +12,7 @@ from hystid.diagnosis.fit.colour import _above_all, _fitted, _seen, coloured_ali
 from hystid.diagnosis.fit.refit import refit_again
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import take
-from hystid.diagnosis.prepare.reduction import colouring
+from hystid.diagnosis.prepare.whitening import colouring
 from hystid.recording import Recording
 
 Array = NDArray[np.float64]

@@ -22,8 +22,9 @@ from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.prepare.draws import Draw
 from hystid.diagnosis.prepare.filtering import filtered
-from hystid.diagnosis.prepare.reduction import ROWS, colouring
+from hystid.diagnosis.prepare.reduction import ROWS
 from hystid.diagnosis.prepare.segments import Part, band
+from hystid.diagnosis.prepare.whitening import colouring
 
 Array = NDArray[np.float64]
 _POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of their own

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.diagnosis.model.baseline import Baseline
-from hystid.diagnosis.prepare.reduction import longest_trim
 from hystid.diagnosis.prepare.refused import SHORTEST
 from hystid.diagnosis.prepare.segments import Part
+from hystid.diagnosis.prepare.whitening import longest_trim
 from hystid.numeric import Array
 
 _FIRST = 8  # samples whose mean shows whether a recording begins at rest

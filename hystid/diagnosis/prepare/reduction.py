@@ -6,7 +6,6 @@ Whatever is done to the balance (whitening, block averages, weights) is done to 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -16,17 +15,15 @@ from numpy.typing import NDArray
 from scipy.linalg import orth
 from scipy.ndimage import maximum_filter1d
 
-from hystid.diagnosis.prepare.differences import FIRST, SECOND
-from hystid.diagnosis.prepare.filtering import filtered, quick_length
+from hystid.diagnosis.prepare.filtering import filtered
 from hystid.diagnosis.prepare.segments import Part, band
+from hystid.diagnosis.prepare.whitening import Filter, followed, louder_balance, slopes_of_force, trim, whitening
 from hystid.numeric import Array, Flags
-from hystid.smoothing.noise import NOISE_ERROR, steps
-from hystid.smoothing.smoother import BELOW
+from hystid.smoothing.noise import NOISE_ERROR
 
 ROWS = 16_000  # of the least squares problems; more are averaged in blocks
 _SLOW, _LEAST = 8, 2  # blocks per period of the quickest motion, and samples that are averaged all the same
 _MOST, _STRETCHES = 40_000, 24  # rows beyond which stretches of each recording are taken, and how many
-_DECAY = 10.0  # radians at the corner of a whitening filter after which nothing is left of an end (exp(-7))
 _AT_ONCE = 8  # columns that are reduced together: more leave the processor's cache
 _SHORT = 7  # samples per block that are added column by column
 _SPECTRUM = 4096  # lines over which a spectrum is averaged
@@ -51,15 +48,15 @@ class Reduction:
         self._trust: Array | None = None
         self._open = np.zeros(1)  # variance that rows have as nobody knows where a law stands
         self._basis: list[tuple[slice, Array]] | None = None
-        slopes = _slopes(parts, mass)
-        self._filters = [_Filter.of(part, _whitening(part, mass, slopes), mass) for part in parts]
+        slopes = slopes_of_force(parts, mass)
+        self._filters = [Filter.of(part, whitening(part, mass, slopes), mass) for part in parts]
         pairs = list(zip(self.parts, self._filters, strict=True))
-        self._followed = [_followed(p, f.response, mass, slopes) for p, f in pairs]
-        self._trims = [_trim(p, f.response) for p, f in pairs]
+        self._followed = [followed(p, f.response, mass, slopes) for p, f in pairs]
+        self._trims = [trim(p, f.response) for p, f in pairs]
         self._weights = [np.sqrt(self.block) / part.balance_noise(mass) for part in parts]
         self._kept = [self._stretches(i, total) for i in range(len(self.parts))]
         self._taken = [None if kept is None else _places(kept) for kept in self._kept]
-        self._louder = [_louder_balance(part, mass) for part in parts]
+        self._louder = [louder_balance(part, mass) for part in parts]
         self._even = self._evened() if any(one is not None for one in self._louder) else None
 
     def __call__(self, columns: Sequence[Array]) -> Array:
@@ -264,231 +261,15 @@ def _places(kept: Flags) -> slice | NDArray[np.int64]:
     return slice(int(places[0]), int(places[-1]) + 1) if whole else places
 
 
-@dataclass(frozen=True)
-class _Filter:
-    """A filter of one part that keeps what is not valid from the rows beside it.
-
-    response: of the whole filter, None for none. valid: samples that it leaves valid, None for all of them.
-    image: samples by which a column is continued before the first valid one, its mirror image, as at its end.
-    Where slow noise is whitened as well, the filter has two steps, with straight lines over what is not valid in
-    between: the first reaches a few samples far, None for none, the second as far as slow noise does.
-    gap: these samples; before, after: those on either side of their gaps; share: how near they are to the latter.
-    """
-
-    response: Array | None
-    valid: Flags | None
-    image: NDArray[np.int64]
-    first: Array | None
-    second: Array | None
-    gap: NDArray[np.int64]
-    before: NDArray[np.int64]
-    after: NDArray[np.int64]
-    share: Array
-
-    @classmethod
-    def of(cls, part: Part, response: Array | None, mass: float) -> _Filter:
-        """That of a part."""
-        local, spreads = _local(part, response, mass)
-        valid, begun = _clean(part.valid, local), 0 if part.valid is None else int(np.argmax(part.valid))
-        image = np.pad(np.arange(begun, len(part)), (begun, 0), "symmetric")[:begun]
-        none = np.zeros(0, np.int64)
-        if not spreads or response is None or valid is None or np.all(valid) or not np.any(valid):
-            return cls(response, valid, image, None, response, none, none, none, np.zeros(0))
-        known, gap = np.flatnonzero(valid), np.flatnonzero(~valid)
-        place = np.searchsorted(known, gap)
-        before, after = known[np.maximum(place - 1, 0)], known[np.minimum(place, len(known) - 1)]
-        share = (gap - before) / np.maximum(after - before, 1)
-        second = response if local is None else response / local
-        return cls(response, valid, image, local, second, gap, before, after, share)
-
-    def __call__(self, column: Array) -> Array:
-        """A column, (n,) or several (k, n), after all steps."""
-        if len(self.image):
-            column = np.concatenate([column[..., self.image], column[..., len(self.image) :]], axis=-1)
-        if self.first is not None:
-            column = filtered(column, self.first)
-        column = self.over(column)
-        return column if self.second is None else filtered(column, self.second)
-
-    def over(self, column: Array) -> Array:
-        """Columns with straight lines over the gaps; they begin and end as they do beside a gap there."""
-        if not len(self.gap):
-            return column
-        made = np.array(column)
-        made[..., self.gap] = (1 - self.share) * column[..., self.before] + self.share * column[..., self.after]
-        return made
-
-
-def _local(part: Part, response: Array | None, mass: float) -> tuple[Array | None, bool]:
-    """The step of a filter that takes the noise of a derivative, None for none, and whether there is another one, which
-    spreads what is not valid far. That noise cancels over time: it must stay whole until it is filtered."""
-    spreads = response is not None and (bool(part.lowest) or any(part.colour) or "x" in part.noise)
-    if response is None or not _is_derived(part, mass):
-        return None, spreads
-    omega = np.pi * np.arange(len(response)) / (len(response) - 1)
-    noise = mass * _derived_noise(part, omega) / part.noise["F"]
-    return np.asarray(1 / np.sqrt(1 + noise**2)), spreads
-
-
-def _clean(valid: Flags | None, local: Array | None) -> Flags | None:
-    """Samples that a local filter keeps from what is not valid, unless it leaves hardly any."""
-    if valid is None or local is None:
-        return valid
-    corner = (
-        max(int(np.argmax(local < 0.7)), 1) * np.pi / (len(local) - 1)
-    )  # a derivative hides no noise at the very end
-    reach = int(min(_DECAY / corner, len(valid)))
-    clean = np.asarray(maximum_filter1d((~valid).astype(np.int8), 2 * reach + 1, mode="nearest") == 0)
-    return clean if 2 * np.count_nonzero(clean) > np.count_nonzero(valid) else valid
-
-
 def _slowly(part: Part) -> int:
     """Samples over which the quickest motion of a part changes little."""
     return int(1 / (_SLOW * part.dt * max(band(part)[1], 1 / (len(part) * part.dt))))
-
-
-def _derived_noise(part: Part, omega: Array) -> Array:
-    """Noise of an acceleration that was derived, over angular frequencies [rad per sample], (n,) [m/s2]."""
-    weights, name = (SECOND, "x") if part.inertia_order == 2 else (FIRST, "v")
-    return _response(weights, omega) / part.dt**part.inertia_order * part.noise[name]
-
-
-def _louder_balance(part: Part, mass: float) -> Array | None:
-    """Noise of the whitened balance over its level, (n,), where it is louder for a while; None elsewhere."""
-    if not part.louder:
-        return None
-    name = ("a", "v", "x")[part.inertia_order]
-    if part.inertia_order:
-        power = (mass * _derived_noise(part, np.linspace(0, np.pi, 257)) / part.noise["F"]) ** 2
-        share = float(np.mean(1 / (1 + power)))  # of the force in what is white
-    else:
-        share = (part.noise["F"] / part.balance_noise(mass)) ** 2
-    ones = np.ones(len(part))
-    squares = share * part.louder.get("F", ones) ** 2 + (1 - share) * part.louder.get(name, ones) ** 2
-    return np.asarray(np.sqrt(squares))
-
-
-def _is_derived(part: Part, mass: float) -> bool:
-    """Whether the balance holds an acceleration that was not measured."""
-    return part.inertia_order > 0 and mass != 0.0
-
-
-def _whitening(part: Part, mass: float, slopes: tuple[float, float]) -> Array | None:
-    """Frequency response that makes the noise of the balance white; None where it is white already.
-
-    slopes: see ``_slopes``. At a resonance noise of the motion cancels between inertia and restoring force. This is
-    left alone: it would take a filter that rings.
-    """
-    whitens_x, coloured = _whitens_x(part, mass, slopes), any(part.colour)
-    if not whitens_x and not part.lowest and not coloured:
-        return None
-    n = 2 * quick_length(len(part))
-    omega = 2 * np.pi * np.arange(n // 2 + 1) / n
-    power = np.ones_like(omega)
-    if _is_derived(part, mass):
-        power += (mass * _derived_noise(part, omega) / part.noise["F"]) ** 2
-    if whitens_x:
-        power += _restoring(part, mass, slopes, omega)
-    if part.lowest:
-        turn = omega**2 + (BELOW["v" if "v" in part.noise else "a"] * part.first) ** 2
-        drift = part.noise["v"] * part.dt / np.sqrt(turn) if "v" in part.noise else part.noise["a"] * part.dt**2 / turn
-        power += (slopes[0] * drift / part.balance_noise(mass)) ** 2
-    if coloured:
-        power /= colouring(part) ** 2
-    if not part.lowest:
-        return np.asarray(1.0 / np.sqrt(power))
-    high = (omega / part.first) ** 8
-    return np.asarray(np.sqrt(high / (1.0 + high) / power))
-
-
-def _restoring(part: Part, mass: float, slopes: tuple[float, float], omega: Array) -> Array:
-    """Power that noise of the displacement makes through the restoring force over that of the balance, at angular
-    frequencies [rad per sample]; 0 where the displacement was not measured.
-
-    Without a mass the stiffness alone counts: a slope over the velocity may be that of dry friction, which noise does
-    not move while it slides."""
-    if "x" not in part.noise:
-        return np.zeros_like(omega)
-    error = np.interp(omega, np.linspace(0, np.pi, len(part.error_of_x)), part.error_of_x)
-    damper = slopes[1] if _is_derived(part, mass) else 0.0
-    return np.asarray((np.hypot(slopes[0], damper * omega / part.dt) * error / part.balance_noise(mass)) ** 2)
-
-
-def _whitens_x(part: Part, mass: float, slopes: tuple[float, float]) -> bool:
-    """Whether the noise of the displacement is whitened as well: where the acceleration was derived, and where nothing
-    has a mass and it is louder through the stiffness than that of the force. Beside an acceleration that was measured
-    it cancels in part, as the smoother makes one motion of both; and the error of a channel with coarse steps stays
-    the same over a step, and is not white."""
-    if mass:
-        return _is_derived(part, mass)
-    if "x" not in part.measured or steps(part.measured["x"]) is not None:
-        return False
-    omega = np.linspace(0, np.pi, len(part.error_of_x))
-    return bool(np.max(_restoring(part, mass, slopes, omega)) > 1)
-
-
-def _followed(part: Part, response: Array | None, mass: float, slopes: tuple[float, float]) -> Array:
-    """The same after whitening, at equal steps of the frequency from 0 to half of the sample rate."""
-    if response is None or not _whitens_x(part, mass, slopes):
-        return np.zeros(2)
-    white = response / colouring(part) if any(part.colour) else response
-    return np.asarray(_restoring(part, mass, slopes, np.linspace(0, np.pi, len(response))) * white**2)
-
-
-def colouring(part: Part) -> Array:
-    """Frequency response that makes its noise white.
-
-    1/f noise goes on below the lowest line, as long as the zero of the sensors is old: its density there, over the
-    width of a line, stands in the mean.
-    """
-    n = 2 * quick_length(len(part))
-    cycles = np.maximum(np.arange(n // 2 + 1), 1) / n
-    power = 1 + part.colour[0] / cycles + part.colour[1] / cycles**2
-    power[0] += part.colour[0] * n * max(np.log(max(part.since, part.dt) / (n * part.dt)) - 1, 0)
-    return np.asarray(1 / np.sqrt(power))
-
-
-def longest_trim(samples: int) -> int:
-    """Samples of which no rows are made at either end of a recording, at most."""
-    return samples // 8
-
-
-def _trim(part: Part, response: Array | None) -> int:
-    """Samples at either end that derivation and whitening disturb: what happens at an end decays with the corners.
-
-    Where the acceleration alone was measured, so do place and speed at the end, which nobody knows.
-    """
-    samples, first = len(part), part.first * (1.0 if "v" in part.noise else BELOW["a"])
-    least, most = max(len(FIRST) // 2 + 1, samples // 200), longest_trim(samples)
-    if response is None:
-        return least
-    high = np.flatnonzero(response > 0.7 * np.max(response))[-1] * np.pi / (len(response) - 1)
-    slow = min(high, first) if first else high
-    return int(np.clip(_DECAY / slow, least, most)) if slow > 0 else most
-
-
-def _slopes(parts: Sequence[Part], mass: float) -> tuple[float, float]:
-    """Slopes of the restoring force over the displacement [N/m] and the velocity [N.s/m], for the size of what errors
-    of these do. A constant force has none, and dry friction one at its turning points alone."""
-    force = np.concatenate([part.F - mass * part.a for part in parts])
-    motion = np.stack([np.concatenate([getattr(part, name) for part in parts]) for name in ("x", "v")])
-    size = np.std(motion, axis=1)
-    known = size > 0
-    columns = [*(motion[known] / size[known, None]), np.sign(motion[1]), np.ones(len(force))]
-    found = np.zeros(2)
-    found[known] = np.linalg.lstsq(np.stack(columns, axis=1), force, rcond=None)[0][:-2] / size[known]
-    return float(found[0]), float(found[1])
 
 
 def _over_band(column: Array, cycles: Array) -> Array:
     """A column (m,) over equal steps of the frequency from 0 to half of the sample rate, at others [cycles per
     sample]."""
     return np.asarray(np.interp(2 * cycles, np.linspace(0.0, 1.0, len(column)), column))
-
-
-def _response(weights: Array, omega: Array) -> Array:
-    shift = np.arange(len(weights)) - len(weights) // 2
-    return np.asarray(np.abs(np.exp(1j * np.outer(omega, shift)) @ weights))
 
 
 def _means(blocks: Array) -> Array:
