@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -99,15 +99,25 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Run:
-    """One table for the runner: a job in value references."""
+class Motion:
+    """States that follow a motion, and inputs, as a model takes them; ``CompiledModel.motion`` makes one.
 
-    columns: GivenSignals
+    dt: sample time [s]. substeps: Runge-Kutta steps per sample. start_time: of the first sample [s].
+    """
+
+    columns: GivenSignals = field(repr=False)
     rows: int
     dt: float
-    settings: Settings
-    start_time: float = 0.0
     substeps: int = 1
+    start_time: float = 0.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """One table for the runner."""
+
+    motion: Motion
+    settings: Settings
 
 
 @dataclass(frozen=True)
@@ -154,7 +164,8 @@ class TableRunner:
             if table.warning:
                 _log.warning("%s: %s", self._name, table.warning.decode(errors="replace"))
             if code:
-                raise NumericalError(self._sentence(code, table, run.start_time + table.failed_row * run.dt))
+                time = run.motion.start_time + table.failed_row * run.motion.dt
+                raise NumericalError(self._sentence(code, table, time))
         return wanted.outcomes()
 
     def _sentence(self, outcome: int, table: _Table, time: float) -> str:
@@ -175,11 +186,12 @@ class _Wanted:
         self._counts = len(outputs), len(seeds)
         self._slots = np.array(outputs, np.intc), np.array(seeds, np.intc)
         self._each = len(outputs) * (1 + len(seeds))
-        self._block = np.empty(self._each * sum(run.rows for run in runs))  # one run after another
+        self._block = np.empty(self._each * sum(run.motion.rows for run in runs))  # one run after another
         first, addresses = _place(self._block), []
         for run in runs:
-            addresses += [first + 8 * i * run.rows for i in range(self._each)]  # of outputs, then of gradients
-            first += 8 * self._each * run.rows
+            rows = run.motion.rows
+            addresses += [first + 8 * i * rows for i in range(self._each)]  # of outputs, then of gradients
+            first += 8 * self._each * rows
         self._rows = np.array(addresses, np.uintp)
 
     def outcomes(self) -> list[Responses]:
@@ -187,9 +199,10 @@ class _Wanted:
         (n, seeds), first, found = self._counts, 0, []
         finite = bool(np.isfinite(np.add.reduce(self._block)))
         for run in self._runs:
-            part = self._block[first : first + self._each * run.rows]
-            gradients = part[n * run.rows :].reshape(n, seeds, run.rows)
-            found.append(Responses(part[: n * run.rows].reshape(n, run.rows), gradients, finite))
+            rows = run.motion.rows
+            part = self._block[first : first + self._each * rows]
+            gradients = part[n * rows :].reshape(n, seeds, rows)
+            found.append(Responses(part[: n * rows].reshape(n, rows), gradients, finite))
             first += len(part)
         return found
 
@@ -199,13 +212,13 @@ class _Wanted:
         first = _place(self._rows)
         wanted, carried = (_place(slots) for slots in self._slots)
         for i, (table, run) in enumerate(zip(made, self._runs, strict=True)):
-            outputs = first + 8 * i * self._each
-            table.version, table.rows, table.substeps = _VERSION, run.rows, run.substeps
-            table.start_time, table.dt = run.start_time, run.dt
+            outputs, motion = first + 8 * i * self._each, run.motion
+            table.version, table.rows, table.substeps = _VERSION, motion.rows, motion.substeps
+            table.start_time, table.dt = motion.start_time, motion.dt
             table.n_settings = len(run.settings.slots)
             table.setting_slots, table.settings = run.settings.addresses
-            table.n_columns = len(run.columns)
-            table.column_slots, table.column_modes, table.samples, table.slopes = run.columns.addresses
+            table.n_columns = len(motion.columns)
+            table.column_slots, table.column_modes, table.samples, table.slopes = motion.columns.addresses
             table.n_outputs, table.output_slots, table.outputs = n, wanted, outputs
             table.n_seeds, table.seed_slots, table.gradients = seeds, carried, outputs + 8 * n
         return made

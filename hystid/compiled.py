@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hystid.batch import GivenSignal, GivenSignals, Run, Settings, TableRunner
+from hystid.batch import Motion as Motion
 from hystid.errors import NumericalError, UsageError
 from hystid.modelcode import ModelCode, Variable
 from hystid.numeric import Array
@@ -32,29 +33,12 @@ _HEADERS = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_strip.h", *_TABLE)
 
 
 @dataclass(frozen=True)
-class Job:
-    """One run: given signals, sample grid, values set before the start (name -> value), and what is wanted."""
+class _Job:
+    """A run along a motion: values set before the start (name -> value), and what is wanted."""
 
-    columns: GivenSignals
-    rows: int
-    dt: float
-    start_time: float
+    motion: Motion
     settings: Mapping[str, float]
     outputs: tuple[str, ...]
-    substeps: int
-
-
-@dataclass(frozen=True)
-class Motion:
-    """States that follow a motion, and inputs, as a model takes them; ``CompiledModel.motion`` makes one.
-
-    dt: sample time [s]. substeps: Runge-Kutta steps per sample.
-    """
-
-    columns: GivenSignals = field(repr=False)
-    rows: int
-    dt: float
-    substeps: int = 1
 
 
 @cache
@@ -89,7 +73,6 @@ class CompiledModel:
         dt: float,
         *,
         parameters: Mapping[str, float] | None = None,
-        start: Mapping[str, float] | None = None,
         outputs: Iterable[str],
         interpolation: Interpolation = "linear",
         substeps: int = 1,
@@ -99,16 +82,16 @@ class CompiledModel:
         """Fixed-step Runge-Kutta with located events; one row per sample, the first at start_time.
 
         inputs: name -> samples (n,) on a uniform grid of step dt [s]; inputs not named keep their start value.
+        parameters: values set before the start, start values of states too.
         interpolation: how inputs run between samples ("cubic" takes slopes of order four from the samples).
         substeps: Runge-Kutta steps per sample; 0 takes as many as the model's own step asks for.
         rows: number of samples, needed only where the model has no inputs. Returns output name -> (n,).
         Raises UsageError for unknown names and unequal lengths, NumericalError where the model has no finite answer.
         """
+        _check_steps(self.code.name, dt, substeps)
         columns = [self._input(name, values, dt, interpolation) for name, values in inputs.items()]
-        settings = {**(parameters or {}), **(start or {})}
-        return self._run(
-            Job(GivenSignals(columns), _rows(columns, rows), dt, start_time, settings, tuple(outputs), substeps)
-        )
+        motion = Motion(GivenSignals(columns), _rows(columns, rows), dt, substeps, start_time)
+        return self._run(_Job(motion, parameters or {}, tuple(outputs)))
 
     def clamp(
         self,
@@ -120,8 +103,6 @@ class CompiledModel:
         outputs: Iterable[str],
         substeps: int = 1,
         sensitivities: Sequence[str] = (),
-        start: Mapping[str, float] | None = None,
-        start_time: float = 0.0,
     ) -> dict[str, Array]:
         """The named states follow the given motion, other states are integrated, outputs are evaluated at each sample.
 
@@ -130,9 +111,7 @@ class CompiledModel:
         sensitivities: parameter names; adds ``"d <output>/d <parameter>"`` -> (n,), the derivative with the motion
         held: by the model's forward derivatives where they are exact, else by central differences over whole runs.
         """
-        columns = [*self._motion(states, dt), *(self._input(name, u, dt, "linear") for name, u in inputs.items())]
-        settings = {**(parameters or {}), **(start or {})}
-        job = Job(GivenSignals(columns), _rows(columns, None), dt, start_time, settings, tuple(outputs), substeps)
+        job = _Job(self.motion(states, inputs, dt, substeps=substeps), parameters or {}, tuple(outputs))
         if not sensitivities:
             return self._run(job)
         if self._forward_is_exact(frozenset(states), job, sensitivities):
@@ -164,13 +143,11 @@ class CompiledModel:
         numbers are the same to the bit."""
         each = [parameters] * len(motions) if isinstance(parameters, Mapping) else parameters
         known = {key: self._settings(p) for key, p in {id(p): p for p in each}.items()}  # many runs share theirs
-        runs = [Run(m.columns, m.rows, m.dt, known[id(p)], 0.0, m.substeps) for m, p in zip(motions, each, strict=True)]
+        runs = [Run(motion, known[id(p)]) for motion, p in zip(motions, each, strict=True)]
         return self._results(runs, tuple(outputs))
 
-    def _run(self, job: Job, seeds: Sequence[str] = ()) -> dict[str, Array]:
-        _check_steps(self.code.name, job.dt, job.substeps)
-        run = Run(job.columns, job.rows, job.dt, self._settings(job.settings), job.start_time, job.substeps)
-        return self._results([run], job.outputs, seeds)[0]
+    def _run(self, job: _Job, seeds: Sequence[str] = ()) -> dict[str, Array]:
+        return self._results([Run(job.motion, self._settings(job.settings))], job.outputs, seeds)[0]
 
     def _results(self, runs: Sequence[Run], names: Sequence[str], seeds: Sequence[str] = ()) -> list[dict[str, Array]]:
         slots, carried = ([self._find(name).slot for name in wanted] for wanted in (names, seeds))
@@ -180,7 +157,7 @@ class CompiledModel:
             for name, rows in zip(names, outcome.gradients, strict=True):
                 result.update({f"d {name}/d {seed}": row for seed, row in zip(seeds, rows, strict=True)})
             if not outcome.is_finite:
-                check_finite(self.code.name, result, run.dt)
+                check_finite(self.code.name, result, run.motion.dt)
         return results
 
     def _find(self, name: str) -> Variable:
@@ -251,7 +228,7 @@ class CompiledModel:
                 given = {name: 1e-3 * (1 + 0.37 * i) for i, name in enumerate(sorted(states))}
                 columns = [GivenSignal(self._find(name).slot, np.array([value])) for name, value in given.items()]
                 slots = list(derivatives.values())
-                one = Run(GivenSignals(columns), 1, 1.0, self._settings({}))
+                one = Run(Motion(GivenSignals(columns), 1, 1.0), self._settings({}))
                 values = self._runner.run_all([one], slots)[0].outputs[:, 0]
                 found = {
                     state: other
@@ -262,7 +239,7 @@ class CompiledModel:
             self._partners[states] = found
         return self._partners[states]
 
-    def _forward_is_exact(self, states: frozenset[str], job: Job, names: Sequence[str]) -> bool:
+    def _forward_is_exact(self, states: frozenset[str], job: _Job, names: Sequence[str]) -> bool:
         """Whether forward derivatives serve here; where inner states switch, that is tried once and remembered.
 
         They lack the jumps that a switch gives to the sensitivities of inner and discrete states, be it an event or a
@@ -284,7 +261,7 @@ class CompiledModel:
             )
         return self._forward_serves[states]
 
-    def _central_differences(self, job: Job, names: Sequence[str], *, relative_step: float) -> dict[str, Array]:
+    def _central_differences(self, job: _Job, names: Sequence[str], *, relative_step: float) -> dict[str, Array]:
         result = self._run(job)
         scale = max((float(np.max(np.abs(y))) for y in result.values()), default=0.0)
         for name in names:
@@ -300,7 +277,7 @@ class CompiledModel:
             result.update({f"d {output}/d {name}": change[output] / (2 * step) for output in job.outputs})
         return result
 
-    def _change(self, job: Job, name: str, value: float, step: float) -> dict[str, Array]:
+    def _change(self, job: _Job, name: str, value: float, step: float) -> dict[str, Array]:
         high = self._run(replace(job, settings={**job.settings, name: value + step}))
         low = self._run(replace(job, settings={**job.settings, name: value - step}))
         return {output: high[output] - low[output] for output in job.outputs}

@@ -28,7 +28,7 @@ def test_free_decay_converges_with_order_four():
     errors = []
     for n in (50, 100, 200):
         t = np.linspace(0, 1, n + 1)
-        x = model.simulate({}, 1 / n, rows=n + 1, start={"x": 0.01}, outputs=["x"])["x"]
+        x = model.simulate({}, 1 / n, rows=n + 1, parameters={"x": 0.01}, outputs=["x"])["x"]
         errors.append(np.max(np.abs(x - linear_response(t))))
     orders = np.diff(np.log2(errors)) * -1
     assert np.all(orders > 3.8), orders  # 4, less what the next term of the error still holds at these steps
@@ -36,8 +36,8 @@ def test_free_decay_converges_with_order_four():
 
 def test_substeps_are_steps():
     model, n = CompiledModel(linear()), 100
-    coarse = model.simulate({}, 0.01, rows=n + 1, start={"x": 0.01}, outputs=["x"], substeps=4)["x"]
-    fine = model.simulate({}, 0.0025, rows=4 * n + 1, start={"x": 0.01}, outputs=["x"])["x"][::4]
+    coarse = model.simulate({}, 0.01, rows=n + 1, parameters={"x": 0.01}, outputs=["x"], substeps=4)["x"]
+    fine = model.simulate({}, 0.0025, rows=4 * n + 1, parameters={"x": 0.01}, outputs=["x"])["x"][::4]
     np.testing.assert_allclose(coarse, fine, rtol=0, atol=1e-16)  # the same steps but for the rounding of time
 
 
@@ -301,13 +301,13 @@ def test_a_model_without_answer_says_where():
 
 def test_overflow_is_found_where_it_happens():
     with pytest.raises(NumericalError, match="no finite solution beyond"):
-        CompiledModel(linear()).simulate({}, 1.0, rows=2000, start={"x": 1.0}, parameters={"b": -50.0}, outputs=["x"])
+        CompiledModel(linear()).simulate({}, 1.0, rows=2000, parameters={"x": 1.0, "b": -50.0}, outputs=["x"])
 
 
 def test_a_start_that_initial_equations_compute_is_refused_and_the_parameter_named():
     model = CompiledModel(compile_model("HystId.Oscillators.Linear"))
     with pytest.raises(UsageError, match="start of 'x' is computed: set the parameter 'x_start' instead"):
-        model.simulate({}, 1e-3, rows=3, start={"x": 0.01}, outputs=["x"])
+        model.simulate({}, 1e-3, rows=3, parameters={"x": 0.01}, outputs=["x"])
     x = model.simulate({}, 1e-3, rows=3, parameters={"x_start": 0.01}, outputs=["x"])["x"]
     assert x[0] == 0.01
 
