@@ -176,10 +176,9 @@ def test_a_file_name_stands_once() -> None:
     assert {name for name in names if names.count(name) > 1} <= SHARED_NAMES
 
 
-# Functions with more than seven parameters: commands and entry functions, whose parameters are the options that users
-# see. The list may only become shorter.
+# Functions with more than seven parameters: entry functions, whose parameters are the options that users see. The list
+# may only become shorter.
 OPTIONS = {
-    "cli/commands.py": {"build", "identify", "validate", "diagnose"},
     "compiled.py": {"simulate"},
     "identification/entry.py": {"identify"},
     "recording/reading.py": {"read"},

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hystid.cli.options import ReadingOptions, layer_sizes, numbers, pairs, parameter_file
+from hystid.cli.groups import ReadingOptions
+from hystid.cli.options import layer_sizes, numbers, pairs, parameter_file
 from hystid.cli.run import run, spread
 from hystid.errors import UsageError
 from hystid.recording import Recording, write_csv

@@ -111,11 +111,11 @@ def test_ctrl_c_says_what_is_kept(tmp_path: Path) -> None:
     """A real signal to a real process in the middle of its work."""
     fill(tmp_path / "why", ["report.html"])
     code = (
-        "import sys, time; from hystid.cli import options, run\n"
+        "import sys, time; from hystid.cli import groups, run\n"
         "import hystid.diagnosis\n"
         "def slow(*a, **k):\n"
         "    print('working', flush=True); time.sleep(60)\n"
-        "hystid.diagnosis.diagnose = slow; options.ReadingOptions.load = lambda *a: []\n"
+        "hystid.diagnosis.diagnose = slow; groups.ReadingOptions.load = lambda *a: []\n"
         "sys.exit(run.run(['diagnose', 'a.csv', '--model', 'M', '-o', sys.argv[1]]))"
     )
     begun = subprocess.Popen(

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 import typer
 
+from hystid.cli import groups
 from hystid.cli import options as opt
 from hystid.errors import UsageError, printable
 from hystid.outputs import check_file
-
-Choice = TypeVar("Choice", bound=str)
 
 app = typer.Typer(
     name="hystid",
@@ -62,36 +60,18 @@ Step = Annotated[
 
 
 @app.command()
+@groups.grouped
 def build(
     model: Annotated[
         str, typer.Argument(metavar="MODEL", help="HystId.Oscillators.Jenkins, file.mo[:Class], or net.onnx.")
     ],
     out: Output,
-    fmi: Annotated[int, typer.Option(metavar="2|3", help="FMI version.")] = 2,
-    set_: opt.Set = None,
-    platforms: Annotated[str, typer.Option(metavar="host|all", help="Machines that the FMU runs on.")] = "host",
     target: Annotated[
         str, typer.Option(metavar="fmu|c", help="An FMU, or one C99 header and source of a network's step.")
     ] = "fmu",
     real: Annotated[str, typer.Option(metavar="double|float", help="Number type of --target c.")] = "double",
-    library: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="PATH",
-            help="Folder with Modelica packages, such as the Modelica Standard Library; also a package or a file; "
-            "repeatable. MODELICAPATH is searched too.",
-        ),
-    ] = None,
-    new_reference: Annotated[
-        bool, typer.Option("--new-reference", help="Do not keep the reference result of the FMU that is replaced.")
-    ] = False,
-    author: Annotated[str, typer.Option(metavar="TEXT", help="Author, for the FMU's description.")] = "",
-    model_version: Annotated[str, typer.Option(metavar="TEXT", help="Version of the model, as 1.2.0.")] = "",
-    license_: Annotated[str, typer.Option("--license", metavar="TEXT", help="Licence of the model.")] = "",
-    copyright_: Annotated[str, typer.Option("--copyright", metavar="TEXT", help="Copyright of the model.")] = "",
-    arrays: Annotated[
-        bool, typer.Option("--arrays", help="List inputs and outputs of a network as arrays; needs --fmi 3.")
-    ] = False,
+    *,
+    fmu: groups.FmuOptions,
 ) -> None:
     """Compile a Modelica model, or an ONNX network, to an FMU.
 
@@ -108,35 +88,32 @@ def build(
       hystid build net.onnx --fmi 3 --arrays -o net.fmu
     """
     from hystid import building
-    from hystid.fmu import About
 
-    if _choice("--target", target, ("fmu", "c")) == "c":
-        given = {"--fmi": fmi != 2, "--set": set_, "--platforms": platforms != "host", "--library": library,
-                 "--new-reference": new_reference, "--author": author, "--model-version": model_version,
-                 "--license": license_, "--copyright": copyright_, "--arrays": arrays}  # fmt: skip
-        if unused := [option for option, value in given.items() if value]:
+    if opt.choice("--target", target, ("fmu", "c")) == "c":
+        if unused := fmu.given():
             raise UsageError(f"{unused[0]}: only FMUs have it, and --target c writes none; leave it out")
-        _build_c(Path(model), out, _choice("--real", real, ("double", "float")))
+        _build_c(Path(model), out, opt.choice("--real", real, ("double", "float")))
         return
     if real != "double":
         raise UsageError(f"--real {real}: FMUs hold double numbers; give it with --target c")
-    if fmi != 2 and fmi != 3:
-        raise UsageError(f"--fmi {fmi}: FMI versions 2 and 3 are written")
-    platforms = _choice("--platforms", platforms, ("host", "all"))
+    if fmu.fmi != 2 and fmu.fmi != 3:
+        raise UsageError(f"--fmi {fmu.fmi}: FMI versions 2 and 3 are written")
+    platforms = opt.choice("--platforms", fmu.platforms, ("host", "all"))
     check_file(out, ".fmu")
-    version: Literal[2, 3] = 2 if fmi == 2 else 3
-    values = opt.numbers("--set", set_)
-    about = About(author, model_version, license_, copyright_)
-    if arrays:
-        if fmi != 3 or not model.lower().endswith(".onnx") or values or library:
+    version: Literal[2, 3] = 2 if fmu.fmi == 2 else 3
+    values, libraries = opt.numbers("--set", fmu.set_), fmu.library or ()
+    if fmu.arrays:
+        if fmu.fmi != 3 or not model.lower().endswith(".onnx") or values or libraries:
             raise UsageError(
                 "--arrays: only networks (.onnx) have them, without --set and --library, and in FMI 3 only"
             )
-        made = building.build_arrays(Path(model), out, platforms=platforms, about=about, new_reference=new_reference)
+        made = building.build_arrays(
+            Path(model), out, platforms=platforms, about=fmu.about(), new_reference=fmu.new_reference
+        )
     else:
-        work = building.build_afresh if new_reference else building.build
+        work = building.build_afresh if fmu.new_reference else building.build
         made = work(
-            model, out, fmi=version, parameters=values, platforms=platforms, libraries=library or (), about=about
+            model, out, fmi=version, parameters=values, platforms=platforms, libraries=libraries, about=fmu.about()
         )
     opt.show(f"{made.summary()} from {model}")
     if made.changes is not None:
@@ -195,7 +172,7 @@ def simulate(
 
 
 @app.command()
-@opt.grouped
+@groups.grouped
 def check(
     recordings: opt.Recordings,
     mass: Annotated[float | None, typer.Option(metavar="KG", help="Moving mass in kg, where it is known.")] = None,
@@ -203,7 +180,7 @@ def check(
         Path | None, typer.Option("-o", "--out", parser=opt.named, metavar="DIR", help="Folder for the report.")
     ] = None,
     *,
-    reading: opt.ReadingOptions,
+    reading: groups.ReadingOptions,
 ) -> int:
     """Say what is in recordings, and whether their channels fit together: units, signs, clocks, columns, mass.
 
@@ -230,31 +207,21 @@ def check(
 
 
 @app.command()
-@opt.grouped
+@groups.grouped
 def identify(
     recordings: opt.Recordings,
     mass: opt.Masses,
     out: opt.Folder,
-    layers: Annotated[str, typer.Option(metavar="N,N", help="Neurons of each hidden layer, as 5,5.")] = "5,5",
-    ensemble: Annotated[int, typer.Option(metavar="N", help="Trainings; the best tenth is averaged.")] = 30,
-    band: opt.BandText = None,
-    decimate: opt.Decimate = 1,
-    seed: opt.Seed = 0,
-    mode: Annotated[str, typer.Option(metavar="fast|trainlm", help="Damping rule of the training.")] = "fast",
-    method: Annotated[
-        str, typer.Option(metavar="published|refined", help="The published method, or refined in closed loop.")
-    ] = "refined",
     holdout: opt.Holdout = None,
-    further: opt.Input = None,
     model: Annotated[
         str | None,
         typer.Option(
             metavar="MODEL", help="Physics to fit together with networks: file.mo:Class, a class, or DIR of diagnose."
         ),
     ] = None,
-    workers: Annotated[int | None, typer.Option(metavar="N", help="Trainings at a time; all cores by default.")] = None,
     *,
-    reading: opt.ReadingOptions,
+    training: groups.Training,
+    reading: groups.Preparation,
 ) -> int:
     """Train a network model of the restoring force and write it as ONNX and FMU, with a report.
 
@@ -270,27 +237,21 @@ def identify(
       hystid identify chirp*.csv --mass 4.2 --model why --holdout sine20.csv -o model
     """
     from hystid import identification
-    from hystid.processing import parse_band
 
     with opt.results(out) as folder:
         unseen = opt.apart(recordings, holdout)
         kilograms, groups = opt.with_masses(mass, reading.load(recordings), reading.load(unseen))
-        inputs, (used, held) = opt.with_inputs(further, *groups)
+        inputs, (used, held) = opt.with_inputs(reading.further, *groups)
         result = identification.identify(
             used,
             mass=kilograms,
-            layers=opt.layer_sizes(layers),
-            ensemble=ensemble,
-            band=parse_band(band) if band is not None else None,
-            decimate=decimate,
-            seed=seed,
-            mode=_choice("--mode", mode, ("fast", "trainlm")),
-            method=_choice("--method", method, ("published", "refined")),
+            band=opt.band_of(reading.band),
+            decimate=reading.decimate,
             holdout=held,
             inputs=inputs,
             model=model,
-            workers=workers,
             out=folder,
+            **training.settings(),
         )
         result.report(folder / "report.html", opt.command_line("identify"))
     opt.done(result, out)
@@ -300,29 +261,19 @@ def identify(
 
 
 @app.command()
-@opt.grouped
+@groups.grouped
 def validate(
     surrogate: Annotated[Path, typer.Argument(metavar="SURROGATE", help="surrogate.fmu, oscillator.fmu or .onnx.")],
     out: opt.Folder,
     recordings: Annotated[
         list[Path] | None, typer.Argument(metavar="[REC...]", help="Recordings to compare with.")
     ] = None,
-    against: Annotated[Path | None, typer.Option(metavar="REF.fmu", help="Reference FMU to compare with.")] = None,
-    force: Annotated[
-        list[str] | None, typer.Option(metavar="SPEC", help="Force for --against, as harmonic:20Hz@80N,2s; repeatable.")
-    ] = None,
     mass: Annotated[
         float | None, typer.Option(metavar="KG", help="Moving mass in kg, if not that of the model.")
     ] = None,
-    dt: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="Time step in s of a force given as SPEC, if not that of the surrogate."),
-    ] = None,
-    band: opt.BandText = None,
-    decimate: opt.Decimate = 1,
-    further: opt.Input = None,
     *,
-    reading: opt.ReadingOptions,
+    reference: groups.Reference,
+    reading: groups.Preparation,
 ) -> None:
     """Compare a surrogate with recordings or with a reference FMU, in closed loop with its mass.
 
@@ -332,25 +283,24 @@ def validate(
       hystid validate model/surrogate.fmu --against jenkins.fmu --force harmonic:20Hz@80N,2s -o check
     """
     from hystid import validation
-    from hystid.processing import parse_band
 
-    if bool(recordings) == bool(against):
+    if bool(recordings) == bool(reference.against):
         raise UsageError(
             "name either recordings or a reference FMU (--against REF.fmu with --force SPEC) to compare with"
         )
-    if against and not force:
+    if reference.against and not reference.force:
         raise UsageError("--against needs at least one --force, as --force harmonic:20Hz@80N,2s")
-    _, (loaded,) = opt.with_inputs(further, reading.load(recordings or ()))
+    _, (loaded,) = opt.with_inputs(reading.further, reading.load(recordings or ()))
     with opt.results(out) as folder:
         result = validation.validate(
             surrogate,
             loaded,
-            reference=against,
-            forces=tuple(force or ()),
+            reference=reference.against,
+            forces=tuple(reference.force or ()),
             mass=mass,
-            dt=dt,
-            band=parse_band(band) if band is not None else None,
-            decimate=decimate,
+            dt=reference.dt,
+            band=opt.band_of(reading.band),
+            decimate=reading.decimate,
             out=folder,
         )
         result.report(folder / "report.html", opt.command_line("validate"))
@@ -358,20 +308,18 @@ def validate(
 
 
 @app.command()
-@opt.grouped
+@groups.grouped
 def diagnose(
     recordings: opt.Recordings,
-    baseline: opt.BaselineModel,
+    baseline: groups.BaselineModel,
     out: opt.Folder,
-    parameters: Annotated[Path | None, typer.Option(metavar="P.json", help='Known parameters, as {"m": 4.2}.')] = None,
-    set_: opt.Set = None,
     holdout: opt.Holdout = None,
     effects: Annotated[
         list[Path] | None,
         typer.Option(metavar="MY.mo", help="Your own effect blocks as further candidates; repeatable."),
     ] = None,
     *,
-    reading: opt.ReadingOptions,
+    reading: groups.ReadingOptions,
 ) -> int:
     """Find where a model and recordings disagree, name the physics that was left out, and fit it.
 
@@ -386,7 +334,7 @@ def diagnose(
     from hystid.errors import RecordingError
 
     unseen = opt.apart(recordings, holdout)
-    known = {**opt.parameter_file(parameters), **opt.numbers("--set", set_)}
+    known = baseline.known()
     with opt.results(out) as folder:
         try:
             used, held = reading.load(recordings, TOLERATED), reading.load(unseen, TOLERATED)
@@ -465,10 +413,3 @@ def demo(
         outcome = replace(virtual_experiment.demo(folder), folder=out)
     opt.show(outcome.summary())
     return 1 if strict and not outcome.passed else 0
-
-
-def _choice(option: str, value: str, allowed: Sequence[Choice]) -> Choice:
-    for item in allowed:
-        if item == value:
-            return item
-    raise UsageError(f"{option} {value}: choose {' or '.join(allowed)}")

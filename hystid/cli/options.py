@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
-from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from hystid.errors import ModelicaError, UsageError, printable, sentence
-from hystid.files import json_of, write_json
+from hystid.errors import UsageError, printable
+from hystid.files import json_of
 from hystid.outputs import check_folder, replaced
 from hystid.progress import tell
 from hystid.results import Result
 
 if TYPE_CHECKING:
-    from hystid.diagnosis import Diagnosis
+    from hystid.processing import Band
     from hystid.recording import Recording
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+Choice = TypeVar("Choice", bound=str)
 
 
 def named(text: str | Path) -> Path:
@@ -111,6 +108,14 @@ Accept = Annotated[
 ]
 
 
+def choice(option: str, value: str, allowed: Sequence[Choice]) -> Choice:
+    """The value, where it is among those allowed. Raises UsageError."""
+    for item in allowed:
+        if item == value:
+            return item
+    raise UsageError(f"{option} {value}: choose {' or '.join(allowed)}")
+
+
 def show(text: str) -> None:
     """Print a result. Names and units from files stand in it, which a terminal must not obey."""
     for line in text.split("\n"):
@@ -184,6 +189,13 @@ def parameter_file(path: Path | None) -> dict[str, Any]:
     return content
 
 
+def band_of(text: str | None) -> Band | None:
+    """``"5-500Hz"`` -> (5.0, 500.0); None for None. Raises UsageError."""
+    from hystid.processing import parse_band
+
+    return None if text is None else parse_band(text)
+
+
 def with_inputs(
     inputs: Sequence[str] | None, *groups: Sequence[Recording]
 ) -> tuple[tuple[str, ...], list[list[Recording]]]:
@@ -234,130 +246,6 @@ def apart(recordings: Sequence[Path], holdout: Sequence[Path] | None) -> Sequenc
         if os.path.realpath(path) in used:
             raise UsageError(f"{path} is both used and held out: leave it out of one of the two lists")
     return holdout or ()
-
-
-@dataclass(frozen=True)
-class ReadingOptions:
-    """The options of every command that reads recordings."""
-
-    sensitivity: Sensitivity = None
-    channel: Channel = None
-    resample: Resample = False
-    accept: Accept = None
-    unit: Unit = None
-    reverse: Reverse = None
-    align: Align = None
-
-    def load(self, paths: Sequence[Path], tolerated: Iterable[str] = ()) -> list[Recording]:
-        """Read recordings as the command line asks, and print what is doubtful about them.
-
-        tolerated: door checks whose errors count as warnings, besides those of --accept.
-        """
-        if not paths:
-            return []
-        from hystid.consistency import aligned
-        from hystid.recording import read_all
-
-        found = read_all(
-            paths,
-            sensitivity=pairs("--sensitivity", self.sensitivity),
-            names=pairs("--channel", self.channel),
-            resample=self.resample,
-            accept=tuple({*(self.accept or ()), *tolerated}),
-            units=pairs("--unit", self.unit),
-            reverse=tuple(self.reverse or ()),
-        )
-        found = aligned(found, tuple(self.align)) if self.align else found
-        for recording in found:
-            for warning in recording.warnings:
-                print(sentence(f"hystid: warning: {warning}"), file=sys.stderr)
-        return found
-
-
-@dataclass(frozen=True)
-class BaselineModel:
-    """The model that recordings are held against."""
-
-    model: Annotated[
-        str, typer.Option(metavar="MODEL|FMU", help="HystId.Oscillators.Jenkins, file.mo:Class or an FMU.")
-    ]
-    signal: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="CH=VAR",
-            help="Variable of the model that is F or x, as F=shaker.f or x=mass.flange_b.s; repeatable.",
-        ),
-    ] = None
-
-    def taken(self, folder: Path) -> str:
-        """The model as ``diagnose`` takes it; a class that names its signals is written into a folder."""
-        from hystid.diagnosis import wired
-
-        signals = pairs("--signal", self.signal)
-        return wired(self.model, signals, folder) if signals else self.model
-
-    @contextmanager
-    def told(self, folder: Path) -> Iterator[None]:
-        """Complaints about the written class without a folder that is gone when somebody reads them."""
-        try:
-            yield
-        except (ModelicaError, UsageError) as error:
-            raise type(error)(str(error).replace(f"{folder}{os.sep}", "")) from None
-
-    def kept(self, result: Diagnosis, folder: Path, out: Path) -> Diagnosis:
-        """The result, in ``folder`` too, with the written class where it will lie in the end."""
-        if not self.signal:
-            return result
-        name = result.model.replace(str(folder), str(out))
-        result = replace(result, model=name)
-        write_json(folder / "diagnosis.json", result.as_dict())
-        return result
-
-
-@dataclass(frozen=True)
-class Study:
-    """What both studies are given, beside the options of reading."""
-
-    recordings: Recordings
-    mass: Mass
-    out: Folder
-    holdout: Holdout = None
-    starts: Annotated[int, typer.Option(metavar="N", help="Trainings of each structure.")] = 30
-    band: BandText = None
-    decimate: Decimate = 1
-    seed: Seed = 0
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Trainings at a time on this machine; all cores by default.")
-    ] = None
-    scheduler: Annotated[str | None, typer.Option(metavar="URL", help="Dask scheduler, as tcp://host:8786.")] = None
-
-
-def grouped(command: Command) -> Command:
-    """Let a command take its options in groups: a parameter whose type is a dataclass stands for the fields of it."""
-    hints = get_type_hints(command, include_extras=True)
-    groups = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
-
-    @wraps(command)
-    def flat(**given: Any) -> Any:
-        made = {
-            name: cast(type[Any], kind)(**{field.name: given.pop(field.name) for field in fields(kind)})
-            for name, kind in groups.items()
-        }
-        return command(**given, **made)
-
-    shown: list[inspect.Parameter] = []
-    for name, parameter in inspect.signature(command).parameters.items():
-        if name in groups:
-            types = get_type_hints(groups[name], include_extras=True)
-            for field in fields(groups[name]):
-                default = inspect.Parameter.empty if field.default is MISSING else field.default
-                shown.append(parameter.replace(name=field.name, annotation=types[field.name], default=default))
-        else:
-            shown.append(parameter.replace(annotation=hints[name]))
-    shown = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in shown]
-    flat.__signature__ = inspect.Signature(shown, return_annotation=hints["return"])  # type: ignore[attr-defined]  # any object may have it
-    flat.__annotations__ = {parameter.name: parameter.annotation for parameter in shown} | {"return": hints["return"]}
-    return cast(Command, flat)
 
 
 def done(result: Result, out: Path) -> None:

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import typer
 
+from hystid.cli import groups
 from hystid.cli import options as opt
 from hystid.cli.commands import app
 from hystid.results import Result
@@ -20,8 +21,8 @@ app.add_typer(study, name="study", no_args_is_help=True)
 
 
 @study.command("grid")
-@opt.grouped
-def study_grid(*, settings: opt.Study, reading: opt.ReadingOptions) -> int:
+@groups.grouped
+def study_grid(*, settings: groups.Study, reading: groups.ReadingOptions) -> int:
     """Which network structure: 1-3 hidden layers of 2-13 neurons, many starts each, tested on held-out recordings.
 
     \b
@@ -34,8 +35,8 @@ def study_grid(*, settings: opt.Study, reading: opt.ReadingOptions) -> int:
 
 
 @study.command("mass")
-@opt.grouped
-def study_mass(*, settings: opt.Study, reading: opt.ReadingOptions) -> None:
+@groups.grouped
+def study_mass(*, settings: groups.Study, reading: groups.ReadingOptions) -> None:
     """How much a mass that is weighed wrongly (-20 to +20 %) costs, for two hidden layers of each size.
 
     \b
@@ -47,13 +48,11 @@ def study_mass(*, settings: opt.Study, reading: opt.ReadingOptions) -> None:
     _study(study.mass, settings, reading)
 
 
-def _study(kind: Callable[..., T], settings: opt.Study, reading: opt.ReadingOptions) -> T:
-    from hystid.processing import parse_band
-
+def _study(kind: Callable[..., T], settings: groups.Study, reading: groups.ReadingOptions) -> T:
     unseen = opt.apart(settings.recordings, settings.holdout)
     with opt.resumable(settings.out):
         options = vars(settings) | {"recordings": reading.load(settings.recordings), "holdout": reading.load(unseen)}
-        options["band"] = parse_band(settings.band) if settings.band is not None else None
+        options["band"] = opt.band_of(settings.band)
         result = kind(**options)
         result.report(settings.out / "report.html", opt.command_line(f"study {kind.__name__}"))
     opt.done(result, settings.out)
