@@ -188,8 +188,8 @@ class Adapter(DictionaryReader):
         return tuple(result)
 
     def _equation(self, residual: Any, item: Mapping[str, Any]) -> Equation:
-        self._here = self.place(item)
-        return Equation(_without_zero(self.expr(residual)), self._here)
+        place = self.at(item)
+        return Equation(_without_zero(self.expr(residual)), place)
 
     def _rows(self, family: Mapping[str, Any]) -> Iterator[Equation]:
         """The equations of a family, one for each body at each point of its domain, the last index running fastest."""
@@ -205,8 +205,7 @@ class Adapter(DictionaryReader):
             yield from (replace(e, residual=_at(e.residual, values)) for e in templates)
 
     def _assertion(self, a: Mapping[str, Any]) -> Assertion:
-        place = self.place(a)
-        self._here = place
+        place = self.at(a)
         return Assertion(self.expr(a["condition"]), self.expr(a["message"]), self.level(a["level"]), place)
 
     def level(self, node: Any) -> str:
@@ -218,8 +217,7 @@ class Adapter(DictionaryReader):
         return When(tuple(self._branch(b) for b in [chain["first"], *chain["else_when"]]))
 
     def _branch(self, b: Mapping[str, Any]) -> Branch:
-        place = self.place(b)
-        self._here = place
+        place = self.at(b)
         condition = self.expr(b["condition"])
         several = condition.args if isinstance(condition, Op) and condition.name == "{}" else (condition,)
         return Branch(tuple(several), tuple(self._actions(b["equations"], None)), place)
@@ -227,8 +225,7 @@ class Adapter(DictionaryReader):
     def _actions(self, items: Sequence[Mapping[str, Any]], guard: Expr | None) -> Iterator[Action]:
         for item in items:
             kind, body = next(iter(item.items()))
-            place = self.place(body)
-            self._here = place
+            place = self.at(body)
             if kind == "Assign":
                 yield Action("assign", body["target"], self.expr(body["value"]), place, guard)
             elif kind == "Reinit":
@@ -298,8 +295,7 @@ class Adapter(DictionaryReader):
 
     def _statement(self, item: Mapping[str, Any]) -> Iterator[Statement]:
         kind, body = next(iter(item.items())) if isinstance(item, dict) else (str(item), {})
-        place = self.place(body)
-        self._here = place
+        place = self.at(body)
         if kind == "Assignment":
             yield Statement("assign", place, (self._target(body["comp"]),), self.expr(body["value"]))
         elif kind == "FunctionCall" and body.get("outputs"):

@@ -52,8 +52,8 @@ def located_syntax_error(said: Sequence[tuple[Source, Sequence[str]]]) -> None:
         if ": error:" not in text:
             continue
         if taken := _NAMED.search(source.plain):
-            where = f"{source.path}:{source.plain.count(chr(10), 0, taken.start(1)) + 1}"
-            raise ModelicaError(f"{where}: syntax error: '{taken.group(1)}' is a keyword: choose another name")
+            where, word = source.place(taken.start(1)), taken.group(1)
+            raise ModelicaError(f"{where}: syntax error: '{word}' is a keyword: choose another name")
         place = re.search(r"\[[^\[\]\n]*:(\d+):(\d+)\]", text)
         pictured = re.search(r"×\s*(?:parse error:\s*)?(.+(?:\n\s*│ .+)*)", text)  # long ones go on in the next line
         what = pictured or re.search(
@@ -154,11 +154,9 @@ def _construct(core: str, sources: Sequence[Source]) -> str:
         if not re.search(words, core):
             continue
         for source in sources:
-            text = source.plain
-            found = re.search(pattern, text)
+            found = re.search(pattern, source.plain)
             if found:
-                offset = found.end() - len(found.group().lstrip())
-                return f"{source.path}:{text.count(chr(10), 0, offset) + 1}"
+                return source.place(found.end() - len(found.group().lstrip()))
     return ""
 
 
@@ -220,10 +218,7 @@ _ADVICE = (
         "; this is not supported: declare the member in the connector, expandable connector Bus Real speed; end Bus",
     ),
     (r"when-equation LHS", "; write name = expression in a when-clause, solved for what is assigned"),
-    (
-        r"found Enumeration",
-        "; write Integer(e), where e is the name of a variable or of a parameter",
-    ),
+    (r"found Enumeration", "; write Integer(e), where e is the name of a variable or of a parameter"),
 )
 
 

@@ -236,8 +236,8 @@ class Tree:
         while waiting:
             base = waiting.pop()
             if base is node:
-                line = node.source.plain.count("\n", 0, node.declared.start) + 1
-                raise ModelicaError(f"{node.source.path}:{line}: class '{node.name}' extends itself through its bases")
+                place = node.source.place(node.declared.start)
+                raise ModelicaError(f"{place}: class '{node.name}' extends itself through its bases")
             if base not in seen:
                 seen.append(base)
                 waiting += self._bases.get(base, ())

@@ -27,12 +27,12 @@ def refuse_large_arrays(name: str, sources: Sequence[Source], structure: Mapping
     for clause in declared:
         number = _number(clause, structure)
         if number > MOST:
-            raise _too_many(_line(clause.owner, clause.start), clause.name, number)
+            raise _too_many(clause.owner.source.place(clause.start), clause.name, number)
     counter = _Counter(declared, structure)
     for clause in declared:
         number = _number(clause, structure) * counter.elements(clause.target)
         if clause.kind == "component" and number > _SURELY_TOO_MANY:
-            raise _too_many(_line(clause.owner, clause.start), clause.name, number)
+            raise _too_many(clause.owner.source.place(clause.start), clause.name, number)
     for owner in (owner for classes in found.values() for owner in classes or ()):
         _refuse_long_loops(owner, structure)
 
@@ -49,10 +49,6 @@ def deciding_words(name: str, sources: Sequence[Source]) -> frozenset[str]:
             parts = (c for c in clauses(owner) if c.kind == "component" and c.target not in _PREDEFINED)
             deciding += [re.sub(r"\bsize\s*\([^()]*\)", "", size) for c in parts for size in c.sizes]
     return frozenset(words(" ".join(deciding)))
-
-
-def _line(owner: Class, offset: int) -> str:
-    return f"{owner.source.path}:{owner.source.plain.count(chr(10), 0, offset) + 1}"
 
 
 class _Counter:
@@ -87,7 +83,7 @@ def _refuse_long_loops(owner: Class, structure: Mapping[str, float]) -> None:
         first, last = (_value(text, owner, structure) for text in found.groups())
         if first is not None and last is not None and last - first >= MOST:
             raise ModelicaError(
-                f"{_line(owner, found.start())}: a loop of {last - first + 1} steps is too long (limit {MOST}), "
+                f"{owner.source.place(found.start())}: a loop of {last - first + 1} steps is too long (limit {MOST}), "
                 "for each is written out in C"
             )
 

@@ -57,6 +57,10 @@ class Source:
         """Line number, from 1, of a byte offset."""
         return bisect_right(self._starts, offset)
 
+    def place(self, offset: int) -> str:
+        """File and line, from 1, of an offset in characters."""
+        return f"{self.path}:{self.text.count(chr(10), 0, offset) + 1}"
+
     def piece(self, start: int, end: int) -> str:
         """Text between two byte offsets."""
         return self._data[start:end].decode(errors="replace")
@@ -91,7 +95,7 @@ class Declaration:
 
     def place(self, at: int = 0) -> str:
         """File and line of an offset in the class."""
-        return f"{self.source.path}:{self.source.text.count(chr(10), 0, self.start + at) + 1}"
+        return self.source.place(self.start + at)
 
     def __str__(self) -> str:
         return self.place()

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import count
 
 from hystid.errors import ModelicaError
 from hystid.modelica.clauses import Clause, Modifier, Modifiers, clauses
 from hystid.modelica.reach import KEYWORD, Class, classes, reached
 from hystid.modelica.sources import Source
+from hystid.modelica.workarounds.edits import Edit, edited
 from hystid.modelica.workarounds.joined_modifiers import Key, forgotten, key
 
 _SUSPECT = re.compile(r"\b(?:redeclare|constrainedby)\b|\)\s*=(?!=)")
@@ -44,7 +44,7 @@ def refuse_undecided(sources: Sequence[Source]) -> None:
         found = _SUSPECT.search(source.plain) if classes(source) is None else None
         if found:
             raise ModelicaError(
-                f"{_place(source, found.start())}: modifiers in a file whose classes cannot be told apart are not "
+                f"{source.place(found.start())}: modifiers in a file whose classes cannot be told apart are not "
                 "supported: name classes without quotes, one 'end Name;' for each"
             )
 
@@ -63,7 +63,7 @@ def refuse_mixed_functions(name: str, functions: Iterable[str], sources: Sequenc
                 short = function.rsplit(".", 1)[-1]
                 if any(n != function and n.rsplit(".", 1)[-1] == short for n in names):
                     raise ModelicaError(
-                        f"{_place(clause.owner.source, clause.start)}: function '{short}' of the replaceable package "
+                        f"{clause.owner.source.place(clause.start)}: function '{short}' of the replaceable package "
                         f"'{clause.name}' in two forms at once is not supported: make the function replaceable, "
                         f"'replaceable function {short} = ...', and redeclare that"
                     )
@@ -73,10 +73,6 @@ def _path(c: Class) -> tuple[str, ...]:
     return tuple(a.name for a in c.around())
 
 
-def _place(source: Source, offset: int) -> str:
-    return f"{source.path}:{source.plain.count(chr(10), 0, offset) + 1}"
-
-
 # -- what is refused
 
 
@@ -84,7 +80,7 @@ def _refuse(declared: Sequence[Clause], texts: Sequence[str]) -> None:
     again = _redeclared(declared)
     for clause in declared:
         for offset, message in sorted(_problems(clause, again, texts)):
-            raise ModelicaError(f"{_place(clause.owner.source, offset)}: {message}")
+            raise ModelicaError(f"{clause.owner.source.place(offset)}: {message}")
 
 
 def _refuse_moved_variables(
@@ -97,7 +93,7 @@ def _refuse_moved_variables(
                 word = found.group(1)
                 if word not in _BUILT_IN and not _is_constant(word, texts):
                     raise ModelicaError(
-                        f"{_place(clause.owner.source, clause.start)}: '{word}' in the modifiers of "
+                        f"{clause.owner.source.place(clause.start)}: '{word}' in the modifiers of "
                         f"'{clause.name}.{name}', which an extends clause modifies again, is not supported: give all "
                         "modifiers of it in one place"
                     )
@@ -107,7 +103,7 @@ def _refuse_extending_redeclarations(found: Iterable[Class]) -> None:
     for c in found:
         if re.match(rf"{KEYWORD}\s+extends\b", c.source.plain[c.start : c.body]):
             raise ModelicaError(
-                f"{_place(c.source, c.start)}: 'redeclare {c.kind} extends {c.name}' is not supported: declare a class "
+                f"{c.source.place(c.start)}: 'redeclare {c.kind} extends {c.name}' is not supported: declare a class "
                 f"that extends the one behind '{c.name}' and redeclare with it"
             )
 
@@ -248,13 +244,6 @@ def _is_constant(name: str, texts: Sequence[str]) -> bool:
 # -- what is rewritten
 
 
-@dataclass(frozen=True)
-class _Edit:
-    start: int
-    end: int
-    text: str
-
-
 def _rewritten(
     source: Source, used: set[tuple[str, ...]], lost: Mapping[Key, Mapping[str, str]], kinds: Mapping[str, str]
 ) -> Source:
@@ -271,14 +260,11 @@ def _rewritten(
         edits = next(changes, [])
         if not edits:
             return source
-        text = source.text
-        for edit in sorted(edits, key=lambda e: -e.start):
-            text = text[: edit.start] + edit.text + text[edit.end :]
-        source = Source(source.path, text)
+        source = edited(source, edits)
     raise AssertionError
 
 
-def _edits(clause: Clause, source: Source, number: int) -> list[_Edit]:
+def _edits(clause: Clause, source: Source, number: int) -> list[Edit]:
     if clause.limit and clause.limit[1]:
         return _moved(clause, clause.limit[1], source)
     if clause.kind == "extends" and clause.owner.kind == "package" and clause.mods:
@@ -295,32 +281,32 @@ def _edits(clause: Clause, source: Source, number: int) -> list[_Edit]:
     return []
 
 
-def _behind(mods: Modifiers, functions: Sequence[Modifier], source: Source) -> list[_Edit]:
+def _behind(mods: Modifiers, functions: Sequence[Modifier], source: Source) -> list[Edit]:
     """``extends P(redeclare function f = g);`` becomes ``extends P; redeclare function f = g;``, which acts."""
     text = source.text
     rest = ", ".join(one_line(text[m.start : m.end]) for m in mods.elements if m not in functions)
     moved = " ".join(f"{one_line(text[m.start : m.end])};" for m in functions)
     gap = "\n" * text.count("\n", mods.opening, mods.closing + 1)
     end = source.plain.index(";", mods.closing) + 1
-    return [_Edit(mods.opening, mods.closing + 1, (f"({rest})" if rest else "") + gap), _Edit(end, end, f" {moved}")]
+    return [(mods.opening, mods.closing + 1, (f"({rest})" if rest else "") + gap), (end, end, f" {moved}")]
 
 
-def _split(element: Modifier, inner: Modifiers, source: Source) -> _Edit:
+def _split(element: Modifier, inner: Modifiers, source: Source) -> Edit:
     """``each m(min = 0) = 1`` becomes ``each m(min = 0), each m = 1``."""
     again = source.plain[element.start : element.named] + element.name
-    return _Edit(inner.closing + 1, inner.closing + 1, f", {again}")
+    return (inner.closing + 1, inner.closing + 1, f", {again}")
 
 
-def _named(clause: Clause, element: Modifier, inner: Modifiers, source: Source, name: str) -> list[_Edit]:
+def _named(clause: Clause, element: Modifier, inner: Modifiers, source: Source, name: str) -> list[Edit]:
     """``redeclare model S = Cub(k = 7)`` becomes a class of its own in front of the statement and its name."""
     text = source.text[inner.opening : inner.closing + 1]
     kind = re.search(r"(\w+)\s+\w+\s*\Z", source.plain[element.start : element.named] + element.name)
     first = f"{kind.group(1) if kind else 'model'} {name} = {element.target}{one_line(text)}; "
-    target = _Edit(element.behind - len(element.target), element.behind, name)
+    target = (element.behind - len(element.target), element.behind, name)
     return [
-        _Edit(clause.start, clause.start, first),
+        (clause.start, clause.start, first),
         target,
-        _Edit(inner.opening, inner.closing + 1, "\n" * text.count("\n")),
+        (inner.opening, inner.closing + 1, "\n" * text.count("\n")),
     ]
 
 
@@ -330,7 +316,7 @@ def one_line(text: str) -> str:
     return re.sub(r"\s*\n\s*", " ", found)
 
 
-def _joined(clause: Clause, lost: Mapping[str, str], kinds: Mapping[str, str], number: int) -> list[_Edit]:
+def _joined(clause: Clause, lost: Mapping[str, str], kinds: Mapping[str, str], number: int) -> list[Edit]:
     """``P p(m = 3)`` becomes ``model hystid_p_1 = P(m = 3); hystid_p_1 p``."""
     inside = clause.mods.elements if clause.mods and clause.kind == "component" else ()
     moved = [element.name for element in inside if element.name in lost]
@@ -346,20 +332,20 @@ def _joined(clause: Clause, lost: Mapping[str, str], kinds: Mapping[str, str], n
     opening, closing = clause.mods.opening, clause.mods.closing + 1
     gap = "\n" * text.count("\n", opening, closing)
     return [
-        _Edit(clause.start, clause.typed + len(clause.target), f"{made}; {before}{name}"),
-        _Edit(opening, closing, (f"({rest})" if rest else "") + gap),
+        (clause.start, clause.typed + len(clause.target), f"{made}; {before}{name}"),
+        (opening, closing, (f"({rest})" if rest else "") + gap),
     ]
 
 
-def _moved(clause: Clause, limit: Modifiers, source: Source) -> list[_Edit]:
+def _moved(clause: Clause, limit: Modifiers, source: Source) -> list[Edit]:
     """``Q f constrainedby P(n = 1)`` becomes ``Q f(n = 1) constrainedby P``; modifiers of f itself go first."""
     own = {m.name for m in clause.mods.elements} if clause.mods else set()
     wanted = [one_line(source.text[m.start : m.end]) for m in limit.elements if m.name not in own]
     gap = "\n" * source.text.count("\n", limit.opening, limit.closing + 1)
-    cut = _Edit(limit.opening, limit.closing + 1, gap)
+    cut = (limit.opening, limit.closing + 1, gap)
     if not wanted:
         return [cut]
     if clause.mods is None:
-        return [cut, _Edit(clause.behind, clause.behind, f"({', '.join(wanted)})")]
+        return [cut, (clause.behind, clause.behind, f"({', '.join(wanted)})")]
     comma = ", " if clause.mods.elements else ""
-    return [cut, _Edit(clause.mods.closing, clause.mods.closing, comma + ", ".join(wanted))]
+    return [cut, (clause.mods.closing, clause.mods.closing, comma + ", ".join(wanted))]

@@ -23,7 +23,7 @@ A call whose results nobody takes is left out, as there is nothing but assertion
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 
@@ -38,34 +38,33 @@ _TEST = "hystid_test_"
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _INITIAL = re.compile(r"\binitial\s+algorithm\b")
 _CALL = re.compile(r"\.?[A-Za-z_][\w.]*(?=\s*\()")
-_ENDS = frozenset(
-    ["end", "else", "elseif", "annotation", "equation", "algorithm", "initial", "public", "protected", "external"]
-)
+_SECTIONS = ("equation", "algorithm", "initial", "public", "protected")
+_ENDS = frozenset((*_SECTIONS, "end", "else", "elseif", "elsewhen", "annotation", "external"))
 _KEPT = frozenset(("assert", "terminate", "reinit"))
 _UNIT = re.compile(r"\b(?:if|elseif|then|loop)\b|[;()\[\]{}]")
 
 
 @dataclass(frozen=True)
-class _Branch:
+class Branch:
     """What stands between two keywords: offset of the first, those of the condition (None for else), the statements."""
 
     start: int
     condition: tuple[int, int] | None
-    body: tuple[_Statement, ...]
+    body: tuple[Statement, ...]
     end: int
 
 
 @dataclass(frozen=True)
-class _Statement:
-    """Offsets of its start and behind its semicolon.
+class Statement:
+    """Offsets of its start and behind its semicolon; an equation is one as well.
 
-    kind "simple", "call" (whose results nobody takes), "return", "break", "if", "for" or "while".
+    kind "simple", "call" (whose results nobody takes), "return", "break", "if", "for", "while" or "when".
     """
 
     kind: str
     start: int
     end: int
-    branches: tuple[_Branch, ...] = ()
+    branches: tuple[Branch, ...] = ()
 
     @property
     def loops(self) -> bool:
@@ -118,7 +117,7 @@ def _without_calls(owner: Class) -> Iterator[Edit]:
     plain = owner.source.plain
     for section in _INITIAL.finditer(plain, owner.body, owner.end):
         try:
-            statements, _ = _statements(plain, section.end())
+            statements, _ = statements_of(plain, section.end())
         except Unreadable:
             continue
         if statements and all(s.kind == "call" for s in statements):  # it takes no empty one either
@@ -129,7 +128,7 @@ def _without_calls(owner: Class) -> Iterator[Edit]:
             yield s.start, s.end, "\n" * plain.count("\n", s.start, s.end)
 
 
-def _called(statements: Iterable[_Statement]) -> Iterator[_Statement]:
+def _called(statements: Iterable[Statement]) -> Iterator[Statement]:
     for s in statements:
         if s.kind == "call":
             yield s
@@ -142,7 +141,7 @@ def _rewritten(owner: Class, numbers: Iterator[int]) -> Iterator[Edit]:
     if section is None:
         return
     try:
-        statements, end = _statements(plain, section.end())
+        statements, end = statements_of(plain, section.end())
     except Unreadable:
         return
     if not any(s.refused for s in statements):
@@ -191,49 +190,53 @@ def word_at(plain: str, at: int) -> tuple[str, int]:
     return (found.group() if found else "", start)
 
 
-def _statements(plain: str, at: int) -> tuple[tuple[_Statement, ...], int]:
-    """Statements up to an ``end``, ``else`` or ``elseif``, and the offset of that."""
-    found: list[_Statement] = []
+_HEADS = {"if": "then", "for": "loop", "while": "loop"}
+
+
+def statements_of(plain: str, at: int, heads: Mapping[str, str] = _HEADS) -> tuple[tuple[Statement, ...], int]:
+    """Statements up to an ``end``, ``else`` or ``elseif``, and the offset of that.
+
+    heads: what statements with branches begin with -> the word behind their conditions. Raises Unreadable.
+    """
+    found: list[Statement] = []
     while True:
         word, start = word_at(plain, at)
         if word in _ENDS or start >= len(plain):
             return tuple(found), start
-        if word in ("if", "for", "while"):
-            statement = _compound(plain, word, start)
+        if word in heads:
+            found.append(_compound(plain, word, start, heads))
         elif word == "when":
             raise Unreadable
         else:
-            statement = _plain(plain, word, start)
-        found.append(statement)
-        at = statement.end
+            found.append(_plain(plain, word, start))
+        at = found[-1].end
 
 
-def _plain(plain: str, word: str, start: int) -> _Statement:
+def _plain(plain: str, word: str, start: int) -> Statement:
     stop = until(plain, ";", start) + 1
     if word in ("return", "break"):
-        return _Statement(word, start, stop)
+        return Statement(word, start, stop)
     called = _CALL.match(plain, start)
     if called and called.group() not in _KEPT and ":=" not in plain[start:stop]:
-        return _Statement("call", start, stop)
-    return _Statement("simple", start, stop)
+        return Statement("call", start, stop)
+    return Statement("simple", start, stop)
 
 
-def _compound(plain: str, kind: str, start: int) -> _Statement:
-    branches: list[_Branch] = []
-    at = start
-    while True:
-        word, at = word_at(plain, at)
-        if word == "end":
-            stop = plain.index(";", at) + 1
-            return _Statement(kind, start, stop, tuple(branches))
+def _compound(plain: str, kind: str, start: int, heads: Mapping[str, str]) -> Statement:
+    branches: list[Branch] = []
+    word, at = word_at(plain, start)
+    while word != "end":
         behind = at + len(word)
         condition = None
         if word != "else":
-            close = until(plain, "then" if kind == "if" else "loop", behind)
+            close = until(plain, heads[kind], behind)
             condition, behind = (behind, close), close + 4
-        body, end = _statements(plain, behind)
-        branches.append(_Branch(at, condition, body, end))
-        at = end
+        body, end = statements_of(plain, behind, heads)
+        branches.append(Branch(at, condition, body, end))
+        word, at = word_at(plain, end)
+        if word not in ("end", "else", "elseif", "elsewhen"):
+            raise Unreadable
+    return Statement(kind, start, plain.index(";", at) + 1, tuple(branches))
 
 
 def until(plain: str, mark: str, at: int) -> int:
@@ -261,14 +264,14 @@ class _Writer:
         self.names: list[str] = []
         self._flags: dict[str, list[str]] = {}
 
-    def function(self, statements: Sequence[_Statement], start: int, end: int) -> str:
+    def function(self, statements: Sequence[Statement], start: int, end: int) -> str:
         """The body of a function."""
         if not any("return" in s.leaves for s in statements):
             return self.all(statements, start, end, "")
         self._flags["return"] = [self._name(_TEST)]
         return f" {self._flags['return'][0]} := false;{self.all(statements, start, end, '')}"
 
-    def all(self, statements: Sequence[_Statement], start: int, end: int, guard: str) -> str:
+    def all(self, statements: Sequence[Statement], start: int, end: int, guard: str) -> str:
         """The statements between two offsets under a guard ("" for none)."""
         made = []
         for s in statements:
@@ -285,7 +288,7 @@ class _Writer:
         terms = [*([guard] if guard else []), *(f"not {self._flags[jump][-1]}" for jump in sorted(jumps))]
         return f" {name} := {' and '.join(terms)};", name
 
-    def _one(self, s: _Statement, guard: str) -> str:
+    def _one(self, s: Statement, guard: str) -> str:
         if s.kind == "if" and (s.loops or s.leaves):
             return self._guarded(s, guard)
         if s.kind in ("for", "while"):
@@ -301,7 +304,7 @@ class _Writer:
             piece = self._simple(s)
         return f"if {guard} then {piece} end if;" if guard and piece.strip() else piece
 
-    def _simple(self, s: _Statement) -> str:
+    def _simple(self, s: Statement) -> str:
         text = self.text[s.start : s.end]
         if s.kind == "simple":
             return text
@@ -318,7 +321,7 @@ class _Writer:
             raise Unreadable
         return f"{self.result} := {STOP};"
 
-    def _loop(self, s: _Statement, guard: str) -> str:
+    def _loop(self, s: Statement, guard: str) -> str:
         (branch,) = s.branches
         assert branch.condition is not None
         condition = self.text[slice(*branch.condition)]
@@ -344,7 +347,7 @@ class _Writer:
             self._flags["break"].pop()
         return made
 
-    def _guarded(self, s: _Statement, guard: str) -> str:
+    def _guarded(self, s: Statement, guard: str) -> str:
         made = []
         before: list[str] = []
         for branch in s.branches:

@@ -137,10 +137,9 @@ def _rows(element: Modifier) -> bool:
 
 
 def _refused(override: Override, where: str) -> ModelicaError:
-    source = override.clause.owner.source
-    line = source.plain.count("\n", 0, override.element.named) + 1
+    place = override.clause.owner.source.place(override.element.named)
     name = f"{override.component}.{override.element.name}"
     return ModelicaError(
-        f"{source.path}:{line}: modifiers of '{name}' here and where {where} cannot be joined: declare "
+        f"{place}: modifiers of '{name}' here and where {where} cannot be joined: declare "
         f"'model Mine = ...({override.element.name}(...) = ...)' with all of them, and Mine for '{override.component}'"
     )

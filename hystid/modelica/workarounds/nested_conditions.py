@@ -18,25 +18,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from hystid.modelica.reach import Class, classes
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
-from hystid.modelica.workarounds.function_bodies import Unreadable, until, word_at
+from hystid.modelica.workarounds.function_bodies import Statement, Unreadable, statements_of
 
 _SECTION = re.compile(r"(?<![\w.])(?:(?:initial\s+)?(?P<other>algorithm)|(?P<initial>initial\s+)?equation)\b")
 _HEADS = {"if": "then", "when": "then", "for": "loop"}
-
-
-@dataclass(frozen=True)
-class _Equation:
-    """Offsets, and for an if-equation its branches: condition ("" for else) and equations."""
-
-    kind: str
-    start: int
-    end: int
-    branches: tuple[tuple[str, tuple[_Equation, ...]], ...] = ()
 
 
 def with_branches_side_by_side(source: Source) -> Source:
@@ -59,7 +48,7 @@ def _edits(owner: Class) -> Iterator[Edit]:
         if section["other"] or section["initial"]:
             continue
         try:
-            equations, _ = _equations(plain, section.end())
+            equations, _ = statements_of(plain, section.end(), _HEADS)
         except (Unreadable, ValueError):
             continue
         for e in equations:
@@ -71,42 +60,12 @@ def _edits(owner: Class) -> Iterator[Edit]:
                 yield e.start, e.end, made + "\n" * plain.count("\n", e.start, e.end)
 
 
-def _equations(plain: str, at: int) -> tuple[tuple[_Equation, ...], int]:
-    found: list[_Equation] = []
-    while True:
-        word, start = word_at(plain, at)
-        ends = ("end", "else", "elseif", "elsewhen", "equation", "algorithm", "initial", "public", "protected")
-        if word in (*ends, "annotation", "external") or start >= len(plain):
-            return tuple(found), start
-        if word in _HEADS:
-            found.append(_compound(plain, word, start))
-        else:
-            found.append(_Equation("simple", start, until(plain, ";", start) + 1))
-        at = found[-1].end
-
-
-def _compound(plain: str, kind: str, start: int) -> _Equation:
-    branches = []
-    word, at = word_at(plain, start)
-    while word != "end":
-        behind, condition = at + len(word), ""
-        if word != "else":
-            close = until(plain, _HEADS[kind], behind)
-            condition, behind = plain[behind:close].strip(), close + 4
-        body, at = _equations(plain, behind)
-        branches.append((condition, body))
-        word, at = word_at(plain, at)
-        if word not in ("end", "else", "elseif", "elsewhen"):
-            raise Unreadable
-    return _Equation(kind, start, plain.index(";", at) + 1, tuple(branches))
-
-
-def _nested(e: _Equation, plain: str) -> bool:
-    inner = [i for _, body in e.branches for i in body if i.kind == "if"]
+def _nested(e: Statement, plain: str) -> bool:
+    inner = [i for branch in e.branches for i in branch.body if i.kind == "if"]
     return any(re.search(r"\bconnect\s*\(", plain[i.start : i.end]) for i in inner)
 
 
-def _unfolded(e: _Equation, plain: str) -> str | None:
+def _unfolded(e: Statement, plain: str) -> str | None:
     leaves = list(_leaves(e, plain))
     if len(leaves) > 64:
         return None
@@ -116,11 +75,12 @@ def _unfolded(e: _Equation, plain: str) -> str | None:
     return f"{text}end if;"
 
 
-def _leaves(e: _Equation, plain: str) -> Iterator[tuple[str, str]]:
+def _leaves(e: Statement, plain: str) -> Iterator[tuple[str, str]]:
     """Conditions and equations in order, the last condition "" where everything else is meant."""
-    for condition, body in e.branches:
+    for branch in e.branches:
+        condition = plain[slice(*branch.condition)].strip() if branch.condition else ""
         pending = [("", "")]
-        for i in body:
+        for i in branch.body:
             if i.kind != "if":
                 piece = " ".join(plain[i.start : i.end].split())
                 pending = [(c, f"{t} {piece}") for c, t in pending]

@@ -65,9 +65,9 @@ def _base(clause: Clause, used: Sequence[Class], sources: Sequence[Source]) -> C
     holds = {c.kind for c in used if c.parent in found} & {"model", "block", "class", "connector", "package"}
     folder = any(re.match(rf"\s*within\s+[\w.]*\b{short}\b", s.plain) for s in sources)
     if len(found) > 1 or holds or folder or found[0].short:
-        line = clause.owner.source.plain.count("\n", 0, clause.start) + 1
+        place = clause.owner.source.place(clause.start)
         raise ModelicaError(
-            f"{clause.owner.source.path}:{line}: modifiers of the constants of package '{short}' are not supported "
+            f"{place}: modifiers of the constants of package '{short}' are not supported "
             f"here: write 'package Common' with these constants and functions alone, and let '{short}' and "
             f"'{clause.owner.name}' extend it"
         )
@@ -104,8 +104,8 @@ def _refuse_dependents(names: Collection[str], used: Sequence[Class], sources: S
             for source in sources:
                 found = re.search(rf"(?<![\w.]){package}\s*\.\s*{name}\b", source.plain)
                 if found:
-                    line = source.plain.count("\n", 0, found.start()) + 1
+                    place = source.place(found.start())
                     raise ModelicaError(
-                        f"{source.path}:{line}: '{package}.{name}', a constant made from others, of a replaceable "
+                        f"{place}: '{package}.{name}', a constant made from others, of a replaceable "
                         "package is not supported where packages differ in these: write its formula here"
                     )

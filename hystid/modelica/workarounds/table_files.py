@@ -41,7 +41,7 @@ def _tables(mods: Modifiers, source: Source) -> Iterator[Edit]:
     said = {m.name: _value(m, source.text) for m in mods.elements}
     on_file = next((m for m in mods.elements if m.name == "tableOnFile" and said["tableOnFile"] == "true"), None)
     if on_file is not None:
-        place = f"{source.path}:{source.text.count(chr(10), 0, on_file.start) + 1}"
+        place = source.place(on_file.start)
         file = _NAMED.fullmatch(said.get("fileName", ""))
         name = re.fullmatch(r'"([^"]*)"', said.get("tableName", '"table"'))
         if file is None or name is None:
