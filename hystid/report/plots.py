@@ -239,10 +239,9 @@ def packed(values: Array) -> dict[str, Any]:
 
 
 def _compacted(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return packed(value)
     if isinstance(value, dict):
-        if "bdata" in value:
-            kind = f"<{value['dtype']}"
-            return packed(np.frombuffer(base64.b64decode(value["bdata"]), dtype=kind).astype(float))
         return {key: _compacted(item) for key, item in value.items()}
     if isinstance(value, list):
         return [_compacted(item) for item in value]
@@ -327,20 +326,11 @@ def _log_ticks(plot: Plot, which: str) -> dict[str, Any]:
     return {"dtick": 1} if decades >= 3 else {"dtick": "D2"} if decades >= 1 else {}
 
 
-def _packed(values: Array) -> dict[str, str]:
-    """plotly's typed array; single precision unless the values differ by less than it resolves."""
-    spread = float(np.ptp(values)) if values.size and np.all(np.isfinite(values)) else math.inf
-    narrow = values.size > 0 and spread > 1e-3 * float(np.max(np.abs(values)))
-    kind = "f4" if narrow else "f8"
-    data = np.ascontiguousarray(values, dtype=f"<{kind}")
-    return {"dtype": kind, "bdata": base64.b64encode(data.tobytes()).decode("ascii")}
-
-
 def _line(series: Line, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
     x, y = thin(np.asarray(series.x, dtype=float), np.asarray(series.y, dtype=float))
     style = {"color": colour, "width": series.width, "dash": series.dash}
     common = {"type": "scatter", "mode": "lines", "name": series.name, "line": style, "opacity": series.opacity}
-    return [{**common, "x": _packed(x / sx), "y": _packed(y / sy)}]
+    return [{**common, "x": x / sx, "y": y / sy}]
 
 
 def _points(series: Points, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
@@ -351,7 +341,7 @@ def _points(series: Points, colour: str, sx: float, sy: float) -> list[dict[str,
     trace = {"type": "scatter", "mode": "markers", "name": series.name, "marker": style}
     if series.labels:
         trace |= {"text": list(series.labels), "hovertemplate": "%{text}<br>%{x:.4g}, %{y:.4g}<extra></extra>"}
-    return [{**trace, "x": _packed(x / sx), "y": _packed(y / sy)}]
+    return [{**trace, "x": x / sx, "y": y / sy}]
 
 
 def _bars(series: Bars, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
@@ -370,7 +360,7 @@ def _bars(series: Bars, colour: str, sx: float, sy: float) -> list[dict[str, Any
 def _band(series: Band, colour: str, sx: float, sy: float) -> list[dict[str, Any]]:
     edges = [thin(np.asarray(series.x, dtype=float), np.asarray(edge)) for edge in (series.lower, series.upper)]
     common = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
-    lower, upper = ({**common, "x": _packed(x / sx), "y": _packed(y / sy)} for x, y in edges)
+    lower, upper = ({**common, "x": x / sx, "y": y / sy} for x, y in edges)
     fill = {"fill": "tonexty", "fillcolor": _translucent(colour, 0.18), "name": series.name}
     return [{**lower, "showlegend": False}, {**upper, **fill, "showlegend": bool(series.name)}]
 
