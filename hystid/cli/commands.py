@@ -42,8 +42,7 @@ def _common(
 
 
 Output = Annotated[
-    Path,
-    typer.Option("-o", "--out", parser=opt.named, metavar="FILE", help="File to write.", show_default=False),
+    Path, typer.Option("-o", "--out", parser=opt.named, metavar="FILE", help="File to write.", show_default=False)
 ]
 Force = Annotated[
     str,

@@ -45,15 +45,7 @@ Holdout = Annotated[
     list[Path] | None, typer.Option(metavar="REC", help="Recording kept for testing only; may be repeated.")
 ]
 Folder = Annotated[
-    Path,
-    typer.Option(
-        "-o",
-        "--out",
-        parser=named,
-        metavar="DIR",
-        help="Folder for the results.",
-        show_default=False,
-    ),
+    Path, typer.Option("-o", "--out", parser=named, metavar="DIR", help="Folder for the results.", show_default=False)
 ]
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="P=V", help="Parameter value in SI units; may be repeated.")

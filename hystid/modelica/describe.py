@@ -65,11 +65,7 @@ def model_code(model: HybridModel) -> ModelCode:
 def _c_text(model: HybridModel, layout: Layout, token: str) -> str:
     emitter = Emitter(model, layout)
     derivatives = DerivativeEmitter(emitter)
-    functions = {
-        "parameters": emitter.parameters(),
-        "initialise": emitter.initialise(),
-        "evaluate": emitter.evaluate(),
-    }
+    functions = {"parameters": emitter.parameters(), "initialise": emitter.initialise(), "evaluate": emitter.evaluate()}
     stops, duhem, shown = stops_of(model), duhem_states(model), shown_of(model)
     if shown:
         functions["show"] = emitter.show(shown)

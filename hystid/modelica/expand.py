@@ -17,36 +17,13 @@ import numpy as np
 from hystid.errors import ModelicaError
 from hystid.limits import COMPILE_ELEMENTS, room_for
 from hystid.modelica.array_functions import ARRAY_FUNCTIONS
-from hystid.modelica.expr import (
-    FUNCTIONS,
-    LOGICAL,
-    ONE,
-    RELATIONS,
-    ZERO,
-    Expr,
-    Num,
-    Op,
-    Ref,
-    Text,
-    op,
-    refs,
-)
+from hystid.modelica.expr import FUNCTIONS, LOGICAL, ONE, RELATIONS, ZERO, Expr, Num, Op, Ref, Text, op, refs
 from hystid.modelica.flat import Function, Place
 from hystid.modelica.inlining import NO_NUMBER, Call
 from hystid.modelica.matrix_functions import factored, is_matrix_function
 from hystid.modelica.random_numbers import drawn, is_random_function
 from hystid.modelica.tables import is_table_function, looked_up
-from hystid.modelica.values import (
-    Array,
-    Record,
-    Value,
-    array,
-    flattened,
-    mapped,
-    merge,
-    product,
-    summed,
-)
+from hystid.modelica.values import Array, Record, Value, array, flattened, mapped, merge, product, summed
 
 _KEPT = frozenset({"der", "pre", "edge", "change", "sample", "initial", "terminal", "homotopy", "delay", "String"})
 _ELEMENTWISE = {".*": "*", "./": "/", ".^": "^"}

@@ -516,18 +516,9 @@ TEXTS = {
     "hy_hessenberg": (_APART, _REFLECT, _REDUCED, _HESSENBERG),
     "hy_schur": (_APART, _REFLECT, _REDUCED, _TRIANGULAR, _SCHUR),
     "hy_eigen": (_APART, _REFLECT, _REDUCED, _TRIANGULAR, _EIGEN),
-    "hy_expm": (
-        _APART,
-        _EXPM,
-    ),
-    "hy_rows": (
-        _APART,
-        _ROWS,
-    ),
-    "hy_balance": (
-        _APART,
-        _BALANCE,
-    ),
+    "hy_expm": (_APART, _EXPM),
+    "hy_rows": (_APART, _ROWS),
+    "hy_balance": (_APART, _BALANCE),
 }
 """Name of the operation -> texts in C that it needs, in this order, its own the last. Its arguments are the number of
 the output, three sizes, and what is given."""

@@ -118,7 +118,7 @@ def train_batch(
     results: list[Training] = []
     for count, limited in stages(fit.samples, w.shape[1], rule):
         part = _Batch(sizes, fit.inputs[..., :count], fit.target[..., :count])
-        ended = [Training.of(found) for found in minimise(part, check, starts, limited)]
+        ended = [Training(**vars(found)) for found in minimise(part, check, starts, limited)]
         results = [stage.after(earlier) for stage, earlier in zip(ended, results, strict=True)] if results else ended
         starts = np.stack([training.w for training in results])
     errors = test.squares(starts) / max(test.samples, 1)

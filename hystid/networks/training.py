@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.errors import UsageError
-from hystid.leastsquares import Descent, Reason, Rule, minimise
+from hystid.leastsquares import Descent, Rule, minimise
 from hystid.networks.normal_equations import (
     CompiledNormal,
     KernelSums,
@@ -44,24 +44,13 @@ def rule_of(mode: Mode) -> Rule:
 
 
 @dataclass(frozen=True, eq=False)
-class Training:
+class Training(Descent):
     """Outcome of one training. Errors are mean squares in units of the scaled target ([-1, 1]).
 
-    w: parameters with the least validation error, shape (P,); iteration: where they were met.
-    train, validation: error before the first and after each iteration, shape (iterations + 1,).
+    test: error on the samples that were neither trained nor validated on; NaN where there are none.
     """
 
-    w: Array
-    reason: Reason
-    iteration: int
-    train: Array
-    validation: Array
     test: float = float("nan")
-
-    @staticmethod
-    def of(found: Descent) -> Training:
-        """What a descent has found."""
-        return Training(found.w, found.reason, found.iteration, found.train, found.validation)
 
     @property
     def best(self) -> float:
@@ -224,4 +213,4 @@ def stages(samples: int, weights: int, rule: Rule) -> list[tuple[int, Rule]]:
 def descend(fit: KernelSums, check: KernelSums, w: Array, rule: Rule, stop: threading.Event | None = None) -> Training:
     """Lower the error of ``fit`` from w; the answer is the iterate with the least error of ``check``."""
     (found,) = minimise(One(fit), One(check), w[None], rule, stop.is_set if stop else lambda: False)
-    return Training.of(found)
+    return Training(**vars(found))

@@ -226,10 +226,7 @@ static int initialise(hy_data *m)
         """R_start as the memory has it."""
         if self.about.level is None:
             return "m->v[P + 3]"
-        signals = [
-            *self._seen(),
-            *(f"m->v[D + {slot}]" for slot in self.about.late),
-        ]
+        signals = [*self._seen(), *(f"m->v[D + {slot}]" for slot in self.about.late)]
 
         def plane(constant: float, slopes: Sequence[float], names: Sequence[str]) -> str:
             terms = (f"{number(slope)} * {name}" for slope, name in zip(slopes, names, strict=True))

@@ -21,10 +21,7 @@ def _central(half: int) -> tuple[Array, Array]:
     k = np.arange(1, half + 1)
     share = -((-1.0) ** k) * factorial(half) ** 2 / (factorial(half - k) * factorial(half + k))
     first, second = share / k, 2 * share / k**2
-    return (
-        np.concatenate([-first[::-1], [0.0], first]),
-        np.concatenate([second[::-1], [-2 * np.sum(second)], second]),
-    )
+    return (np.concatenate([-first[::-1], [0.0], first]), np.concatenate([second[::-1], [-2 * np.sum(second)], second]))
 
 
 _HALF = 6  # samples on either side that a central difference takes
