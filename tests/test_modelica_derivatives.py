@@ -55,7 +55,7 @@ class Block:
         library = shared_library(sources, main=["model.c", "harness.c"], flags=("-O1", "-Wall", "-Wextra", "-Werror"))
         self.library = ctypes.CDLL(str(library))
         self.v = np.zeros(self.layout.size)
-        for name, value in hybrid.starts.items():
+        for name, value in hybrid.start.starts.items():
             self.v[self.layout.slots[name]] = value
         self.log = LOG(lambda *_: None)
         self.data = Data(self.v.ctypes.data, self.log, None)
@@ -110,7 +110,7 @@ class CasadiMirror:
         self.symbols = {slot: casadi.SX.sym(f"v{slot}") for slot in range(made.layout.size)}
         self.slots = made.layout.slots
         self.values = dict(self.symbols)
-        for step in (*hybrid.dependent, *hybrid.derivatives):
+        for step in (*hybrid.start.dependent, *hybrid.derivatives):
             self.run(step)
 
     def run(self, step: Assign | Solve) -> None:

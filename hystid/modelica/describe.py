@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from hystid.modelcode import Experiment, ModelCode, Variable
+from hystid.modelcode import ModelCode, Variable
 from hystid.modelica.blocks import Step, sources, targets
 from hystid.modelica.c_expr import comment, number, quoted
 from hystid.modelica.check import equation_text
@@ -108,7 +108,7 @@ def _table(
 ) -> list[str]:
     starts = [0.0] * (layout.size - sum(len(slots(*delay)) for delay in model.delays.items()))  # the rest is 0
     starts[0] = model.flat.experiment.start
-    for name, value in model.starts.items():
+    for name, value in model.start.starts.items():
         if name in layout.slots and name not in model.aliases:
             starts[layout.slots[name]] = value
     rows = [", ".join(number(v) for v in starts[k : k + 12]) for k in range(0, len(starts), 12)]
@@ -117,7 +117,7 @@ def _table(
         f".name = {quoted(model.flat.name)}, .token = {quoted(token)}, .n_values = {layout.size},",
         *(f".{s} = {layout.first(s)}, .n_{s} = {layout.count(s)}," for s in _SECTIONS if s not in ("dx", "pre")),
         f".dx = {layout.first('dx')}, .pre = {layout.first('pre')},",
-        f".n_z = {sum(len(r.indicators) for r in model.relations)}, .step = {number(_step(model.flat.experiment))},",
+        f".n_z = {sum(len(r.indicators) for r in model.relations)}, .step = {number(model.flat.experiment.step)},",
         ".start = hy_start_values,",
         *([f".couples = hy_pairs, .n_couples = {len(pairs)},"] if pairs else []),
         *([f".stops = hy_sliders, .n_stops = {len(stops)}, .stop_methods = &hy_stop_methods,"] if stops else []),
@@ -178,10 +178,6 @@ def _shown_table(shown: Shown, layout: Layout) -> list[str]:
     return [f"static const int hy_outputs[{len(slots)}] = {{", *indented(f"{row}," for row in rows), "};", ""]
 
 
-def _step(experiment: Experiment) -> float:
-    return experiment.step
-
-
 # -- variables
 
 
@@ -218,7 +214,7 @@ def _variable(name: str, v: ScalarVariable, model: HybridModel, layout: Layout) 
     causality, variability, initial = _role(name, v, model)
     start: float | None = None
     if initial in ("exact", "approx") or causality == "input":
-        start = model.starts.get(name, 0.0)
+        start = model.start.starts.get(name, 0.0)
     return Variable(
         name=name,
         slot=layout.slots[name],
@@ -244,7 +240,7 @@ def _role(name: str, v: ScalarVariable, model: HybridModel) -> tuple[str, str, s
     if v.kind == "parameter":
         return "parameter", _parameter_variability(name, v, model), "exact"
     if v.kind in ("dependent", "free"):
-        late = v.kind == "free" or name in model.solved_at_start
+        late = v.kind == "free" or name in model.start.solved
         needs = refs(v.binding) if v.binding is not None and not late else frozenset()
         fixed = late or any(_parameter_variability(n, model.variables[n], model) == "fixed" for n in needs)
         return "calculatedParameter", "fixed" if fixed else "tunable", "calculated"
@@ -254,7 +250,7 @@ def _role(name: str, v: ScalarVariable, model: HybridModel) -> tuple[str, str, s
     if name in model.discrete:
         return causality, "discrete", "calculated"
     if name in model.states:
-        exact = name not in model.solved_at_start
+        exact = name not in model.start.solved
         return causality, "continuous", "exact" if exact else "calculated"
     return causality, "continuous" if v.flat.type == "Real" else "discrete", "calculated"
 
@@ -275,7 +271,7 @@ def _running_names(model: HybridModel) -> frozenset[str]:
     found |= {n for r in model.reinits for n in refs(r.value) | refs(r.active)}
     found |= {n for d in model.delays for e in (d.value, d.time, d.most) for n in refs(e)}
     found |= {n for s in model.samplers for n in refs(s.start) | refs(s.interval)}
-    for step in reversed(model.dependent):
+    for step in reversed(model.start.dependent):
         if any(t in found for t in targets(step)):
             found |= sources(step)
     return frozenset(found)
@@ -288,7 +284,7 @@ def _dependencies(model: HybridModel) -> dict[str, tuple[str, ...]]:
     """Which inputs, states, parameters (and whether time) each output and derivative needs, directly or not."""
     order = ["time", *model.settable, *model.computed, *model.inputs, *model.states, *model.discrete]
     known: dict[str, frozenset[str]] = {n: frozenset({n}) for n in order}
-    for step in (*model.dependent, *model.derivatives, *_discrete_steps(model)):
+    for step in (*model.start.dependent, *model.derivatives, *_discrete_steps(model)):
         needs = frozenset(k for n in sources(step) for k in known.get(n, frozenset()))
         for t in targets(step):
             known[t] = needs
@@ -300,7 +296,7 @@ def _dependencies(model: HybridModel) -> dict[str, tuple[str, ...]]:
 
 def _unread(model: HybridModel) -> tuple[str, ...]:
     """Inputs that no equation, relation, sampler, reinit or assertion mentions."""
-    steps = (*model.dependent, *model.derivatives, *model.event, *model.initialisation)
+    steps = (*model.start.dependent, *model.derivatives, *model.event, *model.start.steps)
     exprs = [e for r in model.relations for e in (r.value, *r.indicators, *((r.deadline,) if r.deadline else ()))]
     exprs += [e for s in model.samplers for e in (s.start, s.interval)]
     exprs += [e for d in model.delays for e in (d.value, d.time, d.most)]

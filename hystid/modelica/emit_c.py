@@ -95,8 +95,8 @@ class Emitter:
         k, n = self._block(step), len(step.variables)
         slots = ", ".join(f"{self.layout.slots[name]} /* {comment(name)} */" for name in step.variables)
         nominal = ", ".join(number(self._nominal(name)) for name in step.variables)
-        guessed = {a.variable: self.printer.value(a.value) for a in self.model.guesses}
-        start = ", ".join(guessed.get(n) or number(self.model.starts.get(n, 0.0)) for n in step.variables)
+        guessed = {a.variable: self.printer.value(a.value) for a in self.model.start.guesses}
+        start = ", ".join(guessed.get(n) or number(self.model.start.starts.get(n, 0.0)) for n in step.variables)
         call = f"hy_newton(v, {n}, slots, nominal, hy_residual{k}, hy_jacobian{k}, r, A, x, whole)"
         return [
             f"{{ /* {self._what(step)} */",
@@ -146,7 +146,7 @@ class Emitter:
 
     def parameters(self) -> list[str]:
         """Dependent parameters."""
-        return self.function("int", "parameters", "hy_data *m", self.steps(self.model.dependent))
+        return self.function("int", "parameters", "hy_data *m", self.steps(self.model.start.dependent))
 
     def evaluate(self) -> list[str]:
         """Derivatives and algebraic variables."""
@@ -184,13 +184,13 @@ class Emitter:
 
     def initialise(self) -> list[str]:
         """Solves the initial equations; relations are looked at until they agree with the values."""
-        lines = [f"{self.slot(INITIAL)} = 1;", *self.steps(self.model.guesses)]
+        lines = [f"{self.slot(INITIAL)} = 1;", *self.steps(self.model.start.guesses)]
         lines += [f"{self.slot(BEGIN)} = {self.slot('time')};"] if BEGIN in self.layout.slots else []
         for s in self.model.samplers:
             lines += [f"{self.slot(s.flag)} = 0;", self._first_tick(s.start, s.interval, s.flag)]
         lines += [f"{self.slot(MANY)} = 0;"] if MANY in self.layout.slots else []
         lines += [f"{self.slot(warned(k))} = 0;" for k in range(len(self.model.assertions))]
-        body = self.steps(self.model.initialisation)
+        body = self.steps(self.model.start.steps)
         body = self._until_settled(body) if self.model.relations else body
         way: list[str] = []
         if self.model.homotopy:
@@ -199,7 +199,7 @@ class Emitter:
             way += [*follow.splitlines(), ""]
             body = ["const int outcome = hy_follow(m);", "if (outcome) return outcome;"]
         lines += body
-        for e in self.model.surplus:
+        for e in self.model.start.surplus:
             lines += self._holds(e)
         count, d, before = self.layout.count("d"), self.layout.first("d"), self.layout.first("pre")
         if count:
@@ -228,7 +228,7 @@ class Emitter:
         return [
             "for (int pass = 0;; pass++) {",
             "    int changed = 0;",
-            *indented([*body, *self._renew_relations("changed", self.model.relations_at_start)]),
+            *indented([*body, *self._renew_relations("changed", self.model.start.relations)]),
             "    if (!changed) break;",
             f"    if (pass == {_START_PASSES}) {{",
             f"        m->log(m->owner, HY_FAILURE, {text});",

@@ -22,7 +22,7 @@ class DerivativeEmitter:
         self.emitter = emitter
         self._known: dict[Expr, dict[str, Expr]] = {}
         m = emitter.model
-        self.steps: tuple[Step, ...] = (*m.dependent, *m.derivatives)
+        self.steps: tuple[Step, ...] = (*m.start.dependent, *m.derivatives)
         self.computed = {t for s in self.steps for t in targets(s)}
         self.seeded = {"time", *m.settable, *m.computed, *m.inputs, *m.states, *m.discrete} - self.computed
 

@@ -5,23 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hystid.modelica.blocks import Assign, Solve, Step
+from hystid.modelica.blocks import Solve, Step
 from hystid.modelica.event_model import Delay, Reinit, Relation, Sampler
 from hystid.modelica.expr import Expr
 from hystid.modelica.flat import Assertion, FlatModel
-from hystid.modelica.scalar import ScalarEquation, ScalarVariable
+from hystid.modelica.initialisation import Initial
+from hystid.modelica.scalar import ScalarVariable
 
 
 @dataclass(frozen=True, eq=False)
 class HybridModel:
     """What the printers print. Steps are in order of evaluation.
 
-    dependent: parameters from parameters. derivatives: der(x) and algebraic variables from time, p, u, x, d, relations.
-    event: the same and the discrete variables, at an event. initialisation: everything, at the start.
-    aliases: variable -> the variable whose slot it shares. clocked: discrete variables of when-clauses, conditions
-    among them. guesses: start values of loops of the start that follow from parameters. surplus: initial conditions
-    that must follow from the others. relations_at_start: values of the relations at the start. homotopy: whether the
-    start goes from simplified to actual values. delays: with the number of points that each keeps.
+    derivatives: der(x) and algebraic variables from time, p, u, x, d, relations. event: the same and the discrete
+    variables, at an event. start: everything, at the start. aliases: variable -> the variable whose slot it shares.
+    clocked: discrete variables of when-clauses, conditions among them. homotopy: whether the start goes from simplified
+    to actual values. delays: with the number of points that each keeps.
     """
 
     flat: FlatModel
@@ -35,16 +34,10 @@ class HybridModel:
     settable: tuple[str, ...]
     computed: tuple[str, ...]
     aliases: Mapping[str, str]
-    dependent: tuple[Step, ...]
     derivatives: tuple[Step, ...]
     event: tuple[Step, ...]
-    initialisation: tuple[Step, ...]
-    starts: Mapping[str, float]
-    solved_at_start: frozenset[str]
-    guesses: tuple[Assign, ...]
-    surplus: tuple[ScalarEquation, ...]
+    start: Initial
     relations: tuple[Relation, ...]
-    relations_at_start: tuple[Expr, ...]
     samplers: tuple[Sampler, ...]
     reinits: tuple[Reinit, ...]
     assertions: tuple[Assertion, ...]
@@ -55,7 +48,7 @@ class HybridModel:
     @property
     def loops(self) -> list[Solve]:
         """Simultaneous equations, wherever they are solved."""
-        steps = (*self.dependent, *self.derivatives, *self.event, *self.initialisation)
+        steps = (*self.start.dependent, *self.derivatives, *self.event, *self.start.steps)
         return [s for s in steps if isinstance(s, Solve)]
 
 

@@ -16,7 +16,12 @@ from hystid.modelica.scalar import ScalarEquation
 
 @dataclass(frozen=True)
 class Initial:
-    """What gives a model its values at the start."""
+    """What gives a model its values at the start.
+
+    dependent: parameters from parameters. steps: everything else; solved: what these give. guesses: start values of
+    loops that follow from parameters. surplus: initial conditions that must follow from the others. relations: values
+    of the relations.
+    """
 
     steps: tuple[Step, ...]
     solved: frozenset[str]

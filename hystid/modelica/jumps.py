@@ -27,7 +27,7 @@ _Needs = tuple[Assign, frozenset[str]]
 
 def jumps_without_event(model: HybridModel) -> bool:
     """Whether a derivative jumps where a state changes its sign, parameters as they stand."""
-    steps = (*model.dependent, *model.derivatives)
+    steps = (*model.start.dependent, *model.derivatives)
     if len(steps) > _LARGEST or not any(_has_sign(step) for step in steps):
         return False
     rng = np.random.default_rng(0)
@@ -35,7 +35,7 @@ def jumps_without_event(model: HybridModel) -> bool:
     assigns = [(step, sources(step)) for step in steps if isinstance(step, Assign)]
     after = {state: _behind(assigns, state) for state in model.states}
     for _ in range(_DRAWS):
-        point = {name: model.starts.get(name, float(rng.integers(2))) for name in named}
+        point = {name: model.start.starts.get(name, float(rng.integers(2))) for name in named}
         point |= {name: float(rng.uniform(-1e-3, 1e-3)) for name in (*model.states, *model.inputs)}
         _evaluate(assigns, point)
         usual = _slopes(model, point)
