@@ -219,7 +219,7 @@ def identify(
         ),
     ] = None,
     *,
-    training: groups.Training,
+    training: groups.TrainingOptions,
     reading: groups.Preparation,
 ) -> int:
     """Train a network model of the restoring force and write it as ONNX and FMU, with a report.

@@ -74,7 +74,7 @@ class Preparation(ReadingOptions):
 
 
 @dataclass(frozen=True)
-class Training:
+class TrainingOptions:
     """How networks are trained."""
 
     layers: Annotated[str, typer.Option(metavar="N,N", help="Neurons of each hidden layer, as 5,5.")] = "5,5"

@@ -31,7 +31,7 @@ class Name:
     text: str
 
 
-Value: TypeAlias = "str | float | bool | Name | list[Any] | Record"
+Value: TypeAlias = "str | float | bool | Name | list[Any] | AnnotationRecord"
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Record:
+class AnnotationRecord:
     """``Name(key = value, ...)``. place: file and line."""
 
     name: str
@@ -51,7 +51,7 @@ class Record:
     place: str
 
 
-def vendor_annotation(class_name: str, keyword: str) -> Record | None:
+def vendor_annotation(class_name: str, keyword: str) -> AnnotationRecord | None:
     """The annotation ``keyword(...)`` of a class of the library, or of a file ("own.mo:Block"); None without one.
 
     Raises ModelicaError with file and line where it cannot be read, and where there are two.
@@ -79,11 +79,11 @@ class _Reader:
     def refuse(self, at: int, why: str) -> NoReturn:
         raise ModelicaError(f"{self.declared.place(at)}: {why}")
 
-    def record(self, at: int) -> Record:
+    def record(self, at: int) -> AnnotationRecord:
         """The record that begins at an offset."""
         self.at = at
         made = self._value()
-        if not isinstance(made, Record):
+        if not isinstance(made, AnnotationRecord):
             self.refuse(at, f"an annotation is written {self.text[at : self.at].strip()}(key = value, ...)")
         return made
 
@@ -145,12 +145,12 @@ class _Reader:
             self.refuse(at, f"',' or {mark!r} was expected, not {text!r}")
         return text == mark
 
-    def _record(self, name: str, at: int) -> Record:
+    def _record(self, name: str, at: int) -> AnnotationRecord:
         self._next()
         entries: dict[str, Entry] = {}
         if self._peek() == ")":
             self._next()
-            return Record(name, entries, self.declared.place(at))
+            return AnnotationRecord(name, entries, self.declared.place(at))
         while True:
             kind, key, here = self._next()
             if kind != "name":
@@ -162,7 +162,7 @@ class _Reader:
                 self.refuse(there, f"'{key} = value' was expected in {name}")
             entries[key] = Entry(self._value(), self.declared.place(here))
             if self._closed(")"):
-                return Record(name, entries, self.declared.place(at))
+                return AnnotationRecord(name, entries, self.declared.place(at))
 
 
 def _plain(text: str) -> str:

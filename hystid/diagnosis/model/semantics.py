@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 from hystid.errors import ModelicaError
 from hystid.modelcode import Variable
 from hystid.modelica.sources import near
-from hystid.modelica.vendor import Entry, Name, Record
+from hystid.modelica.vendor import AnnotationRecord, Entry, Name
 
 KEYWORD = "__HystId_effect"
 NEEDS = ("time", "speeds", "reversals", "mass")
@@ -106,7 +106,9 @@ _RECORDS = {"becomes": ("End", End), "alike": ("Alike", Alike), "tells": ("Telli
 _WORDS = tuple(item.name for item in fields(Semantics) if item.name != "places")
 
 
-def semantics_of(record: Record | None, variables: Sequence[Variable], amplitudes: Sequence[str]) -> Semantics:
+def semantics_of(
+    record: AnnotationRecord | None, variables: Sequence[Variable], amplitudes: Sequence[str]
+) -> Semantics:
     """What an annotation declares, checked against the parameters of its block. Raises ModelicaError."""
     if record is None:
         return Semantics()
@@ -127,7 +129,7 @@ def semantics_of(record: Record | None, variables: Sequence[Variable], amplitude
     return Semantics(**found, places=places)
 
 
-def _refuse(entry: Entry | Record, why: str) -> NoReturn:
+def _refuse(entry: Entry | AnnotationRecord, why: str) -> NoReturn:
     raise ModelicaError(f"{entry.place}: {why}")
 
 
@@ -179,7 +181,7 @@ def _check_unit(key: str, entry: Entry, v: Variable, amplitudes: Sequence[str]) 
 
 def _record(key: str, entry: Entry, item: Any, parameters: Mapping[str, Variable]) -> Any:
     name, kind = _RECORDS[key]
-    if not isinstance(item, Record) or item.name != name:
+    if not isinstance(item, AnnotationRecord) or item.name != name:
         _refuse(entry, f"{key} is a list of {name}(...)")
     words = [word.name for word in fields(kind)]
     found: dict[str, Any] = {}
@@ -202,7 +204,7 @@ def _record(key: str, entry: Entry, item: Any, parameters: Mapping[str, Variable
     return kind(**found)
 
 
-def _check_end(item: Record, end: End, parameters: Mapping[str, Variable]) -> None:
+def _check_end(item: AnnotationRecord, end: End, parameters: Mapping[str, Variable]) -> None:
     said = [end.above is not None, end.below is not None and not end.over, bool(end.at), bool(end.over), end.one_sided]
     if sum(said) != 1:
         _refuse(item, "End says one of above, below, at, over and one_sided")

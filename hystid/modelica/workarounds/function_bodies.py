@@ -45,17 +45,17 @@ _UNIT = re.compile(r"\b(?:if|elseif|then|loop)\b|[;()\[\]{}]")
 
 
 @dataclass(frozen=True)
-class Branch:
+class BranchText:
     """What stands between two keywords: offset of the first, those of the condition (None for else), the statements."""
 
     start: int
     condition: tuple[int, int] | None
-    body: tuple[Statement, ...]
+    body: tuple[StatementText, ...]
     end: int
 
 
 @dataclass(frozen=True)
-class Statement:
+class StatementText:
     """Offsets of its start and behind its semicolon; an equation is one as well.
 
     kind "simple", "call" (whose results nobody takes), "return", "break", "if", "for", "while" or "when".
@@ -64,7 +64,7 @@ class Statement:
     kind: str
     start: int
     end: int
-    branches: tuple[Branch, ...] = ()
+    branches: tuple[BranchText, ...] = ()
 
     @property
     def loops(self) -> bool:
@@ -128,7 +128,7 @@ def _without_calls(owner: Class) -> Iterator[Edit]:
             yield s.start, s.end, "\n" * plain.count("\n", s.start, s.end)
 
 
-def _called(statements: Iterable[Statement]) -> Iterator[Statement]:
+def _called(statements: Iterable[StatementText]) -> Iterator[StatementText]:
     for s in statements:
         if s.kind == "call":
             yield s
@@ -193,12 +193,12 @@ def word_at(plain: str, at: int) -> tuple[str, int]:
 _HEADS = {"if": "then", "for": "loop", "while": "loop"}
 
 
-def statements_of(plain: str, at: int, heads: Mapping[str, str] = _HEADS) -> tuple[tuple[Statement, ...], int]:
+def statements_of(plain: str, at: int, heads: Mapping[str, str] = _HEADS) -> tuple[tuple[StatementText, ...], int]:
     """Statements up to an ``end``, ``else`` or ``elseif``, and the offset of that.
 
     heads: what statements with branches begin with -> the word behind their conditions. Raises Unreadable.
     """
-    found: list[Statement] = []
+    found: list[StatementText] = []
     while True:
         word, start = word_at(plain, at)
         if word in _ENDS or start >= len(plain):
@@ -212,18 +212,18 @@ def statements_of(plain: str, at: int, heads: Mapping[str, str] = _HEADS) -> tup
         at = found[-1].end
 
 
-def _plain(plain: str, word: str, start: int) -> Statement:
+def _plain(plain: str, word: str, start: int) -> StatementText:
     stop = until(plain, ";", start) + 1
     if word in ("return", "break"):
-        return Statement(word, start, stop)
+        return StatementText(word, start, stop)
     called = _CALL.match(plain, start)
     if called and called.group() not in _KEPT and ":=" not in plain[start:stop]:
-        return Statement("call", start, stop)
-    return Statement("simple", start, stop)
+        return StatementText("call", start, stop)
+    return StatementText("simple", start, stop)
 
 
-def _compound(plain: str, kind: str, start: int, heads: Mapping[str, str]) -> Statement:
-    branches: list[Branch] = []
+def _compound(plain: str, kind: str, start: int, heads: Mapping[str, str]) -> StatementText:
+    branches: list[BranchText] = []
     word, at = word_at(plain, start)
     while word != "end":
         behind = at + len(word)
@@ -232,11 +232,11 @@ def _compound(plain: str, kind: str, start: int, heads: Mapping[str, str]) -> St
             close = until(plain, heads[kind], behind)
             condition, behind = (behind, close), close + 4
         body, end = statements_of(plain, behind, heads)
-        branches.append(Branch(at, condition, body, end))
+        branches.append(BranchText(at, condition, body, end))
         word, at = word_at(plain, end)
         if word not in ("end", "else", "elseif", "elsewhen"):
             raise Unreadable
-    return Statement(kind, start, plain.index(";", at) + 1, tuple(branches))
+    return StatementText(kind, start, plain.index(";", at) + 1, tuple(branches))
 
 
 def until(plain: str, mark: str, at: int) -> int:
@@ -264,14 +264,14 @@ class _Writer:
         self.names: list[str] = []
         self._flags: dict[str, list[str]] = {}
 
-    def function(self, statements: Sequence[Statement], start: int, end: int) -> str:
+    def function(self, statements: Sequence[StatementText], start: int, end: int) -> str:
         """The body of a function."""
         if not any("return" in s.leaves for s in statements):
             return self.all(statements, start, end, "")
         self._flags["return"] = [self._name(_TEST)]
         return f" {self._flags['return'][0]} := false;{self.all(statements, start, end, '')}"
 
-    def all(self, statements: Sequence[Statement], start: int, end: int, guard: str) -> str:
+    def all(self, statements: Sequence[StatementText], start: int, end: int, guard: str) -> str:
         """The statements between two offsets under a guard ("" for none)."""
         made = []
         for s in statements:
@@ -288,7 +288,7 @@ class _Writer:
         terms = [*([guard] if guard else []), *(f"not {self._flags[jump][-1]}" for jump in sorted(jumps))]
         return f" {name} := {' and '.join(terms)};", name
 
-    def _one(self, s: Statement, guard: str) -> str:
+    def _one(self, s: StatementText, guard: str) -> str:
         if s.kind == "if" and (s.loops or s.leaves):
             return self._guarded(s, guard)
         if s.kind in ("for", "while"):
@@ -304,7 +304,7 @@ class _Writer:
             piece = self._simple(s)
         return f"if {guard} then {piece} end if;" if guard and piece.strip() else piece
 
-    def _simple(self, s: Statement) -> str:
+    def _simple(self, s: StatementText) -> str:
         text = self.text[s.start : s.end]
         if s.kind == "simple":
             return text
@@ -321,7 +321,7 @@ class _Writer:
             raise Unreadable
         return f"{self.result} := {STOP};"
 
-    def _loop(self, s: Statement, guard: str) -> str:
+    def _loop(self, s: StatementText, guard: str) -> str:
         (branch,) = s.branches
         assert branch.condition is not None
         condition = self.text[slice(*branch.condition)]
@@ -347,7 +347,7 @@ class _Writer:
             self._flags["break"].pop()
         return made
 
-    def _guarded(self, s: Statement, guard: str) -> str:
+    def _guarded(self, s: StatementText, guard: str) -> str:
         made = []
         before: list[str] = []
         for branch in s.branches:

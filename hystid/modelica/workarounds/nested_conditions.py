@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from hystid.modelica.reach import Class, classes
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
-from hystid.modelica.workarounds.function_bodies import Statement, Unreadable, statements_of
+from hystid.modelica.workarounds.function_bodies import StatementText, Unreadable, statements_of
 
 _SECTION = re.compile(r"(?<![\w.])(?:(?:initial\s+)?(?P<other>algorithm)|(?P<initial>initial\s+)?equation)\b")
 _HEADS = {"if": "then", "when": "then", "for": "loop"}
@@ -60,12 +60,12 @@ def _edits(owner: Class) -> Iterator[Edit]:
                 yield e.start, e.end, made + "\n" * plain.count("\n", e.start, e.end)
 
 
-def _nested(e: Statement, plain: str) -> bool:
+def _nested(e: StatementText, plain: str) -> bool:
     inner = [i for branch in e.branches for i in branch.body if i.kind == "if"]
     return any(re.search(r"\bconnect\s*\(", plain[i.start : i.end]) for i in inner)
 
 
-def _unfolded(e: Statement, plain: str) -> str | None:
+def _unfolded(e: StatementText, plain: str) -> str | None:
     leaves = list(_leaves(e, plain))
     if len(leaves) > 64:
         return None
@@ -75,7 +75,7 @@ def _unfolded(e: Statement, plain: str) -> str | None:
     return f"{text}end if;"
 
 
-def _leaves(e: Statement, plain: str) -> Iterator[tuple[str, str]]:
+def _leaves(e: StatementText, plain: str) -> Iterator[tuple[str, str]]:
     """Conditions and equations in order, the last condition "" where everything else is meant."""
     for branch in e.branches:
         condition = plain[slice(*branch.condition)].strip() if branch.condition else ""
