@@ -68,7 +68,7 @@ def _entries(model: Interface, t: Array, inputs: Mapping[str, Array], results: M
         what = "Input of the default experiment, linear between rows"
         related.insert(0, _Related(f"{stem}_in.csv", "text/csv", INPUT_ROLE, what))
     if parameters:
-        files[f"{stem}.ssv"] = parameter_set(parameters)
+        files[f"{stem}.ssv"] = parameter_set({v.name: v for v in parameters})
         what = "The parameters with the values that the results were computed with"
         related.append(_Related(f"{stem}.ssv", "application/x-ssp-parameter-set", "parameter", what))
     files[f"{stem}.exp"] = _experiments(model.code, t, {k: f"{stem}{end}" for end, k in _EXPERIMENT.items()}, files)
@@ -100,14 +100,17 @@ def _experiments(code: ModelCode, t: Array, sources: Mapping[str, str], files: C
     return text_of(root)
 
 
-def parameter_set(parameters: Sequence[Variable]) -> str:
-    """Start values as a parameter set of SSP 1.0 (SSV)."""
+def parameter_set(parameters: Mapping[str, Variable], *, by_value: bool = False) -> str:
+    """Start values, by name, as a parameter set of SSP 1.0 (SSV).
+
+    by_value: items of enumerations by their numbers, as FMPy's runner takes them, and not by their names.
+    """
     ET.register_namespace("ssv", SSV)
     root = ET.Element(f"{{{SSV}}}ParameterSet", {"version": "1.0", "name": "parameters"})
     listed = ET.SubElement(root, f"{{{SSV}}}Parameters")
-    for v in parameters:
-        cell = ET.SubElement(listed, f"{{{SSV}}}Parameter", {"name": v.name})
-        if v.enumeration:
+    for name, v in parameters.items():
+        cell = ET.SubElement(listed, f"{{{SSV}}}Parameter", {"name": name})
+        if v.enumeration and not by_value:
             value = {"value": v.enumeration.items[round(v.start or 1) - 1], "name": v.enumeration.name}
             ET.SubElement(cell, f"{{{SSV}}}Enumeration", value)
         else:

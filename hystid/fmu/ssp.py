@@ -10,8 +10,8 @@ from xml.etree import ElementTree as ET
 from hystid.errors import FmuError, UsageError
 from hystid.fmu.build import write_zip
 from hystid.fmu.door import OpenedFmu, open_fmu
-from hystid.fmu.model_description.common import base_unit, number, start_text, text_of
-from hystid.fmu.reference import SSV as _SSV
+from hystid.fmu.model_description.common import base_unit, number, text_of
+from hystid.fmu.reference import parameter_set
 from hystid.modelcode import Enumeration, Experiment, Variable
 from hystid.units import exponents
 
@@ -61,7 +61,7 @@ def write_ssp(
     root = _description(Path(out).stem, opened, connections, own, experiment or Experiment(), bool(parameters))
     content = {"SystemStructure.ssd": text_of(root).encode()}
     if parameters:
-        content["resources/parameters.ssv"] = text_of(_values(opened, parameters)).encode()
+        content["resources/parameters.ssv"] = _values(opened, parameters).encode()
     content |= {f"resources/{component}.fmu": Path(path).read_bytes() for component, path in components.items()}
     write_zip(Path(out), content)
     return Path(out)
@@ -167,21 +167,16 @@ def _add_master(system: ET.Element, experiment: Experiment) -> None:
     ET.SubElement(information, f"{{{_OMS}}}FixedStepMaster", {**step, **tolerances})
 
 
-def _values(opened: Mapping[str, OpenedFmu], parameters: Mapping[str, float]) -> ET.Element:
+def _values(opened: Mapping[str, OpenedFmu], parameters: Mapping[str, float]) -> str:
     """A parameter set. Raises UsageError for a name that is no parameter of a component."""
-    ET.register_namespace("ssv", _SSV)
-    root = ET.Element(f"{{{_SSV}}}ParameterSet", {"version": "1.0", "name": "parameters"})
-    listed = ET.SubElement(root, f"{{{_SSV}}}Parameters")
+    found = {}
     for path, value in parameters.items():
         component, _, name = path.partition(".")
         known = {v.name: v for v in opened[component].model.variables} if component in opened else {}
         if name not in known:
             raise UsageError(f"'{path}' is no variable of a component")
-        parameter = ET.SubElement(listed, f"{{{_SSV}}}Parameter", {"name": path})
-        variable = known[name]  # items of enumerations by value: FMPy's runner takes no names
-        text = start_text(replace(variable, start=value))
-        ET.SubElement(parameter, f"{{{_SSV}}}{variable.type}", {"value": text})
-    return root
+        found[path] = replace(known[name], start=value)
+    return parameter_set(found, by_value=True)
 
 
 def _sub(parent: ET.Element, tag: str, attributes: Mapping[str, str] | None = None) -> ET.Element:

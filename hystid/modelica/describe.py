@@ -135,10 +135,10 @@ def _table(
         *indented(r + "," for r in rows),
         "};",
         "",
-        *(_pair_table(pairs) if pairs else []),
-        *(_stop_table(stops, layout) if stops else []),
-        *(_duhem_table(duhem, layout) if duhem else []),
-        *(_shown_table(shown, layout) if shown else []),
+        *(_array("int hy_pairs", [f"{{{i}, {j}}}" for i, j in pairs], 12, "[2]") if pairs else []),
+        *(_array("hy_stop hy_sliders", _stop_cells(stops, layout)) if stops else []),
+        *(_array("hy_duhem_state hy_rate_independent", _duhem_cells(duhem, layout)) if duhem else []),
+        *(_array("int hy_outputs", [str(layout.slots[name]) for name in shown.variables], 12) if shown else []),
         "const hy_model hy_the_model = {",
         *indented(fields),
         "};",
@@ -156,26 +156,20 @@ def _couples(model: HybridModel) -> list[tuple[int, int]]:
     return found if len(found) <= _FEW_COUPLES * len(model.states) else []
 
 
-def _pair_table(pairs: Sequence[tuple[int, int]]) -> list[str]:
-    rows = [", ".join(f"{{{i}, {j}}}" for i, j in pairs[k : k + 12]) for k in range(0, len(pairs), 12)]
-    return [f"static const int hy_pairs[{len(pairs)}][2] = {{", *indented(r + "," for r in rows), "};", ""]
+def _array(name: str, cells: Sequence[str], each: int = 1, size: str = "") -> list[str]:
+    """A table in C, with so many of its cells in a line. size: of a cell that is an array itself."""
+    rows = (", ".join(cells[k : k + each]) for k in range(0, len(cells), each))
+    return [f"static const {name}[{len(cells)}]{size} = {{", *indented(f"{row}," for row in rows), "};", ""]
 
 
-def _stop_table(stops: Sequence[Stop], layout: Layout) -> list[str]:
-    rows = [", ".join("-1" if name is None else str(layout.slots[name]) for name in stop.names()) for stop in stops]
-    return [f"static const hy_stop hy_sliders[{len(rows)}] = {{", *indented(f"{{{r}}}," for r in rows), "};", ""]
+def _stop_cells(stops: Sequence[Stop], layout: Layout) -> list[str]:
+    places = ((-1 if name is None else layout.slots[name] for name in stop.names()) for stop in stops)
+    return [f"{{{', '.join(map(str, each))}}}" for each in places]
 
 
-def _duhem_table(found: Sequence[DuhemState], layout: Layout) -> list[str]:
-    rows = [", ".join(str(layout.slots[name]) for name in (one.state, der(one.state), one.speed)) for one in found]
-    head = f"static const hy_duhem_state hy_rate_independent[{len(rows)}] = {{"
-    return [head, *indented(f"{{{row}}}," for row in rows), "};", ""]
-
-
-def _shown_table(shown: Shown, layout: Layout) -> list[str]:
-    slots = [str(layout.slots[name]) for name in shown.variables]
-    rows = [", ".join(slots[k : k + 12]) for k in range(0, len(slots), 12)]
-    return [f"static const int hy_outputs[{len(slots)}] = {{", *indented(f"{row}," for row in rows), "};", ""]
+def _duhem_cells(found: Sequence[DuhemState], layout: Layout) -> list[str]:
+    names = ((one.state, der(one.state), one.speed) for one in found)
+    return [f"{{{', '.join(str(layout.slots[name]) for name in each)}}}" for each in names]
 
 
 # -- variables
