@@ -49,6 +49,11 @@ def reason(error: OSError) -> str:
     return (error.strerror or str(error)).lower()
 
 
+def first_line(error: Exception, most: int = _LONGEST_LINE) -> str:
+    """What went wrong, of a message of many lines; at most so many characters."""
+    return next((line.strip()[:most] for line in str(error).splitlines() if line.strip()), type(error).__name__)
+
+
 def listed(names: Sequence[str], most: int) -> str:
     """Names for a sentence, so many of them: "a, b and 3 more"."""
     more = f" and {len(names) - most} more" if len(names) > most else ""

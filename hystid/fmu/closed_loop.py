@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hystid.errors import FmuError, UsageError
+from hystid.errors import FmuError, UsageError, first_line
 from hystid.files import scratch
 from hystid.fmu.build import build
 from hystid.fmu.door import OpenedFmu, open_fmu
@@ -103,6 +103,6 @@ def _dies_out(components: Mapping[str, Path], mass: float, step: float, speed: f
     try:
         v = np.abs(simulate_ssp(str(trial), stop_time=_STEPS * step, step_size=step, input=push)["v"])
     except Exception as error:  # FMPy raises bare exceptions
-        raise FmuError(f"the rig cannot be run by FMPy: {(str(error).splitlines() or [''])[0]}") from None
+        raise FmuError(f"the rig cannot be run by FMPy: {first_line(error)}") from None
     first, last = np.max(v[: _STEPS // 3]), np.max(v[-_STEPS // 3 :])
     return bool(np.isfinite(last) and last <= _GROWTH * first)

@@ -18,7 +18,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 from xml.parsers import expat
 
-from hystid.errors import FmuError
+from hystid.errors import FmuError, first_line
 from hystid.files import check_regular, on_disk_of, scratch_folder
 from hystid.fmu.platforms import PLATFORMS, host
 from hystid.fmu.si import unit_of
@@ -119,7 +119,7 @@ def unpack(path: Path) -> Path:
             raise
         if isinstance(error, _DAMAGE):
             raise FmuError(
-                f"{path.name}: not an FMU, for it is not a zip file or it is damaged ({_first_line(error)})"
+                f"{path.name}: not an FMU, for it is not a zip file or it is damaged ({first_line(error)})"
             ) from None
         raise
     return folder
@@ -135,7 +135,7 @@ def read_entry(path: Path, name: str, most: int = 64 << 20) -> bytes | None:
             with archive.open(name) as entry:
                 content = entry.read(most + 1)
     except _DAMAGE as error:
-        raise FmuError(f"{path.name}: its entry '{name}' cannot be read ({_first_line(error)})") from None
+        raise FmuError(f"{path.name}: its entry '{name}' cannot be read ({first_line(error)})") from None
     if len(content) > most:
         raise FmuError(f"{path.name}: its entry '{name}' has more than {most >> 20} MB")
     return content
@@ -265,10 +265,6 @@ def _reason(error: Exception) -> str:
     if isinstance(error, LookupError):
         return f"something that it refers to is not there ({error})"
     return "; ".join(line.strip() for line in str(error).splitlines()[:3]) or type(error).__name__
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]
 
 
 def _kinds(path: Path, folder: Path, description: Any, version: int) -> dict[str, Kind]:

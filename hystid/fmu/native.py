@@ -13,7 +13,7 @@ from typing import Any, Literal, NoReturn
 
 import numpy as np
 
-from hystid.errors import FmuError
+from hystid.errors import FmuError, first_line
 from hystid.fmu.door import Kind, OpenedFmu
 from hystid.fmu.signals import Signal
 from hystid.limits import FMU_UNPACKED
@@ -291,7 +291,7 @@ def load(fmu: OpenedFmu, kind: Kind) -> ctypes.CDLL:
     try:
         return ctypes.CDLL(str(kind.library))
     except OSError as error:
-        reason = str(error).splitlines()[0].replace(f"{fmu.folder}/", "")
+        reason = first_line(error).replace(f"{fmu.folder}/", "")
         raise FmuError(f"{fmu.name}: its library cannot be loaded: {reason}") from None
 
 

@@ -44,6 +44,11 @@ class Class:
     front: int = 0
     tail: int = 0
 
+    @property
+    def is_model(self) -> bool:
+        """Whether it may have equations of its own: a model, a block, or what is called a class."""
+        return self.kind in ("model", "block", "class")
+
     def around(self) -> Iterator[Class]:
         """The class and those that it is nested in, inside out."""
         here: Class | None = self
@@ -90,7 +95,7 @@ def names_of_models(path: Path) -> list[str]:
 
 def models_of(source: Source) -> list[Class]:
     """Models and blocks at the top of a text and in its packages; partial ones where there are no others."""
-    models = [c for c in classes(source) or () if c.kind in ("model", "block", "class") and not c.short]
+    models = [c for c in classes(source) or () if c.is_model and not c.short]
     seen = [c for c in models if all(outer.kind == "package" for outer in list(c.around())[1:])]
     return [c for c in seen if "partial" not in source.plain[c.front : c.start].split()] or seen
 

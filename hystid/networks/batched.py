@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hystid.errors import UsageError
+from hystid.errors import UsageError, first_line
 from hystid.leastsquares import Rule, minimise
 from hystid.networks.normal_equations import parameter_count
 from hystid.networks.training import Data, Training, stages
@@ -112,7 +112,7 @@ def train_batch(
     try:
         w = torch.tensor(np.asarray(starts), dtype=torch.float64, device=device)
     except (RuntimeError, AssertionError) as error:
-        raise UsageError(f"device {device!r} cannot be used: {str(error).splitlines()[0]}") from None
+        raise UsageError(f"device {device!r} cannot be used: {first_line(error)}") from None
     sizes = (len(data[0].inputs.gain), *hidden, 1)
     fit, check, test = (_Batch(sizes, *_tensors(data, name, w)) for name in ("train", "validation", "test"))
     results: list[Training] = []

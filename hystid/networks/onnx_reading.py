@@ -14,7 +14,7 @@ import numpy as np
 import onnx
 from onnx import GraphProto, ModelProto, TensorProto, ValueInfoProto, numpy_helper
 
-from hystid.errors import NetworkError
+from hystid.errors import NetworkError, first_line
 from hystid.files import check_regular
 from hystid.networks.level import Level
 from hystid.networks.ports import Curve, FurtherInput, Lag
@@ -82,7 +82,9 @@ def load(path: Path) -> ModelProto:
     try:
         proto = onnx.load(str(path))
     except Exception as error:  # protobuf and onnx raise various types for damaged files
-        raise NetworkError(f"{path}: not an ONNX file, or a damaged or truncated one ({first_line(error)})") from error
+        raise NetworkError(
+            f"{path}: not an ONNX file, or a damaged or truncated one ({first_line(error, 160)})"
+        ) from error
     if any(isinstance(text, bytes) for text in _texts(proto)):  # protobuf's way to say: this is no UTF-8
         raise NetworkError(f"{path}: a damaged ONNX file: a name in it is no text")
     if not proto.ir_version or not proto.opset_import or not (proto.graph.node or proto.graph.output):
@@ -90,7 +92,7 @@ def load(path: Path) -> ModelProto:
     try:
         onnx.checker.check_model(proto)
     except Exception as error:  # the checker raises protobuf's types as well as its own
-        raise NetworkError(f"{path}: breaks the ONNX standard: {first_line(error)}") from error
+        raise NetworkError(f"{path}: breaks the ONNX standard: {first_line(error, 160)}") from error
     check_finite(proto, path)
     return proto
 
@@ -144,12 +146,6 @@ def _texts(proto: ModelProto) -> Iterator[object]:
     yield from (entry.domain for entry in proto.opset_import)
 
 
-def first_line(error: Exception) -> str:
-    """What went wrong, of a message of many lines."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[0][:160] if lines else type(error).__name__
-
-
 def check_finite(proto: ModelProto, path: Path) -> None:
     """Raise NetworkError where a stored number is not finite."""
     for tensor in proto.graph.initializer:
@@ -158,7 +154,9 @@ def check_finite(proto: ModelProto, path: Path) -> None:
         try:
             values = numpy_helper.to_array(tensor)
         except Exception as error:  # the stored length does not fit the shape, an external file is missing, ...
-            raise NetworkError(f"{path}: initialiser '{tensor.name}' cannot be read: {first_line(error)}") from error
+            raise NetworkError(
+                f"{path}: initialiser '{tensor.name}' cannot be read: {first_line(error, 160)}"
+            ) from error
         if np.isnan(values).any():
             raise NetworkError(f"{path}: initialiser '{tensor.name}' holds NaN: the training that wrote it failed")
         if np.isinf(values).any():

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hystid.errors import NetworkError
-from hystid.networks.onnx_reading import first_line
+from hystid.errors import NetworkError, first_line
 from hystid.numeric import Array
 
 _SAMPLES = 64
@@ -40,7 +39,7 @@ def check(
             sample = {name: values[k : k + 1] for name, values in signals.items()}
             (theirs[k],), memory = session.run(["R", "state_next"], {**sample, "state": memory})
     except Exception as error:  # of several types, where an operator or its version is missing
-        return first_line(error)
+        return first_line(error, 160)
     expected = ours(signals)
     apart = np.abs(theirs - expected)
     if not apart.max() <= _AGREED * max(np.abs(expected).max(), np.abs(theirs).max()):

@@ -38,7 +38,7 @@ def _edits(source: Source, found: Sequence[Class]) -> Iterator[Edit]:
         end = closing(plain, der.end() - 1)
         operand = plain[der.end() : end]
         owner = _innermost(found, der.start())
-        if owner is None or owner.kind not in ("model", "block", "class") or owner.short:
+        if owner is None or not owner.is_model or owner.short:
             continue
         sections = [
             m for m in _SECTION.finditer(plain, owner.body, owner.tail) if _innermost(found, m.start()) is owner

@@ -35,7 +35,7 @@ def with_named_inputs(name: str, sources: Sequence[Source]) -> list[Source]:
 
 
 def _models(source: Source) -> list[Class]:
-    return [c for c in classes(source) or () if c.kind in ("model", "block", "class")]
+    return [c for c in classes(source) or () if c.is_model]
 
 
 def _family(name: str, sources: Sequence[Source]) -> list[Class]:

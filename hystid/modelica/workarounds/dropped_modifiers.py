@@ -212,7 +212,7 @@ def _within(clause: Clause, element: Modifier) -> bool:
 def _evaluated(clause: Clause) -> Iterator[Modifiers]:
     """Lists whose values the front end turns into numbers: of short classes inside models and of redeclarations."""
     parent = clause.owner.parent
-    if clause.kind == "short" and clause.mods and parent and parent.kind in ("model", "block", "class"):
+    if clause.kind == "short" and clause.mods and parent and parent.is_model:
         yield clause.mods
     for element, _, _ in all_elements(clause.mods):
         if element.kind == "class" and element.inner:

@@ -32,7 +32,7 @@ def _is_enumeration(c: Class) -> bool:
 
 def _bindings(source: Source, functions: Collection[str], others: Collection[str]) -> Iterator[Edit]:
     for owner in classes(source) or ():
-        if owner.kind not in ("model", "block", "class"):
+        if not owner.is_model:
             continue
         for clause in clauses(owner):
             real = clause.target.rsplit(".", 1)[-1].strip() not in {*others, "Integer", "Boolean", "String"}

@@ -98,7 +98,7 @@ def with_readable_functions(source: Source) -> Source:
         if owner.kind == "function" and not owner.short and not any(c.parent is owner for c in found):
             edits += _rewritten(owner, numbers)
             edits += _with_plain_values(owner)
-        elif owner.kind in ("model", "block", "class") and not owner.short:
+        elif owner.is_model and not owner.short:
             edits += _without_calls(owner)
     return edited(source, edits)
 

@@ -29,7 +29,6 @@ MARK = "hystid-"
 _SECTION = re.compile(r"(?<![\w.])(initial\s+)?(algorithm|equation)\b")
 _TARGET = re.compile(r"\s*([A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*)\s*(\[)?")
 _RANGE = re.compile(r"(\w+)\s+in\s+[^:{}]+(?::\s*(?:(-)[^:{}]*|\d+)\s*)?:[^:{}]+", re.DOTALL)
-_OUTER = ("model", "block", "class")
 _PREFIXES = frozenset(("input", "output", "flow", "stream", "discrete"))
 _BASE = re.compile(r"\s*=?\s*(?:(?:input|output)\s+)?([A-Za-z_][\w.]*)")  # of a short class
 _BUILT_IN = ("Real", "Integer", "Boolean", "String")
@@ -46,7 +45,7 @@ def with_carried_algorithms(sources: Sequence[Source]) -> list[Source]:
 
 def _edits(source: Source, found: Sequence[Class], types: Types, numbers: Iterator[int]) -> Iterator[Edit]:
     for owner in found:
-        if owner.kind not in _OUTER or owner.short:
+        if not owner.is_model or owner.short:
             continue
         plain = _own(owner, found)
         for start in _SECTION.finditer(plain, owner.body, owner.tail):

@@ -21,7 +21,7 @@ _CLASS_ANNOTATION = re.compile(r"(?<![\w.])annotation\s*\(")
 def with_unwrapped_bases(source: Source) -> Source:
     """The text with such classes unwrapped; lines stay where they are."""
     found = classes(source) or ()
-    edits = [edit for owner in found if owner.kind in ("model", "block", "class") for edit in _edits(owner, found)]
+    edits = [edit for owner in found if owner.is_model for edit in _edits(owner, found)]
     return edited(source, ((start, end, new or _gap(source.text[start:end])) for start, end, new in edits))
 
 

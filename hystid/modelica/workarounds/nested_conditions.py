@@ -34,10 +34,7 @@ def with_branches_side_by_side(source: Source) -> Source:
         return source
     found = classes(source) or ()
     edits = [
-        e
-        for c in found
-        if c.kind in ("model", "block", "class") and not c.short and not any(d.parent is c for d in found)
-        for e in _edits(c)
+        e for c in found if c.is_model and not c.short and not any(d.parent is c for d in found) for e in _edits(c)
     ]
     return edited(source, edits)
 

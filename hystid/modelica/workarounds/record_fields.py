@@ -22,7 +22,7 @@ def with_named_fields(sources: Sequence[Source]) -> list[Source]:
     """The texts with such fields declared beside the records; lines stay where they are."""
     everything = [c for source in sources for c in classes(source) or ()]
     types, numbers = Types(everything), count(1)
-    models = [c for c in everything if c.kind in ("model", "block", "class") and not c.short]
+    models = [c for c in everything if c.is_model and not c.short]
     return [edited(s, (e for c in models if c.source == s for e in _edits(c, types, numbers))) for s in sources]
 
 

@@ -25,7 +25,7 @@ def with_named_values(sources: Sequence[Source]) -> list[Source]:
     """The texts with such values declared beside the component; lines stay where they are."""
     everything = [c for source in sources for c in classes(source) or ()]
     types, numbers = Types(everything), count(1)
-    components = [k for c in everything if c.kind in ("model", "block", "class") for k in clauses(c) if k.sizes]
+    components = [k for c in everything if c.is_model for k in clauses(c) if k.sizes]
     return [
         edited(s, (e for k in components if k.owner.source == s for e in _edits(k, types, numbers))) for s in sources
     ]
