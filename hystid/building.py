@@ -82,7 +82,7 @@ def build_afresh(
     libraries: Sequence[str | Path] = (),
     about: About | None = None,
 ) -> BuildResult:
-    """``build`` that takes today's result as reference, whatever was there before."""
+    """``build`` that takes today's result as reference, whatever was there before. Raises as that does."""
     if str(model).lower().endswith(".onnx"):
         if parameters:
             raise UsageError(f"{model}: a network has no parameters to set; leave them out")

@@ -116,6 +116,7 @@ def loop_energy(x: Array, R: Array) -> float:
     """Work done against R along x, the integral of R dx [J], by the trapezoidal rule.
 
     Over whole cycles this is the energy dissipated; positive for a dissipative force with hystid's sign of R.
+    Raises UsageError for different lengths.
     """
     if x.shape != R.shape:
         raise UsageError(f"signals of {x.size} and {R.size} samples make no loop")
@@ -146,6 +147,7 @@ def tube(values: Array, reference: Array, *, relative: float = 1e-3, absolute: f
     Half height: relative * (max - min of the reference) + absolute. Half width: ``samples`` samples to either side, so
     that an event located one step earlier or later by another solver does not count as a difference.
     A value that is not finite is outside; where the reference is not, the value must be the same.
+    Raises UsageError for different lengths.
     """
     if values.shape != reference.shape:
         raise UsageError(f"signals of {values.size} and {reference.size} samples cannot be compared")

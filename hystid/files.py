@@ -140,7 +140,7 @@ def file_named(given: object, what: str) -> Path:
 
 
 def text_of(path: Path, error: type[HystidError]) -> str:
-    """``content_of`` as text (UTF-8)."""
+    """``content_of`` as text. Raises the error where it is not UTF-8, and see above."""
     try:
         return content_of(path, error).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as problem:

@@ -137,7 +137,7 @@ _current: contextvars.ContextVar[_Compilation | None] = contextvars.ContextVar("
 
 
 def compiled(name: str, work: Callable[[], _T], error: type[HystidError], times: int = 1) -> _T:
-    """``bounded`` work on a model of this name, with the end of its time as one sentence."""
+    """``bounded`` work on a model of this name; the end of its time raises the error, in one sentence."""
     try:
         return bounded(work, times)
     except OutOfTime:

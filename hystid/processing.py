@@ -107,6 +107,7 @@ def derive(
     rule and zero-phase high-pass at ``low`` [Hz], which must then be given because integration drifts.
     mass [kg] is only looked at to refuse inertia on a recording whose time is not measured.
     Edge rule: the first and last three samples of a derivative are one-sided differences of second order.
+    Raises RecordingError for such inertia.
     """
     if mass and recording.quasi_static:
         raise RecordingError(
@@ -193,6 +194,7 @@ def band_pass(recording: Recording, band: Band) -> Recording:
     """Zero-phase Butterworth band-pass of order 4 on all of F, x, v, a and R; both ends are cut by the filter's memory.
 
     Filtering every channel alike keeps m a + R = F and v = dx/dt. Extra columns are cut but not filtered.
+    Raises RecordingError where the time is not measured.
     """
     low, high = _checked(*band, f"{band[0]}-{band[1]}")
     high = _below_nyquist(high, recording)
@@ -243,7 +245,7 @@ def add_noise(recording: Recording, snr_db: float, seed: int) -> Recording:
     """Add white Gaussian noise to F, x, v and a: each with its own rms over 10^(snr_db / 20) as standard deviation.
 
     Deterministic for a seed; each channel has its own stream, so that leaving one out does not change the others.
-    R is dropped: it has to be computed from the noisy channels.
+    R is dropped: it has to be computed from the noisy channels. Raises UsageError for a ratio out of range.
     """
     if not abs(snr_db) <= _MOST_DB:
         raise UsageError(f"--noise-snr {snr_db:g}: a ratio in dB is needed, as 34")

@@ -193,7 +193,10 @@ def read_zip(path: Path) -> dict[str, bytes]:
 
 
 def given_date() -> int | None:
-    """Seconds since 1970 from SOURCE_DATE_EPOCH, where it is set: it makes builds reproducible byte for byte."""
+    """Seconds since 1970 from SOURCE_DATE_EPOCH, where it is set: it makes builds reproducible byte for byte.
+
+    Raises UsageError where it is no number.
+    """
     text = os.environ.get("SOURCE_DATE_EPOCH", "")
     if text and not text.isdecimal():
         raise UsageError(f"SOURCE_DATE_EPOCH={text}: a number of seconds since 1970 is expected")

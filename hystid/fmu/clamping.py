@@ -84,7 +84,10 @@ def _slope(name: str, states: Mapping[str, Array], dt: float) -> Array:
 def clamp_model_exchange(
     fmu: OpenedFmu, given: Clamping, parameters: Mapping[str, float], sensitivities: Sequence[str]
 ) -> dict[str, Array]:
-    """As ``Driver.clamp``; sensitivities by central differences over whole runs."""
+    """As ``Driver.clamp``; sensitivities by central differences over whole runs.
+
+    Raises FmuError for what is no state, and for samples that are not finite or differ in number.
+    """
     for name, samples in (*given.states.items(), *given.inputs.items()):
         if samples.ndim != 1 or not np.all(np.isfinite(samples)):
             raise FmuError(f"{fmu.name}: '{name}' must be a row of finite samples")

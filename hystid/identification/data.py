@@ -112,7 +112,8 @@ def beginning(recording: Recording, samples: int) -> Recording:
 
 
 def linear_fit(data: Samples, mass: float) -> LinearFit:
-    """Least squares of R on v, x, a constant and the further inputs."""
+    """Least squares of R on v, x, a constant and the further inputs. Raises NumericalError where they are
+    dependent."""
     table = np.stack([data.v, data.x, np.ones_like(data.x), *data.further], axis=1)
     scale = np.abs(table).max(axis=0)
     solution, _, rank, _ = np.linalg.lstsq(table / scale, data.R, rcond=None)

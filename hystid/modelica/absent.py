@@ -34,8 +34,8 @@ def refuse_absent_model(name: str, tree: Tree, files: Sequence[Source], librarie
 
 
 def refuse_absent_classes(model: str, tree: Tree, files: Sequence[Source]) -> None:
-    """The same for the classes of the standard library that components and base classes of the user's files name, as
-    far as the model may use them."""
+    """Raises ModelicaError, with what is missing, for classes of the standard library that components and base classes
+    of the user's files name and that are nowhere, as far as the model may use them."""
     for source, used in reached(model, files).items():
         for found in _NAMED.finditer(source.plain):
             name, at = found["name"], found.start("name")

@@ -19,7 +19,7 @@ _CLASS = re.compile(rf"(?<![\w.]){_KEYWORD}\s+([A-Za-z_]\w*)")
 
 
 def library_folder() -> Path:
-    """The folder that holds ``HystId``, in a checkout or in an installed wheel."""
+    """The folder that holds ``HystId``, in a checkout or in an installed wheel. Raises ModelicaError without one."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "_modelica", package.parent / "modelica"):
         if (folder / "HystId" / "package.mo").is_file():

@@ -117,7 +117,8 @@ def side_by_side(
 ) -> tuple[list[Result], bool]:
     """Results of the jobs in their order, and whether all ran.
 
-    Ctrl-C ends the running jobs (through their event) and starts no more; what was finished before is returned.
+    Ctrl-C ends the running jobs (through their event) and starts no more; what was finished before is returned,
+    and where nothing was, KeyboardInterrupt is raised, as are the errors of jobs.
     The work is in compiled code that runs beside Python, so threads serve as well as processes and copy no data.
     """
     stop = threading.Event()

@@ -82,7 +82,7 @@ def response(ensemble: Ensemble, x: Array, v: Array, further: Array, state: Arra
 
 
 def free_run(ensemble: Ensemble, force: Array, further: Array, start: Start) -> dict[str, Array]:
-    """x, v, a, R of the closed loop, each of shape (n,); see ``TwoNetworkModel.free_run``."""
+    """x, v, a, R of the closed loop, each of shape (n,); see ``TwoNetworkModel.free_run``, its errors too."""
     force, state = (np.ascontiguousarray(values, dtype=np.float64) for values in (force, start.state))
     _check(ensemble, state, force=force)
     if not start.dt > 0:

@@ -37,7 +37,7 @@ _DRAFT_FAILS = 20  # few samples make the validation error uneven, and the stage
 
 
 def rule_of(mode: Mode) -> Rule:
-    """The rule of a named mode."""
+    """The rule of a named mode. Raises UsageError for another name."""
     if mode not in RULES:
         raise UsageError(f"mode must be one of {', '.join(RULES)}, found {mode!r}")
     return RULES[mode]

@@ -28,6 +28,7 @@ def read_hdf5(path: Path) -> list[Table]:
     """Tests in an HDF5 file: datasets named like channels, in the root or in one group per test.
 
     The unit is the dataset's attribute ``unit`` or ``units``; a group's attribute ``fs`` or ``dt`` gives the time axis.
+    Raises RecordingError where there are none, or no HDF5 file.
     """
     found = tables_of(hdf5_tree(path), path.name, path.stem)
     if not found:
@@ -38,7 +39,7 @@ def read_hdf5(path: Path) -> list[Table]:
 
 
 def hdf5_tree(path: Path) -> dict[str, Any]:
-    """Groups as mappings, datasets as ``Vector``, MATLAB's texts and references resolved."""
+    """Groups as mappings, datasets as ``Vector``, MATLAB's texts and references resolved. Raises RecordingError."""
     try:
         import h5py
     except ImportError:

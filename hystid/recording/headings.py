@@ -18,7 +18,7 @@ Header = tuple[str, str | None]
 def headers_of(
     path: Path, above: Sequence[Line], comments: Sequence[Line], rows: Sequence[Line], separator: str | None
 ) -> list[Header]:
-    """(name, unit) of every column."""
+    """(name, unit) of every column. Raises RecordingError where they do not name the columns of the rows."""
     width = max((row_length(line, separator) for _, line in rows[:50]), default=0)
     if above and separator is None and "[" in above[-1][1] and not width > 1:
         raise refused(path, "columns", "only one column is there", EXAMPLE, line=above[-1][0])
@@ -100,7 +100,7 @@ def with_units_below(headers: list[Header], below: Sequence[Line], separator: st
 
 
 def refuse_scales(path: Path, above: Sequence[Line], separator: str | None) -> None:
-    """Factors above the samples: nobody knows whether the logger has applied them."""
+    """Raise RecordingError for factors above the samples: nobody knows whether the logger has applied them."""
     for number, line in above[-_HEADERS:]:
         cells = [cell for cell in cells_of(line, separator) if cell]
         if cells and scales(cells[0]) and any(_is_factor(cell) for cell in cells[1:]):

@@ -21,6 +21,7 @@ def read_tdms(path: Path) -> list[Table]:
 
     The unit is a property of the channel (``_UNITS``), or stands in the name, ``x [mm]``;
     without a time channel the waveform property ``wf_increment`` gives the time axis.
+    Raises RecordingError where there is none, or no TDMS file.
     """
     from nptdms import TdmsFile
 

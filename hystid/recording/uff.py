@@ -19,6 +19,7 @@ def read_uff(path: Path) -> list[Table]:
     """One test: the time responses in the file, evenly spaced, each on the channel that its ordinate type states.
 
     Several responses of one type keep the type's channel for the first and become extra columns after that.
+    Raises RecordingError where there are none, or no universal file.
     """
     import pyuff
 

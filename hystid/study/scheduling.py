@@ -21,6 +21,7 @@ def complete(
 
     A stored outcome is not computed again, so a killed study resumes. The outcome of a task depends on payload and task
     alone. Ctrl-C: KeyboardInterrupt after the finished ones were stored.
+    Raises NumericalError where one left no outcome.
     """
     folder.mkdir(parents=True, exist_ok=True)
     missing = [task for task in tasks if load(task, folder) is None]

@@ -240,7 +240,8 @@ def _compound(plain: str, kind: str, start: int, heads: Mapping[str, str]) -> St
 
 
 def until(plain: str, mark: str, at: int) -> int:
-    """Offset of the next keyword or semicolon that belongs to the statement itself, not to an if-expression in it."""
+    """Offset of the next keyword or semicolon that belongs to the statement itself, not to an if-expression in it.
+    Raises Unreadable without one."""
     depth = pending = 0
     for found in _UNIT.finditer(plain, at):
         unit = found.group()
