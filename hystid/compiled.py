@@ -27,9 +27,9 @@ Interpolation = Literal["hold", "linear", "cubic"]
 
 SHELL = Path(__file__).parent / "fmu" / "shell"
 FLAGS = ("-O2", "-ffp-contract=off")  # no fused multiply-add: the same bits on every processor
-_ENGINE = ("hy_engine.c", "hy_step.c", "hy_ways.c", "hy_stops.c", "hy_strip.c", "hy_duhem.c", "hy_lanes.c")
+_ENGINE = ("hy_engine.c", "hy_step.c", "hy_paths.c", "hy_stops.c", "hy_strip.c", "hy_duhem.c", "hy_lanes.c")
 _TABLE = ("hy_table.h", "hy_table.c")  # hy_lanes.c includes the last
-_HEADERS = ("hy_model.h", "hy_engine.h", "hy_ways.h", "hy_strip.h", *_TABLE)
+_HEADERS = ("hy_model.h", "hy_engine.h", "hy_paths.h", "hy_strip.h", *_TABLE)
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ def test_valgrind_finds_nothing_and_steps_allocate_nothing(tmp_path, version):
 @pytest.mark.parametrize("law", ["BoucWen", "MicroSlip", "Iwan"])
 def test_sanitizers_find_nothing_where_a_motion_is_followed(tmp_path, law):
     code = compile_model(f"HystId.Oscillators.{law}")
-    shell = {f"{name}.{end}" for name in ("hy_engine", "hy_ways", "hy_strip", "hy_table") for end in "ch"}
+    shell = {f"{name}.{end}" for name in ("hy_engine", "hy_paths", "hy_strip", "hy_table") for end in "ch"}
     sources = {name: shell_text(name) for name in {*shell, "hy_duhem.c", "hy_stops.c", "hy_step.c", "hy_model.h"}}
     sources |= {**code.sources, "follow.c": (FOLDER / "follow.c").read_text()}
     for name, text in sources.items():

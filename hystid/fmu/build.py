@@ -41,11 +41,11 @@ _SHELL_C = (
     "hy_arrays.c",
 )
 _SHELL_H = (
-    "hy_model.h", "hy_engine.h", "hy_ways.h", "hy_strip.h", "hy_table.h", "hy_fmi.h", "fmi_common.h",
+    "hy_model.h", "hy_engine.h", "hy_paths.h", "hy_strip.h", "hy_table.h", "hy_fmi.h", "fmi_common.h",
 )  # fmt: skip
 _METHODS = {
     "hy_duhem_methods": "hy_duhem.c",
-    "hy_path_methods": "hy_ways.c",
+    "hy_path_methods": "hy_paths.c",
     "hy_stop_methods": "hy_stops.c",
     "hy_strip_methods": "hy_strip.c",
 }  # come with models that name them

@@ -1,6 +1,6 @@
 /* Rate-independent states on a given motion: der(z) = g(z, sign(speed)) |speed| (Duhem's law; Visintin, Differential
  * Models of Hysteresis, 1994, chapter V). While the motion keeps its sense such a state runs along one curve of z over the
- * way, the same one wherever it comes on. The curves of both senses are integrated once, as far as the motion asks for;
+ * travel, the same one wherever it comes on. The curves of both senses are integrated once, as far as the motion asks for;
  * then the state is read off from one reversal to the next, in no steps of time. */
 #include "hy_engine.h"
 
@@ -8,19 +8,19 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "hy_ways.h"
+#include "hy_paths.h"
 
 enum { FIRST_NODES = 64, MOST_NODES = 100000 };
 
-static const double FIRST_STEP = 1e-9; /* way to be tried first: a step that is far too short grows within a few nodes */
+static const double FIRST_STEP = 1e-9; /* travel to be tried first: a step that is far too short grows within a few nodes */
 static const double EXACT = 3e-8;     /* error that a curve may have between its nodes, share of the state */
 static const double AT_REST = 1e-12;  /* slope, share of that at z = 0, below which a state has come to rest */
-static const double SHORTEST = 1e-12; /* step, share of the way so far, in which a law jumps */
+static const double SHORTEST = 1e-12; /* step, share of the travel so far, in which a law jumps */
 static const double TENFOLD = 10;     /* change of slope that a step may have */
 static const double OF_STEP = 0.01;   /* error, share of the change of state in a step: beyond it a step leaps over rest */
 static const double ROUNDING = 1e-14; /* error that numbers have, share of the state */
 
-/* A point of a curve: way, state, and the state's slope over the way; c2, c3: of the cubic to the next point. */
+/* A point of a curve: travel, state, and the state's slope over the travel; c2, c3: of the cubic to the next point. */
 typedef struct {
     double s, z, slope, c2, c3;
 } node;
@@ -39,7 +39,7 @@ typedef struct {
     double sense; /* speed: 1 or -1 */
 } curve;
 
-/* One state with its curves, and where it is: on a curve (NULL where on none), after a node, at a way. */
+/* One state with its curves, and where it is: on a curve (NULL where on none), after a node, at a travel. */
 typedef struct {
     const hy_duhem_state *slots;
     curve curves[2];
@@ -238,7 +238,7 @@ static hy_duhem *open_all(hy_engine *e)
 /* Whether a state lies further out than a node of a side that leads to larger states, or to smaller ones. */
 static int is_beyond(double z, const node *edge, int rises) { return rises ? z > edge->z : z < edge->z; }
 
-/* Way at which a curve meets a state between two nodes. */
+/* Travel at which a curve meets a state between two nodes. */
 static double way_to(const node *from, const node *to, double z)
 {
     const double c[4] = {from->z - z, from->slope, from->c2, from->c3}, h = to->s - from->s;
@@ -269,10 +269,10 @@ static int locate(hy_duhem *d, follower *f, curve *c, double z)
 }
 
 /* Goes on along the curve; at: number of the node before, negative on the earlier side. */
-static double along(hy_duhem *d, follower *f, double way)
+static double along(hy_duhem *d, follower *f, double travel)
 {
     side *const later = &f->on->later, *const earlier = &f->on->earlier;
-    f->s += way;
+    f->s += travel;
     while (f->at < 0 && earlier->nodes[-f->at - 1].s < f->s) f->at++;
     if (f->at < 0) return after(earlier->nodes - f->at - 1, f->s);
     for (;; f->at++) {
@@ -283,26 +283,26 @@ static double along(hy_duhem *d, follower *f, double way)
 }
 
 /* The same from where no curve through z = 0 comes. */
-static double apart(hy_duhem *d, const follower *f, double sense, double z, double way)
+static double apart(hy_duhem *d, const follower *f, double sense, double z, double travel)
 {
     side one;
     double reached = z;
-    if (!open_side(&one, (node){.z = z, .slope = slope_at(d, f->slots, sense, z)}, way)) return NAN;
+    if (!open_side(&one, (node){.z = z, .slope = slope_at(d, f->slots, sense, z)}, travel)) return NAN;
     if (one.nodes->slope != 0) {
-        while (one.end == GOES_ON && one.nodes[one.n - 1].s < way) grow(d, f->slots, sense, &one);
+        while (one.end == GOES_ON && one.nodes[one.n - 1].s < travel) grow(d, f->slots, sense, &one);
         reached = one.nodes[one.n - 1].z;
-        if (one.nodes[one.n - 1].s >= way) reached = after(one.nodes + one.n - 2, way);
+        if (one.nodes[one.n - 1].s >= travel) reached = after(one.nodes + one.n - 2, travel);
         else if (one.end != RESTS) reached = NAN;
     }
     free(one.nodes);
     return reached;
 }
 
-static double followed(hy_duhem *d, follower *f, double z, double way)
+static double followed(hy_duhem *d, follower *f, double z, double travel)
 {
-    curve *const c = &f->curves[way > 0];
-    const double length = fabs(way);
-    if (!(length > 0)) return z + way; /* no motion, or not a number */
+    curve *const c = &f->curves[travel > 0];
+    const double length = fabs(travel);
+    if (!(length > 0)) return z + travel; /* no motion, or not a number */
     if (f->on != c && !locate(d, f, c, z)) {
         f->on = NULL;
         return apart(d, f, c->sense, z, length);
@@ -313,9 +313,9 @@ static double followed(hy_duhem *d, follower *f, double z, double way)
 /* Along a path, by n rows; returns the number of those that have an answer. */
 static int run_along(hy_duhem *d, follower *f, const hy_path *path, double *z, int n, double *restrict row)
 {
-    const double *way = path->ways;
+    const double *travel = path->travels;
     for (int i = 0; i < n; i++) {
-        for (int k = 0; k < path->n[i]; k++) *z = followed(d, f, *z, *way++);
+        for (int k = 0; k < path->n[i]; k++) *z = followed(d, f, *z, *travel++);
         if (!isfinite(*z)) return i;
         if (row) row[i] = *z;
     }

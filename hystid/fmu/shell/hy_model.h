@@ -49,7 +49,7 @@ typedef struct {
     int force, stiffness, limit, speed, slips, above, forward, below, backward;
 } hy_stop;
 
-/* Slots of a rate-independent state: its derivative, slope, is that per way times the size of the speed (a state or an
+/* Slots of a rate-independent state: its derivative, slope, is that per travel times the size of the speed (a state or an
  * input), and depends on nothing else but the state itself, the sense of the motion and parameters. */
 typedef struct {
     int state, slope, speed;

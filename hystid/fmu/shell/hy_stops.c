@@ -1,11 +1,11 @@
 /* Springs in series with dry sliders (stop operators) on a given motion, in closed form: between reversals of the motion
  * the force of such a spring moves with the displacement until it meets its limit (Visintin, Differential Models of
  * Hysteresis, 1994, III.2). No event has to be located: the speed is a cubic polynomial within a row, and so are its
- * reversals and the way between them known. */
+ * reversals and the travel between them known. */
 #include <stdlib.h>
 
 #include "hy_engine.h"
-#include "hy_ways.h"
+#include "hy_paths.h"
 
 static int alone(const hy_engine *e)
 {
@@ -40,14 +40,14 @@ static double larger(double a, double b) { return a > b ? a : b; }
 
 /* Without a branch on the force: where a slider slips is hard to foresee, for a processor too. A force beyond its limit,
  * where a start value put it, rests until the motion turns. */
-static void move(double *restrict force, const double *restrict stiffness, const double *restrict limit, int n, double way)
+static void move(double *restrict force, const double *restrict stiffness, const double *restrict limit, int n, double travel)
 {
-    if (way > 0)
-        for (int i = 0; i < n; i++) force[i] = smaller(force[i] + stiffness[i] * way, larger(force[i], limit[i]));
-    else if (way < 0)
-        for (int i = 0; i < n; i++) force[i] = larger(force[i] + stiffness[i] * way, smaller(force[i], -limit[i]));
+    if (travel > 0)
+        for (int i = 0; i < n; i++) force[i] = smaller(force[i] + stiffness[i] * travel, larger(force[i], limit[i]));
+    else if (travel < 0)
+        for (int i = 0; i < n; i++) force[i] = larger(force[i] + stiffness[i] * travel, smaller(force[i], -limit[i]));
     else
-        for (int i = 0; i < n; i++) force[i] += stiffness[i] * way; /* no motion, or not a number */
+        for (int i = 0; i < n; i++) force[i] += stiffness[i] * travel; /* no motion, or not a number */
 }
 
 /* Stops that one speed moves: those from first on, up to the last. */
@@ -55,11 +55,11 @@ static void run_along(hy_engine *e, int first, int last, int n, double *const *r
 {
     const hy_model *const m = e->model;
     const hy_path *const path = hy_driven_at(e, m->stops[first].speed)->path;
-    const double *way = path->ways;
+    const double *travel = path->travels;
     double *const force = forces_of(e);
     for (int i = 0; i < n; i++) {
-        for (int k = 0; k < path->n[i]; k++, way++)
-            move(force + first, stiffnesses_of(e) + first, limits_of(e) + first, last - first, *way);
+        for (int k = 0; k < path->n[i]; k++, travel++)
+            move(force + first, stiffnesses_of(e) + first, limits_of(e) + first, last - first, *travel);
         for (int k = first; rows && k < last; k++) rows[m->stops[k].force - m->x][i] = force[k];
     }
 }

@@ -5,7 +5,7 @@
 
 #include "hy_engine.h"
 #include "hy_table.h"
-#include "hy_ways.h"
+#include "hy_paths.h"
 
 typedef struct {
     double *room;

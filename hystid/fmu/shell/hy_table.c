@@ -6,7 +6,7 @@
 
 #include "hy_engine.h"
 #include "hy_strip.h"
-#include "hy_ways.h"
+#include "hy_paths.h"
 
 /* The first failure; of warnings the first of each kind, which its first letters tell, as far as there is room. */
 static void note(void *owner, int level, const char *text)

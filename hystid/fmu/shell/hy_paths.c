@@ -1,4 +1,4 @@
-#include "hy_ways.h"
+#include "hy_paths.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -53,8 +53,8 @@ double hy_zero(const double *c, double low, double high)
     return at;
 }
 
-/* Over s in [0, h] of a cubic; returns how many ways there are, each of one sign. */
-static int ways_of(const double c[4], double h, double ways[HY_MOST_WAYS])
+/* Over s in [0, h] of a cubic; returns how many travels there are, each of one sign. */
+static int travels_of(const double c[4], double h, double travels[HY_MOST_TRAVELS])
 {
     double edges[4], before = 0;
     const int inner = extremes(c, h, edges + 1);
@@ -65,10 +65,10 @@ static int ways_of(const double c[4], double h, double ways[HY_MOST_WAYS])
         double reached;
         if (!(value(c, edges[i]) * value(c, edges[i + 1]) < 0)) continue;
         reached = integral(c, hy_zero(c, edges[i], edges[i + 1]));
-        ways[n++] = reached - before;
+        travels[n++] = reached - before;
         before = reached;
     }
-    ways[n++] = integral(c, h) - before;
+    travels[n++] = integral(c, h) - before;
     return n;
 }
 
@@ -100,17 +100,17 @@ static double way_after(const hy_table *t, int column, int row)
 /* How a column leads through the n rows after one. */
 static void set_path(hy_path *p, const hy_table *t, int column, int row, int n)
 {
-    double *way = p->ways, c[4];
+    double *travel = p->travels, c[4];
     for (int i = 0; i < n; i++) {
         const double simple = way_after(t, column, row + i);
         if (isnan(simple)) {
             hy_interpolate(t, column, row + i, c);
-            p->n[i] = ways_of(c, t->dt, way);
+            p->n[i] = travels_of(c, t->dt, travel);
         } else {
             p->n[i] = 1;
-            *way = simple;
+            *travel = simple;
         }
-        way += p->n[i];
+        travel += p->n[i];
     }
 }
 

@@ -1,19 +1,19 @@
-/* Ways that a cubic speed leads from one reversal to the next: what rate-independent laws see of a motion. */
-#ifndef HY_WAYS_H
-#define HY_WAYS_H
+/* The path of a cubic speed: travels from one reversal to the next, which rate-independent laws see of a motion. */
+#ifndef HY_PATHS_H
+#define HY_PATHS_H
 
 #include "hy_engine.h"
 #include "hy_table.h"
 
 enum {
-    HY_STRIP = 128,  /* samples that are worked on at a time: those of a dozen variables stay near the processor */
-    HY_MOST_WAYS = 4 /* of a sample: a cubic has three reversals */
+    HY_STRIP = 128,     /* samples that are worked on at a time: those of a dozen variables stay near the processor */
+    HY_MOST_TRAVELS = 4 /* of a sample: a cubic has three reversals */
 };
 
-/* How a speed leads through a strip of rows: how many ways each row has, and all of them one after another. */
+/* How a speed leads through a strip of rows: how many travels each row has, and all of them one after another. */
 typedef struct hy_path {
     int n[HY_STRIP];
-    double ways[HY_STRIP * HY_MOST_WAYS];
+    double travels[HY_STRIP * HY_MOST_TRAVELS];
 } hy_path;
 
 /* A model whose laws follow paths brings them along. */
