@@ -31,6 +31,12 @@ def record(seed: int) -> Recording:
     return Recording(f"test{seed}", t, F=F + 0.01 * np.std(F) * rng.standard_normal(N), **held)
 
 
+def delayed(force: Array, late: float) -> Array:
+    """The force, late by a time [s], without a jump at the ends."""
+    spectrum = np.fft.rfft(np.concatenate([force, force[::-1]]))
+    return np.fft.irfft(spectrum * np.exp(-2j * np.pi * np.fft.rfftfreq(2 * N, DT) * late))[:N]
+
+
 def slipped(change: dict[str, float], channels: str) -> Recording:
     """A recording with channels multiplied by factors, and only some of them recorded."""
     test = record(1)
@@ -190,12 +196,21 @@ def test_a_late_force_is_late_by_a_time_whatever_the_rate() -> None:
     tests = []
     for number, step in ((1, 1), (2, 2)):
         test = record(number)
-        spectrum = np.fft.rfft(np.concatenate([test.F, test.F[::-1]]))
-        turn = np.exp(-2j * np.pi * np.fft.rfftfreq(2 * N, DT) * late)
-        F = np.fft.irfft(spectrum * turn)[:N]
+        F = delayed(test.F, late)
         held = {name: np.asarray(getattr(test, name))[::step] for name in "txva"}
         tests.append(replace(test, **held, F=F[::step]))
     found = diagnose(tests, model=LINEAR, parameters={"m": M, "B": B, "Kl": K})
     assert [finding.effect for finding in found.findings] == ["channel_delay"]
     delay = found.findings[0].parameters["delay"]
     assert delay.value == pytest.approx(late, rel=0.03)  # 40 dB; as samples of either rate it would be off by half
+
+
+def test_a_lag_is_told_once_and_within_its_error() -> None:
+    """It is moved by whole samples, and the fit finds the rest: one lag, to the error of the fit."""
+    late = 3.4e-3
+    tests = [replace(test, F=delayed(test.F, late)) for test in (record(1), record(2))]
+    found = diagnose(tests, model=LINEAR, parameters={"m": M, "B": B, "Kl": K})
+    assert [finding.effect for finding in found.findings] == ["channel_delay"]
+    assert len([note for note in found.notes if " late" in note]) == 1
+    told = found.findings[0].parameters["delay"]
+    assert abs(told.value - late) < 3 * told.stderr < 0.02 * late

@@ -80,8 +80,6 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
     dt = groups[0][0].dt
     groups = [[_aligned(test, seconds) for test in group] for group in groups]
     fault = Fault(DELAY, "F", seconds / dt, error / dt, seconds=seconds)
-    first = groups[0][0]
-    groups[0][0] = replace(first, notes=(*first.notes, fault.sentence()))
     return Readings(groups[0], groups[1], (fault,), misread, doubts)
 
 

@@ -18,6 +18,7 @@ from hystid.diagnosis.fit.zeros import zeros_instead
 from hystid.diagnosis.model.adapters import FmuModel
 from hystid.diagnosis.model.channel_effects import wanders
 from hystid.diagnosis.model.freerun import errors
+from hystid.diagnosis.prepare.faults import DELAY, Fault
 from hystid.diagnosis.prepare.recordings import Taken
 from hystid.diagnosis.prepare.resonances import resonances, several_masses
 from hystid.diagnosis.prepare.rest import resting
@@ -44,6 +45,7 @@ _CLOSE = 0.02  # error of a free run that integration and interpolation alone ma
 
 def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     """The result, and the extended model as text where something is named."""
+    case = _fitted_lag(case, choice)
     runs = _runs(case, choice)
     away = led_away(runs.answer.choice, runs) if choice.named else ""
     if away:
@@ -132,7 +134,9 @@ def _rest(choice: Choice) -> list[str]:
 
 
 def _late(case: Case, choice: Choice) -> list[str]:
-    """A sentence on a force that is late or early by less than a fault, where that is clear."""
+    """A sentence on a force that is late or early: by a fault, or by less where that is clear."""
+    if moved := [fault.sentence() for fault in case.faults if _is_late_force(fault)]:
+        return moved
     here, dt = choice.after.hypothesis, case.problem.parts[0].dt
     size, error = abs(here.delay), choice.after.stderr(("chain", "delay"))
     if here.late or size < SKEW or not size > CLEAR * error:
@@ -142,6 +146,25 @@ def _late(case: Case, choice: Choice) -> list[str]:
         f"F is {1e3 * size * dt:.3g} ms ({size:.2g} samples) {side}, as channels that are sampled one after the other: "
         "the fit allows for it"
     ]
+
+
+def _is_late_force(fault: Fault) -> bool:
+    return fault.id == DELAY and fault.channel == "F"
+
+
+def _fitted_lag(case: Case, choice: Choice) -> Case:
+    """The case with a late force as the fit found it: it was moved by whole samples, and the rest was fitted."""
+    dt, error = case.problem.parts[0].dt, choice.after.stderr(("chain", "delay"))
+    if not np.isfinite(error):
+        return case
+    faults = []
+    for fault in case.faults:
+        if _is_late_force(fault):
+            step = fault.seconds / fault.size
+            seconds = round(fault.size) * step + choice.after.hypothesis.delay * dt
+            fault = replace(fault, size=seconds / step, stderr=error * dt / step, seconds=seconds)
+        faults.append(fault)
+    return replace(case, faults=tuple(faults))
 
 
 def _place(case: Case) -> list[str]:
