@@ -243,24 +243,27 @@ def exchanged(
 
 
 def _wider(problem: Problem, found: Sequence[Trial], library: Sequence[Effect]) -> Iterator[Trial]:
-    """Laws that become the best one at an end of theirs, and have fitted worse all the same, begun beside that end.
+    """Laws that become a leading one at an end of theirs, and have fitted worse all the same, begun beside that end.
 
-    A second stop that the motion touches by little shows in no step of a grid where the first one is not in its place.
+    A second stop that the motion touches by little shows in no step of a grid where the first one is not in its place;
+    and until it is found, another law may lead.
     """
     best = found[0]
-    here = best.fit.hypothesis
-    law, signals = here.terms[-1], problem.signals(here)
-    nearer = {t.form_of.class_name for t in found if t.form_of and t.chi2 <= best.chi2}
-    for effect in library:
-        if effect.class_name in nearer or all(end.law != law.effect.id for end in effect.semantics.becomes):
-            continue
-        same = {name: law.values.get(name, 0.0) for name in effect.amplitudes}
-        near = (Term(effect, {**at, **same}) for at in effect.grid(problem.scales, law.values))
-        starts = [here.exchanged(-1, term) for term in near if is_itself(problem, term, signals)]
-        if starts:
-            made = try_fit(problem, min(starts, key=partial(_left, problem)), incumbent=best.chi2)
-            if made is not None:
-                yield Trial(effect.id, effect.form, effect.size, made)
+    leading = distinct(found)[: _SEARCHED if best.chi2 - 1.0 > 2 * _HEALTHY else 1]
+    for narrow in (trial for trial in leading if trial.form_of):
+        here = narrow.fit.hypothesis
+        law, signals = here.terms[-1], problem.signals(here)
+        nearer = {t.form_of.class_name for t in found if t.form_of and t.chi2 <= narrow.chi2}
+        for effect in library:
+            if effect.class_name in nearer or all(end.law != law.effect.id for end in effect.semantics.becomes):
+                continue
+            same = {name: law.values.get(name, 0.0) for name in effect.amplitudes}
+            near = (Term(effect, {**at, **same}) for at in effect.grid(problem.scales, law.values))
+            starts = [here.exchanged(-1, term) for term in near if is_itself(problem, term, signals)]
+            if starts:
+                made = try_fit(problem, min(starts, key=partial(_left, problem)), incumbent=best.chi2)
+                if made is not None:
+                    yield Trial(effect.id, effect.form, effect.size, made)
 
 
 def _left(problem: Problem, start: Hypothesis) -> float:
