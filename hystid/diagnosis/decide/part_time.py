@@ -73,7 +73,7 @@ def _exchanged(problem: Problem, criterion: Criterion, best: Fit, effects: Seque
         return criterion.penalty(candidate.effect.size, 1, left) - criterion.likelihood(left)
 
     scanned = sorted(scan(problem, start, others, near=term.law.values), key=cost)
-    for candidate in _one_each(scanned)[-_LAWS:]:
+    for candidate in _one_each(scanned)[:_LAWS]:
         made = try_term(problem, start, candidate.term, incumbent=best.chi2)
         if made is not None:
             yield made
@@ -92,8 +92,11 @@ def _leading(problem: Problem, criterion: Criterion, fits: tuple[Fit, Fit], effe
 
 
 def _one_each(scanned: Sequence[Candidate]) -> list[Candidate]:
-    """The best form of each law."""
-    return list({candidate.effect.id: candidate for candidate in reversed(scanned)}.values())
+    """The best form of each law, in their order."""
+    best: dict[str, Candidate] = {}
+    for candidate in scanned:
+        best.setdefault(candidate.effect.id, candidate)
+    return list(best.values())
 
 
 def _joint(problem: Problem, criterion: Criterion, before: Fit, alone: Sequence[Fit]) -> list[Fit]:
