@@ -13,6 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.semantics import Semantics
 from hystid.diagnosis.prepare.faults import SATURATION
+from hystid.diagnosis.prepare.rest import does_more_than_noise
 from hystid.diagnosis.prepare.segments import Part, band
 from hystid.numeric import Array, stretches
 
@@ -201,10 +202,15 @@ class Range(_OfMeasuredForce):
 
 
 def ranges(parts: Sequence[Part]) -> list[Range]:
-    """A force channel whose gain differs in one recording, for each of them; [] where there is no other one."""
+    """A force channel whose gain differs in one recording, for each that shows a force; [] where there is no other one.
+
+    Of a free decay it shows its noise alone, and less of that leaves less.
+    """
     motion, still = tuple(part.x for part in parts), [np.zeros(len(part)) for part in parts]
     found = []
     for own, part in enumerate(parts):
+        if not does_more_than_noise(part.F, part.noise["F"]):
+            continue
         shown = (*still[:own], part.F, *still[own + 1 :])
         made = Range(RANGE, str(own + 1), "", None, ("share",), units={"share": "1"}, lowest={"share": -1.0})
         found.append(replace(made, motion=motion, missing=shown))
