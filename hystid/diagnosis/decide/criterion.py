@@ -67,7 +67,8 @@ class Hypothesis:
     windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel. laws: members that have
     a form and are forces of their own: what weakens or pinches the hysteresis is none.
     floor: mean square that noise alone leaves; NaN where it is not known yet. constant: the name that is a constant
-    force, "" for none; zero: probability that it is the zero of a sensor and no force.
+    force, "" for none; zero: probability that it is the zero of a sensor and no force. instead: the set without members
+    that do not count, for which this one then speaks; None where all of them do.
     """
 
     names: tuple[str, ...]
@@ -80,6 +81,7 @@ class Hypothesis:
     constant: str = ""
     zero: float = 0.0
     laws: int = 1
+    instead: Hypothesis | None = field(default=None, repr=False)
 
     @property
     def numbers(self) -> int:
@@ -348,7 +350,11 @@ class Criterion:
         weights = np.array([nothing, unknown, *scores])
         weights = np.exp(weights - np.max(weights))
         weights /= np.sum(weights)
-        rows = sorted(_split(found, misfits, weights[2:]), key=lambda row: -row[3])
+        counted = [h.instead or h for h in found]
+        left = [
+            m if h is own else self.misfit(h.fit, h.floor) for h, own, m in zip(counted, found, misfits, strict=True)
+        ]
+        rows = sorted(_split(counted, left, weights[2:]), key=lambda row: -row[3])
         zero = next((h for names, h, _, _ in rows[:1] if not names), None)
         merged: dict[frozenset[str], Candidate] = {}
         for names, h, m, w in rows:

@@ -135,9 +135,12 @@ def _decided(search: Search, found: Sequence[Hypothesis], unseen: Unseen) -> Cho
     found = _pruned(search, found, weighed, criterion)
     near = weighed(found).likely
     zeros = {id(h): _with_zero(search.problem, h) for h in near}
-    found, near = [zeros.get(id(h), h) for h in found], list(zeros.values())
-    asked = {frozenset(h.names) for h in near}  # held-out recordings cost a run each: what has no chance is not asked
-    heard = [replace(h, unseen=unseen(before, h.fit)) if frozenset(h.names) in asked else h for h in found]
+    found = [
+        replace(h, instead=zeros.get(id(h.instead), h.instead)) if h.instead else zeros.get(id(h), h) for h in found
+    ]
+    # Held-out recordings cost a run each: what has no chance is not asked.
+    said = {frozenset(h.names): unseen(before, h.fit) for h in zeros.values()}
+    heard = [replace(h, unseen=said.get(frozenset((h.instead or h).names), h.unseen)) for h in found]
     posterior = weighed(heard)
     untestable = _untestable(search.candidates)
     chosen = _told(criterion, posterior)
@@ -172,23 +175,34 @@ def _pruned(
     weighed: Callable[[Sequence[Hypothesis]], Posterior],
     criterion: Criterion,
 ) -> list[Hypothesis]:
-    """Hypotheses without the sets of which a member does not count, and with what sets are without one of theirs: what
-    grew by the best further effect may hold one that the next makes idle. What leads then has its members exchanged."""
-    pruned, seen, idle = list(found), set[frozenset[str]](), set[frozenset[str]]()
+    """Hypotheses of which sets with a member that does not count speak for the others, and what sets are without one of
+    theirs: what grew by the best further effect may hold one that the next makes idle; and where one may stand for what
+    is left without counting, another one that does may not be sure. What leads then has its members exchanged."""
+    pruned, seen, idle = list(found), set[frozenset[str]](), dict[frozenset[str], Hypothesis | None]()
     for _ in range(ROUNDS):
         for h in weighed(pruned).likely:
             if len(h.names) < 2 or frozenset(h.names) in seen:
                 continue
             seen.add(frozenset(h.names))
             rests = list(search.without_one(h, criterion))
-            pruned += [rest for rest, _ in rests if are_reached(search.problem, rest.fit)]
+            reached = [rest for rest, _ in rests if are_reached(search.problem, rest.fit)]
+            pruned += reached
             if not all(counts for _, counts in rests):
-                idle.add(frozenset(h.names))
-        pruned = [h for h in pruned if frozenset(h.names) not in idle]
+                spoken = [rest for rest, counts in rests if not counts and any(rest is one for one in reached)]
+                idle[frozenset(h.names)] = min(spoken, key=lambda rest: rest.fit.chi2, default=None)
+        pruned = [made for h in pruned if (made := _counted(h, idle)) is not None]
     leader = next(iter(weighed(pruned).likely), None)  # the most probable one comes first
     if leader is not None and not any(leader is h for h in found):  # fitted in a set only, beside no simpler law
         pruned += search.exchanged(leader)
     return pruned
+
+
+def _counted(hypothesis: Hypothesis, idle: Mapping[frozenset[str], Hypothesis | None]) -> Hypothesis | None:
+    """A hypothesis that speaks for what is left of it without members that do not count; None where nothing is."""
+    here: Hypothesis | None = hypothesis.instead or hypothesis
+    while here is not None and frozenset(here.names) in idle:
+        here = idle[frozenset(here.names)]
+    return here if here is None or here is hypothesis else replace(hypothesis, instead=here)
 
 
 def _with_zero(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
