@@ -119,6 +119,10 @@ def test_windows_have_edges(sound: tuple[Problem, Fit], ramp: float, sharp: bool
     term = Term(start, {"f0": level, **start.near})
     fitted = fit(shifted, replace(sound[1].hypothesis, terms=(term,)), iterations=60)
     assert has_edges(fitted) is sharp
+    on, off, _ = start.names(0)
+    values = fitted.hypothesis.terms[-1].values
+    closed = replace(term, values={**values, off: values[on]})
+    assert not has_edges(replace(fitted, hypothesis=replace(fitted.hypothesis, terms=(closed,))))
 
 
 @pytest.mark.parametrize(

@@ -287,8 +287,9 @@ def has_edges(fitted: Fit) -> bool:
     widths = []
     for recording in effect.owners or (0,):
         on, off, ramp = effect.names(recording)
+        opened = term.values[off] - term.values[on]
         surely = term.values[ramp] - _SURE * float(np.nan_to_num(fitted.stderr((str(index), ramp))))
-        widths.append(surely / (term.values[off] - term.values[on]))
+        widths.append(surely / opened if opened > 0 else np.inf)  # one that closed on itself has none
     return max(widths) < _EDGE
 
 
