@@ -306,6 +306,19 @@ def test_a_set_is_compared_with_what_it_is_without_an_idle_member(stiffening: Di
     assert rests == {("cubic_stiffness",): False, ("preload",): True}
 
 
+def test_a_member_is_no_surer_than_one_that_explains_as_much_and_does_not_count(stiffening: Diagnosis) -> None:
+    """The set of the idle one was left out, and the other had its probability: 93 % of a wrong name."""
+    criterion, alone = fits(stiffening, 100.0)
+    _, both = fits(stiffening, 0.0)
+    named, idle = (replace(both, names=("cubic_stiffness", name), size=2, laws=2) for name in ("preload", "added_mass"))
+    sure = criterion.posterior([alone, named], is_noise=False)
+    asked = criterion.posterior([alone, named, replace(idle, instead=alone)], is_noise=False)
+    assert sure.of(["preload"]) > 0.9
+    assert asked.of(["preload"]) == pytest.approx(0.5, abs=0.05)  # as much as the other one, and a bit is unknown
+    assert asked.of(["cubic_stiffness"]) > 0.9
+    assert asked.of(["added_mass"]) == 0.0
+
+
 def test_the_same_recording_twice_makes_nothing_more_certain() -> None:
     once = rig(1, 20.0, 1.5e8)
     again = replace(once, name="again", t=once.t + 1e-9)
