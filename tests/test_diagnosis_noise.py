@@ -228,6 +228,7 @@ def test_noise_of_the_displacement_is_no_physics_however_quiet_the_force(
     assert found.findings == () and found.verdict == "recalibrated"
     # What is told as noise is what a sound rig leaves; three draws of noise in a narrow band scatter by a tenth.
     assert found.noise_floor == pytest.approx(found.force_nrmse[1], rel=0.3)
+    assert found.noise_floor <= found.force_nrmse[1]  # no noise is louder than what is left
 
 
 @pytest.mark.parametrize("seed", [3, 12, 15, 55])

@@ -82,7 +82,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     hidden = tuple(name for name in choice.untestable if name not in named)
     diagnosis = Diagnosis(
         verdict, "", case.baseline.name, dict(case.baseline.nominal), refit_values(answer, choice.before), found,
-        listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case, choice), unknown,
+        listed, unseen, hidden, "", (_mean(force[0], 0), _mean(force[0], 1)), _floor(case, choice, force[0]), unknown,
         tuple(dict.fromkeys(said)),
         {"lags": case.consistency, "delay": last.delay, "mass_error": last.mass_error},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
@@ -187,9 +187,12 @@ def _noise(case: Case) -> float:
     return float(np.mean([part.balance_noise(case.baseline.mass) for part in case.problem.parts]))
 
 
-def _floor(case: Case, choice: Choice) -> float:
+def _floor(case: Case, choice: Choice, left: Sequence[tuple[float, float]]) -> float:
     """Share of the force that is noise: NRMSE that a perfect model would reach. Noise of the motion is in the inertia
-    and, through the law, in the restoring force."""
+    and, through the law, in the restoring force.
+
+    left: NRMSE before and after, per recording. The noise is no louder: a law that has no name may pass for some.
+    """
     mass, drawn = case.baseline.mass, list(case.problem.moved(choice.after.hypothesis))
     shares = []
     for i, part in enumerate(case.problem.parts):
@@ -198,7 +201,7 @@ def _floor(case: Case, choice: Choice) -> float:
         told = _told(case.problem, i)
         seen = [(error - part.slow(error) if part.lowest else error)[told] for error in errors]
         noise = np.sqrt(part.noise["F"] ** 2 + np.mean(np.square(seen)))
-        shares.append(float(noise / np.std(part.F - mass * part.a)))
+        shares.append(min(float(noise / np.std(part.F - mass * part.a)), *left[i]))
     return float(np.mean(shares))
 
 
