@@ -15,6 +15,7 @@ from benchmarks.concealed.generate import write_case
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.decide.criterion import Hypothesis as Suggested
 from hystid.diagnosis.decide.hypotheses import Search
+from hystid.diagnosis.decide.trials import Trial, _wider
 from hystid.diagnosis.fit.case import pose
 from hystid.diagnosis.fit.descent import _Normal, fit
 from hystid.diagnosis.fit.hypothesis import Hypothesis, Term, get
@@ -224,3 +225,27 @@ def test_a_law_with_memory_follows_the_motion_between_samples(tau: float) -> Non
     error = np.std((force - true)[200:-2]) / np.std(true[200:])
     # Cubics with slopes of fourth order: (w dt)^4 / 180 is 0.0004; straight lines were off by (w dt)^2 / 12, 0.023.
     assert error < 0.004
+
+
+def test_a_second_stop_is_found_though_another_law_leads() -> None:
+    """It hides in the fit of one stop; that is begun beside the first one also where a third law is the best so far."""
+    t, rng = np.arange(6000) / 250.0, np.random.default_rng(2)
+    omega, phase = 2 * np.pi * np.array([2.0, 2.7, 3.3])[:, None], rng.uniform(0, 6, 3)[:, None]
+    x, v, a = (6.5e-3 * np.sum(omega**k * np.sin(omega * t + phase + k * np.pi / 2), axis=0) for k in range(3))
+    stops = 2.5e5 * (np.maximum(x - 8e-3, 0) - np.maximum(-x - 14e-3, 0))
+    force = 120 * a + 180 * v + 4e4 * x + stops
+    exact = {"F": force, "x": x, "v": v, "a": a}
+    noisy = {name: u + 0.01 * np.std(u) * rng.standard_normal(len(t)) for name, u in exact.items()}
+    given = given_parameters({"m": 120.0, "B": 180.0, "Kl": 4e4})
+    case = pose(take([Recording("rig", t, **noisy)], (), given), "HystId.Oscillators.Linear")
+    problem, library = case.problem, load_effects([])
+    one = next(e for e in library if (e.id, e.form) == ("contact_loss", ""))
+    off_centre = next(e for e in library if (e.id, e.form) == ("two_sided_stop", "Offcentre"))
+    known = try_fit(problem, case.refit.hypothesis.beside(Term(one, {"k": 2e5, "gap": 8e-3, "side": 1})))
+    assert known is not None
+    constant = next(e for e in library if e.id == "preload")
+    pushed = standing(problem, case.refit.hypothesis.beside(Term(constant, dict.fromkeys(constant.amplitudes, 0.0))))
+    other = Trial(constant.id, constant.form, 1, replace(pushed, chi2=0.5 * known.chi2))
+    stop = Trial(one.id, one.form, one.size, known)
+    found = {trial.form: trial for trial in _wider(problem, [other, stop], [off_centre])}
+    assert found["Offcentre"].chi2 < 0.05 * known.chi2
