@@ -1,6 +1,7 @@
 """Fits that arrive: bounds, redundant parameters, local minima, starts; and names that unseen recordings contradict."""
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -28,6 +29,7 @@ from hystid.diagnosis.model.redundancy import without_redundancy
 from hystid.diagnosis.prepare.given import given_parameters
 from hystid.diagnosis.prepare.recordings import take
 from hystid.diagnosis.prepare.segments import Part, prepare_part
+from hystid.diagnosis.tell.locate import where_term
 from hystid.modelica import compile_model
 from hystid.recording import Recording
 from tests.test_diagnosis import run
@@ -249,3 +251,8 @@ def test_a_second_stop_is_found_though_another_law_leads() -> None:
     stop = Trial(one.id, one.form, one.size, known)
     found = {trial.form: trial for trial in _wider(problem, [other, stop], [off_centre])}
     assert found["Offcentre"].chi2 < 0.05 * known.chi2
+    here = found["Offcentre"].fit.hypothesis
+    text = where_term(problem, here.terms[-1], problem.signals(here)).text
+    above, below = (float(value) for value in re.findall(r"-?([\d.]+) mm", text))
+    assert text.startswith("acts at x > ") and " and x < -" in text
+    assert [above, below] == pytest.approx([8.0, 14.0], rel=5e-3)  # the noise of x is a hundredth of the motion

@@ -23,6 +23,7 @@ _ACTIVE = 0.3  # share of the 99 % quantile of the force above which an effect c
 _BINS = 24
 _NOTHING = 0.08  # share of the largest force that counts as none
 _ALWAYS = 0.9  # share of the samples: the rest is where a force changes its sign
+_FINE = 4001  # places on the way from the gap to the largest displacement
 _TAKEN = 0.9  # share of the hysteretic force that slack takes away
 
 
@@ -127,9 +128,27 @@ def _place(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> s
         when = "all the time" if share > _ALWAYS else f"in {100 * share:.0f} % of the samples"
         return f"acts {when}{free}"
     side = term.values.get(said.switch, 0.0)
-    place = "|x| > " if side == 0 else "x > " if side > 0 else "x < -"
-    reached = float(np.mean((np.abs(x) if side == 0 else side * x) > gap))
-    return f"acts at {place}{gap * 1e3:.4g} mm, in {100 * reached:.1f} % of the samples"
+    below, above = _edges(term, x, gap) if side == 0 else (gap, gap)
+    if side == 0 and below == above:
+        place, reached = f"|x| > {1e3 * gap:.4g} mm", np.abs(x) > gap
+    else:
+        upper, lower = f"x > {1e3 * above:.4g} mm", f"x < -{1e3 * below:.4g} mm"
+        place = f"{upper} and {lower}" if side == 0 else upper if side > 0 else lower
+        reached = (side >= 0) & (x > above) | (side <= 0) & (x < -below)
+    return f"acts at {place}, in {100 * float(np.mean(reached)):.1f} % of the samples"
+
+
+def _edges(term: Term, x: Array, gap: float) -> tuple[float, float]:
+    """Displacements below and above which a law acts that has a gap on both sides [m, not negative]: the gap itself,
+    and on the other side where its force begins, which may be farther."""
+    at = np.linspace(gap, max(float(np.max(np.abs(x))), gap), _FINE)
+    still = np.zeros_like(at)
+    begins = []
+    for sign in (-1.0, 1.0):
+        force = term.effect.force(Signals(sign * at, still, still, still, 1.0, 0), term.values)
+        first = int(np.argmax(force != 0)) if np.any(force) else 0
+        begins.append(gap if first <= 1 else float(at[first]))
+    return begins[0], begins[1]
 
 
 def _slack(forces: Sequence[Array], signals: Sequence[Signals]) -> float:
