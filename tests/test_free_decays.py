@@ -37,6 +37,17 @@ def test_the_rest_after_a_decay_hides_nothing_of_it() -> None:
     assert end == pytest.approx(np.log(200 / np.sqrt(2)) / (0.02 * W), abs=0.08)
 
 
+def test_a_decay_ends_where_dry_friction_stops_it() -> None:
+    """Half cycles about either side of the zero, each smaller by 2 d, until one ends where friction holds it."""
+    t, d, start = np.arange(LONG) / RATE, 4e-5, 1.1e-3
+    half = np.minimum((t * W / np.pi).astype(int), int(np.ceil((start / d - 1) / 2)))
+    stop = half[-1] * np.pi / W
+    swing = np.where(t < stop, np.cos(W * (t - half * np.pi / W)), 0.0)
+    centre = np.where(t < stop, np.where(half % 2, -d, d), start - 2 * d * half)
+    ((_, end),) = places(centre + swing * np.where(half % 2, -1, 1) * (start - (2 * half + 1) * d))
+    assert stop - 0.01 < end < stop  # a quarter of a period; in the last of it, it moves by less than noise
+
+
 def test_only_recordings_that_are_used_set_the_mass() -> None:
     """Held out, a decay or nothing at all leaves the mass to the recordings with a force."""
     held = [released(tests, None, held=True) for tests in ([], [measured(ringing(0.0))])]

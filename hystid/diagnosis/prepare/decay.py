@@ -125,7 +125,7 @@ def _places(values: Array, window: int, noise: float) -> tuple[list[slice], str]
         if dies and _swings(values[place.start :], noise) < _SWINGS:
             why = _DRIVEN.format(f"does not swing (fewer than {_SWINGS} reversals)")
         elif dies and place.stop - place.start >= SHORTEST:
-            found.append(place)
+            found.append(slice(place.start, place.start + _stopped(values[place], noise)))
         elif dies and end in gone[:1]:
             why = _QUICK.format(place.stop - place.start)
         last = done + int(np.argmax([*seen[done:], True]))
@@ -142,6 +142,13 @@ def _let_go(values: Array, noise: float) -> int:
         return 0
     most = int(np.argmax(np.abs(values - values[0])))
     return min(most + 4 * eighth, len(values) - 1)
+
+
+def _stopped(values: Array, noise: float) -> int:
+    """Number of samples until a motion stops. Dry friction ends it at once, off its zero, and then holds any force: no
+    law of the motion says which."""
+    rest = np.median(values[-len(values) // (8 * _PERIODS) :])
+    return int(np.max(np.flatnonzero(np.abs(values - rest) > _CLEAR * noise), initial=-1)) + 1
 
 
 def _after_steady(size: Array) -> int:
