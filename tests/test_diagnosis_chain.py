@@ -50,6 +50,15 @@ def test_a_late_channel_is_found_whatever_its_lag(late: float, channel: str) -> 
     assert np.std((getattr(moved, channel) - getattr(sound, channel))[inner]) < 0.03 * np.std(getattr(sound, channel))
 
 
+def test_a_quiet_recording_hides_no_lag_that_others_show() -> None:
+    """Noise of a third of x, derived twice, is all that the first one shows between x and a."""
+    tests = [replace(motion(k, noise, late=0.0003, channel="a"), v=None) for k, noise in ((1, 0.3), (2, 0.01))]
+    assert not pairs(tests[:1])[0].seen
+    (fault,) = examined(tests, []).repaired
+    assert (fault.id, fault.channel) == (DELAY, "a")
+    assert fault.seconds == pytest.approx(0.0003, abs=1e-5)  # a hundredth of a sample at 40 dB, as above
+
+
 def under_a_held_force() -> Recording:
     """A linear oscillator whose force is constant over each sample: exact, with the force in the same row."""
     rows, dynamics = np.empty((N, 2)), (np.array([[0.0, 1.0], [-1e4, -7.5]]), np.array([[0.0], [0.5]]))

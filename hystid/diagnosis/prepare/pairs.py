@@ -100,10 +100,11 @@ def agreed(values: Array, weights: Array, halves: float = 0.0, chance: float = C
 
 
 def _pair(recordings: Sequence[Recording], low: str, high: str) -> ChannelPair:
-    both = [_alike(recording, low, high) for recording in recordings]
-    dt = recordings[0].dt
+    both, dt = [_alike(recording, low, high) for recording in recordings], recordings[0].dt
+    clears = [_clear(recording, two, low, high) for recording, two in zip(recordings, both, strict=True)]
+    told = [k for k, clear in enumerate(clears) if clear > _SEEN] or range(len(both))  # the others say nothing
+    both, recordings, clear = [both[k] for k in told], [recordings[k] for k in told], min(clears[k] for k in told)
     coarse, correlation = _coarse([(*two, r.dt) for two, r in zip(both, recordings, strict=True)])
-    clear = min(_clear(recording, two, low, high) for recording, two in zip(recordings, both, strict=True))
     seen, correlation = clear > _SEEN, min(1.0, correlation / np.sqrt(max(clear, _SEEN)))
     found: list[tuple[int, float, float, float]] = []  # half, lag, gain, weight
     for (derived, measured), recording in zip(both, recordings, strict=True):
