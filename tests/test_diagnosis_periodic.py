@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
@@ -56,7 +58,11 @@ def record(seed: int, kind: str, line: float = 0.0, size: float = 0.0, k3: float
 def lines(*kinds: str, line: float = 0.0, size: float = 0.0, k3: float = 0.0) -> tuple[Fit, list[PeriodicForce]]:
     """Of two recordings, of one kind or of two."""
     pairs = zip((1, 2), (kinds[0], kinds[-1]), strict=True)
-    parts = [prepare_part(record(seed, kind, line, size, k3), seed) for seed, kind in pairs]
+    return lines_of(*(record(seed, kind, line, size, k3) for seed, kind in pairs))
+
+
+def lines_of(*records: Recording) -> tuple[Fit, list[PeriodicForce]]:
+    parts = [prepare_part(one, seed) for seed, one in enumerate(records, 1)]
     baseline = baseline_of(LINEAR, compile_model(LINEAR), {"m": M, "B": B, "Kl": K}, frozenset({"m"}), length=1e-3)
     problem = Problem(parts, baseline, scales_of(parts, baseline))
     fitted = without_periodic_forces(problem, fit(problem, Hypothesis(dict(baseline.nominal))))
@@ -92,6 +98,18 @@ def test_a_line_that_one_recording_drives_is_found_in_another() -> None:
     _, (found,) = lines("sine", "noise", line=51.0, size=3.0)
     assert found.frequency == pytest.approx(51.0, abs=0.01)
     assert lines("sine", line=51.0, size=3.0)[1] == []
+
+
+@pytest.mark.parametrize("kind", ["chirp", "noise"])
+def test_hum_of_force_and_acceleration_is_taken_out(kind: str) -> None:
+    """The line of F is hum as well, and has not made what the acceleration shows."""
+    hum = 3 * np.sin(2 * np.pi * 150 * T)
+    records = [record(seed, kind) for seed in (1, 2)]
+    fitted, (found,) = lines_of(*(replace(one, F=one.F + hum, a=one.a - hum) for one in records))
+    assert found.is_mains and found.frequency == pytest.approx(150.0, abs=0.01)
+    for amplitude, error in found.amplitudes:
+        assert 3 < amplitude < 3 + 3 * M and error < 0.05 * amplitude  # x and v deny the part of the acceleration
+    assert fitted.chi2 < 1.2
 
 
 def test_a_diagnosis_tells_the_line_and_names_no_physics() -> None:

@@ -198,9 +198,12 @@ class _Spectrum:
         left = np.interp(at, np.arange(len(self._bins)), self._power / np.maximum(self._force, 1e-300))
         lines = _over_neighbours(self._force, at) > np.log(len(self._bins) / _CHANCE)
         lines &= ~((left > _WHOLE**2) & (left < 1 / _WHOLE**2))
+        mains = np.array([k * f for f in _MAINS for k in (1, 2, 3)])
+        others = np.min(np.abs(frequencies[:, None] - mains), axis=1) > 1 / self.length
         if self._tones:  # a curved law makes sums and differences of many tones: only the mains are known beforehand
-            mains = np.array([k * f for f in _MAINS for k in (1, 2, 3)])
-            lines |= np.min(np.abs(frequencies[:, None] - mains), axis=1) > 1 / self.length
+            lines |= others
+        elif not self._sine:  # nobody drives at the mains alone beside a broad force: it hums, and so may the motion
+            lines &= others
         if self._sine and self._main > 0:
             order = np.rint(2 * frequencies / self._main)  # halves too: a period may double
             there = np.abs(frequencies - order * self._main / 2) < _NEAR / self.length
