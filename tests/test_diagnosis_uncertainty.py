@@ -75,6 +75,17 @@ def test_friction_that_never_slides_is_none(healthy: tuple[Problem, Fit]) -> Non
         assert are_reached(problem, replace(fitted, hypothesis=there)) == kept
 
 
+def test_the_tail_of_a_contact_is_none(healthy: tuple[Problem, Fit]) -> None:
+    """Touched at the largest displacements alone, and as wide as the way there, it is a curve and no contact."""
+    problem, fitted = healthy
+    rough = next(effect for effect in load_effects() if effect.class_name.endswith(".ContactLoss__Smooth"))
+    top = max(float(np.max(part.x)) for part in problem.parts)
+    for gap, width, kept in ((0.3, 0.1, True), (0.9, 0.05, True), (0.9, 0.8, False)):
+        contact = Term(rough, {"k": 1.0, "gap": gap * top, "w": width * top, "side": 1.0})
+        there = replace(fitted.hypothesis, terms=(contact,))
+        assert are_reached(problem, replace(fitted, hypothesis=there)) == kept
+
+
 def test_a_fit_in_a_local_minimum_is_led_out(tmp_path: Path) -> None:
     """Few sliders make minima along the stiffness and strength of a group; a simplex across them finds the deeper."""
     place, _ = case(tmp_path, spec("null", (), "iwan"), 87)

@@ -17,6 +17,7 @@ from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.diagnosis.model.effects import Signals
 from hystid.diagnosis.model.semantics import End
+from hystid.numeric import Flags
 
 TOUCHED = 4  # samples of some recording beyond the threshold of a law that does not act short of it
 _MASSIVE = 0.99  # of the mass that an effect may take away: what is left moves
@@ -35,6 +36,14 @@ def is_itself(problem: Problem, term: Term, signals: Sequence[Signals]) -> bool:
         return False
     refused = (end for end in said.becomes if end.fit == "refused")
     return not any(is_reached(problem, term, end, signals) for end in refused)
+
+
+def is_tail(term: Term, signals: Sequence[Signals], beyond: Sequence[Flags]) -> bool:
+    """Whether a law that acts short of its threshold as well has most of the power of its force there: it is a curve
+    without a place then, beside which a constant force makes up for the tail."""
+    forces = term.effect.forces(signals, term.values)
+    there = sum(float(f[flags] @ f[flags]) for f, flags in zip(forces, beyond, strict=True))
+    return there < EXPLAINED * sum(float(f @ f) for f in forces)
 
 
 def is_reached(problem: Problem, term: Term, end: End, signals: Sequence[Signals]) -> bool:

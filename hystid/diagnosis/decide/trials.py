@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from hystid.diagnosis.decide.limits import AT_END, TOUCHED, is_itself
+from hystid.diagnosis.decide.limits import AT_END, TOUCHED, is_itself, is_tail
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, is_mass
 from hystid.diagnosis.fit.problem import DELAY_LIMIT, LATE_LIMIT, MASS_TOLERANCE, Problem, standing
 from hystid.diagnosis.fit.search import (
@@ -121,9 +121,8 @@ def are_reached(problem: Problem, fit: Fit) -> bool:
             gates = term.effect.switched([np.ones_like(p.x) for p in problem.parts], signals, term.values)
             acting = zip(problem.parts, gates, strict=True)  # what lies beyond while the law is off touches nothing
             beyond = [((side * p.x if side else np.abs(p.x)) > gap) & (gate > 0.5) for p, gate in acting]
-            if max(np.mean(flags) for flags in beyond) < _REACHED and (
-                said.width or max(map(np.count_nonzero, beyond)) < TOUCHED
-            ):
+            touched = max(map(np.count_nonzero, beyond)) >= TOUCHED or max(map(np.mean, beyond)) >= _REACHED
+            if not touched or (said.width and is_tail(term, signals, beyond)):
                 return False
         if term.values.get(said.transition, 0.0) > _SLIDES * problem.scales.v[-1] or not is_itself(
             problem, term, signals
