@@ -84,6 +84,8 @@ def _decays(test: Recording, mass: float, seed: int, driven: bool) -> list[Recor
     places, why = _places(values, window, noise)
     if not places:
         raise NoDecay(f"{test.name} has no force, and its motion {why}")
+    if name == "x":  # the others do not show where it is held, and say at rest how far they drift
+        places = [slice(p.start, p.start + _stopped(values[p], noise)) for p in places]
     zero = float(np.mean(values[-window:])) if name == "x" and not driven else 0.0  # it rests where no force is
     omega, quiet = 2 * np.pi * line / (len(values) * test.dt), is_noise_free(values)
     stretches = " and ".join(f"{test.t[p.start]:.4g} to {test.t[min(p.stop, len(test) - 1)]:.4g} s" for p in places)
@@ -125,7 +127,7 @@ def _places(values: Array, window: int, noise: float) -> tuple[list[slice], str]
         if dies and _swings(values[place.start :], noise) < _SWINGS:
             why = _DRIVEN.format(f"does not swing (fewer than {_SWINGS} reversals)")
         elif dies and place.stop - place.start >= SHORTEST:
-            found.append(slice(place.start, place.start + _stopped(values[place], noise)))
+            found.append(place)
         elif dies and end in gone[:1]:
             why = _QUICK.format(place.stop - place.start)
         last = done + int(np.argmax([*seen[done:], True]))
