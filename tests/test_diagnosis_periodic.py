@@ -118,6 +118,21 @@ def test_a_diagnosis_tells_the_line_and_names_no_physics() -> None:
     assert any("a periodic force that no channel shows, 37 Hz" in note for note in found.notes)
 
 
+def test_a_line_that_a_strong_law_hides_is_found_beside_it() -> None:
+    """Beside all that a spring leaves hum does not stand out; then it was noise beside the law, and widened its error."""
+    hum, k3 = 1.5, 3e9
+    tests = [record(seed, "noise", 50.0, hum, k3) for seed in (1, 2)]
+    found = diagnose(tests, model=LINEAR, parameters={"m": M, "B": B, "Kl": K})
+    assert [finding.effect for finding in found.findings] == ["cubic_stiffness"]
+    [line] = found.lines
+    assert line.is_mains and not any("no name yet" in note for note in found.notes)
+    for size, error in line.amplitudes:
+        assert size == pytest.approx(hum, abs=4 * error)  # four standard errors
+    told = found.findings[0].parameters["k3"]
+    assert told.value == pytest.approx(k3, abs=4 * told.stderr)
+    assert told.stderr < 0.005 * k3
+
+
 def test_noise_holds_no_line() -> None:
     """Thousands of frequencies are looked at, and neighbours tell the level of the noise to a quarter: in one recording
     of thirty, chance makes a line that stands out from them. It takes no more than the best of so many may."""

@@ -28,6 +28,7 @@ from hystid.diagnosis.fit.case import (
     unseen_along,
     with_the_past,
     with_what_struck,
+    without_lines_beside,
 )
 from hystid.diagnosis.fit.clipped import below_level, clipped_force, force_stays
 from hystid.diagnosis.fit.hypothesis import Fit
@@ -91,6 +92,7 @@ def decided(
         case, choice = _moving(case, choice, library, posed(rested=False))
     if case.may_hold and choice.missing and _changes(choice):
         case, choice = _moving(case, choice, library, posed(rested=False, holding=True))
+    case, choice = _without_lines(case, choice, library)
     case, choice = _with_noise_beside(case, choice, library)
     case, choice = _slowly(case, choice, library)
     case, choice = _held(*_sound(case, choice, library), library)
@@ -262,6 +264,16 @@ def _numbers(choice: Choice) -> float:
         return 0
     named = frozenset(choice.named)
     return next((c.hypothesis.numbers for c in choice.posterior.candidates if frozenset(c.names) == named), np.inf)
+
+
+def _without_lines(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
+    """Without periodic forces that nobody measured and that show beside the law that fits best, where something unknown
+    is no more probable then: beside all that was missing they did not stand out."""
+    found = without_lines_beside(case, choice.best) if choice.missing else None
+    if found is None:
+        return case, choice
+    again = chosen(found, library, known=choice.posterior.likely)
+    return (case, choice) if again.posterior.unknown > choice.posterior.unknown else (found, again)
 
 
 def _with_noise_beside(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:

@@ -352,6 +352,17 @@ def noise_beside(case: Case, law: Fit) -> Case | None:
     return _refitted(case, again, found, unseen=tuple(coloured_alike(case.unseen, again.parts)))
 
 
+def without_lines_beside(case: Case, law: Fit) -> Case | None:
+    """The case without the periodic forces that show beside a law, and did not beside the baseline; None where none
+    does."""
+    if case.problem.unforced:
+        return None
+    made, here = without_periodic_forces(case.problem, law).hypothesis.terms, case.refit.hypothesis
+    lines = made[len(law.hypothesis.terms) :]
+    start = replace(case.refit, hypothesis=replace(here, terms=(*here.terms, *lines)))
+    return _refitted(case, case.problem, refit_again(case.problem, [start])) if lines else None
+
+
 def at_rest(case: Case, effects: Sequence[Effect]) -> Case | None:
     """The case with the rows weighed down in which dry friction that was left out may hold the structure; None where
     there are none."""
