@@ -119,7 +119,7 @@ def test_a_diagnosis_tells_the_line_and_names_no_physics() -> None:
 
 
 def test_a_line_that_a_strong_law_hides_is_found_beside_it() -> None:
-    """Beside all that a spring leaves hum does not stand out; then it was noise beside the law, and widened its error."""
+    """Beside all that a spring leaves hum does not stand out; it was noise beside the law, and widened its error."""
     hum, k3 = 1.5, 3e9
     tests = [record(seed, "noise", 50.0, hum, k3) for seed in (1, 2)]
     found = diagnose(tests, model=LINEAR, parameters={"m": M, "B": B, "Kl": K})
