@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from hystid.diagnosis import Diagnosis, Finding, Traces
+from hystid.diagnosis import Diagnosis, Traces
 from hystid.diagnosis.decide.trials import Trial
 from hystid.diagnosis.prepare.chain import turns
 from hystid.numeric import Array
 from hystid.report.curves import FORCE, V_AXIS, X_AXIS, response
 from hystid.report.page import Cell, Table, number, percent
 from hystid.report.plots import Axis, Bars, Line, Mark, Plot, Points, Role, Series
-from hystid.rotation import turned_unit
 
 _BINS = 30
 _LEAST, _FEW = 8, 3  # samples in a bin below which it is left out, in long and in short recordings
@@ -72,9 +71,9 @@ def force_curve(d: Diagnosis) -> Plot | None:
         Points(at[::step], missing[::step], "measured force less baseline", "measured", size=5.0, opacity=0.35),
         Points(at[::step], law[::step], "law that was found", "after", size=2.0),
     )
-    marks = [mark for finding in d.findings for mark in _thresholds(finding, axis.unit)]
     span = float(np.max(np.abs(at)))
-    shown = tuple(mark for mark in marks if abs(mark.at) <= span)
+    begins = [place for finding in d.findings for place in finding.where.begins if over_x and abs(place) <= span]
+    shown = tuple(Mark(place, text=f"threshold {number(place, axis.unit, 4)}", role="bad") for place in begins)
     caption = f"One sample in {step} of all recordings." if step > 1 else "All samples of all recordings."
     caption += " Dotted: the threshold of the law." if shown else ""
     return Plot("Force that was missing", axis, FORCE, series, caption, marks=shown)
@@ -84,17 +83,6 @@ def _scatter(at: Array, values: Array) -> float:
     """Mean square of the values about their mean in classes of ``at`` with equally many samples."""
     order = np.argsort(at, kind="stable")
     return float(np.mean([np.var(part) for part in np.array_split(values[order], _BINS)]))
-
-
-def _thresholds(finding: Finding, unit: str) -> list[Mark]:
-    """Marks at the displacement where a law sets in, on the side where it does, or on both."""
-    gap = finding.threshold
-    if gap is None or gap.unit not in (unit, turned_unit(unit)):
-        return []
-    text = f"threshold {'±' if finding.side == 0 else ''}{number(gap.value, unit, 4)}"
-    if finding.side != 0:
-        return [Mark(float(np.sign(finding.side)) * gap.value, text=text, role="bad")]
-    return [Mark(gap.value, text=text, role="bad"), Mark(-gap.value, role="bad")]
 
 
 def stiffness(d: Diagnosis) -> Plot | None:

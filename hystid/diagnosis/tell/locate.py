@@ -7,6 +7,7 @@ the level of the residual above the noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -31,7 +32,8 @@ def where_term(problem: Problem, term: Term, signals: Sequence[Signals]) -> Wher
     """Location of a named effect from its own force."""
     forces = [term.effect.force(s, term.values) for s in signals]
     even = _even_share(term, signals, forces)
-    return _where(problem, forces, even, _text(problem, term, forces, signals))
+    begins = _begins(term, np.concatenate([s.x for s in signals]))
+    return replace(_where(problem, forces, even, _text(problem, term, forces, signals)), begins=begins)
 
 
 def where_unknown(problem: Problem, residuals: Sequence[Array], noise: float) -> Where:
@@ -121,34 +123,35 @@ def _place(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> s
     share = float(np.mean(np.abs(force) > 0.05 * np.max(np.abs(force)))) if np.any(force) else 0.0
     x = np.concatenate([s.x for s in signals])
     said = term.effect.semantics
-    gap = term.values.get(said.threshold)
-    if gap is None:
+    if said.threshold not in term.values:
         slack = _slack(forces, signals) if term.effect.uses_h else 0.0
         free = f", {1e3 * slack:.2g} mm of next to no force at each reversal" if slack else ""
         when = "all the time" if share > _ALWAYS else f"in {100 * share:.0f} % of the samples"
         return f"acts {when}{free}"
-    side = term.values.get(said.switch, 0.0)
-    below, above = _edges(term, x, gap) if side == 0 else (gap, gap)
-    if side == 0 and below == above:
-        place, reached = f"|x| > {1e3 * gap:.4g} mm", np.abs(x) > gap
-    else:
-        upper, lower = f"x > {1e3 * above:.4g} mm", f"x < -{1e3 * below:.4g} mm"
-        place = f"{upper} and {lower}" if side == 0 else upper if side > 0 else lower
-        reached = (side >= 0) & (x > above) | (side <= 0) & (x < -below)
+    begins = _begins(term, x)
+    reached = np.any([x < at if np.signbit(at) else x > at for at in begins], axis=0)
+    sides = [f"x {'<' if np.signbit(at) else '>'} {1e3 * at:.4g} mm" for at in reversed(begins)]
+    both = len(begins) == 2 and begins[0] == -begins[1]
+    place = f"|x| > {1e3 * begins[1]:.4g} mm" if both else " and ".join(sides)
     return f"acts at {place}, in {100 * float(np.mean(reached)):.1f} % of the samples"
 
 
-def _edges(term: Term, x: Array, gap: float) -> tuple[float, float]:
-    """Displacements below and above which a law acts that has a gap on both sides [m, not negative]: the gap itself,
-    and on the other side where its force begins, which may be farther."""
+def _begins(term: Term, x: Array) -> tuple[float, ...]:
+    """Displacements [m] beyond which a law with a gap acts, the lower one first: of one on both sides where its force
+    begins, which may be farther on one of them; () where it has no gap."""
+    said = term.effect.semantics
+    if said.threshold not in term.values:
+        return ()
+    gap, side = term.values[said.threshold], term.values.get(said.switch, 0.0)
+    if side:
+        return (float(np.sign(side)) * gap,)
     at = np.linspace(gap, max(float(np.max(np.abs(x))), gap), _FINE)
-    still = np.zeros_like(at)
-    begins = []
+    still, found = np.zeros_like(at), []
     for sign in (-1.0, 1.0):
-        force = term.effect.force(Signals(sign * at, still, still, still, 1.0, 0), term.values)
-        first = int(np.argmax(force != 0)) if np.any(force) else 0
-        begins.append(gap if first <= 1 else float(at[first]))
-    return begins[0], begins[1]
+        force = term.effect.force(Signals(sign * at, still, still, still, 1.0), term.values)
+        first = int(np.argmax(force != 0))
+        found.append(sign * (gap if first <= 1 else float(at[first])))
+    return tuple(found)
 
 
 def _slack(forces: Sequence[Array], signals: Sequence[Signals]) -> float:

@@ -29,7 +29,8 @@ _LISTED = 8  # candidates
 
 @dataclass(frozen=True)
 class Where:
-    """Where an effect acts. x [m], v [m/s]: range of the motion in which it does; t: intervals [s] per recording."""
+    """Where an effect acts. x [m], v [m/s]: range of the motion in which it does; t: intervals [s] per recording;
+    begins: displacements [m] beyond which it acts, where it has a gap."""
 
     text: str
     x: tuple[float, float]
@@ -37,6 +38,7 @@ class Where:
     t: Mapping[str, Sequence[tuple[float, float]]]
     amplitude: Mapping[str, float]
     harmonics: str
+    begins: tuple[float, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON; ``t`` holds the intervals of the recording in which the effect is strongest."""
@@ -71,12 +73,6 @@ class Finding:
     def threshold(self) -> Value | None:
         """Displacement at which the effect sets in, None where it has none."""
         return self.parameters.get(self.roles.get("threshold", ""))
-
-    @property
-    def side(self) -> float:
-        """1: it acts at large positive x, -1: at large negative x, 0: at both."""
-        said = self.parameters.get(self.roles.get("switch", ""))
-        return said.value if said is not None else 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
