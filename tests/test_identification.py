@@ -5,8 +5,10 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
+from onnxruntime import InferenceSession
 
 from hystid.errors import RecordingError, UsageError
 from hystid.files import plain
@@ -24,17 +26,18 @@ EMPS = Path(__file__).parents[1].parent / "shared" / "data" / "emps"
 MASS, B, KL, KS, FC, DT = 1.0, 10.0, 1e4, 5e4, 37.5, 5e-4
 
 
-def stick_slip(name, force, noise=0.0, seed=0, substeps=40):
+def stick_slip(name, force, noise=0.0, seed=0, law=(B, KL, KS, FC), substeps=40):
     """Jenkins oscillator from rest; semi-implicit Euler at a 40th of the sample time, friction force clipped."""
+    damping, spring, contact, friction = law
     x = v = z = 0.0
     rows, h = [], DT / substeps
     for F in force:
-        a = (F - B * v - KL * x - z) / MASS
+        a = (F - damping * v - spring * x - z) / MASS
         rows.append((F, x, v, a))
         for _ in range(substeps):
-            v += h * (F - B * v - KL * x - z) / MASS
+            v += h * (F - damping * v - spring * x - z) / MASS
             x += h * v
-            z = min(FC, max(-FC, z + KS * h * v))
+            z = min(friction, max(-friction, z + contact * h * v))
     columns = np.array(rows).T
     rng = np.random.default_rng(seed)
     columns = columns + noise * columns.std(axis=1, keepdims=True) * rng.standard_normal(columns.shape)
@@ -74,6 +77,43 @@ def test_refined_is_better_than_published_in_simulation(identified):
     errors = [(c.network.force_nrmse, c.published.force_nrmse) for c in identified.comparisons]
     refined, published = np.median(errors, axis=0)
     assert refined < published
+
+
+def test_the_published_networks_are_returned_with_spread_and_tail(tmp_path):
+    """A slider without a spring, whose refined networks drift twice as far: those of the published method stand in."""
+    t, frequencies = np.arange(4000) * DT, ((30, 1.5), (20, 3.7), (15, 7.9))
+    made = []
+    for k in (1, 2, 3):
+        phases = np.random.default_rng(k).uniform(0, 2 * np.pi, 3)
+        force = sum(a * np.sin(2 * np.pi * f * t + p) for (a, f), p in zip(frequencies, phases, strict=True))
+        made.append(stick_slip(f"run {k}", force, 0.01, k, (4.0, 0.0, 3e4, 12.0)))
+    result = identify(made[:2], mass=MASS, layers=(3,), ensemble=2, holdout=made[2:], workers=1, out=tmp_path)
+    model, held = result.model, result.comparisons[-1]
+    assert model.metadata["method"] == "published" and held.published is None
+    x, v, R = (held.recording.channel(name) for name in ("x", "v", "R"))
+    # nine in ten are promised within the range; the held-out motion leaves it, where the tail carries on
+    assert held.network.within(R) > 0.85
+    session, state = InferenceSession(str(tmp_path / "surrogate.onnx")), model.initial_state(R[0])[None]
+    answers = []
+    for k in range(1000):
+        feed = {"x": x[k : k + 1], "v": v[k : k + 1], "state": state}
+        force, spread, state = session.run(["R", "R_spread", "state_next"], feed)
+        answers.append((force[0], spread[0]))
+    np.testing.assert_allclose(answers, np.stack([held.network.R, held.network.spread], axis=1)[:1000], atol=1e-9)
+    # out of the range at a constant speed, networks and memory see one point: what changes is the spring of the tail
+    speed, end = 0.5 * model.training_range["v"][1], model.training_range["x"][1]
+    out = np.linspace(end - 0.2 * speed, end + 0.2 * speed, 401)
+    rows = list(zip(np.arange(401) * 1e-3, out, np.full(401, speed), strict=True))
+    found = fmpy.simulate_fmu(
+        str(tmp_path / "surrogate.fmu"),
+        input=np.array(rows, dtype=[(name, float) for name in ("time", "x", "v")]),
+        output=["R", "R_spread", "outside_training_range"],
+        output_interval=1e-3,
+        stop_time=0.4,
+    )
+    assert found["outside_training_range"][100] == 0 and np.all(found["outside_training_range"][210:] == 1)
+    np.testing.assert_allclose(np.diff(found["R"])[210:], model.tail.stiffness * 1e-3 * speed, rtol=0, atol=1e-9)
+    assert np.ptp(found["R_spread"][210:]) < 1e-9 < found["R_spread"][-1]
 
 
 def test_the_page_says_where_the_published_method_does_better(identified):

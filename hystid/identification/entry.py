@@ -32,7 +32,7 @@ from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.ensemble import workers_of
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, draw, rule_of, split_indices
-from hystid.networks.trust import Spread
+from hystid.networks.trust import Spread, Tail
 from hystid.recording import Recording, Sources, check_together, loaded
 from hystid.turning_points import TurningPoints
 
@@ -120,22 +120,21 @@ def identify(
     if ports and method == "refined":
         plan = replace(plan, level=data.level_of(used, ports, lags))
     trained = plan.refined(used) if method == "refined" else plan.published(used)
-    networks = _model(trained, used, plan)
     plain_samples = data.samples(used, TurningPoints(), plain_ports)
+    tail = data.tail_of(plain_samples)
+    networks = _trusted(_model(trained, used, plan, tail), used, trained, leftout)
     fit = data.linear_fit(plain_samples, mass)
     models = {"network": networks, "linear": data.linear_model(fit, networks.sample_rate, plain_ports)}
     if method == "refined":
         raw = [replace(recipe, smoothing=False).apply(recording) for recording in recordings]
         unaided = replace(plan, lags=(), level=None, inputs=plain_ports)
         plain = unaided.published(raw)
-        models["published"] = _model(plain, raw, unaided)
-    inflation, between = leftout.inflation(lags)
-    spread = replace(_spread(networks, used, trained, inflation), between=between)
-    networks = models["network"] = replace(networks, spread=spread, tail=data.tail_of(plain_samples))
+        models["published"] = _model(plain, raw, unaided, tail)
     comparisons = _compared(models, used, unseen, workers)
     if method == "refined" and (why := _unsteady(comparisons)):
-        trained, networks = replace(plain, notes=(*plain.notes, why)), models["published"]
-        comparisons = [replace(item, network=_given(item.published), published=None) for item in comparisons]
+        trained = replace(plain, notes=(*plain.notes, why))
+        networks = _trusted(models["published"], used, trained, LeftOut(used, plain_ports, seed))
+        comparisons = [replace(item, network=predict(networks, item.recording), published=None) for item in comparisons]
     if method == "refined":
         raw = [replace(recipe, smoothing=False).apply(recording) for recording in (*recordings, *holdout)]
         comparisons = [
@@ -177,23 +176,27 @@ def _law(model: str | None, mass: float, holdout: Sources) -> Law | None:
     return law_of(model, mass)
 
 
-def _spread(model: TwoNetworkModel, recordings: Sequence[Recording], trained: Trained, inflation: float) -> Spread:
-    """Spread of the model's error, from branches that were not trained on where there are such."""
-    error, between = [], []
+def _trusted(
+    model: TwoNetworkModel, recordings: Sequence[Recording], trained: Trained, leftout: LeftOut
+) -> TwoNetworkModel:
+    """The model with the spread of its error, from branches that were not trained on where there are such."""
+    error, deviation = [], []
     for recording in recordings:
         R, each = respond(model, recording)
         error.append(R - recording.channel("R"))
-        between.append(np.std(each, axis=1))
+        deviation.append(np.std(each, axis=1))
     unseen = slice(None) if trained.unseen is None else trained.unseen
-    return Spread.fit(np.concatenate(error)[unseen], np.concatenate(between)[unseen], inflation)
+    inflation, between = leftout.inflation(model.lags)
+    spread = Spread.fit(np.concatenate(error)[unseen], np.concatenate(deviation)[unseen], inflation)
+    return replace(model, spread=replace(spread, between=between))
 
 
-def _model(trained: Trained, recordings: Sequence[Recording], plan: Plan) -> TwoNetworkModel:
+def _model(trained: Trained, recordings: Sequence[Recording], plan: Plan, tail: Tail) -> TwoNetworkModel:
     limits = data.limits_of(recordings, plan.inputs)
     rate = max(recording.sample_rate for recording in recordings)
     model = plan.model([start.member for start in trained.chosen], rate, limits)
     turns = {"rotational": True} if recordings[0].rotational else {}
-    return replace(model, metadata={**trained.metadata, **turns})
+    return replace(model, metadata={**trained.metadata, **turns}, tail=tail)
 
 
 def _compared(
