@@ -38,6 +38,7 @@ class Model(Protocol):
         *,
         parameters: Mapping[str, float] | None = None,
         outputs: Iterable[str],
+        substeps: int = 1,
         sensitivities: Sequence[str] = (),
     ) -> dict[str, Array]:
         """Outputs (n,) while the states follow a motion (n,), and their derivatives to parameters."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from hystid.compiled import CompiledModel, Motion
+from hystid.diagnosis.model.fading import fading_states, fast_samples, steps_for
 from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode, Variable
 from hystid.numeric import Array
@@ -21,13 +23,19 @@ _MASS = "m"
 class Held:
     """A motion x [m], v [m/s] of shape (n,) that the states of a law are held to; dt [s].
 
-    ready: the same as a compiled model takes it; None where the law is read in another way.
+    ready: the same as a compiled model takes it, by its steps per sample.
     """
 
     x: Array = field(repr=False)
     v: Array = field(repr=False)
     dt: float
-    ready: Motion | None = field(repr=False, default=None)
+    ready: dict[int, Motion] = field(repr=False, default_factory=dict)
+
+    @cached_property
+    def fast(self) -> tuple[Array, Array, float]:
+        """Some samples, where the motion is fast."""
+        some = fast_samples(self.v)
+        return self.x[some], self.v[some], self.dt
 
 
 @dataclass(frozen=True)
@@ -87,10 +95,16 @@ class Baseline:
         return tuple(name for name in self.free if name not in self.linear and name != _MASS)
 
     def held(self, x: Array, v: Array, dt: float) -> Held:
-        """A motion made ready for many evaluations of the law."""
-        compiled = self.model if isinstance(self.model, CompiledModel) else None
-        _, inputs = self.reading.asked(len(x))
-        return Held(x, v, dt, compiled.motion(self.reading.motion(x, v), inputs, dt) if compiled else None)
+        """A motion for many evaluations of the law."""
+        return Held(x, v, dt)
+
+    @cached_property
+    def _fading(self) -> dict[str, str]:
+        return fading_states(self.model, self.reading, self.settings(self.nominal))
+
+    def steps(self, motion: Held, settings: Mapping[str, float]) -> int:
+        """Runge-Kutta steps per sample that the inner states need along a motion."""
+        return steps_for(self.model, self.reading, self._fading, motion.fast, settings) if self._fading else 1
 
     def forces(self, motions: Sequence[Held], values: Mapping[str, float]) -> list[tuple[Array, Array]]:
         """``force`` along several motions at once, which costs half where the law has inner states."""
@@ -100,19 +114,28 @@ class Baseline:
         self, motions: Sequence[Held], each: Sequence[Mapping[str, float]]
     ) -> list[list[tuple[Array, Array]]]:
         """``forces`` at each of several values of the parameters, in one run."""
-        ready = [m.ready for m in motions if m.ready is not None]
-        if len(ready) < len(motions) or not isinstance(self.model, CompiledModel):
+        if not isinstance(self.model, CompiledModel):
             return [[self.force(m.x, m.v, m.dt, values) for m in motions] for values in each]
-        settings = [known for known in map(self.settings, each) for _ in ready]
-        found = self.model.follow(ready * len(each), settings, self._asked())
+        settings = [known for known in map(self.settings, each) for _ in motions]
+        ready = [self._ready(self.model, m, known) for m, known in zip([*motions] * len(each), settings, strict=True)]
+        found = self.model.follow(ready, settings, self._asked())
         pairs = [self._forces(out, known) for out, known in zip(found, settings, strict=True)]
-        return [pairs[i : i + len(ready)] for i in range(0, len(pairs), len(ready))]
+        return [pairs[i : i + len(motions)] for i in range(0, len(pairs), len(motions))]
+
+    def _ready(self, model: CompiledModel, motion: Held, settings: Mapping[str, float]) -> Motion:
+        """A motion as the model takes it, in the steps that it needs there."""
+        steps = self.steps(motion, settings)
+        if steps not in motion.ready:
+            states, (_, inputs) = self.reading.motion(motion.x, motion.v), self.reading.asked(len(motion.x))
+            motion.ready[steps] = model.motion(states, inputs, motion.dt, substeps=steps)
+        return motion.ready[steps]
 
     def force(self, x: Array, v: Array, dt: float, values: Mapping[str, float]) -> tuple[Array, Array]:
         """Restoring force R and hysteretic force h [N] along a motion, shape (n,) each."""
         settings, (_, inputs) = self.settings(values), self.reading.asked(len(x))
-        motion = self.reading.motion(x, v)
-        return self._forces(self.model.clamp(motion, inputs, dt, parameters=settings, outputs=self._asked()), settings)
+        motion, steps = self.reading.motion(x, v), self.steps(self.held(x, v, dt), settings)
+        found = self.model.clamp(motion, inputs, dt, parameters=settings, outputs=self._asked(), substeps=steps)
+        return self._forces(found, settings)
 
     def _asked(self) -> tuple[str, ...]:
         name, _ = self.reading.asked(0)
