@@ -20,7 +20,7 @@ from hystid.diagnosis.fit.hypothesis import Hypothesis, Term
 from hystid.diagnosis.fit.independence import _has_line
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_fit
-from hystid.diagnosis.fit.windows import Window, Windowed, shared, windowed
+from hystid.diagnosis.fit.windows import Window, Windowed, lasting, shared, window_text, windowed
 from hystid.diagnosis.fit.windowscan import placed, scan_windows
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.model.library import load_effects
@@ -515,3 +515,18 @@ def test_a_law_has_a_window_in_each_recording_in_which_it_acts() -> None:
     assert term.effect.meanings["t_on_2"] == "Begins to rise, in recording 2"
     # A block of the scan, a fortieth of 6 s; the quadratic spring says little near the middle.
     assert term.effect.times(term.values, 1)[:2] == pytest.approx((1.0, 3.5), abs=6.0 / 40)
+
+
+@pytest.mark.parametrize(
+    ("owned", "closes", "text"), [(True, 99.0, "to the end"), (True, 3.0, "to 3 s"), (False, 99.0, "to the end")]
+)
+def test_a_window_that_stays_open_lasts_to_the_end(owned: bool, closes: float, text: str) -> None:
+    """Not to 99 s of a recording that lasts a few."""
+    case, library = posed([rig((1.0, 2.0), 1e7, 1, 1e3)])
+    spring = next(effect for effect in library if effect.id == "quadratic_stiffness")
+    window = Window(2.0, closes)
+    effect = windowed(spring, {0: window} if owned else window)
+    term = Term(effect, {**dict.fromkeys(spring.amplitudes, 1e7), **effect.near})
+    last = float(case.problem.parts[0].t[-1])
+    assert window_text(case.problem, term).startswith(f", from 2 s {text}")
+    assert lasting(case.problem, term) == ({effect.names(0)[1]: last} if closes > last else {})

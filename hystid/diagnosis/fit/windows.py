@@ -215,6 +215,9 @@ def window_names(effect: Effect) -> tuple[str, ...]:
     return tuple(effect.near) if isinstance(effect, Windowed) else ()
 
 
+_TO_THE_END = "to the end"
+
+
 def window_text(problem: Problem, term: Term) -> str:
     """A clause about the window of an effect, empty where it acts all the time."""
     effect = term.effect
@@ -222,12 +225,28 @@ def window_text(problem: Problem, term: Term) -> str:
         return ""
     if effect.owners is None:
         begin, end, _ = effect.times(term.values, 0)
-        return f", from {begin:.3g} s to {end:.3g} s only"
+        lasts = max(part.t[-1] for part in problem.parts) < end
+        return f", from {begin:.3g} s {_TO_THE_END if lasts else f'to {end:.3g} s only'}"
     if len(effect.owners) == 1:
         begin, end, _ = effect.times(term.values, effect.owners[0])
-        whole = end - begin > (1 - _ALIKE) * problem.parts[effect.owners[0]].t[-1]
-        return "" if whole else f", from {begin:.3g} s to {end:.3g} s"
+        last = problem.parts[effect.owners[0]].t[-1]
+        whole = end - begin > (1 - _ALIKE) * last
+        return "" if whole else f", from {begin:.3g} s {_TO_THE_END if end > last else f'to {end:.3g} s'}"
     return f", in a window of time of its own in {len(effect.owners)} of the recordings"
+
+
+def lasting(problem: Problem, term: Term) -> dict[str, float]:
+    """Ends [s] of recordings by the names of the parameters that close a window only after them."""
+    effect = term.effect
+    if not isinstance(effect, Windowed):
+        return {}
+    pairs = (
+        [(owner, float(problem.parts[owner].t[-1])) for owner in effect.owners]
+        if effect.owners is not None
+        else [(0, max(float(part.t[-1]) for part in problem.parts))]
+    )
+    ends = {effect.names(owner)[1]: last for owner, last in pairs}
+    return {name: last for name, last in ends.items() if term.values[name] > last}
 
 
 def edges(problem: Problem, hypothesis: Hypothesis, term: Term) -> dict[str, tuple[float, float]]:

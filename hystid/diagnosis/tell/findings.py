@@ -12,7 +12,7 @@ import numpy as np
 from hystid.diagnosis.decide.answer import GAIN, Answer, describe
 from hystid.diagnosis.decide.trials import DELAY
 from hystid.diagnosis.fit.value import Value
-from hystid.diagnosis.fit.windows import Windowed
+from hystid.diagnosis.fit.windows import Windowed, lasting
 from hystid.diagnosis.fit.zeros import drift_of_x
 from hystid.diagnosis.model.channel_effects import wanders
 from hystid.diagnosis.model.semantics import Semantics
@@ -73,6 +73,7 @@ def _finding(
         parameters = {"gain": Value(1 + answer.gain(), answer.gain_error(), "1")}
         return told(parameters, where), weight
     fitted = answer.at_the_structure(term, answer.stated(fit.hypothesis.terms.index(term), term))
+    fitted |= {name: Value(last, math.nan, "s") for name, last in lasting(answer.problem, term).items()}
     return told(_summed(fitted) if wanders(term.effect) else fitted, where), weight
 
 
