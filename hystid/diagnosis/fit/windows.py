@@ -230,7 +230,7 @@ def window_text(problem: Problem, term: Term) -> str:
     if len(effect.owners) == 1:
         begin, end, _ = effect.times(term.values, effect.owners[0])
         last = problem.parts[effect.owners[0]].t[-1]
-        whole = end - begin > (1 - _ALIKE) * last
+        whole = min(end, last) - begin > (1 - _ALIKE) * last
         return "" if whole else f", from {begin:.3g} s {_TO_THE_END if end > last else f'to {end:.3g} s'}"
     return f", in a window of time of its own in {len(effect.owners)} of the recordings"
 
