@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,7 @@ _BY_CHANCE = 0.05  # probability at which draws of the noise, and its means over
 DOUBT = 0.05  # probability of something unknown from which another reading of the recordings is tried
 MENTION = 1 / 10**0.5  # odds against a rival that are not worth more than a bare mention (Jeffreys 1961)
 CHANCE = 1e-3  # probability below which a hypothesis is not looked at more closely
+_LARGEST = 700.0  # logarithm of a number that is finite
 NAME = 0.5  # probability from which a name is told: a wrong name costs as much as a right one gains
 
 
@@ -68,7 +69,7 @@ class Hypothesis:
     a form and are forces of their own: what weakens or pinches the hysteresis is none.
     floor: mean square that noise alone leaves; NaN where it is not known yet. constant: the name that is a constant
     force, "" for none; zero: probability that it is the zero of a sensor and no force. instead: the set without members
-    that do not count, for which this one then speaks; None where all of them do.
+    that do not count, for which this one then speaks against its rivals; None where all of them do.
     """
 
     names: tuple[str, ...]
@@ -329,16 +330,10 @@ class Criterion:
         curves: what forces without a law explain of the mean square (``lawfree``). is_noise: the baseline leaves
         noise, whatever its level.
         """
-        whole, misfits = self.misfit(self.baseline, self.floor), [self.misfit(h.fit, h.floor) for h in found]
-        plain = [
-            self.likelihood(m) + h.unseen - self.penalty(h.size, len(h.names), m)
-            for h, m in zip(found, misfits, strict=True)
-        ]
-        far, moved = self.departure(self.baseline), [self.departure(h.fit) for h in found]
-        scores = [
-            p + self.form(m, whole, exact=h.exact, laws=h.laws) + self.prior(len(h.names), windowed=h.windowed) - d
-            for h, p, m, d in zip(found, plain, misfits, moved, strict=True)
-        ]
+        whole = self.misfit(self.baseline, self.floor)
+        idle, found = [h for h in found if h.instead], [h for h in found if not h.instead]
+        misfits, far = [self.misfit(h.fit, h.floor) for h in found], self.departure(self.baseline)
+        plain, moved = [self._plain(h) for h in found], [self.departure(h.fit) for h in found]
         doubt = 0.0 if is_noise else -self.doubt(whole, self.standing(self.baseline, self.floor))
         doubt = -math.inf if self.problem.is_held else doubt
         nothing = float(np.log(PRIOR["nothing"])) + self.likelihood(whole) + doubt - far
@@ -347,30 +342,52 @@ class Criterion:
         free = [self.likelihood(m) - 0.5 * CURVE * self.samples(m) for m in (whole - gain for gain in curves)]
         unknown = max([self.likelihood(whole), *spared, *free]) + float(np.log(PRIOR["unknown"])) - min([far, *moved])
         unknown += float(np.log(-np.expm1(min(doubt, -1e-12))))
-        weights = np.array([nothing, unknown, *scores])
-        weights = np.exp(weights - np.max(weights))
-        weights /= np.sum(weights)
-        counted = [h.instead or h for h in found]
-        left = [
-            m if h is own else self.misfit(h.fit, h.floor) for h, own, m in zip(counted, found, misfits, strict=True)
-        ]
-        rows = sorted(_split(counted, left, weights[2:]), key=lambda row: -row[3])
+        scores = np.array([nothing, unknown, *(self._score(h, whole) for h in found)])
+        weights = np.exp(scores - np.max(scores))
+        rows = sorted(_split(found, misfits, weights[2:]), key=lambda row: -row[3])
         zero = next((h for names, h, _, _ in rows[:1] if not names), None)
         merged: dict[frozenset[str], Candidate] = {}
         for names, h, m, w in rows:
             if not names:
                 weights[0] += w
             elif frozenset(names) not in merged:
-                share = 1.0 - m / whole if whole > 0 else 0.0
-                merged[frozenset(names)] = Candidate(names, w, float(np.clip(share, 0.0, 1.0)), h)
+                merged[frozenset(names)] = Candidate(names, w, _explained(m, whole), h)
+        best = {frozenset(h.names): h for h in sorted(idle, key=lambda h: self._score(h, whole))}
+        self._share(merged, [(h, self._score(h, whole) - float(np.max(scores))) for h in best.values()], whole)
         listed = sorted(merged.values(), key=lambda c: -c.probability)
         total = float(weights[0] + weights[1] + sum(c.probability for c in listed))
         return Posterior(
             float(weights[0]) / total,
             float(weights[1]) / total,
-            tuple(Candidate(c.names, c.probability / total, c.explained, c.hypothesis) for c in listed),
+            tuple(replace(c, probability=c.probability / total) for c in listed),
             zero if zero is not None and weights[0] > 0.5 * total else None,
         )
+
+    def _plain(self, h: Hypothesis) -> float:
+        """Logarithm of the likelihood of a hypothesis, its parameters paid for."""
+        misfit = self.misfit(h.fit, h.floor)
+        return self.likelihood(misfit) + h.unseen - self.penalty(h.size, len(h.names), misfit)
+
+    def _score(self, h: Hypothesis, whole: float) -> float:
+        """Logarithm of the probability of a hypothesis, up to a constant."""
+        form = self.form(self.misfit(h.fit, h.floor), whole, exact=h.exact, laws=h.laws)
+        return self._plain(h) + form + self.prior(len(h.names), windowed=h.windowed) - self.departure(h.fit)
+
+    def _share(
+        self, merged: dict[frozenset[str], Candidate], idle: Sequence[tuple[Hypothesis, float]], whole: float
+    ) -> None:
+        """Let sets with a member that does not count take their part of the probability of a set that has another one
+        instead, for what is left of them. idle: with the logarithm of their weight."""
+        for h, score in idle:
+            rest = h.instead or h
+            left, weight = frozenset(rest.names), math.exp(min(score, _LARGEST))
+            for names in [names for names in merged if left < names and len(names) == len(left) + 1]:
+                rival = merged[names]
+                part = rival.probability * weight / (rival.probability + weight)
+                nothing = Candidate(rest.names, 0.0, _explained(self.misfit(rest.fit, rest.floor), whole), rest)
+                known = merged.get(left, nothing)
+                merged[left] = replace(known, probability=known.probability + part)
+                merged[names] = replace(rival, probability=rival.probability - part)
 
     def gain(self, one: Hypothesis, other: Hypothesis) -> float:
         """Logarithm of the likelihood of one hypothesis over that of another, parameters not counted."""
@@ -381,6 +398,11 @@ class Criterion:
         apart = float(np.mean((one.fit.residual - other.fit.residual) ** 2))
         explained = float(np.mean((self.baseline.residual - other.fit.residual) ** 2))
         return apart > FORM * explained + self.least / self.each
+
+
+def _explained(misfit: float, whole: float) -> float:
+    """Share of a misfit that is explained where so much is left."""
+    return float(np.clip(1.0 - misfit / whole, 0.0, 1.0)) if whole > 0 else 0.0
 
 
 def _product(share: float, factors: int) -> float:
