@@ -312,7 +312,7 @@ def test_a_member_is_no_surer_than_one_that_explains_as_much_and_does_not_count(
     _, both = fits(stiffening, 0.0)
     named, idle = (replace(both, names=("cubic_stiffness", name), size=2, laws=2) for name in ("preload", "added_mass"))
     sure = criterion.posterior([alone, named], is_noise=False)
-    asked = criterion.posterior([alone, named, replace(idle, instead=alone)], is_noise=False)
+    asked = criterion.posterior([alone, named, replace(idle, counting=frozenset(alone.names))], is_noise=False)
     assert sure.of(["preload"]) > 0.9
     assert asked.of(["preload"]) == pytest.approx(0.5, abs=0.05)  # as much as the other one, and a bit is unknown
     assert asked.of(["cubic_stiffness"]) > 0.9

@@ -239,8 +239,8 @@ def identify(
 
     with opt.results(out) as folder:
         unseen = opt.apart(recordings, holdout)
-        kilograms, groups = opt.with_masses(mass, reading.load(recordings), reading.load(unseen))
-        inputs, (used, held) = opt.with_inputs(reading.further, *groups)
+        kilograms, loaded = opt.with_masses(mass, reading.load(recordings), reading.load(unseen))
+        inputs, (used, held) = opt.with_inputs(reading.further, *loaded)
         result = identification.identify(
             used,
             mass=kilograms,

@@ -234,6 +234,6 @@ def grouped(command: Command) -> Command:
         else:
             shown.append(parameter.replace(annotation=hints[name]))
     shown = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in shown]
-    flat.__signature__ = inspect.Signature(shown, return_annotation=hints["return"])  # type: ignore[attr-defined]  # any object may have it
+    vars(flat)["__signature__"] = inspect.Signature(shown, return_annotation=hints["return"])
     flat.__annotations__ = {parameter.name: parameter.annotation for parameter in shown} | {"return": hints["return"]}
     return cast(Command, flat)

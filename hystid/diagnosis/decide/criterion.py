@@ -26,6 +26,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
@@ -57,7 +58,6 @@ _BY_CHANCE = 0.05  # probability at which draws of the noise, and its means over
 DOUBT = 0.05  # probability of something unknown from which another reading of the recordings is tried
 MENTION = 1 / 10**0.5  # odds against a rival that are not worth more than a bare mention (Jeffreys 1961)
 CHANCE = 1e-3  # probability below which a hypothesis is not looked at more closely
-_LARGEST = 700.0  # logarithm of a number that is finite
 NAME = 0.5  # probability from which a name is told: a wrong name costs as much as a right one gains
 
 
@@ -68,8 +68,8 @@ class Hypothesis:
     windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel. laws: members that have
     a form and are forces of their own: what weakens or pinches the hysteresis is none.
     floor: mean square that noise alone leaves; NaN where it is not known yet. constant: the name that is a constant
-    force, "" for none; zero: probability that it is the zero of a sensor and no force. instead: the set without members
-    that do not count, for which this one then speaks against its rivals; None where all of them do.
+    force, "" for none; zero: probability that it is the zero of a sensor and no force. counting: names without those
+    of members that do not count, for which it then speaks against its rivals; None where all of them do.
     """
 
     names: tuple[str, ...]
@@ -82,7 +82,7 @@ class Hypothesis:
     constant: str = ""
     zero: float = 0.0
     laws: int = 1
-    instead: Hypothesis | None = field(default=None, repr=False)
+    counting: frozenset[str] | None = None
 
     @property
     def numbers(self) -> int:
@@ -331,9 +331,10 @@ class Criterion:
         noise, whatever its level.
         """
         whole = self.misfit(self.baseline, self.floor)
-        idle, found = [h for h in found if h.instead], [h for h in found if not h.instead]
+        idle, found = [h for h in found if h.counting], [h for h in found if not h.counting]
         misfits, far = [self.misfit(h.fit, h.floor) for h in found], self.departure(self.baseline)
-        plain, moved = [self._plain(h) for h in found], [self.departure(h.fit) for h in found]
+        plain = [self._plain(h, m) for h, m in zip(found, misfits, strict=True)]
+        moved = [self.departure(h.fit) for h in found]
         doubt = 0.0 if is_noise else -self.doubt(whole, self.standing(self.baseline, self.floor))
         doubt = -math.inf if self.problem.is_held else doubt
         nothing = float(np.log(PRIOR["nothing"])) + self.likelihood(whole) + doubt - far
@@ -342,8 +343,11 @@ class Criterion:
         free = [self.likelihood(m) - 0.5 * CURVE * self.samples(m) for m in (whole - gain for gain in curves)]
         unknown = max([self.likelihood(whole), *spared, *free]) + float(np.log(PRIOR["unknown"])) - min([far, *moved])
         unknown += float(np.log(-np.expm1(min(doubt, -1e-12))))
-        scores = np.array([nothing, unknown, *(self._score(h, whole) for h in found)])
-        weights = np.exp(scores - np.max(scores))
+        scores = np.array([
+            nothing, unknown, *(self._score(h, m, whole) - d for h, m, d in zip(found, misfits, moved, strict=True)),
+        ])  # fmt: skip
+        highest = float(np.max(scores))
+        weights = np.exp(scores - highest)
         rows = sorted(_split(found, misfits, weights[2:]), key=lambda row: -row[3])
         zero = next((h for names, h, _, _ in rows[:1] if not names), None)
         merged: dict[frozenset[str], Candidate] = {}
@@ -352,8 +356,8 @@ class Criterion:
                 weights[0] += w
             elif frozenset(names) not in merged:
                 merged[frozenset(names)] = Candidate(names, w, _explained(m, whole), h)
-        best = {frozenset(h.names): h for h in sorted(idle, key=lambda h: self._score(h, whole))}
-        self._share(merged, [(h, self._score(h, whole) - float(np.max(scores))) for h in best.values()], whole)
+        for h, score in self._best_of_each(idle, whole):
+            _share(merged, h, score - highest)
         listed = sorted(merged.values(), key=lambda c: -c.probability)
         total = float(weights[0] + weights[1] + sum(c.probability for c in listed))
         return Posterior(
@@ -363,31 +367,24 @@ class Criterion:
             zero if zero is not None and weights[0] > 0.5 * total else None,
         )
 
-    def _plain(self, h: Hypothesis) -> float:
+    def _plain(self, h: Hypothesis, misfit: float) -> float:
         """Logarithm of the likelihood of a hypothesis, its parameters paid for."""
-        misfit = self.misfit(h.fit, h.floor)
         return self.likelihood(misfit) + h.unseen - self.penalty(h.size, len(h.names), misfit)
 
-    def _score(self, h: Hypothesis, whole: float) -> float:
-        """Logarithm of the probability of a hypothesis, up to a constant."""
-        form = self.form(self.misfit(h.fit, h.floor), whole, exact=h.exact, laws=h.laws)
-        return self._plain(h) + form + self.prior(len(h.names), windowed=h.windowed) - self.departure(h.fit)
+    def _score(self, h: Hypothesis, misfit: float, whole: float) -> float:
+        """Logarithm of the probability of a hypothesis, up to a constant, what its baseline departs by not paid for."""
+        form = self.form(misfit, whole, exact=h.exact, laws=h.laws)
+        return self._plain(h, misfit) + form + self.prior(len(h.names), windowed=h.windowed)
 
-    def _share(
-        self, merged: dict[frozenset[str], Candidate], idle: Sequence[tuple[Hypothesis, float]], whole: float
-    ) -> None:
-        """Let sets with a member that does not count take their part of the probability of a set that has another one
-        instead, for what is left of them. idle: with the logarithm of their weight."""
-        for h, score in idle:
-            rest = h.instead or h
-            left, weight = frozenset(rest.names), math.exp(min(score, _LARGEST))
-            for names in [names for names in merged if left < names and len(names) == len(left) + 1]:
-                rival = merged[names]
-                part = rival.probability * weight / (rival.probability + weight)
-                nothing = Candidate(rest.names, 0.0, _explained(self.misfit(rest.fit, rest.floor), whole), rest)
-                known = merged.get(left, nothing)
-                merged[left] = replace(known, probability=known.probability + part)
-                merged[names] = replace(rival, probability=rival.probability - part)
+    def _best_of_each(self, found: Sequence[Hypothesis], whole: float) -> Iterator[tuple[Hypothesis, float]]:
+        """The most probable hypothesis of each set of names, with the logarithm of its probability."""
+        best: dict[frozenset[str], tuple[Hypothesis, float]] = {}
+        for h in found:
+            score = self._score(h, self.misfit(h.fit, h.floor), whole) - self.departure(h.fit)
+            names = frozenset(h.names)
+            if names not in best or score > best[names][1]:
+                best[names] = h, score
+        yield from best.values()
 
     def gain(self, one: Hypothesis, other: Hypothesis) -> float:
         """Logarithm of the likelihood of one hypothesis over that of another, parameters not counted."""
@@ -398,6 +395,19 @@ class Criterion:
         apart = float(np.mean((one.fit.residual - other.fit.residual) ** 2))
         explained = float(np.mean((self.baseline.residual - other.fit.residual) ** 2))
         return apart > FORM * explained + self.least / self.each
+
+
+def _share(merged: dict[frozenset[str], Candidate], idle: Hypothesis, score: float) -> None:
+    """Let a set with a member that does not count take its part of the probability of sets that have another one
+    instead, for what is left of it. score: logarithm of its weight."""
+    left = idle.counting
+    if left is None or left not in merged:
+        return
+    for names, rival in list(merged.items()):
+        if left < names and len(names) == len(left) + 1 and rival.probability > 0:
+            part = rival.probability * float(expit(score - math.log(rival.probability)))
+            merged[left] = replace(merged[left], probability=merged[left].probability + part)
+            merged[names] = replace(rival, probability=rival.probability - part)
 
 
 def _explained(misfit: float, whole: float) -> float:

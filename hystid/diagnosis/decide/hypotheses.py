@@ -34,7 +34,7 @@ from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.pairscan import scan_pairs
 from hystid.diagnosis.fit.problem import Problem, standing
 from hystid.diagnosis.fit.search import Candidate as Scanned
-from hystid.diagnosis.fit.search import from_nominal, scan, try_fit, unexplained
+from hystid.diagnosis.fit.search import from_nominal, one_per_id, scan, try_fit, unexplained
 from hystid.diagnosis.fit.windows import has_windows
 from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drifts, high_passes, ranges
 from hystid.diagnosis.model.effects import Effect
@@ -360,7 +360,7 @@ class Search:
         end, used = line[-1], {trial.name for trial in line}
         left = end.chi2 - self.floor
         scanned = self._by_worth([c for c in scanned if c.effect.id not in used], left)
-        best = _one_per_id(scanned)[:_LAWS]  # forms of one law fit alike, and would take the places of simpler laws
+        best = one_per_id(scanned)[:_LAWS]  # forms of one law fit alike, and would take the places of simpler laws
         scanned = [*best, *(c for c in scanned if not any(c is one for one in best))]
         extra = chain_trials(self.problem, end.fit, self.effects)
         found = trials(self.problem, end.fit, scanned, left, extra, most=fits)
@@ -389,7 +389,7 @@ class Search:
             left = unexplained(self.problem, start) - self.floor
             scanned = self._by_worth(scan(self.problem, start, laws, near=shapes), left)
             simpler = [c for c in scanned if c.effect.id == term.effect.id and c.effect.size < term.effect.size]
-            instead = [c.term for c in (*_one_per_id(scanned)[:_REPLACED], *simpler[:1])]
+            instead = [c.term for c in (*one_per_id(scanned)[:_REPLACED], *simpler[:1])]
             for other in (*instead, *_within(term, laws)):
                 made = try_fit(self.problem, here.exchanged(at, other), incumbent=best.fit.chi2)
                 if made is not None and are_reached(self.problem, made):
@@ -451,10 +451,3 @@ def _within(term: Term, laws: Sequence[Effect]) -> Iterator[Term]:
         if effect.id != term.effect.id and not effect.choices and is_within(effect, own, term.effect.size):
             names = (*(shape.name for shape in effect.shapes), *effect.amplitudes)
             yield Term(effect, {name: term.values.get(name, 0.0) for name in names})
-
-
-def _one_per_id(scanned: Sequence[Scanned]) -> list[Scanned]:
-    best: dict[str, Scanned] = {}
-    for candidate in scanned:
-        best.setdefault(candidate.effect.id, candidate)
-    return list(best.values())

@@ -8,7 +8,7 @@ from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.decide.trials import are_reached, fitted_on
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem, standing
-from hystid.diagnosis.fit.search import Candidate, scan, try_fit, try_term
+from hystid.diagnosis.fit.search import Candidate, one_per_id, scan, try_fit, try_term
 from hystid.diagnosis.fit.windows import has_edges, in_window_of, is_off_outside, settled, shared
 from hystid.diagnosis.fit.windowscan import outside, placed, scan_windows
 from hystid.diagnosis.model.effects import Effect
@@ -29,7 +29,7 @@ def in_windows(problem: Problem, criterion: Criterion, before: Fit, effects: Seq
     start, left = outside(problem, before)
     if left - criterion.floor > criterion.usual * _left(criterion, before):
         return
-    levels = _alone(problem, start, _one_each(scan(problem, start, effects)[:_FORMS]))
+    levels = _alone(problem, start, one_per_id(scan(problem, start, effects)[:_FORMS]))
     for fit in _joint(problem, criterion, before, levels):
         ended = _to_the_end(problem, criterion, before, fit)
         if are_reached(problem, ended):
@@ -73,7 +73,7 @@ def _exchanged(problem: Problem, criterion: Criterion, best: Fit, effects: Seque
         return criterion.penalty(candidate.effect.size, 1, left) - criterion.likelihood(left)
 
     scanned = sorted(scan(problem, start, others, near=term.law.values), key=cost)
-    for candidate in _one_each(scanned)[:_LAWS]:
+    for candidate in one_per_id(scanned)[:_LAWS]:
         made = try_term(problem, start, candidate.term, incumbent=best.chi2)
         if made is not None:
             yield made
@@ -83,20 +83,12 @@ def _leading(problem: Problem, criterion: Criterion, fits: tuple[Fit, Fit], effe
     """The best fits of laws in windows, best first. fits: of the baseline where nothing acts, and of all."""
     start, before = fits
     scanned = scan_windows(problem, start, effects)
-    laws = _one_each(scanned)
+    laws = one_per_id(scanned)
     alone = _alone(problem, start, laws)
     best = {_effect(fit).id for fit in _ranked(criterion, alone)[:_LAWS]}
     done = {id(candidate) for candidate in laws}
     more = _alone(problem, start, (c for c in scanned if c.effect.id in best and id(c) not in done))
     return _joint(problem, criterion, before, [*alone, *more])
-
-
-def _one_each(scanned: Sequence[Candidate]) -> list[Candidate]:
-    """The best form of each law, in their order."""
-    best: dict[str, Candidate] = {}
-    for candidate in scanned:
-        best.setdefault(candidate.effect.id, candidate)
-    return list(best.values())
 
 
 def _joint(problem: Problem, criterion: Criterion, before: Fit, alone: Sequence[Fit]) -> list[Fit]:

@@ -135,12 +135,10 @@ def _decided(search: Search, found: Sequence[Hypothesis], unseen: Unseen) -> Cho
     found = _pruned(search, found, weighed, criterion)
     near = weighed(found).likely
     zeros = {id(h): _with_zero(search.problem, h) for h in near}
-    found = [
-        replace(h, instead=zeros.get(id(h.instead), h.instead)) if h.instead else zeros.get(id(h), h) for h in found
-    ]
+    found = [zeros.get(id(h), h) for h in found]
     # Held-out recordings cost a run each: what has no chance is not asked.
     said = {frozenset(h.names): unseen(before, h.fit) for h in zeros.values()}
-    heard = [replace(h, unseen=said.get(frozenset((h.instead or h).names), h.unseen)) for h in found]
+    heard = [replace(h, unseen=said.get(h.counting or frozenset(h.names), h.unseen)) for h in found]
     posterior = weighed(heard)
     untestable = _untestable(search.candidates)
     chosen = _told(criterion, posterior)
@@ -178,7 +176,7 @@ def _pruned(
     """Hypotheses of which sets with a member that does not count speak for the others, and what sets are without one of
     theirs: what grew by the best further effect may hold one that the next makes idle; and where one may stand for what
     is left without counting, another one that does may not be sure. What leads then has its members exchanged."""
-    pruned, seen, idle = list(found), set[frozenset[str]](), dict[frozenset[str], Hypothesis | None]()
+    pruned, seen, idle = list(found), set[frozenset[str]](), dict[frozenset[str], frozenset[str] | None]()
     for _ in range(ROUNDS):
         for h in weighed(pruned).likely:
             if len(h.names) < 2 or frozenset(h.names) in seen:
@@ -189,7 +187,8 @@ def _pruned(
             pruned += reached
             if not all(counts for _, counts in rests):
                 spoken = [rest for rest, counts in rests if not counts and any(rest is one for one in reached)]
-                idle[frozenset(h.names)] = min(spoken, key=lambda rest: rest.fit.chi2, default=None)
+                least = min(spoken, key=lambda rest: rest.fit.chi2, default=None)
+                idle[frozenset(h.names)] = frozenset(least.names) if least is not None else None
         pruned = [made for h in pruned if (made := _counted(h, idle)) is not None]
     leader = next(iter(weighed(pruned).likely), None)  # the most probable one comes first
     if leader is not None and not any(leader is h for h in found):  # fitted in a set only, beside no simpler law
@@ -197,12 +196,13 @@ def _pruned(
     return pruned
 
 
-def _counted(hypothesis: Hypothesis, idle: Mapping[frozenset[str], Hypothesis | None]) -> Hypothesis | None:
+def _counted(hypothesis: Hypothesis, idle: Mapping[frozenset[str], frozenset[str] | None]) -> Hypothesis | None:
     """A hypothesis that speaks for what is left of it without members that do not count; None where nothing is."""
-    here: Hypothesis | None = hypothesis.instead or hypothesis
-    while here is not None and frozenset(here.names) in idle:
-        here = idle[frozenset(here.names)]
-    return here if here is None or here is hypothesis else replace(hypothesis, instead=here)
+    names = frozenset(hypothesis.names)
+    left: frozenset[str] | None = hypothesis.counting or names
+    while left is not None and left in idle:
+        left = idle[left]
+    return None if left is None else hypothesis if left == names else replace(hypothesis, counting=left)
 
 
 def _with_zero(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:

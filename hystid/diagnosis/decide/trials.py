@@ -250,19 +250,27 @@ def _wider(problem: Problem, found: Sequence[Trial], library: Sequence[Effect]) 
     best = found[0]
     leading = distinct(found)[: _SEARCHED if best.chi2 - 1.0 > 2 * _HEALTHY else 1]
     for narrow in (trial for trial in leading if trial.form_of):
-        here = narrow.fit.hypothesis
-        law, signals = here.terms[-1], problem.signals(here)
         nearer = {t.form_of.class_name for t in found if t.form_of and t.chi2 <= narrow.chi2}
-        for effect in library:
-            if effect.class_name in nearer or all(end.law != law.effect.id for end in effect.semantics.becomes):
-                continue
-            same = {name: law.values.get(name, 0.0) for name in effect.amplitudes}
-            near = (Term(effect, {**at, **same}) for at in effect.grid(problem.scales, law.values))
-            starts = [here.exchanged(-1, term) for term in near if is_itself(problem, term, signals)]
-            if starts:
-                made = try_fit(problem, min(starts, key=partial(_left, problem)), incumbent=best.chi2)
-                if made is not None:
-                    yield Trial(effect.id, effect.form, effect.size, made)
+        wider = [
+            e
+            for e in library
+            if e.class_name not in nearer and any(end.law == narrow.name for end in e.semantics.becomes)
+        ]
+        for effect in wider:
+            start = _at_its_end(problem, narrow.fit.hypothesis, effect)
+            made = try_fit(problem, start, incumbent=best.chi2) if start is not None else None
+            if made is not None:
+                yield Trial(effect.id, effect.form, effect.size, made)
+
+
+def _at_its_end(problem: Problem, here: Hypothesis, effect: Effect) -> Hypothesis | None:
+    """A hypothesis with another effect for its last one, as like it as the grid of the other gets; None where it would
+    not be itself."""
+    law, signals = here.terms[-1], problem.signals(here)
+    same = {name: law.values.get(name, 0.0) for name in effect.amplitudes}
+    near = (Term(effect, {**at, **same}) for at in effect.grid(problem.scales, law.values))
+    starts = [here.exchanged(-1, term) for term in near if is_itself(problem, term, signals)]
+    return min(starts, key=partial(_left, problem), default=None)
 
 
 def _left(problem: Problem, start: Hypothesis) -> float:

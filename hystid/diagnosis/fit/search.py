@@ -47,6 +47,14 @@ class Candidate:
         return self.term.effect
 
 
+def one_per_id(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """The first candidate of each effect, in their order."""
+    first: dict[str, Candidate] = {}
+    for candidate in candidates:
+        first.setdefault(candidate.effect.id, candidate)
+    return list(first.values())
+
+
 @dataclass(frozen=True)
 class Complement:
     """Projection on the complement of the columns that are fitted already."""

@@ -215,38 +215,30 @@ def window_names(effect: Effect) -> tuple[str, ...]:
     return tuple(effect.near) if isinstance(effect, Windowed) else ()
 
 
-_TO_THE_END = "to the end"
-
-
 def window_text(problem: Problem, term: Term) -> str:
     """A clause about the window of an effect, empty where it acts all the time."""
     effect = term.effect
     if not isinstance(effect, Windowed):
         return ""
-    if effect.owners is None:
-        begin, end, _ = effect.times(term.values, 0)
-        lasts = max(part.t[-1] for part in problem.parts) < end
-        return f", from {begin:.3g} s {_TO_THE_END if lasts else f'to {end:.3g} s only'}"
-    if len(effect.owners) == 1:
-        begin, end, _ = effect.times(term.values, effect.owners[0])
-        last = problem.parts[effect.owners[0]].t[-1]
-        whole = min(end, last) - begin > (1 - _ALIKE) * last
-        return "" if whole else f", from {begin:.3g} s {_TO_THE_END if end > last else f'to {end:.3g} s'}"
-    return f", in a window of time of its own in {len(effect.owners)} of the recordings"
+    if effect.owners is not None and len(effect.owners) > 1:
+        return f", in a window of time of its own in {len(effect.owners)} of the recordings"
+    owner, only = (0, " only") if effect.owners is None else (effect.owners[0], "")
+    begin, end, _ = effect.times(term.values, owner)
+    last = lasting(problem, term).get(effect.names(owner)[1])
+    until = end if last is None else last
+    if effect.owners is not None and until - begin > (1 - _ALIKE) * problem.parts[owner].t[-1]:
+        return ""
+    return f", from {begin:.3g} s to " + (f"{end:.3g} s{only}" if last is None else "the end")
 
 
 def lasting(problem: Problem, term: Term) -> dict[str, float]:
     """Ends [s] of recordings by the names of the parameters that close a window only after them."""
-    effect = term.effect
+    effect, ends = term.effect, [float(part.t[-1]) for part in problem.parts]
     if not isinstance(effect, Windowed):
         return {}
-    pairs = (
-        [(owner, float(problem.parts[owner].t[-1])) for owner in effect.owners]
-        if effect.owners is not None
-        else [(0, max(float(part.t[-1]) for part in problem.parts))]
-    )
-    ends = {effect.names(owner)[1]: last for owner, last in pairs}
-    return {name: last for name, last in ends.items() if term.values[name] > last}
+    last = {0: max(ends)} if effect.owners is None else {owner: ends[owner] for owner in effect.owners}
+    closes = {effect.names(owner)[1]: end for owner, end in last.items()}
+    return {name: end for name, end in closes.items() if term.values[name] > end}
 
 
 def edges(problem: Problem, hypothesis: Hypothesis, term: Term) -> dict[str, tuple[float, float]]:

@@ -42,8 +42,6 @@ def steps_for(
     values: Mapping[str, float],
 ) -> int:  # fmt: skip
     """Runge-Kutta steps per sample in which no such state fades too far, from its start on. motion: x, v and dt."""
-    if not fading:
-        return 1
     dt = motion[2]
     still = _slopes(model, reading, fading, motion, values)
     sizes = dt * np.max(np.abs(still), axis=1)

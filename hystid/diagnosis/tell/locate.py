@@ -24,7 +24,6 @@ _ACTIVE = 0.3  # share of the 99 % quantile of the force above which an effect c
 _BINS = 24
 _NOTHING = 0.08  # share of the largest force that counts as none
 _ALWAYS = 0.9  # share of the samples: the rest is where a force changes its sign
-_FINE = 4001  # places on the way from the gap to the largest displacement
 _TAKEN = 0.9  # share of the hysteretic force that slack takes away
 
 
@@ -32,8 +31,13 @@ def where_term(problem: Problem, term: Term, signals: Sequence[Signals]) -> Wher
     """Location of a named effect from its own force."""
     forces = [term.effect.force(s, term.values) for s in signals]
     even = _even_share(term, signals, forces)
-    begins = _begins(term, np.concatenate([s.x for s in signals]))
-    return replace(_where(problem, forces, even, _text(problem, term, forces, signals)), begins=begins)
+    x = np.concatenate([s.x for s in signals])
+    begins = _begins(term, x)
+    place = _place(begins, x) if begins else _extent(term, forces, signals)
+    acting = [part.name for part, force in zip(problem.parts, forces, strict=True) if np.any(force)]
+    alone = f", in {acting[0]} only" if len(acting) == 1 < len(forces) else ""
+    text = f"acts {place}{alone}{window_text(problem, term)}"
+    return replace(_where(problem, forces, even, text), begins=begins)
 
 
 def where_unknown(problem: Problem, residuals: Sequence[Array], noise: float) -> Where:
@@ -111,29 +115,22 @@ def _harmonics(even: float) -> str:
     return "odd harmonics" if even < 0.1 else f"even ({100 * even:.0f} % of the power) and odd harmonics"
 
 
-def _text(problem: Problem, term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:
-    """One clause: the threshold where there is one, how much of the time the effect acts, and its window of time."""
-    acting = [part.name for part, force in zip(problem.parts, forces, strict=True) if np.any(force)]
-    alone = f", in {acting[0]} only" if len(acting) == 1 < len(forces) else ""
-    return _place(term, forces, signals) + alone + window_text(problem, term)
-
-
-def _place(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:
+def _extent(term: Term, forces: Sequence[Array], signals: Sequence[Signals]) -> str:
+    """How much of the time a law without a gap acts, and how much slack it leaves at a reversal."""
     force = np.concatenate(forces)
     share = float(np.mean(np.abs(force) > 0.05 * np.max(np.abs(force)))) if np.any(force) else 0.0
-    x = np.concatenate([s.x for s in signals])
-    said = term.effect.semantics
-    if said.threshold not in term.values:
-        slack = _slack(forces, signals) if term.effect.uses_h else 0.0
-        free = f", {1e3 * slack:.2g} mm of next to no force at each reversal" if slack else ""
-        when = "all the time" if share > _ALWAYS else f"in {100 * share:.0f} % of the samples"
-        return f"acts {when}{free}"
-    begins = _begins(term, x)
+    slack = _slack(forces, signals) if term.effect.uses_h else 0.0
+    free = f", {1e3 * slack:.2g} mm of next to no force at each reversal" if slack else ""
+    return f"all the time{free}" if share > _ALWAYS else f"in {100 * share:.0f} % of the samples{free}"
+
+
+def _place(begins: Sequence[float], x: Array) -> str:
+    """Where a law acts that begins at these displacements, and in how many of the samples."""
     reached = np.any([x < at if np.signbit(at) else x > at for at in begins], axis=0)
     sides = [f"x {'<' if np.signbit(at) else '>'} {1e3 * at:.4g} mm" for at in reversed(begins)]
     both = len(begins) == 2 and begins[0] == -begins[1]
     place = f"|x| > {1e3 * begins[1]:.4g} mm" if both else " and ".join(sides)
-    return f"acts at {place}, in {100 * float(np.mean(reached)):.1f} % of the samples"
+    return f"at {place}, in {100 * float(np.mean(reached)):.1f} % of the samples"
 
 
 def _begins(term: Term, x: Array) -> tuple[float, ...]:
@@ -145,7 +142,7 @@ def _begins(term: Term, x: Array) -> tuple[float, ...]:
     gap, side = term.values[said.threshold], term.values.get(said.switch, 0.0)
     if side:
         return (float(np.sign(side)) * gap,)
-    at = np.linspace(gap, max(float(np.max(np.abs(x))), gap), _FINE)
+    at = np.linspace(gap, max(float(np.max(np.abs(x))), gap), len(x))
     still, found = np.zeros_like(at), []
     for sign in (-1.0, 1.0):
         force = term.effect.force(Signals(sign * at, still, still, still, 1.0), term.values)
