@@ -26,12 +26,12 @@ from hystid.diagnosis.decide.criterion import (
 )
 from hystid.diagnosis.decide.hypotheses import Search
 from hystid.diagnosis.decide.lawfree import wrong_forms
-from hystid.diagnosis.decide.selection import _class
+from hystid.diagnosis.decide.selection import _class, weigh
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_allowed
 from hystid.diagnosis.fit.independence import _cells, _independent
 from hystid.diagnosis.fit.problem import standing
-from hystid.diagnosis.fit.search import scan, try_fit
+from hystid.diagnosis.fit.search import scan, try_fit, try_term
 from hystid.diagnosis.fit.windowscan import outside
 from hystid.diagnosis.model.library import load_effects
 from hystid.recording import Recording
@@ -304,6 +304,16 @@ def test_a_set_is_compared_with_what_it_is_without_an_idle_member(stiffening: Di
         for rest, counts in search.without_one(Hypothesis(("cubic_stiffness", "preload"), 2, both), search.criterion)
     }
     assert rests == {("cubic_stiffness",): False, ("preload",): True}
+
+
+def test_a_law_that_another_assumption_hid_is_asked_beside_its_rivals(stiffening: Diagnosis) -> None:
+    """Friction that falls with speed was taken for Coulomb friction where rest was not looked at, and had no chance."""
+    assert stiffening.choice is not None and stiffening.problem is not None
+    problem, before, library = stiffening.problem, stiffening.choice.before, load_effects([])
+    stops = [e for e in library if e.id == "two_sided_stop"]
+    rival = next(made for c in scan(problem, before, stops) if (made := try_term(problem, before, c.term)) is not None)
+    found = weigh(problem, before, library, [Hypothesis(("two_sided_stop",), 2, rival)])
+    assert found.candidates[0].names == ("cubic_stiffness",)
 
 
 def test_a_member_is_no_surer_than_one_that_explains_as_much_and_does_not_count(stiffening: Diagnosis) -> None:

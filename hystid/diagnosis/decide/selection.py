@@ -115,9 +115,13 @@ def choose_among(
 
 
 def weigh(problem: Problem, baseline: Fit, effects: Sequence[Effect], known: Sequence[Hypothesis]) -> Posterior:
-    """Probabilities of some hypotheses about the same recordings, fitted again, and of no others."""
+    """Probabilities of some hypotheses about the same recordings, fitted again, and of what the leading one is with its
+    members exchanged: they were chosen under another assumption."""
     search = Search(problem, baseline, effects, lambda: None, ())
     found = list(search.again(known))
+    leader = min(found, key=lambda h: h.fit.chi2, default=None)
+    if leader is not None:
+        found += search.exchanged(leader)
     criterion = search.criterion.with_level(found, _level(search, found))
     curves = free_curves(problem, baseline) if found else ()
     return criterion.posterior(found, is_noise=search.is_noise, curves=tuple(curves))
