@@ -1,12 +1,12 @@
 """Devices with further inputs: force on recordings that were not trained on, beside a linear fit and the marks.
 
-    python benchmarks/devices.py [CASE ...] [--data DATA] [--starts N] [--seed S]
+    python benchmarks/devices.py [CASE ...] [--data DATA] [--starts N] [--seed S] [--model RIG]
 
 CASE: any of those that ``--list`` prints; all by default. Every case states what is trained on and what is held out;
 no model sees a measured force of a held-out recording. Prints one row per held-out recording: NRMSE of the force and,
 where there is a mass, of the displacement in free run; the linear fit beside it; the mark that we want to reach; the
 share of the samples within the 90 % band, of those within the training range; rms error over rms force F, as the
-authors of EMPS count it; wall time and processor time.
+authors of EMPS count it; wall time and processor time. With --model, those of the law in RIG plus networks.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hystid.identification import identify
+from hystid.identification.hybrid.result import HybridComparison
 from hystid.networks import TwoNetworkModel
 from hystid.networks.trust import BAND
 from hystid.recording import Recording, read, with_column
@@ -117,23 +118,25 @@ def covered(model: TwoNetworkModel, recording: Recording) -> NDArray[np.bool_]:
     return inside
 
 
-def rows(name: str, case: Case, starts: int, seed: int) -> None:
+def rows(name: str, case: Case, starts: int, seed: int, model: str | None) -> None:
     """Identify and print a row per held-out recording."""
     settings: dict[str, Any] = {"mass": 0.0, "layers": (5, 5)} | case.settings
     begin, used = time.perf_counter(), time.process_time()
-    found = identify(case.train, holdout=case.unseen, ensemble=starts, seed=seed, **settings)
+    found = identify(case.train, holdout=case.unseen, ensemble=starts, seed=seed, model=model, **settings)
     spent = f"{time.perf_counter() - begin:.0f} ({time.process_time() - used:.0f})"
     lags = ", ".join(f"{lag.source} {1e3 * lag.time:.3g} ms" for lag in found.model.lags) or "none"
-    for item in found.comparisons:
+    pairs = found.hybrid.pairs if found.hybrid else found.comparisons
+    for item, pair in zip(found.comparisons, pairs, strict=True):
         if item.role != "holdout":
             continue
-        run = item.network.x_nrmse
-        force = f"{item.network.force_nrmse:.3f}" + (f", {run:.3f}" if run is not None else "")
+        answer = pair.hybrid if isinstance(pair, HybridComparison) else pair.network
+        run = answer.x_nrmse
+        force = f"{answer.force_nrmse:.3f}" + (f", {run:.3f}" if run is not None else "")
         mark = "-" if case.mark is None else f"{case.mark:.2f}"
         R, here = item.recording.channel("R"), covered(found.model, item.recording)
-        assert item.network.spread is not None
-        band = np.mean(np.abs(item.network.R - R)[here] <= BAND * item.network.spread[here])
-        whole = np.hypot.reduce(item.network.R - R) / np.hypot.reduce(item.recording.channel("F"))
+        assert answer.spread is not None
+        band = np.mean(np.abs(answer.R - R)[here] <= BAND * answer.spread[here])
+        whole = np.hypot.reduce(answer.R - R) / np.hypot.reduce(item.recording.channel("F"))
         linear = item.linear.force_nrmse
         print(
             f"| {name} | {item.recording.name} | {force} | {linear:.3f} | {mark} | {band:.2f} | {whole:.3f} | {lags} |"
@@ -149,6 +152,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--starts", type=int, default=30, help="trainings per case")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--model", metavar="RIG", help="physics beside the networks, as of hystid identify")
     parser.add_argument("--list", action="store_true", help="name the cases")
     given = parser.parse_args()
     if given.list:
@@ -157,7 +161,7 @@ def main() -> None:
     print("| case | held out | NRMSE | linear | mark | in the 90 % band | of rms F | lags | s (processor s) |")
     print("|---|---|---|---|---|---|---|---|---|")
     for name in given.cases or CASES:
-        rows(name, CASES[name](given.data), given.starts, given.seed)
+        rows(name, CASES[name](given.data), given.starts, given.seed, given.model)
 
 
 if __name__ == "__main__":

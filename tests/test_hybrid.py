@@ -19,9 +19,11 @@ from hystid.identification.hybrid.package import OSCILLATOR, package_text
 from hystid.modelica import compile_model
 from hystid.modelica_text import compile_text
 from hystid.networks import FurtherInput, Lag, Member, Network, TwoNetworkModel
-from hystid.networks.trust import Tail
+from hystid.networks.ports import Curve
+from hystid.networks.trust import Spread, Tail
 from hystid.processing import add_noise
 from hystid.recording import Recording
+from hystid.report.page import percent
 
 RATE = 1000.0
 COGGING = """model Stage "Spring, dry friction, and cogging of the magnets, which no law of the library has"
@@ -55,22 +57,25 @@ def test_the_package_is_the_law_and_the_networks(signals: dict[str, np.ndarray],
     members = tuple(Member(network(rng, 6), network(rng, 6)) for _ in range(2))
     limits = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "u": (0.0, 2.0)}
     further = {"inputs": (FurtherInput("u", "V", "u"),), "lags": (Lag("u", 8e-3), Lag("v", 3e-3))}
-    residual = TwoNetworkModel(members, 0.0, RATE, limits, tail=Tail(0.0, 0.0), **further)
+    spread = Spread(0.3, 1.4, (Curve((0.0, 1.0, 2.0), (1.0, 2.5, 1.0)),))
+    residual = TwoNetworkModel(members, 0.0, RATE, limits, tail=Tail(0.0, 0.0), spread=spread, **further)
     law = law_of("HystId.Oscillators.Jenkins", 1.5)
     values = {**law.nominal, "fc": 20.0}
     file = tmp_path / "hybrid.mo"
     file.write_text(package_text(law, values, residual, 0.7))
     code = compile_model(f"{file}:{OSCILLATOR}")
     motion = {name: signals[name] for name in ("x", "v")}
-    names = ("R", "R_physics", "R_network")
+    names = ("R", "R_physics", "R_network", "R_spread")
     found = CompiledModel(code).clamp(
         {f"law.{name}": values for name, values in motion.items()}, {"u": signals["u"]}, 1 / RATE, outputs=names
     )
     start = residual.initial_state(0.0, {name: float(signals[name][0]) for name in ("x", "v", "u")})
-    wanted = 0.7 * residual.response(motion["x"], motion["v"], start, {"u": signals["u"]})[0]
+    force, each, _ = residual.members_response(motion["x"], motion["v"], start, {"u": signals["u"]})
+    wanted = 0.7 * force
     (physics,) = law.forces([Recording("r", signals["t"], **motion)], values)
     # rounding of one sample, handed on by the memory
     np.testing.assert_allclose(found["R_network"], wanted, rtol=0, atol=1e-12 * np.abs(wanted).max() * 600)
+    np.testing.assert_allclose(found["R_spread"], spread.of(each, [signals["u"]]), rtol=1e-9)
     np.testing.assert_allclose(found["R_physics"], physics, rtol=0, atol=1e-6 * np.abs(physics).max())
     np.testing.assert_allclose(found["R"], found["R_physics"] + found["R_network"], rtol=1e-12)
 
@@ -116,11 +121,18 @@ def test_physics_plus_network_beats_each_alone(files: Path, tmp_path: Path) -> N
     assert law > 0.9 and 0 < networks < 0.1  # the cogging is a small part of the force
     assert 4 < hybrid.together["dry.Fc"] < 8  # 6 N
     assert hybrid.share > 0.3
-    driver = fmpy.simulate_fmu(str(tmp_path / "hybrid.fmu"), stop_time=0.1, output=["R", "R_physics", "R_network"])
-    assert np.isfinite(driver["R_network"]).all()
+    within = pair.as_dict()["hybrid"]["within_band"]
+    assert 0.8 < within < 1.0  # nine in ten; one recording of 2 s, whose neighbours in time err alike
+    assert hybrid.residual.spread is not None
+    modern = build(compile_model(f"{tmp_path / 'hybrid.mo'}:{OSCILLATOR}"), tmp_path / "modern.fmu", fmi=3).path
+    for path in (tmp_path / "hybrid.fmu", modern):
+        driver = fmpy.simulate_fmu(str(path), stop_time=0.1, output=["R", "R_physics", "R_network", "R_spread"])
+        assert np.isfinite(driver["R_network"]).all()
+        assert (driver["R_spread"] >= 0.999 * hybrid.residual.spread.floor).all()
     assert "plus networks" in " ".join(result.notes)
     report = result.report(tmp_path / "report.html").read_text(encoding="utf-8")
     section = report.partition("Physics plus network")[2].partition("Parameters of the law")[0]
+    assert percent(within).replace(" ", "\xa0") in section and "within the 90 % band" in section
     assert "held out" in section and f"{100 * law:.1f} %" in section  # shares that add up to a whole
 
 
@@ -256,8 +268,9 @@ def test_the_package_holds_any_rig_that_a_diagnosis_takes(
 
     rng = np.random.default_rng(4)
     member = Member(network(rng, 3 + len(ports)), network(rng, 3 + len(ports)))
+    spread = Spread(0.5, 1.0, (None,) * len(ports))
     limits = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "u": (0.0, 2.0)}
-    residual = TwoNetworkModel((member,), 0.0, RATE, limits, tail=Tail(0.0, 0.0), inputs=ports)
+    residual = TwoNetworkModel((member,), 0.0, RATE, limits, tail=Tail(0.0, 0.0), inputs=ports, spread=spread)
     code = compile_text(package_text(law, law.nominal, residual, 0.7), OSCILLATOR)
     table = np.zeros(600, dtype=[(name, "f8") for name in ("time", *driven)])
     for name, values in {"time": t, **driven}.items():

@@ -26,13 +26,13 @@ from hystid.identification.leftout import LeftOut
 from hystid.identification.levels import with_curves
 from hystid.identification.methods import Plan, Recipe, Trained
 from hystid.identification.offsets import constant_and_even
-from hystid.identification.prediction import Prediction, Role, drift, predict, respond
+from hystid.identification.prediction import Prediction, Role, drift, predict
 from hystid.identification.result import Comparison, Identification
 from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.ensemble import workers_of
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, draw, rule_of, split_indices
-from hystid.networks.trust import Spread, Tail
+from hystid.networks.trust import Tail
 from hystid.recording import Recording, Sources, check_together, loaded
 from hystid.turning_points import TurningPoints
 
@@ -122,7 +122,8 @@ def identify(
     trained = plan.refined(used) if method == "refined" else plan.published(used)
     plain_samples = data.samples(used, TurningPoints(), plain_ports)
     tail = data.tail_of(plain_samples)
-    networks = _trusted(_model(trained, used, plan, tail), used, trained, leftout)
+    networks = _model(trained, used, plan, tail)
+    networks = replace(networks, spread=leftout.spread(networks, trained.unseen))
     fit = data.linear_fit(plain_samples, mass)
     models = {"network": networks, "linear": data.linear_model(fit, networks.sample_rate, plain_ports)}
     if method == "refined":
@@ -133,7 +134,8 @@ def identify(
     comparisons = _compared(models, used, unseen, workers)
     if method == "refined" and (why := _unsteady(comparisons)):
         trained = replace(plain, notes=(*plain.notes, why))
-        networks = _trusted(models["published"], used, trained, LeftOut(used, plain_ports, seed))
+        networks = models["published"]
+        networks = replace(networks, spread=LeftOut(used, plain_ports, seed).spread(networks, None))
         comparisons = [replace(item, network=predict(networks, item.recording), published=None) for item in comparisons]
     if method == "refined":
         raw = [replace(recipe, smoothing=False).apply(recording) for recording in (*recordings, *holdout)]
@@ -174,21 +176,6 @@ def _law(model: str | None, mass: float, holdout: Sources) -> Law | None:
             "it beats each alone on recordings that neither has seen"
         )
     return law_of(model, mass)
-
-
-def _trusted(
-    model: TwoNetworkModel, recordings: Sequence[Recording], trained: Trained, leftout: LeftOut
-) -> TwoNetworkModel:
-    """The model with the spread of its error, from branches that were not trained on where there are such."""
-    error, deviation = [], []
-    for recording in recordings:
-        R, each = respond(model, recording)
-        error.append(R - recording.channel("R"))
-        deviation.append(np.std(each, axis=1))
-    unseen = slice(None) if trained.unseen is None else trained.unseen
-    inflation, between = leftout.inflation(model.lags)
-    spread = Spread.fit(np.concatenate(error)[unseen], np.concatenate(deviation)[unseen], inflation)
-    return replace(model, spread=replace(spread, between=between))
 
 
 def _model(trained: Trained, recordings: Sequence[Recording], plan: Plan, tail: Tail) -> TwoNetworkModel:

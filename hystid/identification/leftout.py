@@ -8,15 +8,18 @@ recordings are left out, its forces are scaled by their level: else those at ano
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hystid.identification import data
 from hystid.identification.levels import levels_of
-from hystid.networks import Curve, FurtherInput, Lag
+from hystid.identification.prediction import respond
+from hystid.networks import Curve, FurtherInput, Lag, TwoNetworkModel
 from hystid.networks.level import Level
 from hystid.networks.training import RULES, Data, Scaling, initial_weights, train
+from hystid.networks.trust import Spread
 from hystid.recording import Array, Recording
 from hystid.turning_points import TurningPoints
 
@@ -80,6 +83,18 @@ class LeftOut:
         starts = [initial_weights(sizes, np.random.default_rng([self.seed, k])) for k in range(_STARTS)]
         found = min((train(split, _HIDDEN, w, rule=RULES["fast"]) for w in starts), key=lambda each: each.test)
         return np.asarray(spread * (split.network(found.w, _HIDDEN)(*rows[:, test]) - R[test]))
+
+    def spread(self, model: TwoNetworkModel, unseen: NDArray[np.bool_] | None, share: float = 1.0) -> Spread:
+        """Spread of share times the model's force, from its errors on samples that were not trained on.
+
+        unseen: those samples, shape (n,); None for all. The spread is that of the members' whole forces.
+        """
+        answers = [respond(model, recording) for recording in self.recordings]
+        error = share * np.concatenate([R for R, _ in answers]) - self.R
+        deviation = np.concatenate([np.std(each, axis=1) for _, each in answers])
+        at = slice(None) if unseen is None else unseen
+        inflation, between = self.inflation(model.lags)
+        return replace(Spread.fit(error[at], deviation[at], inflation), between=between)
 
     def inflation(self, lags: Sequence[Lag]) -> tuple[float, tuple[Curve | None, ...]]:
         """How much greater errors are than on scattered parts of known recordings, at least 1: on a recording of its

@@ -54,6 +54,12 @@ def respond(model: TwoNetworkModel, recording: Recording) -> tuple[Array, Array]
     return force, each
 
 
+def spread_of(model: TwoNetworkModel, recording: Recording, each: Array) -> Array | None:
+    """Spread of R along a recording [N], shape (n,), from each member's force (``respond``); None without one."""
+    further = columns_of(recording, model.inputs)
+    return None if model.spread is None else model.spread.of(each, list(further.values()))
+
+
 def at_rate(model: TwoNetworkModel, recording: Recording) -> TwoNetworkModel:
     """The model with steps of the recording's sample time, which only its lags depend on."""
     return replace(model, sample_rate=recording.sample_rate)
@@ -73,8 +79,7 @@ def predict(model: TwoNetworkModel, recording: Recording) -> Prediction:
     model = replace(model, mass=own_mass(recording, model.mass))
     x, v, further, start = begin(model, recording)
     force, each, _ = at_rate(model, recording).members_response(x, v, start, further)
-    spread = None if model.spread is None else model.spread.of(each, list(further.values()))
-    open_loop = Prediction(force, force_error(recording, force), spread=spread)
+    open_loop = Prediction(force, force_error(recording, force), spread=spread_of(model, recording, each))
     if not model.mass:
         return open_loop
     try:

@@ -220,15 +220,17 @@ def _hybrid(page: Page, hybrid: Hybrid) -> None:
         "The law was fitted first; networks answer for what it leaves, with the share of their force that unseen "
         "branches confirm. Both were then fitted in turns. " + hybrid.sentence() + ".",
     )
-    columns = ["recording", "used for", "law alone", "networks alone", "both", "physics", "network", "left"]
-    columns += ["law, x", "networks, x", "both, x"] if any(p.hybrid.x_nrmse is not None for p in hybrid.pairs) else []
+    columns = ["recording", "used for", "law alone", "networks alone", "both", "within the 90 % band"]
+    columns += ["physics", "network", "left"]
+    run = any(p.hybrid.x_nrmse is not None for p in hybrid.pairs)
+    columns += ["law, x", "networks, x", "both, x"] if run else []
     page.table(
         Table(
             "Force NRMSE of each alone and of both, and shares of the force's power",
             columns,
-            [_pair(pair, len(columns) > 8) for pair in hybrid.pairs],
+            [_pair(pair, run) for pair in hybrid.pairs],
             "Shares: what the law of the hybrid explains of the variance of R, and what the networks explain of the"
-            " rest. x: displacement NRMSE in free run.",
+            " rest. x: displacement NRMSE in free run. Band: R of both ± 1.64 R_spread of hybrid.fmu.",
         )
     )
     rows: list[list[str | Cell]] = [
@@ -244,6 +246,7 @@ def _pair(pair: HybridComparison, run: bool) -> list[str | Cell]:
     tone: Tone = "good" if both.force_nrmse < min(p.force_nrmse for p in alone) else "warn"
     row: list[str | Cell] = [pair.recording.name, "held out" if pair.role == "holdout" else pair.role]
     row += [*(percent(p.force_nrmse) for p in alone), Cell(percent(both.force_nrmse), tone)]
+    row.append(percent(both.within(pair.recording.channel("R"))))
     row += [percent(law, 3), percent(networks), percent(1 - law - networks)]
     return row + ([("diverged" if p.diverged else percent(p.x_nrmse)) for p in (*alone, both)] if run else [])
 

@@ -20,8 +20,9 @@ from hystid.identification.hybrid.law import Law
 from hystid.identification.hybrid.package import OSCILLATOR, STARTS, package_text
 from hystid.identification.hybrid.result import Hybrid, HybridComparison
 from hystid.identification.inputs import columns_of
+from hystid.identification.leftout import LeftOut
 from hystid.identification.methods import Plan, Trained, weights_of
-from hystid.identification.prediction import Prediction, at_rate, begin
+from hystid.identification.prediction import Prediction, respond, spread_of
 from hystid.identification.result import Comparison
 from hystid.modelica_text import compile_text
 from hystid.networks import FurtherInput, TwoNetworkModel
@@ -70,9 +71,10 @@ def combine(
         record = item.recording
         physics = law.forces([record], alone)[0]
         R_physics = law.forces([record], state.values)[0]
-        R = R_physics + state.share * residual_force(state.model, record, R_physics)
+        left, each = respond(state.model, replace(record, R=record.channel("R") - R_physics))
+        R = R_physics + state.share * left
         lone = Prediction(physics, nrmse(physics, record.channel("R")))
-        joint = Prediction(R, nrmse(R, record.channel("R")))
+        joint = Prediction(R, nrmse(R, record.channel("R")), spread=spread_of(state.model, record, each))
         if both is not None:
             own = law.settings(record)
             lone = _with_run(lone, law, None, record, {**alone, **own}, law.inputs)
@@ -104,7 +106,7 @@ class _Work:
             if not following.error < _GAIN * state.error:
                 break
             state = following
-        return alone, state
+        return alone, replace(state, model=self._trusted(state))
 
     def _first(self, values: Mapping[str, float]) -> _State:
         """Networks as small as the unseen branches allow: larger ones only for a gain beyond its standard error."""
@@ -121,7 +123,7 @@ class _Work:
     def _turn(self, state: _State) -> _State:
         """The law to the force less the networks', then the networks to what the law leaves."""
         left = self._left(state.values)
-        networks = [state.share * _response(state.model, record) for record in left]
+        networks = [state.share * respond(state.model, record)[0] for record in left]
         forces = [R - part for R, part in zip(self.force, networks, strict=True)]
         values = self.law.refit(self.used, forces, self.weights, state.values)
         left = self._left(values)
@@ -148,7 +150,7 @@ class _Work:
         residual = np.concatenate(
             [weight * record.channel("R") for weight, record in zip(self.weights, left, strict=True)]
         )
-        answer = np.concatenate([weight * _response(model, r) for weight, r in zip(self.weights, left, strict=True)])
+        answer = np.concatenate([weight * respond(model, r)[0] for weight, r in zip(self.weights, left, strict=True)])
         at = slice(None) if trained.unseen is None else trained.unseen
         residual, answer = residual[at], answer[at]
         power = float(answer @ answer)
@@ -157,21 +159,16 @@ class _Work:
         blocks = np.array([block.mean() for block in np.array_split(squares, _BLOCKS)])
         return _State(values, trained, model, share, float(squares.mean()), plan.layers), blocks
 
+    def _trusted(self, state: _State) -> TwoNetworkModel:
+        """The networks with the spread of the error of R."""
+        judge = LeftOut(self._left(state.values), self.plan.inputs, self.plan.seed)
+        return replace(state.model, spread=judge.spread(state.model, state.trained.unseen, state.share))
+
 
 def _clearly_less(errors: Array, others: Array) -> bool:
     """Whether errors in blocks are less than others by more than the standard error of the difference."""
     gain = others - errors
     return bool(gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)))
-
-
-def residual_force(model: TwoNetworkModel, recording: Recording, physics: Array) -> Array:
-    """Force of the networks [N] along a recording, shape (n,). physics: the law's, for the start of the memory."""
-    return _response(model, replace(recording, R=recording.channel("R") - physics))
-
-
-def _response(model: TwoNetworkModel, recording: Recording) -> Array:
-    x, v, further, start = begin(model, recording)
-    return at_rate(model, recording).members_response(x, v, start, further)[0]
 
 
 def _with_run(

@@ -13,6 +13,7 @@ from hystid.modelcode import Variable
 from hystid.modelica_text import class_texts, modifiers
 from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.perceptron import Network
+from hystid.networks.ports import Curve
 from hystid.recording import Array
 from hystid.rig.terms import starts_of
 from hystid.rotation import turned_unit
@@ -25,8 +26,8 @@ STARTS = ("x_start", "v_start")  # of the oscillator, whatever the law calls its
 def package_text(law: Law, values: Mapping[str, float], residual: TwoNetworkModel, share: float) -> str:
     """Text of the package ``Hybrid``.
 
-    values: fitted parameters of the law. residual: networks of the force that the law leaves; share: factor of their
-    force.
+    values: fitted parameters of the law. residual: networks of the force that the law leaves, with the spread of R;
+    share: factor of their force.
     """
     lines = [f'package {PACKAGE} "{law.name.rpartition(".")[2]}, and networks for the force that it leaves"']
     if law.text:  # in a package of its own: a rig may be called Network, or Oscillator
@@ -63,6 +64,8 @@ def _function(name: str, network: Network, title: str) -> list[str]:
 
 
 def _network(residual: TwoNetworkModel, share: float) -> list[str]:
+    spread = residual.spread
+    assert spread is not None
     ports = [port.name for port in residual.inputs]
     signals = ["x", "v", *ports]
     members = range(1, len(residual.members) + 1)
@@ -73,10 +76,14 @@ def _network(residual: TwoNetworkModel, share: float) -> list[str]:
         f'    parameter Real period(unit = "s") = {_number(1 / residual.sample_rate)} "Sample time of the recordings";',
         f'    parameter Real share(unit = "1") = {_number(share)} "Share of the force that unseen branches confirm";',
         '    parameter Real f_start(unit = "N") = 0 "Force of the networks before the start";',
+        f'    parameter Real spread_floor(unit = "N") = {_number(spread.floor)} "What all networks miss alike";',
+        f'    parameter Real spread_factor(unit = "1") = {_number(spread.factor)} "Of the deviation between networks";',
         '    input Real x(unit = "m") "Displacement";',
         '    input Real v(unit = "m/s") "Velocity";',
         *(f'    input Real {port.name}(unit = "{port.unit}");' for port in residual.inputs),
         '    output Real f(unit = "N") "Force of the networks, opposes motion as a spring does";',
+        '    output Real spread(unit = "N") "Standard deviation of the error of R";',
+        f'    Real force[{len(members)}](each unit = "N") "Force that each pair of networks has for the whole";',
         *(f'    Real {name}_in "Nearest value within the training range";' for name in signals),
         '    discrete Real v_last(start = 0, fixed = true) "Velocity at the latest sample";',
         '    discrete Real x0(start = 0, fixed = true) "Displacement where the motion turned";',
@@ -102,8 +109,22 @@ def _network(residual: TwoNetworkModel, share: float) -> list[str]:
         lines.append(f"      held{j} = if noEvent(v*pre(v_last) <= 0) then pre(latest{j}) else pre(held{j});")
         lines.append(f"      latest{j} = hysteresis{j}({{x_in, x0, held{j}{further}}});")
     lines += ["      v_last = v;", "    end when;"]
-    each = [f"restoring{j}({{x_in, v_in, hysteresis{j}({{x_in, x0, held{j}{further}}}){further}}})" for j in members]
-    return [*lines, f"    f = share*({' + '.join(each)})/{len(each)};", "  end Network;"]
+    for j in members:
+        Rh = f"hysteresis{j}({{x_in, x0, held{j}{further}}})"
+        lines.append(f"    force[{j}] = restoring{j}({{x_in, v_in, {Rh}{further}}});")
+    mean = f"sum(force)/{len(members)}"
+    power = f"sum((force[j] - {mean})^2 for j in 1:{len(members)})/{len(members)}"
+    between = [_lines(f"{n}_in", c) for n, c in zip(ports, spread.between, strict=bool(spread.between)) if c]
+    lines.append(f"    f = share*{mean};")
+    lines.append(f"    spread = {'*'.join([f'sqrt(spread_floor^2 + spread_factor^2*{power})', *between])};")
+    return [*lines, "  end Network;"]
+
+
+def _lines(name: str, curve: Curve) -> str:
+    """A curve at an input within the range."""
+    parts = zip(curve.at, curve.at[1:], curve.slopes, strict=False)
+    terms = (f"({_number(s)})*(min(max({name}, {_number(a)}), {_number(b)}) - {_number(a)})" for a, b, s in parts)
+    return f"({' + '.join([_number(curve.to[0]), *terms])})"
 
 
 def _late(name: str, lag: Lag, residual: TwoNetworkModel) -> list[str]:
@@ -136,6 +157,7 @@ def _oscillator(law: Law, values: Mapping[str, float], residual: TwoNetworkModel
         '    output Real R(unit = "N") "Restoring force";',
         '    output Real R_physics(unit = "N") "Share of the law";',
         '    output Real R_network(unit = "N") "Share of the networks";',
+        '    output Real R_spread(unit = "N") "Standard deviation of the error of R";',
         f"    {'Law.' if law.text else ''}{law.name} law({', '.join(modifiers(settings))});",
         "    Network network;",
         "  equation",
@@ -149,6 +171,7 @@ def _oscillator(law: Law, values: Mapping[str, float], residual: TwoNetworkModel
         *(f"    network.{port.name} = {port.name};" for port in residual.inputs),
         "    R_physics = law.R;" if law.reading.force else f"    {inertia}*a + R_physics = law.F;",
         "    R_network = network.f;",
+        "    R_spread = network.spread;",
         "    R = R_physics + R_network;",
         "  end Oscillator;",
     ]

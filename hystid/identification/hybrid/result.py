@@ -43,6 +43,7 @@ class HybridComparison:
             found[name] = {"force_nrmse": prediction.force_nrmse, "x_nrmse": prediction.x_nrmse}
             if prediction.diverged:
                 found[name]["diverged"] = prediction.diverged
+        found["hybrid"]["within_band"] = self.hybrid.within(self.recording.channel("R"))
         return found | {"share_of_physics": law, "share_of_network": networks}
 
 
