@@ -260,7 +260,16 @@ def test_an_input_that_moves_within_recordings_has_no_gaps_between_levels():
     n = 40.0 * (1 + np.arange(3000) // 1000)
     made = [friction(20, k, f"{k}") for k in range(2)]
     made = [replace(r, R=r.F + n * np.tanh(r.v / 0.02), extra={"T": n}, units={"T": "N"}) for r in made]
-    assert LeftOut(made, [FurtherInput("T", "N", "T")], 0).inflation(())[1] == (None,)
+    judge = LeftOut(made, [FurtherInput("T", "N", "T")], 0)
+    assert judge.inflation(())[1] == (None,) and judge.two_levels() == ()
+
+
+def test_two_levels_of_an_input_say_nothing_of_errors_between_them():
+    made = [with_column(friction(20, k, f"{n} N"), "T", n, "N") for k, n in enumerate((40, 120, 80))]
+    made = [replace(each, R=each.F) for each in made]
+    (told,) = LeftOut(made[:2], [FurtherInput("T", "N", "T")], 0).two_levels()
+    assert told.startswith("T stands at two levels, 40 and 120 N: no recording says")
+    assert LeftOut(made, [FurtherInput("T", "N", "T")], 0).two_levels() == ()
 
 
 def test_three_levels_say_how_the_force_goes_on_between_them():

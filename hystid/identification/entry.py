@@ -154,6 +154,7 @@ def identify(
         *trained.notes,
         *late,
         *feeding(networks, used),
+        *leftout.two_levels(),
         *constant_and_even(used, ports),
         *unused_columns([c.recording for c in comparisons], [c.network.R for c in comparisons], ports),
     )

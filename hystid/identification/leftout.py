@@ -112,6 +112,17 @@ class LeftOut:
         alike = float(max(1.0, np.nanmedian(found))) if np.isfinite(found).any() else 1.0
         return alike, tuple(table and self._between(lags, *table, alike * known) for table in tables)
 
+    def two_levels(self) -> tuple[str, ...]:
+        """Sentences on inputs that stand at two levels, between which no recording says what errors are."""
+        found = ((port, self._levels(port)) for port in self.inputs)
+        return tuple(
+            f"{port.column} stands at two levels, {levels[0][0]:.4g} and {levels[0][1]:.4g} {port.unit}: no recording "
+            "says how far R is off between them, so that R_spread is that at the levels there, and too small where "
+            "zeros or friction of the recordings differ; record a third level between"
+            for port, levels in found
+            if levels and len(levels[0]) == 2
+        )
+
     def _levels(self, port: FurtherInput) -> tuple[Array, NDArray[np.intp]] | None:
         """Levels of an input that stands at one of them in each recording, as a tension set per test."""
         found = levels_of(np.concatenate([recording.channel(port.column) for recording in self.recordings]))

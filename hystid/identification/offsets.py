@@ -41,9 +41,12 @@ def constant_and_even(recordings: Sequence[Recording], inputs: Sequence[FurtherI
     notes = []
     offset, error, friction = _at_zero(x, sides, R)
     if abs(offset) > max(_SURE * error, _WORTH * size):
+        same = ", more than friction that differs with the direction can make"
+        if friction > abs(offset):
+            levels = f"{friction + offset:.3g} N forward and {friction - offset:.3g} N backward"
+            same = f", which is the same as friction levels of {levels}"
         notes.append(
-            f"the model holds a constant force of {offset:.3g} N{without} (standard error {error:.2g} N), which is the "
-            f"same as friction levels of {friction + offset:.3g} N forward and {friction - offset:.3g} N backward; "
+            f"the model holds a constant force of {offset:.3g} N{without} (standard error {error:.2g} N){same}; "
             "check the zeros of force and displacement"
         )
         notes += _coupled(recordings)

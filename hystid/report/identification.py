@@ -187,14 +187,15 @@ def _errors(page: Page, result: Identification) -> None:
 
 
 def _as_recorded(page: Page, result: Identification) -> None:
+    heads = ["recording", "force", *(["free run, x"] if result.model.mass else [])]
     rows = [
-        [c.recording.name, percent(c.recorded.force_nrmse), percent(c.recorded.x_nrmse)]
+        [c.recording.name, percent(c.recorded.force_nrmse), percent(c.recorded.x_nrmse)][: len(heads)]
         for c in result.comparisons
         if c.recorded
     ]
     if rows:
         told = "Above, x, v and a are smoothed; here they keep their noise. hystid validate reports the same."
-        page.table(Table("NRMSE on the channels as recorded", ["recording", "force", "free run, x"], rows, told))
+        page.table(Table("NRMSE on the channels as recorded", heads, rows, told))
 
 
 def _row(comparison: Comparison, published: bool, mass: bool) -> list[str | Cell]:
