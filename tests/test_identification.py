@@ -197,6 +197,22 @@ def test_interruption_keeps_finished_members(recordings, monkeypatch):
     assert result.notes == ("interrupted: 2 of 5 trainings had finished",)
 
 
+def test_interruption_of_the_training_in_simulation_is_told(recordings, monkeypatch, capsys):
+    """Ctrl-C after three of four trainings in simulation."""
+    genuine, calls = ensemble.train_jointly, []
+
+    def interrupted(*args, **kwargs):
+        calls.append(1)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return genuine(*args, **kwargs)
+
+    monkeypatch.setattr(ensemble, "train_jointly", interrupted)
+    result = identify(recordings, mass=0.0, layers=(3,), ensemble=4, samples=1000, workers=1)
+    assert result.notes[0] == "interrupted: 3 of 4 trainings in simulation had finished"
+    assert "stopping with the 3 of 4 that finished" in capsys.readouterr().err
+
+
 def test_recordings_of_different_rates_go_together(recordings, harmonic):
     slow = [Recording(r.name, r.t[::2], **{c: getattr(r, c)[::2] for c in "Fxva"}) for r in (recordings[1], harmonic)]
     found = identify(

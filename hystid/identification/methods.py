@@ -140,6 +140,7 @@ class Plan:
         patient = replace(self.rule, max_fails=max(_PATIENCE, self.rule.max_fails), progress=_PROGRESS)
         finished: Sequence[TrainedPair] = starts
         simulated: dict[int, TrainedPair] = {}
+        shortfall = self._shortfall(starts)
         for count, share, rule in (
             (len(starts), _HEAT_SHARE, replace(patient, max_iterations=_HEAT)),
             (max(self._tenth, round(len(starts) / 6)), 1.0, replace(patient, max_iterations=_LAST_ITERATIONS)),
@@ -147,11 +148,13 @@ class Plan:
             leaders = best(finished, count)
             finished = refine_ensemble(leaders, sequences, seed=self.seed, rule=rule, share=share, workers=self.workers)
             simulated |= {start.number: start for start in finished}
+            if len(finished) < len(leaders):
+                told = f"interrupted: {len(finished)} of {len(leaders)} trainings in simulation had finished"
+                shortfall = (*shortfall, told)
         everything = [simulated.get(start.number, start) for start in starts]
         chosen = self._steadiest(list(simulated.values()), recordings, len(sequences.x0))
         if not self.mass:  # with a mass, drift in closed loop has chosen; what still feeds energy in is told
             chosen = self._dissipating(chosen, sequences, recordings, replace(patient, max_iterations=_FEEDING))
-        shortfall = self._shortfall(starts)
         return Trained(everything, chosen, drawn, shortfall, {"method": "refined"}, unseen if unseen.any() else None)
 
     def _dissipating(

@@ -133,11 +133,11 @@ def side_by_side(
                     done[futures[future]] = future.result()
                     step()
         except BaseException as error:
-            if isinstance(error, KeyboardInterrupt) and done:
-                tell(f"{title}: stopping with the {len(done)} of {len(jobs)} that finished; Ctrl-C again ends at once")
             ready = [future for future in futures if future.done() and not future.cancelled()]
             stop.set()  # what ends from here on is not a finished training
             done |= {futures[future]: future.result() for future in ready if not future.exception()}
+            if isinstance(error, KeyboardInterrupt) and done:
+                tell(f"{title}: stopping with the {len(done)} of {len(jobs)} that finished; Ctrl-C again ends at once")
             pool.shutdown(wait=True, cancel_futures=True)
             if not isinstance(error, KeyboardInterrupt) or not done:
                 raise
