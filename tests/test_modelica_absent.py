@@ -152,3 +152,42 @@ def test_a_keyword_is_no_name(tmp_path: Path, text: str) -> None:
     (tmp_path / "rig.mo").write_text(f'model Rig "a flow"\n  parameter Real k = 1;\n  {text}\nend Rig;')
     with pytest.raises(ModelicaError, match=r"rig\.mo:3: syntax error: '(flow|loop)'"):
         compile_model(f"{tmp_path / 'rig.mo'}:Rig")
+
+
+IMPORTS = """package P
+  import SI = Modelica.Units.SI;
+  import Modelica.Constants.pi;
+  import Modelica.{Math, Units};
+  import Nowhere.At.All;
+  model Bare
+    Real x(start = 1, fixed = true);
+  equation
+    der(x) = -x;
+  end Bare;
+  model Slow
+    import Foo.Bar;
+    SI.Velocity v(start = 1, fixed = true);
+    parameter SI.Time T = 2*pi;
+  equation
+    T*der(v) = -v;
+  end Slow;
+end P;
+"""
+
+
+def test_imports_that_a_model_does_not_use_ask_for_nothing(tmp_path: Path) -> None:
+    (tmp_path / "p.mo").write_text(IMPORTS)
+    assert "x" in {v.name for v in compile_model(f"{tmp_path}/p.mo:P.Bare").variables}
+    assert "v" in {v.name for v in compile_model(f"{tmp_path}/p.mo:P.Slow").variables}
+
+
+@pytest.mark.parametrize("clause", ["Modelica.Parts.*", "Modelica.Parts", "Parts = Modelica.Parts"])
+def test_a_library_that_is_imported_and_absent_is_asked_for(
+    clause: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: Path
+) -> None:
+    monkeypatch.delenv("MODELICAPATH", raising=False)
+    kind = "Spring" if "*" in clause else "Parts.Spring"
+    (tmp_path / "p.mo").write_text(f"package P\n  import {clause};\n  model A\n    {kind} spring;\n  end A;\nend P;\n")
+    with pytest.raises(ModelicaError, match=r"p\.mo:2: there is no class 'Modelica\.Parts'; .*--library"):
+        compile_model(f"{tmp_path}/p.mo:P.A")
+    assert "spring.f" in {v.name for v in compile_model(f"{tmp_path}/p.mo:P.A", libraries=[library]).variables}

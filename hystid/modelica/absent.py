@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from hystid.errors import ModelicaError
-from hystid.modelica.lookup import Tree
+from hystid.modelica.lookup import Node, Tree, imported_by
 from hystid.modelica.reach import classes, reached
 from hystid.modelica.sources import Source, near, search_path
 
@@ -41,9 +41,28 @@ def refuse_absent_classes(model: str, tree: Tree, files: Sequence[Source]) -> No
             name, at = found["name"], found.start("name")
             own = used is None or any(c.start <= at < c.end for c in used if not c.short)
             if own and tree.find(name) is None:
-                place = f"{source.path}:{source.line(found.start('name'))}"
-                said = _versions(source, tree) or _advice(name, tree, _is_ours(name, tree))
-                raise ModelicaError(f"{place}: there is no class '{name}'{said}")
+                raise _absent(name, source, at, tree)
+
+
+def refuse_absent_imports(tree: Tree) -> None:
+    """Raises ModelicaError where what a cut tree needs is imported from what is nowhere, or may be: ``P.*``."""
+    for node in (n for root in tree.given for n in _around(root)):
+        for clause, name, full in ((c, *item) for c in node.import_clauses for item in imported_by(c).items()):
+            if (name.startswith("*") or (node, name) in tree.imported) and not tree.names(full):
+                raise _absent(full, node.source, clause.start(), tree)
+
+
+def _around(node: Node) -> Iterator[Node]:
+    """The class and those nested in it that stand around what is needed."""
+    if node.need:
+        yield node
+        for child in node.nested:
+            yield from _around(child)
+
+
+def _absent(name: str, source: Source, at: int, tree: Tree) -> ModelicaError:
+    said = _versions(source, tree) or _advice(name, tree, _is_ours(name, tree))
+    return ModelicaError(f"{source.place(at)}: there is no class '{name}'{said}")
 
 
 def _is_ours(name: str, tree: Tree) -> bool:

@@ -12,7 +12,7 @@ from pathlib import Path
 from hystid.errors import ModelicaError, listed
 from hystid.limits import compiled
 from hystid.modelcode import ModelCode
-from hystid.modelica.absent import refuse_absent_classes, refuse_absent_model
+from hystid.modelica.absent import refuse_absent_classes, refuse_absent_imports, refuse_absent_model
 from hystid.modelica.causalise import causalise
 from hystid.modelica.check import check_units
 from hystid.modelica.describe import model_code
@@ -20,7 +20,7 @@ from hystid.modelica.expand import elements
 from hystid.modelica.flat import FlatModel, FlatVariable
 from hystid.modelica.frontend import flatten
 from hystid.modelica.library import library_sources, shipped
-from hystid.modelica.lookup import Tree, cut
+from hystid.modelica.lookup import Tree, cut, without_idle_imports
 from hystid.modelica.random_numbers import seeds_of_names
 from hystid.modelica.reach import only_class
 from hystid.modelica.signatures import units_of_functions
@@ -229,7 +229,10 @@ def texts_for(model: str, libraries: Sequence[Path]) -> tuple[str, list[Source],
     tree = Tree([*((s, s.path) for s in files), *given], [*folders, *search_path(), _STANDARD])
     refuse_absent_model(name, tree, files, [Path(entry) for entry in libraries])
     refuse_absent_classes(name, tree, files)
-    return name, files, [*given, *cut(tree, name, [*((s, s.path) for s in files), *given])]
+    reached = cut(tree, name, [*((s, s.path) for s in files), *given])
+    refuse_absent_imports(tree)
+    given = [(without_idle_imports(s, tree), place) for s, place in given]
+    return name, [without_idle_imports(s, tree) for s in files], [*given, *reached]
 
 
 _LONGEST_NAME = 200  # characters of a class or a file: file systems take 255 bytes

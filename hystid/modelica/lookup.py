@@ -89,16 +89,16 @@ class Node:
         return frozenset(re.findall(r"[A-Za-z_]\w*", self.own))
 
     @cached_property
+    def import_clauses(self) -> list[re.Match[str]]:
+        """Its own import clauses, by their places in the text."""
+        inner = [(n.declared.front, n.declared.end) for n in self.nested]
+        found = _IMPORT.finditer(self.source.plain, self.declared.body, self.declared.tail)
+        return [m for m in found if not any(start <= m.start() < end for start, end in inner)]
+
+    @cached_property
     def imports(self) -> dict[str, str]:
-        """Name -> full name; "*" with a number -> a package of which every name is imported."""
-        found: dict[str, str] = {}
-        for number, clause in enumerate(_IMPORT.finditer(self.own)):
-            name, rest = _joined(clause["name"]), clause["rest"] or ""
-            if "{" in rest:
-                found.update((word, f"{name}.{word}") for word in re.findall(r"\w+", rest))
-            else:
-                found[f"*{number}" if rest else clause["alias"] or name.rsplit(".", 1)[-1]] = name
-        return found
+        """Name -> full name; "*" before the name of a package of which every name is imported."""
+        return {short: full for clause in self.import_clauses for short, full in imported_by(clause).items()}
 
     @cached_property
     def base_names(self) -> list[str]:
@@ -130,6 +130,14 @@ class Node:
             for name in sorted(names - {"package"}):
                 self.child(name)
         return list(self.inside.values())
+
+
+def imported_by(clause: re.Match[str]) -> dict[str, str]:
+    """What one import clause brings, as ``Node.imports`` has it."""
+    name, rest = _joined(clause["name"]), clause["rest"] or ""
+    if "{" in rest:
+        return {word: f"{name}.{word}" for word in re.findall(r"\w+", rest)}
+    return {f"*{name}" if rest else clause["alias"] or name.rsplit(".", 1)[-1]: name}
 
 
 def _joined(name: str) -> str:
@@ -178,6 +186,7 @@ class Tree:
         self._busy: set[Node] = set()
         self._waiting: list[Node] = []
         self.given: list[Node] = []
+        self.imported: set[tuple[Node, str]] = set()  # imports that gave a name its meaning
         for source, file in sorted(texts, key=lambda item: (len(item[1].parts), item[1].name != "package.mo")):
             self._add(source, file)
 
@@ -213,6 +222,12 @@ class Tree:
         for part in rest:
             node = self.member(node, part) if node is not None else None
         return node
+
+    def names(self, full: str) -> bool:
+        """Whether a full name is that of a class, or maybe of a constant in one."""
+        front, _, last = full.rpartition(".")
+        holder = self.find(front) if front else None
+        return self.find(full) is not None or (holder is not None and any(last in n.words for n in self._line(holder)))
 
     def bases(self, node: Node) -> list[Node]:
         """Its base classes, looked for in the classes around it."""
@@ -276,10 +291,12 @@ class Tree:
             if found is not None:
                 return found, [] if found.parent is here else [here]
             if name in here.imports:
+                self.imported.add((here, name))
                 return self.find(here.imports[name]), [here]
             for key, package in here.imports.items():
                 opened = self.find(package) if key.startswith("*") else None
                 if opened is not None and (found := self.member(opened, name)) is not None:
+                    self.imported.add((here, key))
                     return found, [here]
             if re.search(r"\bencapsulated\b", here.source.plain[here.declared.front : here.declared.start]):
                 break
@@ -386,6 +403,20 @@ def cut(tree: Tree, name: str, given: Sequence[tuple[Source, Path]]) -> list[tup
         _, blanks = texts.setdefault(node.file, (node.source, []))
         blanks += _unneeded(node, node is main)
     return [(Source(source.path, _blanked(source.text, blanks)), file) for file, (source, blanks) in texts.items()]
+
+
+def without_idle_imports(source: Source, tree: Tree) -> Source:
+    """The text without the imports through which the needed classes name nothing: the front end looks for them all."""
+    spans = [span for node in tree.given if node.source == source for span in _idle_imports(node, tree)]
+    return Source(source.path, _blanked(source.text, spans)) if spans else source
+
+
+def _idle_imports(node: Node, tree: Tree) -> Iterator[tuple[int, int]]:
+    for clause in node.import_clauses:
+        if not any((node, name) in tree.imported for name in imported_by(clause)):
+            yield clause.start(), node.source.plain.index(";", clause.end()) + 1
+    for child in node.nested:
+        yield from _idle_imports(child, tree)
 
 
 def _needed(node: Node) -> Iterator[Node]:
