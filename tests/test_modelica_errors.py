@@ -30,6 +30,20 @@ REFUSED = {
     "unknown base": (model("  extends Foo;\n"), 2, "'Foo'"),
     "unknown function": (model("  Real x;\nequation\n  x = foo(3);\n"), 4, "'foo'"),
     "unknown modifier": (model("  Real x(foo = 3);\nequation\n  x = 1;\n"), 2, "unknown modifier 'foo'"),
+    "comparison as an equation": (model("  Real x;\nequation\n  x == 3;\n"), 4, r"without '=' \('==' compares\)$"),
+    "number for a truth value": (model("  Real x = 1;\n  Boolean b = 1;\n"), 3, "another type, as a Boolean a number$"),
+    "truth value for a number": (model("  Boolean b = true;\n  Real x = true;\n"), 3, "another type|expected 'Real'"),
+    "branches of several lengths": (
+        model("  Real x;\nequation\n  if time > 1 then\n    x = 3;\n  end if;\n"), 4, "equation counts; every"
+    ),
+    "equal reals": (
+        model("  Real x, y;\nequation\n  x = time;\n  y = if x == 1 then 1 else 0;\n"), 1, "on Real .*; compare by <"
+    ),
+    "loop beyond an array": (
+        model("  parameter Integer n = 3;\n  Real z[n];\nequation\n  for i in 1:n + 1 loop z[i] = time; end for;\n"),
+        3,
+        "'z' has 3 elements, and a loop names element 4",
+    ),
     "number of an enumeration": (
         model(
             "  type G = enumeration(low, high);\n  parameter G g = G.low;\n  Integer k;\nequation\n"
@@ -412,7 +426,7 @@ def test_a_breakdown_of_the_front_end_prints_nothing_of_its_own(tmp_path, capfd)
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_refused_in_one_class_does_not_refuse_another_of_the_file(name, tmp_path):
     text = REFUSED[name][0]
-    if name in ("syntax", "end name"):  # such a text cannot be read at all
+    if name in ("syntax", "end name", "comparison as an equation"):  # such a text cannot be read at all
         return
     file = tmp_path / "rig.mo"
     file.write_text("model Sound\n  Real s(start = 1, fixed = true);\nequation\n  der(s) = -s;\nend Sound;\n" + text)

@@ -24,7 +24,7 @@ from hystid.modelica.lookup import Tree, cut, without_idle_imports
 from hystid.modelica.random_numbers import seeds_of_names
 from hystid.modelica.reach import only_class
 from hystid.modelica.signatures import units_of_functions
-from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars
+from hystid.modelica.sizes import refuse_large_arrays, refuse_many_scalars, refuse_widened_arrays
 from hystid.modelica.sources import Source, declaration, read, read_tree, search_path
 from hystid.modelica.workarounds.calls_in_when import with_calls_in_algorithms
 from hystid.modelica.workarounds.delay_times import with_real_delays
@@ -162,6 +162,7 @@ def flat_from_text(
     refuse_undecided(everything)
     refuse_mixed_functions(name, (f.name for f in flat.functions), everything)
     refuse_many_scalars(flat)
+    refuse_widened_arrays(flat, everything)
     check_units(flat, units_of_functions(flat.functions, everything))
     return flat
 

@@ -144,6 +144,10 @@ _CONSTRUCTS = (
     (r"model algorithm", r"(?<!initial )\balgorithm\b"),
     (r"branches have mismatched", r"(?m)^\s*if\b"),
     (r"unbalanced", r"\bstream\b"),
+    (
+        r"binding type compatibility",
+        r"\bBoolean\s+\w+\s*(?:\([^()]*\))?\s*=\s*[-+.\d]|\b(?:Real|Integer)\s+\w+[^=;]*=\s*(?:true|false)\b",
+    ),
     (r"found Enumeration", r"(?<![\w.])Integer\s*\("),
     (r"[Cc]lock|previous", r"\b(?:Clock|previous|hold|subSample)\s*\("),
 )
@@ -217,6 +221,7 @@ _ADVICE = (
         r"member augmentation",
         "; this is not supported: declare the member in the connector, expandable connector Bus Real speed; end Bus",
     ),
+    (r"equality comparison on Real", "; compare by < or >, or name a Boolean or an Integer that says the same"),
     (r"when-equation LHS", "; write name = expression in a when-clause, solved for what is assigned"),
     (r"found Enumeration", "; write Integer(e), where e is the name of a variable or of a parameter"),
 )
@@ -266,6 +271,9 @@ _WORDS = (
     ),
     (r"requires unsupported member augmentation", "adds a member that the connector does not declare"),
     (r"; unknowns\[.*", ""),
+    (r" in scope [`']*: conditions \[.*", ""),
+    (r"Modelica only allows functional call statement as equation.*", "an equation without '=' ('==' compares)"),
+    (r"missing source context.*binding type.*", "a variable gets a value of another type, as a Boolean a number"),
     (r"\s*\(line \d+\)", ""),
     ("`", "'"),
     (r"unresolved (?:component|type|import|function)[\w ]*: ('[^']+')", r"\1 is not declared"),

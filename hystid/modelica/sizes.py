@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 from hystid.errors import ModelicaError
 from hystid.modelica.clauses import Clause, clauses
+from hystid.modelica.expr import Num
 from hystid.modelica.flat import FlatModel
 from hystid.modelica.reach import Class, own_text, reached, words
 from hystid.modelica.sources import Source
@@ -94,6 +95,25 @@ def refuse_many_scalars(flat: FlatModel) -> None:
     largest = max(flat.variables, key=lambda v: sizes[v.name], default=None)
     if largest is not None and sum(sizes.values()) > MOST:
         raise _too_many(str(largest.place), largest.name, sum(sizes.values()))
+
+
+def refuse_widened_arrays(flat: FlatModel, sources: Sequence[Source]) -> None:
+    """Raise ModelicaError for an array that a loop leaves: the front end gives it the elements that the loop names."""
+    declared = {
+        (c.owner.source.place(c.start), c.name): c.sizes
+        for found in reached(flat.name, sources).values()
+        for owner in found or ()
+        for c in clauses(owner)
+        if c.sizes
+    }
+    values = {v.name: v.binding.value for v in flat.variables if isinstance(v.binding, Num)}
+    for v in flat.variables:
+        front, _, last = v.name.rpartition(".")
+        for text, found in zip(declared.get((str(v.place), last), ()), v.dims, strict=False):
+            name = f"{front}.{text.strip()}".lstrip(".")
+            size = float(text) if text.strip().isdigit() else values.get(name, found)
+            if size < found:
+                raise ModelicaError(f"{v.place}: '{v.name}' has {size:g} elements, and a loop names element {found}")
 
 
 def _too_many(place: str, name: str, number: int) -> ModelicaError:
