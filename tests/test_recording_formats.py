@@ -313,6 +313,7 @@ def _digits(*columns: np.ndarray[Any, Any]) -> list[list[str]]:
 
 
 _MIDNIGHT = np.datetime64("2024-03-05T23:59:59.800000")
+_HOUR_LATER = [str(stamp) for stamp in _MIDNIGHT + np.rint((T + 3600) * 1e6).astype("timedelta64[us]")]
 _DATES = [str(stamp) for stamp in _MIDNIGHT + np.rint(T * 1e6).astype("timedelta64[us]")]
 
 
@@ -328,8 +329,23 @@ _DATES = [str(stamp) for stamp in _MIDNIGHT + np.rint(T * 1e6).astype("timedelta
         [stamp.replace("-", "").replace(":", "") + "+0100" for stamp in _DATES],
         [f"0{stamp[9]}-Mar-2024 {stamp[11:]} UTC" for stamp in _DATES],
         [stamp[11:19] + f":{stamp[20:23]}" for stamp in _DATES],
+        [
+            f"{a}+01:00" if k < len(T) // 2 else f"{b}+02:00"
+            for k, (a, b) in enumerate(zip(_DATES, _HOUR_LATER, strict=True))
+        ],
     ],
-    ids=["ISO", "UTC", "time of day", "German", "American", "minutes", "basic ISO", "month", "milliseconds"],
+    ids=[
+        "ISO",
+        "UTC",
+        "time of day",
+        "German",
+        "American",
+        "minutes",
+        "basic ISO",
+        "month",
+        "milliseconds",
+        "summer time begins",
+    ],
 )
 def test_times_of_day_are_seconds(tmp_path: Path, stamps: list[str]) -> None:
     """Through midnight, with and without a date: microseconds at least, 1e-6 of a step below."""

@@ -15,7 +15,7 @@ _CLOCK = re.compile(
     r"""^(?:(?P<iso>\d{4}-\d\d-\d\d)[T\s]+
     |\d{1,4}[./-]\d{1,2}[./-]\d{2,4},?\s+|\d{1,2}[-\s]?[^\W\d_]{3,4}\.?[-\s]?\d{2,4}[:,]?\s+)?  # another date
     (?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,]\d+|:\d{3})?)\s*(?P<half>[AaPp][Mm])?
-    \s*(?:Z|UTC|GMT|[+-]\d\d:?\d\d)?$""",  # a time zone, which differences do not depend on
+    \s*(?:Z|UTC|GMT|(?P<zone>[+-]\d\d:?\d\d))?$""",
     re.VERBOSE,
 )
 _COMPACT = re.compile(r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:[.,]\d+)?)(Z|[+-]\d\d:?\d\d)?$")  # ISO 8601, basic
@@ -30,7 +30,7 @@ def is_stamp(cell: str) -> bool:
 
 
 def seconds(cells: Sequence[str]) -> Array:
-    """Seconds since midnight of the first day, shape (n,); NaN where a cell is no time of day.
+    """Seconds since midnight of the first day (UTC where a zone is stated), shape (n,); NaN for what is no time of day.
 
     Days of ISO dates count; of other dates nobody can tell day from month, so that there a clock that falls back by
     half a day or more went through midnight. "59:59.8" falls back after an hour instead.
@@ -42,6 +42,8 @@ def seconds(cells: Sequence[str]) -> Array:
         cell = _COMPACT.sub(r"\1-\2-\3T\4:\5:\6\7", cell)
         if match := _CLOCK.match(cell):
             found[k] = 3600 * _hours(match) + 60 * int(match["minutes"]) + _number(match["seconds"])
+            if match["zone"]:  # summer time may begin or end within a test
+                found[k] -= _offset(match["zone"])
             if match["iso"] and (day := _day(match["iso"])) is not None:
                 first = day if first is None else first
                 found[k] += _DAY * (day - first)
@@ -64,6 +66,10 @@ def _hours(match: re.Match[str]) -> int:
     if not match["half"]:
         return hours
     return hours % 12 + (12 if match["half"].lower() == "pm" else 0)
+
+
+def _offset(zone: str) -> float:
+    return float(f"{zone[0]}1") * (3600 * int(zone[1:3]) + 60 * int(zone[-2:]))
 
 
 def _number(text: str) -> float:
