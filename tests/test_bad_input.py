@@ -123,6 +123,8 @@ RECORDINGS = [
     recording("one channel", "F [N]\n1\n2\n", "only one column"),
     recording("no force", {"t [s]": T, "x [m]": X}, "no channel F"),
     recording("no time", {"F [N]": F, "x [m]": X}, "no channel t"),
+    recording("a header of pages", {"t [s]": T, "F [N] " + "of the test " * 5000: F, "x [m]": X}, "of the..., x; name"),
+    recording("many columns", {"t [s]": T, "x [m]": X} | {f"bridge{k}": F for k in range(60)}, "and 22 more; name"),
     recording("no motion", {"t [s]": T, "F [N]": F}, "no motion x, v or a"),
     recording("3 samples", {key: values[:3] for key, values in GOOD.items()}, "3 samples"),
     recording("NaN", spoilt(x=at(X, slice(40, 60), np.nan)), "line 42, sample 40, channel x"),

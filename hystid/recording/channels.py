@@ -92,7 +92,7 @@ def _wanted(table: Table, names: Mapping[str, str]) -> dict[str, str]:
             found[column] = channel
         elif channel not in {known_name(numbered(present).get(name, name)) for name in present}:
             near = difflib.get_close_matches(column, present, n=3)
-            hint = f"did you mean {', '.join(near)}?" if near else f"it has {', '.join(present)}"
+            hint = f"did you mean {', '.join(near)}?" if near else f"it has {table.named()}"
             raise UsageError(f"{table.file} has no column '{column}' (--channel {channel}={column}): {hint}")
     return found
 

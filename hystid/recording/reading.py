@@ -209,7 +209,7 @@ def _presence(table: Table, channels: Channels, door: _Door) -> list[Problem]:
     values = channels.values
     misread = {item.channel for item in channels.problems if item.severity == "error"}
     problems = []
-    found = f"it has {', '.join(column.name for column in table.columns)}"
+    found = f"it has {table.named()}"
     force = "N.m" if channels.rotational else "N"
     for name, unit in (("t", "s"), ("F", force)):
         if name not in values and name not in misread:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hystid.errors import listed
 from hystid.numeric import Array
 from hystid.recording.names import split_header
 from hystid.recording.problems import Problem, Severity
@@ -41,6 +42,10 @@ class Table:
         if sample is None or self.lines is None:
             return None
         return int(self.lines[sample])
+
+    def named(self) -> str:
+        """Its columns for a sentence that can be read: at most 40, and of a long name its begin."""
+        return listed([c.name if len(c.name) <= 60 else f"{c.name[:60]}..." for c in self.columns], 40)
 
     def problem(
         self,
