@@ -214,3 +214,14 @@ def test_a_lag_is_told_once_and_within_its_error() -> None:
     assert len([note for note in found.notes if " late" in note]) == 1
     told = found.findings[0].parameters["delay"]
     assert abs(told.value - late) < 3 * told.stderr < 0.02 * late
+
+
+def test_a_displacement_behind_a_slow_low_pass_is_left_out() -> None:
+    """A displacement sensor with a filter of 10 Hz lags where the acceleration does not: a resonance, by its phase."""
+    tests = [record(seed) for seed in (1, 2)]
+    tests = [
+        replace(test, x=lfilter(*butter(2, 10.0, fs=1 / DT), np.asarray(test.x))).part(slice(500, N)) for test in tests
+    ]
+    found = diagnose([replace(test, v=None) for test in tests], model=LINEAR, parameters={"m": M})
+    assert found.verdict in ("consistent", "recalibrated") and found.findings == ()
+    assert len(found.misread) == 2 and all("x is left out" in text and "above" in text for text in found.misread)

@@ -63,7 +63,7 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
             unfit[test.name] = f"held-out recording left out: {denied}"
     unseen = [test for test in unseen if test.name not in unfit]
     if left_out := _left_out((*tests, *unseen), (*used, *held)):
-        used, held = ([_coupled_alike(read, left_out, mass) for read in group] for group in (used, held))
+        used, held = ([_filtered_alike(read, left_out, mass) for read in group] for group in (used, held))
     misread = tuple(
         note
         for test, read in zip((*tests, *unseen), (*used, *held), strict=True)
@@ -101,8 +101,8 @@ def _read(test: Recording, mass: float | None) -> _Read:
         found = examine([here], mass)
         wrong = [item for item in found.refusals if item.slip in _NEVER - here.accepted]
         if not wrong:
-            here, coupled = _without_coupled(here, found)
-            found = examine([here], mass) if coupled else found
+            here, mended = _without_filtered(here, found)
+            found = examine([here], mass) if mended else found
             return _Read(here, found, *_late(here, found))
         if any(not _has_one_reading(item) for item in wrong):
             break
@@ -122,12 +122,12 @@ def _late(here: Recording, found: Examination) -> tuple[tuple[float, float] | No
     return (force.seen["lag"], force.seen["lag_error"]), force if severe else None
 
 
-def _without_coupled(test: Recording, found: Examination) -> tuple[Recording, bool]:
-    """The recording without channels that lose slow motion, where another one shows the motion.
+def _without_filtered(test: Recording, found: Examination) -> tuple[Recording, bool]:
+    """The recording without channels that lose slow or fast motion, where another one shows the motion.
 
-    Their turned phase is damping, or a resonance, that no structure has.
+    Their turned phase is damping, or a resonance, that no structure has; what a low-pass took, no noise hides.
     """
-    lossy = [item for item in found.findings if item.slip == "filtered" and "lost below" in item.seen]
+    lossy = [item for item in found.findings if item.slip == "filtered"]
     here = test
     for item in lossy:
         whole = set(here.channels("xva")) - {item.channel for item in lossy}
@@ -150,17 +150,17 @@ def _without(test: Recording, channel: str, why: str) -> Recording | None:
 
 
 def _left_out(tests: Sequence[Recording], read: Sequence[_Read]) -> dict[str, str]:
-    """Channels that were left out as they lose slow motion, and the first recording in which they were."""
+    """Channels that were left out as they lose motion, and the first recording in which they were."""
     pairs = [(test, one.recording) for test, one in zip(tests, read, strict=True)]
     found = {name: [t.name for t, r in pairs if name in t.channels() and name not in r.channels()] for name in "xva"}
     return {name: names[0] for name, names in found.items() if names}
 
 
-def _coupled_alike(read: _Read, left_out: Mapping[str, str], mass: float | None) -> _Read:
-    """The same without channels whose sensors lose slow motion in other recordings: where the motion is quick their
-    phase is turned as well, only by less than shows."""
+def _filtered_alike(read: _Read, left_out: Mapping[str, str], mass: float | None) -> _Read:
+    """The same without channels whose sensors lose motion in other recordings: away from the corner their phase is
+    turned as well, only by less than shows."""
     for channel, elsewhere in left_out.items():
-        left = _without(read.recording, channel, f"as its sensor loses slow motion in {elsewhere} [filtered]")
+        left = _without(read.recording, channel, f"as its sensor loses motion in {elsewhere} [filtered]")
         if left is not None:
             found = examine([left], mass)
             read = _Read(left, found, *_late(left, found))
