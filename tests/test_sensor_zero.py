@@ -105,3 +105,23 @@ def test_a_drift_of_x_is_not_blamed_on_the_force_alone() -> None:
     (told,) = re.findall(r"one of the displacement sensor, by up to ([0-9.]+) mm", " ".join(found.notes))
     # A bow is no exponential: the two differ by a few per cent at the ends.
     assert float(told) == pytest.approx(1e3 * max(map(np.max, warmer)), rel=0.1)
+
+
+def test_a_zero_of_x_takes_the_place_of_no_likelier_law() -> None:
+    """A plainer friction leaves no more than noise as well, and is less likely: zeros of x have nothing to mend. The
+    force has fallen at a hundredth of the peak speed, which few samples show; noise is as loud in all recordings."""
+    loudest = recorded(1, 60.0, lambda t, x, v: np.zeros(len(t)), noise=0.0)
+    loud = {name: float(np.std(values)) for name, values in loudest.channels("xvaF").items()}
+    fastest = float(np.max(np.abs(loudest.channel("v"))))
+
+    def force(t: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return loud["F"] * (0.05 + 0.07 * np.exp(-np.abs(v) / (0.01 * fastest))) * np.sign(v)
+
+    tests = []
+    for seed, level in enumerate((60.0, 30.0, 18.0), 1):
+        sound, rng = recorded(seed, level, force, noise=0.0), np.random.default_rng(seed + 1000)
+        noisy = {n: sound.channel(n) + 0.01 * size * rng.standard_normal(len(sound)) for n, size in loud.items()}
+        tests.append(replace(sound, **{**noisy, "v": None}))
+    found = diagnose(tests, model=MODEL, parameters=NOMINAL)
+    assert not any("off its zero" in note for note in found.notes)
+    assert {finding.effect for finding in found.findings} <= {"stribeck_friction", "coulomb_friction"}

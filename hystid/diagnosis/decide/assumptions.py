@@ -231,8 +231,10 @@ def _off_zero(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:
     listed = [c.hypothesis for c in choice.posterior.candidates if not c.hypothesis.windowed]
     plainer = sorted((h for h in listed if h.numbers < numbers), key=lambda h: h.fit.chi2)
     for fit in (choice.before, *(h.fit for h in plainer[:_PLAINER])):
+        if criterion.is_reached(left := criterion.misfit(fit, criterion.floor)):
+            continue  # nothing is left that zeros could take: whether the plainer law is the likelier one is decided
         zeros, less = zeros_of_x(problem, fit, ZERO)
-        if not _are_usual(problem, zeros) or less / criterion.rows < _PROMISED * criterion.misfit(fit, criterion.floor):
+        if not _are_usual(problem, zeros) or less / criterion.rows < _PROMISED * left:
             continue
         there = problem.with_zeros(zeros)
         moved = try_fit(there, fit.hypothesis)
