@@ -203,6 +203,23 @@ def test_a_law_pays_for_dragging_the_baseline_along(stiffening: Diagnosis) -> No
     assert cost(NOMINAL["B"]) < cost(2.5 * NOMINAL["B"]) < 2.0 < cost(0.0)
 
 
+def test_a_mass_that_vanishes_pays_for_it() -> None:
+    """Of a mass that was weighed a twentieth may be left as rarely as of a spring that was given; a tenth more of it
+    costs nothing that counts."""
+    case, library = posed([recorded(1, 40.0, lambda t, x, v: 0.0 * x)])
+    effect = next(effect for effect in library if effect.id == "added_mass")
+    criterion = Criterion(case.problem, case.refit, 20)
+
+    def paid(share: float) -> float:
+        term = Term(effect, {"dm": share * case.baseline.mass})
+        here = replace(case.refit.hypothesis, terms=())
+        with_it, without = (standing(case.problem, h) for h in (replace(here, terms=(term,)), here))
+        return criterion.departure(with_it) - criterion.departure(without)
+
+    assert paid(-0.95) == pytest.approx(np.log1p(np.log2(0.05) ** 2), rel=1e-6)
+    assert 0 < paid(0.1) < 0.02
+
+
 def test_the_better_a_law_fits_the_more_probable_it_is(stiffening: Diagnosis) -> None:
     assert stiffening.choice is not None
     whole = stiffening.choice.before.chi2 - stiffening.choice.floor_before

@@ -31,7 +31,7 @@ from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from hystid.diagnosis.fit.curves import CELLS, CURVE, cells
-from hystid.diagnosis.fit.hypothesis import Fit
+from hystid.diagnosis.fit.hypothesis import Fit, is_mass
 from hystid.diagnosis.fit.problem import Problem
 from hystid.smoothing.noise import noise_error
 
@@ -225,13 +225,18 @@ class Criterion:
 
     def departure(self, fit: Fit) -> float:
         """What a fit pays for parameters of the baseline far from those that were given (a Cauchy distribution of the
-        logarithm, ``NOMINAL``), beyond what the recordings leave open: a wrong law drags the baseline along."""
+        logarithm, ``NOMINAL``), beyond what the recordings leave open: a wrong law drags the baseline along. The mass
+        that an added one leaves is such a parameter: what was weighed does not vanish."""
         base, cost = self.problem.baseline, 0.0
-        for name in base.stated.intersection(base.free):
-            given, found = base.nominal[name], fit.hypothesis.values[name]
+        found = [(base.nominal[n], fit.hypothesis.values[n], ("base", n)) for n in base.stated.intersection(base.free)]
+        for i, term in enumerate(fit.hypothesis.terms):
+            if is_mass(term.effect):
+                name = term.effect.semantics.mass
+                found.append((base.mass, base.mass + term.values[name], (str(i), name)))
+        for given, value, key in found:
             if given != 0:
-                open_ = 2 * float(np.nan_to_num(fit.stderr(("base", name))))
-                near = found + float(np.clip(given - found, -open_, open_))
+                open_ = 2 * float(np.nan_to_num(fit.stderr(key)))
+                near = value + float(np.clip(given - value, -open_, open_))
                 cost += math.log1p((math.log(max(near / given, _NO_MORE)) / NOMINAL) ** 2)
         return cost
 
