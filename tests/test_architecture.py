@@ -176,6 +176,12 @@ def test_a_file_name_stands_once() -> None:
     assert {name for name in names if names.count(name) > 1} <= SHARED_NAMES
 
 
+def test_a_public_class_name_stands_once() -> None:
+    found = [node.name for path in modules() for node in ast.parse(path.read_text(encoding="utf-8")).body
+             if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]  # fmt: skip
+    assert {name for name in found if found.count(name) > 1} == set()
+
+
 # Functions with more than seven parameters: entry functions, whose parameters are the options that users see. The list
 # may only become shorter.
 OPTIONS = {

@@ -18,7 +18,7 @@ from hystid.diagnosis.decide.criterion import (
     ZERO,
     Candidate,
     Criterion,
-    Hypothesis,
+    FittedSet,
     Posterior,
     effective_states,
     variance_of_states,
@@ -94,7 +94,7 @@ def stiffening() -> Diagnosis:
     return answer([rig(1, 20.0, 2e9), rig(2, 35.0, 2e9)])
 
 
-def fits(found: Diagnosis, misfit: float) -> tuple[Criterion, Hypothesis]:
+def fits(found: Diagnosis, misfit: float) -> tuple[Criterion, FittedSet]:
     """A criterion on the rows of a diagnosis, and a made-up hypothesis that leaves a misfit of the same shape."""
     assert found.choice is not None and found.problem is not None
     before, noise = found.choice.before, found.choice.after.residual
@@ -102,7 +102,7 @@ def fits(found: Diagnosis, misfit: float) -> tuple[Criterion, Hypothesis]:
     share = misfit / (before.chi2 - criterion.floor)
     residual = noise + np.sqrt(share) * (before.residual - noise)
     fit = replace(before, residual=residual, chi2=criterion.floor + misfit)
-    return criterion, Hypothesis(("cubic_stiffness",), 1, fit)
+    return criterion, FittedSet(("cubic_stiffness",), 1, fit)
 
 
 def test_probabilities_add_up_to_one(stiffening: Diagnosis) -> None:
@@ -318,7 +318,7 @@ def test_a_set_is_compared_with_what_it_is_without_an_idle_member(stiffening: Di
     search = Search(problem, choice.before, [], lambda: None, ())
     rests = {
         rest.names: counts
-        for rest, counts in search.without_one(Hypothesis(("cubic_stiffness", "preload"), 2, both), search.criterion)
+        for rest, counts in search.without_one(FittedSet(("cubic_stiffness", "preload"), 2, both), search.criterion)
     }
     assert rests == {("cubic_stiffness",): False, ("preload",): True}
 
@@ -329,7 +329,7 @@ def test_a_law_that_another_assumption_hid_is_asked_beside_its_rivals(stiffening
     problem, before, library = stiffening.problem, stiffening.choice.before, load_effects([])
     stops = [e for e in library if e.id == "two_sided_stop"]
     rival = next(made for c in scan(problem, before, stops) if (made := try_term(problem, before, c.term)) is not None)
-    found = weigh(problem, before, library, [Hypothesis(("two_sided_stop",), 2, rival)])
+    found = weigh(problem, before, library, [FittedSet(("two_sided_stop",), 2, rival)])
     assert found.candidates[0].names == ("cubic_stiffness",)
 
 

@@ -14,7 +14,7 @@ from benchmarks.concealed.cases import draw
 from benchmarks.concealed.deck import deck
 from benchmarks.concealed.generate import write_case
 from hystid.compiled import CompiledModel
-from hystid.diagnosis.decide.criterion import Hypothesis as Suggested
+from hystid.diagnosis.decide.criterion import FittedSet
 from hystid.diagnosis.decide.hypotheses import Search
 from hystid.diagnosis.decide.trials import Trial, _wider
 from hystid.diagnosis.fit.case import pose
@@ -195,7 +195,7 @@ def test_what_was_fitted_from_where_a_refit_went_astray_is_fitted_from_what_was_
     stuck = try_fit(problem, replace(far, terms=(*far.terms, cubic)))
     assert stuck is not None
     search = Search(problem, standing(problem, far), [], lambda: None, ())
-    (found,) = search._as_given([Suggested(("cubic_stiffness",), 1, stuck)])
+    (found,) = search._as_given([FittedSet(("cubic_stiffness",), 1, stuck)])
     assert stuck.chi2 > 1e4 * found.fit.chi2
     assert found.fit.hypothesis.terms[-1].values["k3"] == pytest.approx(8e8, rel=0.02)
     assert not list(search._as_given([found]))  # what leaves noise stays

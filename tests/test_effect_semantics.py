@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from hystid.diagnosis import Diagnosis, Finding
-from hystid.diagnosis.decide.criterion import Candidate, Posterior
-from hystid.diagnosis.decide.criterion import Hypothesis as Hypotheses
+from hystid.diagnosis.decide.criterion import Candidate, FittedSet, Posterior
 from hystid.diagnosis.decide.trials import are_reached
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
@@ -321,7 +320,7 @@ def test_the_next_experiment_can_be_done_and_tells_something(catalogue: Catalogu
 def test_a_class_is_one_candidate_with_one_name(catalogue: Catalogue) -> None:
     """Never two names at half the confidence each."""
     rest = np.zeros(3)
-    one = Hypotheses((), 0, Fit(Hypothesis({}), rest, 1.0))
+    one = FittedSet((), 0, Fit(Hypothesis({}), rest, 1.0))
     names = {("two_sided_stop",): 0.46, ("backlash",): 0.44, ("pinching", "backlash"): 0.04, ("preload",): 0.01}
     ranked = tuple(Candidate(n, p, 0.9, one) for n, p in names.items())
     said = answered(

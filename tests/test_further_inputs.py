@@ -20,7 +20,7 @@ from hystid.fmu import build
 from hystid.identification import identify
 from hystid.identification.leftout import LeftOut
 from hystid.identification.levels import apart_between_levels, levels_of, with_curves
-from hystid.networks import Curve, FurtherInput, Lag, Member, Network, TwoNetworkModel, evaluation
+from hystid.networks import FurtherInput, Lag, Member, Network, Polyline, TwoNetworkModel, evaluation
 from hystid.networks import onnx as exchange
 from hystid.networks.level import Level
 from hystid.networks.trust import Spread, Tail
@@ -30,7 +30,10 @@ from hystid.surrogate import oscillator_code, surrogate_code
 from hystid.validation import validate
 
 RATE = 1000.0
-PORTS = (FurtherInput("u", "V", "u", Curve((0.0, 0.5, 2.0), (0.0, 1.4, 2.0))), FurtherInput("p", "Pa", "line pressure"))
+PORTS = (
+    FurtherInput("u", "V", "u", Polyline((0.0, 0.5, 2.0), (0.0, 1.4, 2.0))),
+    FurtherInput("p", "Pa", "line pressure"),
+)
 LAGS = (Lag("u", 8e-3), Lag("v", 3e-3))
 
 
@@ -46,7 +49,7 @@ def model() -> TwoNetworkModel:
     members = tuple(Member(network(rng, 7), network(rng, 7)) for _ in range(3))
     limits = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "R": (-2.0, 2.0), "u": (0.0, 2.0), "p": (-1.0, 1.0)}
     level = Level(0.3, (0.2, 0.5, -0.1, 0.2, 0.1), 1.0, (0.4, 0.1, 0.2, -0.1), 0.05)
-    trust = {"tail": Tail(0.7, 0.2), "spread": Spread(0.1, 1.3, (Curve((0.0, 1.0, 2.0), (1.0, 3.0, 1.0)), None))}
+    trust = {"tail": Tail(0.7, 0.2), "spread": Spread(0.1, 1.3, (Polyline((0.0, 1.0, 2.0), (1.0, 3.0, 1.0)), None))}
     return TwoNetworkModel(members, 1.5, RATE, limits, inputs=PORTS, lags=LAGS, level=level, **trust)
 
 

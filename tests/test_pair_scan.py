@@ -7,7 +7,7 @@ import pytest
 
 from hystid.diagnosis.fit.case import Case
 from hystid.diagnosis.fit.hypothesis import Hypothesis
-from hystid.diagnosis.fit.pairscan import Pair, scan_pairs
+from hystid.diagnosis.fit.pairscan import TermPair, scan_pairs
 from hystid.diagnosis.fit.search import complement, try_fit
 from hystid.diagnosis.model.effects import Effect
 from tests.test_diagnosis_windows import STIFFNESS, motion, posed, recorded
@@ -27,7 +27,7 @@ def rig() -> tuple[Case, list[Effect]]:
     return posed([recorded(seed, level, _force, noise=1e-3) for seed, level in enumerate(LEVELS, 1)])
 
 
-def _with(here: Hypothesis, pair: Pair) -> Hypothesis:
+def _with(here: Hypothesis, pair: TermPair) -> Hypothesis:
     return replace(here, terms=(*here.terms, *pair.terms))
 
 

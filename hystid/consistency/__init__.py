@@ -2,15 +2,15 @@
 
 from hystid.consistency.align import aligned
 from hystid.consistency.examine import admit, check, examine
-from hystid.consistency.types import Balance, Channel, Examination, Examined, Finding, Relation
+from hystid.consistency.types import Agreement, Balance, Channel, Examination, Examined, Mismatch
 
 __all__ = [
+    "Agreement",
     "Balance",
     "Channel",
     "Examination",
     "Examined",
-    "Finding",
-    "Relation",
+    "Mismatch",
     "admit",
     "aligned",
     "check",

@@ -13,7 +13,7 @@ from hystid.consistency.filters import MATTERS, Form
 from hystid.consistency.force import examine_force, is_late
 from hystid.consistency.kinematics import ORDER, Pair, hertz, main_frequency, motion, spectrum
 from hystid.consistency.slips import Slip
-from hystid.consistency.types import Finding
+from hystid.consistency.types import Mismatch
 from hystid.recording import Recording
 
 _SIGMAS = 6.9  # standard errors of a lag, from six sections: one sound pair in a thousand (Student, 5 degrees)
@@ -42,7 +42,7 @@ def channel_faults(
     slips: Sequence[Slip],
     forms: Mapping[tuple[str, str], Form],
     late: Late | None,
-) -> list[Finding]:
+) -> list[Mismatch]:
     """Findings about pairs of channels besides the slips. whole: pairs of which no channel is cut off."""
     found = []
     if not any(slip.kind == "exchanged" for slip in slips):
@@ -83,10 +83,10 @@ def _pair_is_late(p: Pair, recording: Recording) -> bool:
     return abs(p.lag) > least and abs(p.lag) > _SIGMAS * max(p.lag_error, 0.02 * recording.dt)
 
 
-def _filters(recording: Recording, compared: Sequence[Pair], forms: Mapping[tuple[str, str], Form]) -> list[Finding]:
+def _filters(recording: Recording, compared: Sequence[Pair], forms: Mapping[tuple[str, str], Form]) -> list[Mismatch]:
     """Channels that lose low or high frequencies which another one shows, and integrated channels that drift."""
-    found: dict[tuple[str, str], Finding] = {}
-    told: dict[tuple[str, str], Finding] = {}
+    found: dict[tuple[str, str], Mismatch] = {}
+    told: dict[tuple[str, str], Mismatch] = {}
     for p in compared:
         if p.is_one_motion and (drifting := _drift(p, recording) or _wandering(p, recording)) is not None:
             name, share = drifting
@@ -162,7 +162,7 @@ def _wandering(p: Pair, recording: Recording) -> tuple[str, float] | None:
     return ("v", share) if share > _DRIFT else None
 
 
-def _unrelated(recording: Recording, compared: Sequence[Pair]) -> list[Finding]:
+def _unrelated(recording: Recording, compared: Sequence[Pair]) -> list[Mismatch]:
     return [
         words.unrelated(recording.name, p) for p in compared if not p.is_one_motion and _ought_to_agree(recording, p)
     ]

@@ -41,7 +41,7 @@ from hystid.consistency.slips import (
     doubtful_units,
     misfit_limit,
 )  # fmt: skip
-from hystid.consistency.types import SHORTEST, Balance, Channel, Examination, Examined, Finding, Relation
+from hystid.consistency.types import SHORTEST, Agreement, Balance, Channel, Examination, Examined, Mismatch
 from hystid.errors import UsageError
 from hystid.recording import Array, Recording, Sources, loaded, own_mass
 
@@ -108,8 +108,8 @@ def check(
     return found
 
 
-def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Finding]]:
-    findings: list[Finding] = []
+def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Mismatch]]:
+    findings: list[Mismatch] = []
     moves = all(np.ptp(values) > 0 for values in motion(recording).values())  # a constant channel is told as such
     timed = not recording.quasi_static and len(recording) >= SHORTEST and moves
     kept = {name: kept_size(values) for name, values in motion(recording).items()} if timed else {}
@@ -137,7 +137,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
     elif (loose := _without_ratio(best, compared)) is not None:
         findings.append(words.no_fixed_ratio(recording.name, loose))
     else:
-        judged: list[Finding] = []
+        judged: list[Mismatch] = []
         readable = not any(slip.kind == "exchanged" for slip in best.slips)
         for tried in (best, *_other_signs(best, compared)) if readable else ():
             best, mended = tried, _mended(recording, tried)
@@ -160,7 +160,7 @@ def _one(recording: Recording, mass: float | None) -> tuple[Examined, list[Findi
         whole = [p for p in compared if kept[p.low] == kept[p.high] == 1.0]
         findings += channel_faults(recording, compared, whole, best.slips, forms, late)
     relations = [
-        Relation(p.low, p.high, p.gain, p.error, p.sign, p.lag, p.lag_error, hertz(p.band), p.coherence)
+        Agreement(p.low, p.high, p.gain, p.error, p.sign, p.lag, p.lag_error, hertz(p.band), p.coherence)
         for p in compared
     ]
     balance = None
@@ -260,7 +260,7 @@ def _why_alone(recording: Recording, situation: Situation, name: str) -> str:
     return "it does not follow the other channels of the motion"
 
 
-def _copied(recording: Recording, mass: float | None) -> list[Finding]:
+def _copied(recording: Recording, mass: float | None) -> list[Mismatch]:
     """Channels that hold the very numbers of another one. A mass of one, simulated, makes F of a; nothing else does."""
     held = {name: values for name, values in recording.channels("Fxva").items() if np.ptp(values) > 0}
     for one, other in combinations(held, 2):
@@ -328,7 +328,7 @@ def _as_measured(
     return recording
 
 
-def _judged_force(recording: Recording, force: Force | None) -> list[Finding]:
+def _judged_force(recording: Recording, force: Force | None) -> list[Mismatch]:
     """Sign and clock of the force."""
     if force is None:
         return []
@@ -366,7 +366,7 @@ def _denied_without(others: Sequence[str], recording: Recording, mass: float) ->
     return force is None or force.denies(mass)
 
 
-def _sizes(recording: Recording) -> list[Finding]:
+def _sizes(recording: Recording) -> list[Mismatch]:
     """Motion that no structure makes, which needs no second channel to be seen."""
     names = motion(recording)
     if recording.rotational:

@@ -15,7 +15,7 @@ from hystid.consistency.force import EXPLAINED, SIGMAS_FORCE, examine_force
 from hystid.consistency.kinematics import Pair, motion, pairs
 from hystid.consistency.situations import CLEAR, explanation_of, situation_of
 from hystid.consistency.slips import PRIOR_SLIP, SURE, Explanation, Slip, label_scales
-from hystid.consistency.types import Finding
+from hystid.consistency.types import Mismatch
 from hystid.recording import Recording
 
 _FAR = 2 * SIGMAS_FORCE  # standard errors by which a mass is out of the question, for units of a usual size too
@@ -53,7 +53,7 @@ def _moved(recording: Recording, moves: Mapping[str, str]) -> Iterator[tuple[Rec
 
 def exchanged_force(
     recording: Recording, compared: Sequence[Pair], best: Explanation, mass: float | None
-) -> Finding | None:
+) -> Mismatch | None:
     """The column of F follows the motion, and that of a motion channel does not."""
     names = motion(recording)
     if recording.F is None or not np.ptp(recording.F):
@@ -80,7 +80,7 @@ def _all_one_motion(compared: Sequence[Pair], name: str) -> bool:
     return all(p.is_one_motion for p in compared if name in (p.low, p.high))
 
 
-def _force_for_x(recording: Recording, mass: float | None) -> Finding | None:
+def _force_for_x(recording: Recording, mass: float | None) -> Mismatch | None:
     """With x alone: the exchange makes the structure give out energy, and F a length; or the mass is far off as the
     columns are called, and right the other way."""
     x, F = recording.x, recording.F

@@ -17,7 +17,7 @@ SHORTEST = 64  # samples below which spectra say nothing
 
 
 @dataclass(frozen=True)
-class Finding:
+class Mismatch:
     """One slip of one recording.
 
     slip: rule that ``--accept`` knows: "wrong_unit", "swapped_sign", "swapped_channels", "not_one_motion", "lag",
@@ -64,7 +64,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Relation:
+class Agreement:
     """How two channels of the motion agree: ``high`` against the derivative of ``low``.
 
     gain (1 where all is well) and its standard error, sign, lag of ``high`` [s] and its error from the scatter of
@@ -122,7 +122,7 @@ class Examined:
     sample_rate: float
     rotational: bool
     channels: Mapping[str, Channel]
-    relations: Sequence[Relation]
+    relations: Sequence[Agreement]
     balance: Balance | None
     undecided: Mapping[str, str] = field(default_factory=dict)
 
@@ -140,16 +140,16 @@ class Examination(Result, report="examination", json="check.json"):
     """All recordings and all findings."""
 
     examined: Sequence[Examined]
-    findings: Sequence[Finding]
+    findings: Sequence[Mismatch]
     recordings: Sequence[Recording] = field(default=(), repr=False)
 
     @property
-    def refusals(self) -> list[Finding]:
+    def refusals(self) -> list[Mismatch]:
         """Findings with which no result would mean anything."""
         return [item for item in self.findings if item.severity == "refuse"]
 
     @property
-    def notes(self) -> list[Finding]:
+    def notes(self) -> list[Mismatch]:
         """Findings that a user should know of."""
         return [item for item in self.findings if item.severity == "note"]
 

@@ -10,7 +10,7 @@ from hystid.consistency.bad_samples import alone
 from hystid.consistency.force import Force
 from hystid.consistency.kinematics import Pair
 from hystid.consistency.slips import CALIBRATION, LINEAR, USUAL, Explanation, Slip
-from hystid.consistency.types import Finding
+from hystid.consistency.types import Mismatch
 from hystid.recording import Array, Recording
 from hystid.units import to_si
 
@@ -19,7 +19,7 @@ _DERIVATIVES = {("x", "v"): "dx/dt", ("x", "a"): "the second derivative of x", (
 
 def slips(
     name: str, best: Explanation, compared: Sequence[Pair], rotational: bool, mass: float | None
-) -> list[Finding]:
+) -> list[Mismatch]:
     """One finding per slip of an explanation, and one for each slip that would explain as much instead."""
     if best.readings:
         return [_several_units(name, best.readings, compared)]
@@ -41,7 +41,7 @@ def slips(
     return [replace(item, repair={}) for item in (*found, *others)]  # nobody knows which one mends it
 
 
-def _slip(name: str, slip: Slip, compared: Sequence[Pair], rotational: bool, mass: float | None) -> Finding:
+def _slip(name: str, slip: Slip, compared: Sequence[Pair], rotational: bool, mass: float | None) -> Mismatch:
     if slip.kind == "exchanged":
         return _exchanged(name, slip, compared)
     if slip.kind == "reversed":
@@ -62,7 +62,7 @@ def _evidence(channel: str, compared: Sequence[Pair]) -> tuple[str, dict[str, fl
     return " and ".join(told), seen
 
 
-def _unit(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] = ()) -> Finding:
+def _unit(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] = ()) -> Mismatch:
     channel = slip.channels[0]
     told, seen = _evidence(channel, compared)
     seen["times too large"] = slip.factor
@@ -79,15 +79,15 @@ def _unit(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] 
         if len(compared) == 1 and channel != "F":
             rate = times ** (1 / compared[0].order)
             mend += f"; a sample rate that is wrong by a factor of {_number(rate)} looks the same"
-        return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen)
+        return Mismatch(name, channel, "wrong_unit", sentence, mend, "refuse", seen)
     sentence += f": it looks like {' or '.join([slip.units[1], *alike])}"
     mend = f"write '{channel} [{slip.units[1]}]' in the header or give --unit {channel}={slip.units[1]}"
     mend += "; else the mass is wrong" if channel == "F" or not told else ""
     repair = {} if alike else {"unit": f"{channel}={slip.units[1]}"}  # the only reading that fits, or none
-    return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", seen, repair)
+    return Mismatch(name, channel, "wrong_unit", sentence, mend, "refuse", seen, repair)
 
 
-def _time(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] = ()) -> Finding:
+def _time(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] = ()) -> Mismatch:
     told, seen = _evidence("", compared)
     seen["times too large"] = slip.factor
     size = f"{_number(slip.factor)} times too slow" if slip.factor > 1 else f"{_number(1 / slip.factor)} times too fast"
@@ -104,10 +104,10 @@ def _time(name: str, slip: Slip, compared: Sequence[Pair], alike: Sequence[str] 
         repair = {} if alike else {"unit": f"t={slip.units[1]}"}
     judged = told or "judged by the mass and the force"
     sentence = f"time runs {size} for the motion ({judged}): {looks}"
-    return Finding(name, "t", "wrong_unit", sentence, mend, "refuse", seen, repair)
+    return Mismatch(name, "t", "wrong_unit", sentence, mend, "refuse", seen, repair)
 
 
-def _several_units(name: str, readings: Sequence[Sequence[Slip]], compared: Sequence[Pair]) -> Finding:
+def _several_units(name: str, readings: Sequence[Sequence[Slip]], compared: Sequence[Pair]) -> Mismatch:
     """Columns without units, of which several are in other units at once."""
     told, seen = _evidence("", compared)
     order = "tFxva"
@@ -124,14 +124,14 @@ def _several_units(name: str, readings: Sequence[Sequence[Slip]], compared: Sequ
     else:
         mend += " or give them with --unit: the data alone do not tell which"
     mend += "; else the mass is wrong" if "F" in channels else ""
-    return Finding(name, _listed(channels), "wrong_unit", sentence, mend, "refuse", seen)
+    return Mismatch(name, _listed(channels), "wrong_unit", sentence, mend, "refuse", seen)
 
 
 def _listed(words: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def _mass(name: str, slip: Slip, rotational: bool, mass: float | None) -> Finding:
+def _mass(name: str, slip: Slip, rotational: bool, mass: float | None) -> Mismatch:
     given, unit = mass or 0.0, "kg.m2" if rotational else "kg"
     word = "an inertia" if rotational else "a mass"
     true = given / slip.factor
@@ -142,16 +142,16 @@ def _mass(name: str, slip: Slip, rotational: bool, mass: float | None) -> Findin
     same = [f"{channel} in {unit}" for channel, power in (("F", 1), ("a", -1)) for unit in _units(channel, slip, power)]
     mend = f"give --mass {_number(true)} if it was weighed so, or check the units of F and a"
     mend += f", for {' or '.join(same)} would look the same" if same and not rotational else ""
-    return Finding(name, "m", "wrong_mass", sentence, mend, "refuse", seen)
+    return Mismatch(name, "m", "wrong_mass", sentence, mend, "refuse", seen)
 
 
-def mass_apart(recording: Recording, mass: float, ratio: float) -> Finding:
+def mass_apart(recording: Recording, mass: float, ratio: float) -> Mismatch:
     """A mass that F over a shows, further off the given one than fixtures and springs, and no unit. ratio: of both."""
     told = _mass(recording.name, Slip("gain", ("m",), 0.0, 1.0 / ratio), recording.rotational, mass)
     return replace(told, severity="note")
 
 
-def no_inertia(recording: Recording, force: Force, mass: float) -> Finding:
+def no_inertia(recording: Recording, force: Force, mass: float) -> Mismatch:
     """The force follows the motion without the mass that was given."""
     word, unit = ("inertia", "kg.m2") if recording.rotational else ("mass", "kg")
     sentence = (
@@ -159,7 +159,7 @@ def no_inertia(recording: Recording, force: Force, mass: float) -> Finding:
     )
     sentence += f" of x and v explain {100 * force.free_share:.4g} % of it without any"
     mend = f"give the {word} as 0 where F is measured behind the moving parts, or check that all channels are measured"
-    return Finding(
+    return Mismatch(
         recording.name, "m", "wrong_mass", sentence, mend, "refuse", {"apparent mass": force.mass, "given mass": mass}
     )
 
@@ -170,7 +170,7 @@ def _units(channel: str, slip: Slip, power: int) -> list[str]:
     return [u for u in listed[1:USUAL] if abs(math.log(to_si(u, listed[0])[0] ** power / slip.factor)) < CALIBRATION]
 
 
-def _reversed(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
+def _reversed(name: str, slip: Slip, compared: Sequence[Pair]) -> Mismatch:
     channel = slip.channels[0]
     told, seen = _evidence(channel, compared)
     sentence = f"{channel} has the wrong sign ({told})"
@@ -178,13 +178,13 @@ def _reversed(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
         other = next(n for p in compared for n in (p.low, p.high) if n != channel)
         sentence = f"{channel} or {other} has the wrong sign ({told})"
     mend = f"reverse it with --reverse {channel}"
-    return Finding(name, channel, "swapped_sign", sentence, mend, "refuse", seen, {"reverse": channel})
+    return Mismatch(name, channel, "swapped_sign", sentence, mend, "refuse", seen, {"reverse": channel})
 
 
 _HEADER = "correct the header: names and units of these columns are exchanged"
 
 
-def _exchanged(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
+def _exchanged(name: str, slip: Slip, compared: Sequence[Pair]) -> Mismatch:
     moves = dict(item.split("=") for item in slip.channels)
     seen = {f"exponent of {p.high} over {_DERIVATIVES[p.low, p.high]}": p.slope for p in compared}
     p = compared[0]
@@ -193,29 +193,29 @@ def _exchanged(name: str, slip: Slip, compared: Sequence[Pair]) -> Finding:
     sentence += f" as its power {p.slope:.1f})" if math.isfinite(p.slope_error) else " does not fit otherwise)"
     mend = "choose the columns with " + " ".join(f"--channel {b}=<column of {a}>" for a, b in moves.items())
     mend = _HEADER if slip.scales else mend
-    return Finding(name, " and ".join(moves), "swapped_channels", sentence, mend, "refuse", seen)
+    return Mismatch(name, " and ".join(moves), "swapped_channels", sentence, mend, "refuse", seen)
 
 
-def copied(name: str, one: str, other: str) -> Finding:
+def copied(name: str, one: str, other: str) -> Mismatch:
     """Two channels that hold the same numbers."""
     sentence = f"{one} and {other} hold the same numbers, sample by sample: one column was copied or chosen twice"
     mend = f"look which of the two it is, and choose the other with --channel {one}=COLUMN or --channel {other}=COLUMN"
     if one == "F":
         mend += "; accept a law whose factor is exactly 1 with --accept swapped_channels"
-    return Finding(name, f"{one} and {other}", "swapped_channels", sentence, mend)
+    return Mismatch(name, f"{one} and {other}", "swapped_channels", sentence, mend)
 
 
-def force_exchanged(name: str, channel: str, correlation: float, *, with_units: bool = False) -> Finding:
+def force_exchanged(name: str, channel: str, correlation: float, *, with_units: bool = False) -> Mismatch:
     """F holds a channel of the motion, and that channel the force. with_units: as the units of their labels say."""
     sentence = f"F and {channel} are exchanged: the column of F moves as {channel} must, that of {channel} does not"
     mend = f"choose the columns with --channel F=<column of {channel}> --channel {channel}=<column of F>"
     mend = _HEADER if with_units else mend
-    return Finding(
+    return Mismatch(
         name, f"F and {channel}", "swapped_channels", sentence, mend, "refuse", {"correlation": correlation}
     )  # fmt: skip
 
 
-def force_reversed(name: str, force: Force, other: float, share: float, names: Mapping[str, Array]) -> Finding:
+def force_reversed(name: str, force: Force, other: float, share: float, names: Mapping[str, Array]) -> Mismatch:
     """The structure would give out energy, or have a negative mass."""
     told = [f"the mean power F v is {_number(100 * force.power)} % of what it could be"] if force.power < 0 else []
     if force.mass < -3 * force.mass_error:
@@ -231,10 +231,10 @@ def force_reversed(name: str, force: Force, other: float, share: float, names: M
     )
     seen = {"power": force.power, "mass": force.mass, "correlation": force.correlation, "explained": share}
     mend = "reverse it with --reverse F, or accept a structure that is driven from inside with --accept swapped_sign"
-    return Finding(name, "F", "swapped_sign", sentence, mend, "refuse", seen, {"reverse": "F"})
+    return Mismatch(name, "F", "swapped_sign", sentence, mend, "refuse", seen, {"reverse": "F"})
 
 
-def force_late(name: str, force: Force, *, severe: bool) -> Finding:
+def force_late(name: str, force: Force, *, severe: bool) -> Mismatch:
     """The force runs on another clock."""
     word = "later" if force.lag > 0 else "earlier"
     sentence = f"F comes {milliseconds(abs(force.lag))} {word} than the motion, all through the test"
@@ -242,10 +242,10 @@ def force_late(name: str, force: Force, *, severe: bool) -> Finding:
     aligned = max(force.lag_share, force.lag_reversed, force.free_lag_share)
     seen = {"lag": force.lag, "lag_error": force.lag_error, "explained": aligned}
     mend = "were they logged by two devices? align them with --align F"
-    return Finding(name, "F", "lag", sentence, mend, "refuse" if severe else "note", seen, {"align": "F"})
+    return Mismatch(name, "F", "lag", sentence, mend, "refuse" if severe else "note", seen, {"align": "F"})
 
 
-def channel_late(name: str, channel: str, p: Pair, lag: float, *, severe: bool, sure: bool) -> Finding:
+def channel_late(name: str, channel: str, p: Pair, lag: float, *, severe: bool, sure: bool) -> Mismatch:
     """A channel of the motion runs on another clock. sure: whether it is this one of the two."""
     word, other = "later" if lag > 0 else "earlier", p.low if channel == p.high else p.high
     sentence = f"{channel} comes {milliseconds(abs(lag))} {word} than {other} shows, all through the test"
@@ -255,10 +255,10 @@ def channel_late(name: str, channel: str, p: Pair, lag: float, *, severe: bool, 
         mend = f"which of the two is off does not show: align it with --align {channel} or --align {other}, or check"
         mend += " the filters of their amplifiers"
     repair = {"align": channel} if sure else {}
-    return Finding(name, channel, "lag", sentence, mend, "refuse" if severe else "note", seen, repair)
+    return Mismatch(name, channel, "lag", sentence, mend, "refuse" if severe else "note", seen, repair)
 
 
-def filtered(name: str, channel: str, side: str, limit: float, p: Pair) -> Finding:
+def filtered(name: str, channel: str, side: str, limit: float, p: Pair) -> Mismatch:
     """A channel counts only on one side of a frequency."""
     other = p.low if channel == p.high else p.high
     where = f"below {limit:.3g} Hz" if side == "low" else f"above {limit:.3g} Hz"
@@ -269,49 +269,49 @@ def filtered(name: str, channel: str, side: str, limit: float, p: Pair) -> Findi
     mend = f"leave {channel} out where slower motion matters, or state --band" if side == "low" else (
         f"leave {channel} out, or state --band -{limit:.3g}Hz"
     )  # fmt: skip
-    return Finding(name, channel, "filtered", sentence, mend, "note", {lost: limit})
+    return Mismatch(name, channel, "filtered", sentence, mend, "note", {lost: limit})
 
 
-def drift(name: str, channel: str, share: float, limit: float) -> Finding:
+def drift(name: str, channel: str, share: float, limit: float) -> Mismatch:
     """A slow wandering that no other channel shows."""
     sentence = f"{channel} drifts: {100 * share:.0f} % of its power is slow and in no other channel, as if integrated"
     mend = f"leave {channel} out, or state --band {limit:.3g}-...Hz; it counts from {limit:.3g} Hz on"
-    return Finding(name, channel, "drift", sentence, mend, "note", {"share": share, "limit": limit})
+    return Mismatch(name, channel, "drift", sentence, mend, "note", {"share": share, "limit": limit})
 
 
-def bad_samples(name: str, channel: str, number: int, first: float) -> Finding:
+def bad_samples(name: str, channel: str, number: int, first: float) -> Mismatch:
     """Single samples that stand alone. first: time of the first one [s]."""
     sentence = f"{alone(number, first)}, as errors of a data link do"
     mend = "diagnose, identify and validate bridge such samples; look at the cable and the range of the recorder"
-    return Finding(name, channel, "bad_samples", sentence, mend, "note", {"samples": number, "first": first})
+    return Mismatch(name, channel, "bad_samples", sentence, mend, "note", {"samples": number, "first": first})
 
 
-def unexplained(name: str, compared: Sequence[Pair]) -> Finding:
+def unexplained(name: str, compared: Sequence[Pair]) -> Mismatch:
     """Ratios that neither one slip nor two explain."""
     told, seen = _evidence("", compared)
     sentence = f"the channels do not fit together, and no slip explains it: {told}"
     mend = "several things are wrong: check the columns, the units and the sample rate one by one, and check again"
-    return Finding(name, "", "not_one_motion", sentence, mend, "refuse", seen)
+    return Mismatch(name, "", "not_one_motion", sentence, mend, "refuse", seen)
 
 
-def no_fixed_ratio(name: str, p: Pair) -> Finding:
+def no_fixed_ratio(name: str, p: Pair) -> Mismatch:
     """Two channels whose ratio no factor explains, as a force in the column of a motion leaves it."""
     derivative = _DERIVATIVES[p.low, p.high]
     sentence = (
         f"{p.high} is no fixed multiple of {derivative}: their ratio is level for {100 * p.level:.0f} % of its power"
     )
     mend = f"check that the columns of {p.low} and {p.high} hold what they are called; does one of them hold F?"
-    return Finding(name, p.high, "not_one_motion", sentence, mend, "refuse", {"level": p.level})
+    return Mismatch(name, p.high, "not_one_motion", sentence, mend, "refuse", {"level": p.level})
 
 
-def unrelated(name: str, p: Pair) -> Finding:
+def unrelated(name: str, p: Pair) -> Mismatch:
     """Two channels that have nothing in common."""
     sentence = f"{p.high} does not follow {_DERIVATIVES[p.low, p.high]} (both move alike in no band)"
     mend = "check that both columns belong to one test and one point, and are the channels that they are called"
-    return Finding(name, p.high, "not_one_motion", sentence, mend, "note", {"correlation": p.correlation})
+    return Mismatch(name, p.high, "not_one_motion", sentence, mend, "note", {"correlation": p.correlation})
 
 
-def too_large(name: str, channel: str, seen: str, size: float, alone: bool, slow: bool = False) -> Finding:
+def too_large(name: str, channel: str, seen: str, size: float, alone: bool, slow: bool = False) -> Mismatch:
     """A size that no structure has.
 
     alone: whether no other channel of the motion is there. slow: whether the time axis is more likely at fault.
@@ -322,7 +322,7 @@ def too_large(name: str, channel: str, seen: str, size: float, alone: bool, slow
     mend = f"correct the unit of {first} or of {second} in the header, or give --unit "
     mend += "t=ms" if slow else f"{channel}={unit}"
     mend += f"; or are F and {channel} exchanged?" if alone else ""
-    return Finding(name, channel, "wrong_unit", sentence, mend, "refuse", {"size": size})
+    return Mismatch(name, channel, "wrong_unit", sentence, mend, "refuse", {"size": size})
 
 
 def _number(value: float) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hystid.identification import data
 from hystid.identification.levels import levels_of
 from hystid.identification.prediction import respond
-from hystid.networks import Curve, FurtherInput, Lag, TwoNetworkModel
+from hystid.networks import FurtherInput, Lag, Polyline, TwoNetworkModel
 from hystid.networks.level import Level
 from hystid.networks.training import RULES, Data, Scaling, initial_weights, train
 from hystid.networks.trust import Spread
@@ -96,7 +96,7 @@ class LeftOut:
         inflation, between = self.inflation(model.lags)
         return replace(Spread.fit(error[at], deviation[at], inflation), between=between)
 
-    def inflation(self, lags: Sequence[Lag]) -> tuple[float, tuple[Curve | None, ...]]:
+    def inflation(self, lags: Sequence[Lag]) -> tuple[float, tuple[Polyline | None, ...]]:
         """How much greater errors are than on scattered parts of known recordings, at least 1: on a recording of its
         own at inputs that were trained on; and, for each further input, times what between its levels.
 
@@ -130,7 +130,7 @@ class LeftOut:
             return None
         return found
 
-    def _between(self, lags: Sequence[Lag], at: Array, number: NDArray[np.intp], known: float) -> Curve | None:
+    def _between(self, lags: Sequence[Lag], at: Array, number: NDArray[np.intp], known: float) -> Polyline | None:
         """Greater errors between the levels of an input; None where no level lies between others."""
         heights = []
         for k in range(1, len(at) - 1):
@@ -141,7 +141,7 @@ class LeftOut:
         height = 1.0 + max(0.0, float(np.nanmean(heights)))
         middles = (at[1:] + at[:-1]) / 2
         to = np.insert(np.ones(len(at)), np.arange(1, len(at)), height)
-        return Curve(tuple(np.insert(at, np.arange(1, len(at)), middles).tolist()), tuple(to.tolist()))
+        return Polyline(tuple(np.insert(at, np.arange(1, len(at)), middles).tolist()), tuple(to.tolist()))
 
     def _reach(self, lags: Sequence[Lag], out: NDArray[np.bool_]) -> float:
         """Magnitude that nine in ten errors [N] stay below on the samples ``out``, as far as they lie within the range

@@ -2,7 +2,7 @@
 
 Two levels leave a straight line. From three on the level of the force itself says how it goes on: friction that has
 nearly saturated at the second of three tensions is to stay nearly saturated up to the third. The input is then seen
-through a ``Curve``, on which the level of the force is a straight line.
+through a ``Polyline``, on which the level of the force is a straight line.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hystid.identification.data import beginning
 from hystid.identification.prediction import respond
-from hystid.networks import Curve, FurtherInput, TwoNetworkModel
+from hystid.networks import FurtherInput, Polyline, TwoNetworkModel
 from hystid.networks.level import Level
 from hystid.recording import Array, Recording
 
@@ -73,7 +73,7 @@ def _moved(recording: Recording, column: str, value: float) -> Recording:
     return replace(part, extra={**part.extra, column: np.full(len(part), value)})
 
 
-def _curve(which: int, table: Sequence[Array], x: Array, R: Array) -> Curve | None:
+def _curve(which: int, table: Sequence[Array], x: Array, R: Array) -> Polyline | None:
     """The curve of one input: centre or width of the force at its levels, whichever changes more.
 
     Both are those of ``Level``, with each level of the input for itself.
@@ -94,7 +94,7 @@ def _curve(which: int, table: Sequence[Array], x: Array, R: Array) -> Curve | No
     if np.min(np.diff(to) / np.diff(at)) < _FLAT:
         return None
     ends = float(table[which].min()), float(table[which].max())
-    return Curve(
+    return Polyline(
         (ends[0], *(float(value) for value in at[1:-1]), ends[1]),
         (ends[0], *(float(value) for value in to[1:-1]), ends[1]),
     )

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from hystid.errors import ModelicaError
-from hystid.modelica.lookup import Node, Tree, imported_by
+from hystid.modelica.lookup import ClassNode, Tree, imported_by
 from hystid.modelica.reach import classes, reached
 from hystid.modelica.sources import Source, near, search_path
 
@@ -52,7 +52,7 @@ def refuse_absent_imports(tree: Tree) -> None:
                 raise _absent(full, node.source, clause.start(), tree)
 
 
-def _around(node: Node) -> Iterator[Node]:
+def _around(node: ClassNode) -> Iterator[ClassNode]:
     """The class and those nested in it that stand around what is needed."""
     if node.need:
         yield node

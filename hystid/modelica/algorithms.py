@@ -20,7 +20,7 @@ _OUTSIDE = frozenset({"pre", "edge", "change", "der"})
 
 
 @dataclass
-class Outcome:
+class SectionResult:
     """values: name of a scalar -> its value. held: names of those that keep their value between events.
 
     whens: what is set anew or checked in when-clauses. assertions: what is checked outside of them.
@@ -32,7 +32,7 @@ class Outcome:
     assertions: list[Assertion] = field(default_factory=list)
 
 
-def run_section(section: Section, flat: FlatModel, expander: Expander) -> Outcome:
+def run_section(section: Section, flat: FlatModel, expander: Expander) -> SectionResult:
     """What an algorithm section says. Raises ModelicaError for what cannot be written out."""
     expander.place = section.place
     names = set(assigned(section.statements))
@@ -41,7 +41,7 @@ def run_section(section: Section, flat: FlatModel, expander: Expander) -> Outcom
     before = {v.name: _before(v, v.name in clocked, expander) for v in variables}
     body = _Body(expander, Function("algorithm", (), (), (), _protected(section.statements), section.place), [])
     after = body.section(before)
-    made = Outcome(whens=body.whens, assertions=body.assertions)
+    made = SectionResult(whens=body.whens, assertions=body.assertions)
     for v in variables:
         scalars = elements(v.name, v.dims)
         made.values.update(zip(scalars, flattened(after[v.name]), strict=True))

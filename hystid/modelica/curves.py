@@ -27,7 +27,7 @@ _NEAR = 1e-9  # of a stretch: by which a step may fall short of the break that i
 
 
 @dataclass(frozen=True)
-class Curve:
+class Spline:
     """breaks (n,), not falling; coefficients (n - 1, 4); outside: one of the codes of extrapolation.
 
     first: 0 before this abscissa (the start time of a time table), minus infinity for none.
@@ -47,10 +47,10 @@ class Curve:
 
     @staticmethod
     @lru_cache(maxsize=256)
-    def read(text: str) -> Curve:
+    def read(text: str) -> Spline:
         """The curve that a text holds."""
         breaks, coefficients, outside, first, events = json.loads(text)
-        return Curve(tuple(breaks), tuple(map(tuple, coefficients)), int(outside), first, tuple(events))
+        return Spline(tuple(breaks), tuple(map(tuple, coefficients)), int(outside), first, tuple(events))
 
     @property
     def period(self) -> float:
@@ -118,10 +118,10 @@ class Curve:
         return min(found, default=NEVER)
 
 
-def curve(x: Array, y: Array, smoothness: int, outside: int) -> Curve:
+def curve(x: Array, y: Array, smoothness: int, outside: int) -> Spline:
     """The curve through points (n,). Raises ValueError, with a reason, for what is no table."""
     if len(x) == 1:
-        return Curve((float(x[0]), float(x[0]) + 1.0), ((float(y[0]), 0.0, 0.0, 0.0),), HOLD)
+        return Spline((float(x[0]), float(x[0]) + 1.0), ((float(y[0]), 0.0, 0.0, 0.0),), HOLD)
     if np.any(np.diff(x) < 0):
         raise ValueError("the first column falls")
     if smoothness == CONSTANT:
@@ -135,15 +135,15 @@ def curve(x: Array, y: Array, smoothness: int, outside: int) -> Curve:
         d = np.where(h > 0, np.diff(y) / np.where(h > 0, h, 1.0), 0.0)
     if smoothness == LINEAR or len(x) == 2:
         rows = [(float(a), float(s), 0.0, 0.0) for a, s in zip(y[:-1], d, strict=True)]
-        return Curve(tuple(map(float, x)), tuple(rows), outside)
+        return Spline(tuple(map(float, x)), tuple(rows), outside)
     t = _SLOPES[smoothness](h, d, outside == PERIODIC)
     c2 = (3 * d - 2 * t[:-1] - t[1:]) / h
     c3 = (t[:-1] + t[1:] - 2 * d) / h**2
     table = np.column_stack([y[:-1], t[:-1], c2, c3])
-    return Curve(tuple(map(float, x)), tuple(tuple(map(float, row)) for row in table), outside)
+    return Spline(tuple(map(float, x)), tuple(tuple(map(float, row)) for row in table), outside)
 
 
-def _of_constants(x: Array, y: Array, outside: int) -> Curve:
+def _of_constants(x: Array, y: Array, outside: int) -> Spline:
     """The value of the point before; at its end the last one, on a stretch of its own."""
     rows = [(float(a), 0.0, 0.0, 0.0) for a in y[:-1]]
     breaks = list(map(float, x))
@@ -156,7 +156,7 @@ def _of_constants(x: Array, y: Array, outside: int) -> Curve:
         width = breaks[-1] - breaks[0]
         rows.insert(0, (float(y[0]) - slope * width, slope, 0.0, 0.0))
         breaks.insert(0, breaks[0] - width)
-    return Curve(tuple(breaks), tuple(rows), outside)
+    return Spline(tuple(breaks), tuple(rows), outside)
 
 
 def _extended(d: Array, periodic: bool) -> Array:
@@ -215,7 +215,7 @@ _SLOPES = {AKIMA: _akima, MONOTONE: _fritsch_butland, STEFFEN: _steffen, MODIFIE
 
 def literal(text: str) -> Sequence[float]:
     """The numbers of a curve in the order in which the C function ``hy_curve`` reads them."""
-    c = Curve.read(text)
+    c = Spline.read(text)
     head = [len(c.breaks), c.outside, c.first, len(c.events)]
     return [float(v) for v in (*head, *c.breaks, *c.events, *(v for row in c.coefficients for v in row))]
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from hystid.modelica.curves import Curve
+from hystid.modelica.curves import Spline
 from hystid.modelica.matrix_kernels import TEXTS
 from hystid.modelica.xorshift import GENERATORS
 
@@ -187,7 +187,7 @@ def _lookup(order: int) -> Callable[..., Expr]:
 
     def rule(x: Expr, data: Expr, before: Expr) -> Expr:
         if isinstance(x, Num) and isinstance(before, Num) and isinstance(data, Text):
-            return Num(Curve.read(data.value).value(x.value, order, before.value))
+            return Num(Spline.read(data.value).value(x.value, order, before.value))
         return Op(f"curve{order}", (x, data, before))
 
     return rule
@@ -195,7 +195,7 @@ def _lookup(order: int) -> Callable[..., Expr]:
 
 def _next_event(x: Expr, data: Expr) -> Expr:
     if isinstance(x, Num) and isinstance(data, Text):
-        return Num(Curve.read(data.value).next_event(x.value))
+        return Num(Spline.read(data.value).next_event(x.value))
     return Op("curve_next", (x, data))
 
 

@@ -42,15 +42,15 @@ class Need(IntEnum):
 
 
 @dataclass(eq=False)
-class Node:
+class ClassNode:
     """A class of the tree. folder: of a package that is a folder. file: path of its text below the library's root."""
 
     name: str
-    parent: Node | None
+    parent: ClassNode | None
     declared: Class
     file: Path
     folder: Path | None = None
-    inside: dict[str, Node] = field(default_factory=dict)
+    inside: dict[str, ClassNode] = field(default_factory=dict)
     need: int = 0
 
     @property
@@ -59,7 +59,7 @@ class Node:
         return self.declared.source
 
     @property
-    def nested(self) -> list[Node]:
+    def nested(self) -> list[ClassNode]:
         """Classes in it that stand in the same text."""
         return [n for n in self.inside.values() if n.file == self.file]
 
@@ -113,7 +113,7 @@ class Node:
         """Names of the files and folders beside its own."""
         return frozenset(p.name for p in self.folder.iterdir()) if self.folder else frozenset()
 
-    def child(self, name: str) -> Node | None:
+    def child(self, name: str) -> ClassNode | None:
         """The class of that name declared in it, in a file of its folder maybe."""
         if name not in self.inside and self.folder is not None and {name, f"{name}.mo"} & self._entries:
             made = _loaded(self.folder, name, self)
@@ -121,7 +121,7 @@ class Node:
                 self.inside[name] = made
         return self.inside.get(name)
 
-    def all_children(self) -> list[Node]:
+    def all_children(self) -> list[ClassNode]:
         """Every class declared in it."""
         if self.folder is not None:
             names = {p.stem for p in self.folder.glob("*.mo")} | {
@@ -133,7 +133,7 @@ class Node:
 
 
 def imported_by(clause: re.Match[str]) -> dict[str, str]:
-    """What one import clause brings, as ``Node.imports`` has it."""
+    """What one import clause brings, as ``ClassNode.imports`` has it."""
     name, rest = _joined(clause["name"]), clause["rest"] or ""
     if "{" in rest:
         return {word: f"{name}.{word}" for word in re.findall(r"\w+", rest)}
@@ -144,7 +144,7 @@ def _joined(name: str) -> str:
     return re.sub(r"\s", "", name)
 
 
-def _loaded(folder: Path, name: str, parent: Node | None) -> Node | None:
+def _loaded(folder: Path, name: str, parent: ClassNode | None) -> ClassNode | None:
     """The class ``name`` from a file or folder below ``folder``; of a package in several versions the last."""
     place = parent.file.parent if parent is not None else Path()
     if (folder / f"{name}.mo").is_file():
@@ -161,14 +161,16 @@ def _version(name: str) -> tuple[int, ...]:
     return tuple(int(part) for part in re.findall(r"\d+", name.partition(" ")[2]))
 
 
-def _first(source: Source, name: str, parent: Node | None, file: Path, folder: Path | None) -> Node | None:
+def _first(source: Source, name: str, parent: ClassNode | None, file: Path, folder: Path | None) -> ClassNode | None:
     found = classes(source)
     outer = next((c for c in found or () if c.parent is None and c.name == name), None)
     return _node(outer, found or (), parent, file, folder) if outer else None
 
 
-def _node(c: Class, found: Sequence[Class], parent: Node | None, file: Path, folder: Path | None = None) -> Node:
-    made = Node(c.name, parent, c, file, folder)
+def _node(
+    c: Class, found: Sequence[Class], parent: ClassNode | None, file: Path, folder: Path | None = None
+) -> ClassNode:
+    made = ClassNode(c.name, parent, c, file, folder)
     made.inside = {d.name: _node(d, found, made, file) for d in found if d.parent is c}
     return made
 
@@ -181,12 +183,12 @@ class Tree:
 
     def __init__(self, texts: Iterable[tuple[Source, Path]], folders: Sequence[Path]) -> None:
         self._folders = folders
-        self._top: dict[str, Node | None] = {}
-        self._bases: dict[Node, list[Node]] = {}
-        self._busy: set[Node] = set()
-        self._waiting: list[Node] = []
-        self.given: list[Node] = []
-        self.imported: set[tuple[Node, str]] = set()  # imports that gave a name its meaning
+        self._top: dict[str, ClassNode | None] = {}
+        self._bases: dict[ClassNode, list[ClassNode]] = {}
+        self._busy: set[ClassNode] = set()
+        self._waiting: list[ClassNode] = []
+        self.given: list[ClassNode] = []
+        self.imported: set[tuple[ClassNode, str]] = set()  # imports that gave a name its meaning
         for source, file in sorted(texts, key=lambda item: (len(item[1].parts), item[1].name != "package.mo")):
             self._add(source, file)
 
@@ -198,8 +200,8 @@ class Tree:
             (parent.inside if parent is not None else self._top)[c.name] = made
             self.given.append(made)
 
-    def _given(self, name: str) -> Node | None:
-        node: Node | None = None
+    def _given(self, name: str) -> ClassNode | None:
+        node: ClassNode | None = None
         for part in name.split("."):
             node = self._top.get(part) if node is None else node.inside.get(part)
             if node is None:
@@ -208,14 +210,14 @@ class Tree:
 
     # -- names
 
-    def top(self, name: str) -> Node | None:
+    def top(self, name: str) -> ClassNode | None:
         """The outermost class of that name."""
         if name not in self._top:
             made = (_loaded(folder, name, None) for folder in self._folders)
             self._top[name] = next((node for node in made if node is not None), None)
         return self._top[name]
 
-    def find(self, name: str) -> Node | None:
+    def find(self, name: str) -> ClassNode | None:
         """The class of a full name; inherited classes count."""
         first, *rest = name.split(".")
         node = self.top(first)
@@ -229,7 +231,7 @@ class Tree:
         holder = self.find(front) if front else None
         return self.find(full) is not None or (holder is not None and any(last in n.words for n in self._line(holder)))
 
-    def bases(self, node: Node) -> list[Node]:
+    def bases(self, node: ClassNode) -> list[ClassNode]:
         """Its base classes, looked for in the classes around it."""
         if node not in self._bases:
             if node in self._busy:
@@ -244,9 +246,9 @@ class Tree:
             self._refuse_circle(node)
         return self._bases[node]
 
-    def _refuse_circle(self, node: Node) -> None:
+    def _refuse_circle(self, node: ClassNode) -> None:
         """Refuses a class that extends itself through the bases known so far."""
-        seen: list[Node] = []
+        seen: list[ClassNode] = []
         waiting = list(self._bases[node])
         while waiting:
             base = waiting.pop()
@@ -257,22 +259,24 @@ class Tree:
                 seen.append(base)
                 waiting += self._bases.get(base, ())
 
-    def member(self, node: Node, name: str) -> Node | None:
+    def member(self, node: ClassNode, name: str) -> ClassNode | None:
         """The class of that name in a class or its bases."""
         own = node.child(name)
         if own is not None:
             return own
         return next((m for base in self.bases(node) if (m := self.member(base, name)) is not None), None)
 
-    def _named(self, name: str, scope: Node, inherited: bool = True) -> Node | None:
+    def _named(self, name: str, scope: ClassNode, inherited: bool = True) -> ClassNode | None:
         """The class that a name means in a scope; None where it means none to its last part."""
         node, _used, rest = self._resolved(name, scope, inherited)
         return None if rest else node
 
-    def _resolved(self, name: str, scope: Node, inherited: bool) -> tuple[Node | None, list[Node], list[str]]:
+    def _resolved(
+        self, name: str, scope: ClassNode, inherited: bool
+    ) -> tuple[ClassNode | None, list[ClassNode], list[str]]:
         """The last class along a dotted name, the classes on the way to it, and the parts behind it."""
         first, *rest = name.lstrip(".").split(".")
-        used: list[Node] = []
+        used: list[ClassNode] = []
         if name.startswith("."):
             node = self.top(first)
         else:
@@ -283,9 +287,9 @@ class Tree:
             rest.pop(0)
         return node, used, rest
 
-    def _first(self, name: str, scope: Node, inherited: bool) -> tuple[Node | None, list[Node]]:
+    def _first(self, name: str, scope: ClassNode, inherited: bool) -> tuple[ClassNode | None, list[ClassNode]]:
         """What a simple name means, and the class whose import or base classes gave it."""
-        here: Node | None = scope
+        here: ClassNode | None = scope
         while here is not None:
             found = self.member(here, name) if inherited or here is not scope else here.child(name)
             if found is not None:
@@ -303,7 +307,7 @@ class Tree:
             here = here.parent
         return self.top(name), []
 
-    def roots(self) -> list[Node]:
+    def roots(self) -> list[ClassNode]:
         """The outermost classes that were read."""
         return [node for node in self._top.values() if node is not None]
 
@@ -320,7 +324,7 @@ class Tree:
 
     # -- needs
 
-    def need(self, node: Node, level: Need) -> None:
+    def need(self, node: ClassNode, level: Need) -> None:
         """Marks a class, and what follows from that."""
         if node.need >= level:
             return
@@ -349,7 +353,7 @@ class Tree:
                 if given is not None:
                     self.need(given, Need.ALL)
 
-    def _follow(self, name: str, scope: Node) -> None:
+    def _follow(self, name: str, scope: ClassNode) -> None:
         node, used, rest = self._resolved(name, scope, inherited=True)
         if node is None:
             self._mark_owner(name.split(".", 1)[0], scope)
@@ -359,7 +363,7 @@ class Tree:
         whole = rest or node.declared.kind != "package" or node.declared.short
         self.need(node, Need.ITSELF if whole else Need.PLACE)
 
-    def _mark_owner(self, word: str, scope: Node) -> None:
+    def _mark_owner(self, word: str, scope: ClassNode) -> None:
         """A name that is no class may be a constant of a package around, or of one of its bases."""
         here = scope.parent
         while here is not None:
@@ -367,8 +371,8 @@ class Tree:
                 self.need(here, Need.ITSELF)
             here = here.parent
 
-    def _line(self, node: Node) -> Iterator[Node]:
-        seen: set[Node] = set()
+    def _line(self, node: ClassNode) -> Iterator[ClassNode]:
+        seen: set[ClassNode] = set()
         waiting = [node]
         while waiting:
             here = waiting.pop()
@@ -378,7 +382,7 @@ class Tree:
                 waiting += self.bases(here)
 
 
-def _full_names(node: Node) -> Iterator[str]:
+def _full_names(node: ClassNode) -> Iterator[str]:
     around, here = [node.name], node.parent
     while here is not None:
         around, here = [here.name, *around], here.parent
@@ -411,7 +415,7 @@ def without_idle_imports(source: Source, tree: Tree) -> Source:
     return Source(source.path, _blanked(source.text, spans)) if spans else source
 
 
-def _idle_imports(node: Node, tree: Tree) -> Iterator[tuple[int, int]]:
+def _idle_imports(node: ClassNode, tree: Tree) -> Iterator[tuple[int, int]]:
     for clause in node.import_clauses:
         if not any((node, name) in tree.imported for name in imported_by(clause)):
             yield clause.start(), node.source.plain.index(";", clause.end()) + 1
@@ -419,14 +423,14 @@ def _idle_imports(node: Node, tree: Tree) -> Iterator[tuple[int, int]]:
         yield from _idle_imports(child, tree)
 
 
-def _needed(node: Node) -> Iterator[Node]:
+def _needed(node: ClassNode) -> Iterator[ClassNode]:
     if node.need:
         yield node
         for child in node.inside.values():
             yield from _needed(child)
 
 
-def _unneeded(node: Node, main: bool) -> Iterator[tuple[int, int]]:
+def _unneeded(node: ClassNode, main: bool) -> Iterator[tuple[int, int]]:
     """Stretches that may go; an experiment is kept for the model itself, and that a number may be evaluated."""
     c = node.declared
     yield from ((n.declared.front, n.declared.end) for n in node.nested if not n.need)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hystid.modelica import curves
-from hystid.modelica.curves import Curve
+from hystid.modelica.curves import Spline
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Text, op
 from hystid.modelica.values import Interpreter, Value, array
 
@@ -65,7 +65,7 @@ class _Table:
         """An array among the arguments."""
         return np.array(self.expander.numbers(self._args[name], self.local, "a table"), float)
 
-    def column(self, number: Expr) -> Curve:
+    def column(self, number: Expr) -> Spline:
         """The curve of an output."""
         rows, columns = self.numbers("table"), self.numbers("columns").ravel()
         which = int(self.expander.number(number, self.local, "the number of a table's output"))
@@ -81,7 +81,7 @@ class _Table:
     def _manner(self) -> tuple[int, int]:
         return int(self.number("smoothness", curves.LINEAR)), int(self.number("extrapolation", curves.TANGENT))
 
-    def _in_time(self, made: Curve, at: Array) -> Curve:
+    def _in_time(self, made: Spline, at: Array) -> Spline:
         """The curve moved to its place in time, with its events."""
         first, shift = self.number("startTime", 0.0), self.number("shiftTime", 0.0)
         wanted = int(self.number("timeEvents", _ALWAYS))
@@ -93,7 +93,7 @@ class _Table:
             events = sorted({*events, every[0]})  # where it begins anew
             events = [t for t in events if t < every[-1]]
         breaks = tuple(t + shift for t in made.breaks)
-        return Curve(breaks, made.coefficients, made.outside, first, tuple(t + shift for t in events))
+        return Spline(breaks, made.coefficients, made.outside, first, tuple(t + shift for t in events))
 
     def ends(self) -> tuple[float, float]:
         """First and last abscissa."""

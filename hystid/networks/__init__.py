@@ -2,6 +2,6 @@
 
 from hystid.networks.model import TwoNetworkModel
 from hystid.networks.perceptron import Member, Network
-from hystid.networks.ports import Curve, FurtherInput, Lag
+from hystid.networks.ports import FurtherInput, Lag, Polyline
 
-__all__ = ["Curve", "FurtherInput", "Lag", "Member", "Network", "TwoNetworkModel"]
+__all__ = ["FurtherInput", "Lag", "Member", "Network", "Polyline", "TwoNetworkModel"]

@@ -14,7 +14,7 @@ from hystid.errors import NumericalError, UsageError
 from hystid.networks.level import Level
 from hystid.networks.normal_equations import aligned, pointer
 from hystid.networks.perceptron import Member, Network
-from hystid.networks.ports import Curve
+from hystid.networks.ports import Polyline
 from hystid.networks.trust import Tail
 from hystid.recording import Array
 from hystid.toolchain import shared_library
@@ -51,7 +51,7 @@ class Ensemble:
     shares: tuple[float, ...] = ()
     level: Level | None = None
     ends: Ends | None = None
-    curves: tuple[Curve | None, ...] = ()
+    curves: tuple[Polyline | None, ...] = ()
 
     @property
     def state_size(self) -> int:

@@ -27,7 +27,7 @@ from hystid.networks.level import Level
 from hystid.networks.model import TwoNetworkModel
 from hystid.networks.onnx_reading import TURNING_POINTS, check_finite
 from hystid.networks.perceptron import Network
-from hystid.networks.ports import Curve, FurtherInput, Lag
+from hystid.networks.ports import FurtherInput, Lag, Polyline
 from hystid.networks.trust import Spread
 from hystid.numeric import Array
 from hystid.rotation import turned_unit
@@ -232,7 +232,7 @@ def _ends(g: _Graph, model: TwoNetworkModel, x: str, v: str, further: Sequence[s
     return x_near, v_near, columns, g.node("Add", forces, "R_beyond")
 
 
-def _curved(g: _Graph, name: str, curve: Curve | None, column: str) -> str:
+def _curved(g: _Graph, name: str, curve: Polyline | None, column: str) -> str:
     """Curve at an input, which stays as it is where there is none: to[0] + sum over the lines of slope * (value within
     the line - its begin)."""
     if curve is None:

@@ -17,7 +17,7 @@ from onnx import GraphProto, ModelProto, TensorProto, ValueInfoProto, numpy_help
 from hystid.errors import NetworkError, first_line
 from hystid.files import check_regular
 from hystid.networks.level import Level
-from hystid.networks.ports import Curve, FurtherInput, Lag
+from hystid.networks.ports import FurtherInput, Lag, Polyline
 
 TURNING_POINTS = "turning_points"
 
@@ -184,7 +184,7 @@ def _further(path: Path, given: Mapping[str, str]) -> tuple[FurtherInput, ...]:
     return found
 
 
-def _curve(rows: Any) -> Curve | None:
+def _curve(rows: Any) -> Polyline | None:
     """The curve of an input; raises ValueError or TypeError where it is none."""
     if rows is None:
         return None
@@ -192,7 +192,7 @@ def _curve(rows: Any) -> Curve | None:
     rising = all(math.isfinite(low) and low < high < math.inf for row in (at, to) for low, high in pairwise(row))
     if not (rising and len(at) == len(to) >= 2):
         raise ValueError("a curve needs two ascending rows of one length")
-    return Curve(at, to)
+    return Polyline(at, to)
 
 
 def _lags(path: Path, given: Mapping[str, str], further: Sequence[FurtherInput], elements: int) -> tuple[Lag, ...]:

@@ -10,7 +10,7 @@ from hystid.recording import Array
 
 
 @dataclass(frozen=True)
-class Curve:
+class Polyline:
     """Straight lines over the values of an input: what the networks see in their place, or a factor (``Spread``).
 
     at: the values, ascending; to: what stands in their place. Outside, the nearest of them. What networks see follows
@@ -38,7 +38,7 @@ class FurtherInput:
     name: str
     unit: str
     column: str
-    curve: Curve | None = None
+    curve: Polyline | None = None
 
     def seen(self, values: Array) -> Array:
         """What the networks see of values in the input's unit, of their shape."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hystid.networks.ports import Curve
+from hystid.networks.ports import Polyline
 from hystid.recording import Array
 
 BAND = 1.6448536269514722  # standard deviations that a 90 % band of a normal error reaches to each side
@@ -36,7 +36,7 @@ class Spread:
 
     floor: float
     factor: float
-    between: tuple[Curve | None, ...] = ()
+    between: tuple[Polyline | None, ...] = ()
 
     def of(self, each: Array, further: Sequence[Array] = ()) -> Array:
         """Spread [N], shape (n,), for the members' forces, shape (n, members), and the further inputs, (n,) each."""

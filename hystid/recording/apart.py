@@ -15,7 +15,7 @@ from typing import Any
 
 from hystid.child import Child, ChildError
 from hystid.errors import RecordingError
-from hystid.recording.table import Column, Table
+from hystid.recording.table import Column, RawTable
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ _SLOW = 100e6  # bytes of a file that a slow disk gives in half of the usual tim
 _reader = Child()
 
 
-def read_apart(path: Path) -> list[Table]:
+def read_apart(path: Path) -> list[RawTable]:
     """The tables of a file of a binary format. Raises RecordingError with one sentence, whatever the file holds."""
     form = BINARY[path.suffix.lower()]
     if not _is_installed(form.package):
@@ -76,5 +76,5 @@ def tables_there(path: str) -> list[dict[str, Any]]:
     return [vars(table) | {"columns": [vars(column) for column in table.columns]} for table in tables]
 
 
-def _table(item: Mapping[str, Any]) -> Table:
-    return Table(**{**item, "columns": tuple(Column(**column) for column in item["columns"])})
+def _table(item: Mapping[str, Any]) -> RawTable:
+    return RawTable(**{**item, "columns": tuple(Column(**column) for column in item["columns"])})

@@ -13,8 +13,8 @@ from hystid.errors import UsageError
 from hystid.numeric import Array
 from hystid.recording.checks import without_markers
 from hystid.recording.names import known_name, numbered, turns, unit_symbol
-from hystid.recording.problems import Problem
-from hystid.recording.table import Column, Table
+from hystid.recording.problems import RecordingProblem
+from hystid.recording.table import Column, RawTable
 from hystid.recording.types import CHANNELS, PSEUDO_TIME, ROTATIONAL
 from hystid.units import parse, si_name, to_si
 
@@ -36,7 +36,7 @@ class Channels:
     units: Mapping[str, str]
     rotational: bool
     notes: tuple[str, ...]
-    problems: tuple[Problem, ...]
+    problems: tuple[RecordingProblem, ...]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Wishes:
     reverse: Collection[str] = ()
 
 
-def interpret(table: Table, wishes: Wishes | None = None) -> Channels:
+def interpret(table: RawTable, wishes: Wishes | None = None) -> Channels:
     """Give every column its meaning and its SI values; problems are collected, not raised.
 
     A rig turns where a channel's unit or name says so (N.m, rad, torque); all its channels are then angular.
@@ -81,7 +81,7 @@ def interpret(table: Table, wishes: Wishes | None = None) -> Channels:
     )  # fmt: skip
 
 
-def _wanted(table: Table, names: Mapping[str, str]) -> dict[str, str]:
+def _wanted(table: RawTable, names: Mapping[str, str]) -> dict[str, str]:
     """Column -> channel. A file that lacks the column, but names the channel in its own words, is left as it is."""
     present = [column.name for column in table.columns]
     found = {}
@@ -110,7 +110,7 @@ def _angular(unit: str, channel: str) -> bool:
 class _Reading:
     """Fills the channels of one table, column by column."""
 
-    def __init__(self, table: Table, wishes: Wishes, wanted: dict[str, str]) -> None:
+    def __init__(self, table: RawTable, wishes: Wishes, wanted: dict[str, str]) -> None:
         self.table = table
         self.wishes = wishes
         self.wanted = wanted
@@ -122,7 +122,7 @@ class _Reading:
         self.extra: dict[str, Array] = {}
         self.origin: dict[str, str] = {}
         self.notes: list[str] = []
-        self.problems: list[Problem] = []
+        self.problems: list[RecordingProblem] = []
         self.taken: dict[str, str] = {}
         self.units: dict[str, str] = {}
 

@@ -9,16 +9,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from hystid.numeric import Array, stretches
-from hystid.recording.problems import Problem
-from hystid.recording.table import Table
+from hystid.recording.problems import RecordingProblem
+from hystid.recording.table import RawTable
 
 _NO_SIZE = 1e30  # in any unit: overflow is 9.9E37 in instruments, and 3.4e38 in single precision
 _NO_SQUARE = 1e150  # beyond it no square is finite: a damaged value, and no marker of a logger
 
 
-def channel_problems(table: Table, channels: Mapping[str, Array]) -> list[Problem]:
+def channel_problems(table: RawTable, channels: Mapping[str, Array]) -> list[RecordingProblem]:
     """Problems of single channels: wrong length, NaN, constant, clipped."""
-    problems: list[Problem] = []
+    problems: list[RecordingProblem] = []
     n = channels["t"].size if "t" in channels else 0
     for name, values in channels.items():
         if name == "t":
@@ -49,7 +49,7 @@ def without_markers(values: Array) -> tuple[Array, float, int]:
     return np.where(far, np.nan, values), float(values[far][0]), int(np.count_nonzero(far))
 
 
-def _not_finite(table: Table, name: str, values: Array) -> list[Problem]:
+def _not_finite(table: RawTable, name: str, values: Array) -> list[RecordingProblem]:
     bad = np.flatnonzero(~np.isfinite(values))
     found = f"{bad.size} of {values.size} samples are NaN or infinite"
     if not bad.size:  # energies and spectra are sums of squares: these must be finite too
@@ -61,7 +61,7 @@ def _not_finite(table: Table, name: str, values: Array) -> list[Problem]:
     return [table.problem("not_finite", found, action, name, int(bad[0]))]
 
 
-def _constant(table: Table, name: str, values: Array) -> list[Problem]:
+def _constant(table: RawTable, name: str, values: Array) -> list[RecordingProblem]:
     if not is_constant(values):
         return []
     found = f"the channel is constant ({values[0]:.6g})"
@@ -75,7 +75,7 @@ def is_constant(values: Array) -> bool:
     return float(np.ptp(values)) <= 1e-12 * float(np.max(np.abs(values), initial=0.0))
 
 
-def _clipped(table: Table, name: str, values: Array) -> list[Problem]:
+def _clipped(table: RawTable, name: str, values: Array) -> list[RecordingProblem]:
     idle = 2 * np.count_nonzero(values == 0) > values.size  # as a force between blows: nought is no limit there
     for side, found_at in (("top", flat_tops(values)), ("bottom", flat_tops(-values))):
         if len(found_at) >= 2 and not (idle and values[found_at[0][0]] == 0):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hystid.errors import RecordingError
-from hystid.recording.table import Table
+from hystid.recording.table import RawTable
 from hystid.recording.tree import Vector, refuse_scale, tables_of
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -24,7 +24,7 @@ def is_hdf5(path: Path) -> bool:
     return False
 
 
-def read_hdf5(path: Path) -> list[Table]:
+def read_hdf5(path: Path) -> list[RawTable]:
     """Tests in an HDF5 file: datasets named like channels, in the root or in one group per test.
 
     The unit is the dataset's attribute ``unit`` or ``units``; a group's attribute ``fs`` or ``dt`` gives the time axis.

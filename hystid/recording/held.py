@@ -8,8 +8,8 @@ import numpy as np
 from scipy.signal import detrend
 
 from hystid.numeric import Array
-from hystid.recording.problems import Problem
-from hystid.recording.table import Table
+from hystid.recording.problems import RecordingProblem
+from hystid.recording.table import RawTable
 
 _LEAST = 16  # samples in a row at one value
 _RARE = 10.0  # times as long as nearly all runs of the channel: a slow converter repeats its values everywhere
@@ -20,7 +20,7 @@ _MOTION = ("x", "v", "a")
 _AFTER, _BEFORE = ("v", "a", ""), ("", "x", "v")  # derivative and integral of each
 
 
-def held_problems(table: Table, channels: Mapping[str, Array]) -> list[Problem]:
+def held_problems(table: RawTable, channels: Mapping[str, Array]) -> list[RecordingProblem]:
     """A problem for each channel of motion that stands still against another one. channels: SI units, t among them."""
     dt = float(np.median(np.diff(channels["t"])))
     problems = []

@@ -11,13 +11,13 @@ from numpy.exceptions import ComplexWarning
 
 from hystid.errors import RecordingError
 from hystid.recording.hdf5 import hdf5_tree, is_hdf5
-from hystid.recording.table import Table
+from hystid.recording.table import RawTable
 from hystid.recording.tree import tables_of
 
 _HINT = "save plain variables or a struct, as: t, F, x and units = struct('t','s','F','N','x','mm')"
 
 
-def read_mat(path: Path) -> list[Table]:
+def read_mat(path: Path) -> list[RawTable]:
     """Tests in a .mat file: plain variables, a struct, or a struct array with one element per test.
 
     Raises RecordingError when it is no MATLAB file or holds none of these.

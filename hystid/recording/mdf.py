@@ -12,10 +12,10 @@ from hystid.errors import RecordingError
 from hystid.files import scratch
 from hystid.numeric import Array
 from hystid.recording.names import known_name, split_header
-from hystid.recording.table import Column, Table
+from hystid.recording.table import Column, RawTable
 
 
-def read_mdf(path: Path) -> list[Table]:
+def read_mdf(path: Path) -> list[RawTable]:
     """Tables of an MDF file: channels of all groups on the time axis of the quickest one that holds a known channel.
 
     Raises RecordingError where the file is none.
@@ -45,7 +45,7 @@ def read_mdf(path: Path) -> list[Table]:
         if len(signal.timestamps) != len(time) or not np.array_equal(signal.timestamps, time):
             values = np.interp(time, signal.timestamps, values)
         columns.append(Column(name, unit or signal.unit or None, values))
-    return [Table(path.name, tuple(columns), path.stem)]
+    return [RawTable(path.name, tuple(columns), path.stem)]
 
 
 def _common(path: Path, time: Array, known: Sequence[Any]) -> Array:

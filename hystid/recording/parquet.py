@@ -8,10 +8,10 @@ import numpy as np
 
 from hystid.errors import RecordingError
 from hystid.recording.names import split_header
-from hystid.recording.table import Column, Table, clock_seconds
+from hystid.recording.table import Column, RawTable, clock_seconds
 
 
-def read_parquet(path: Path) -> list[Table]:
+def read_parquet(path: Path) -> list[RawTable]:
     """The table of a Parquet file. Raises RecordingError where the file is none."""
     from pyarrow import ArrowException
     from pyarrow.parquet import read_table
@@ -32,4 +32,4 @@ def read_parquet(path: Path) -> list[Table]:
     if not columns:
         names = ", ".join(table.schema.names) or "none"
         raise RecordingError(f"{path.name}: no column holds numbers (the columns are {names}); store them as numbers")
-    return [Table(path.name, tuple(columns), path.stem)]
+    return [RawTable(path.name, tuple(columns), path.stem)]

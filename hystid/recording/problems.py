@@ -38,7 +38,7 @@ RULES = {
 
 
 @dataclass(frozen=True)
-class Problem:
+class RecordingProblem:
     """One finding at the door.
 
     sample counts from 0, line from 1; either is None where the problem has no one place.
@@ -65,7 +65,7 @@ class Problem:
         return sentence(f"{', '.join(place)}: {self.found}; {self.action} [{self.rule}]")
 
 
-def report(problems: Iterable[Problem], accept: Collection[str] = ()) -> tuple[Problem, ...]:
+def report(problems: Iterable[RecordingProblem], accept: Collection[str] = ()) -> tuple[RecordingProblem, ...]:
     """Return the warnings; raise RecordingError with one line per error when there are errors.
 
     accept: rules whose errors count as warnings here.

@@ -17,8 +17,8 @@ from hystid.recording.apart import BINARY, read_apart
 from hystid.recording.channels import Channels, Wishes, interpret
 from hystid.recording.checks import channel_problems
 from hystid.recording.held import held_problems
-from hystid.recording.problems import RULES, Problem, report
-from hystid.recording.table import Table
+from hystid.recording.problems import RULES, RecordingProblem, report
+from hystid.recording.table import RawTable
 from hystid.recording.text import read_text
 from hystid.recording.timing import SHORTEST, order_problems, uniform
 from hystid.recording.types import PSEUDO_TIME, Recording
@@ -118,7 +118,7 @@ def _read_file(path: Path, door: _Door) -> list[Recording]:
     return [_recording(table, interpret(table, door.wishes), door) for table in tables(path)]
 
 
-def tables(path: Path) -> list[Table]:
+def tables(path: Path) -> list[RawTable]:
     """The tables of a file as they stand there. Raises RecordingError when there is none to be had."""
     check_regular(path, RecordingError)
     suffix = path.suffix.lower()
@@ -135,7 +135,7 @@ def tables(path: Path) -> list[Table]:
     return found
 
 
-def _recording(table: Table, channels: Channels, door: _Door) -> Recording:
+def _recording(table: RawTable, channels: Channels, door: _Door) -> Recording:
     problems = list(channels.problems)
     problems += _presence(table, channels, door)
     report(problems, door.accept)
@@ -165,7 +165,7 @@ def _recording(table: Table, channels: Channels, door: _Door) -> Recording:
     return replace(recording, warnings=tuple(str(item) for item in report(problems, door.accept)))
 
 
-def _refuse_unusable(values: Mapping[str, Array], problems: list[Problem]) -> None:
+def _refuse_unusable(values: Mapping[str, Array], problems: list[RecordingProblem]) -> None:
     """Whatever is accepted: nothing can be computed without a clock, or with channels that differ in length."""
     t = values.get("t")
     lengths = {array.size for array in values.values()}
@@ -173,7 +173,7 @@ def _refuse_unusable(values: Mapping[str, Array], problems: list[Problem]) -> No
         report(problems)
 
 
-def _refuse_extremes(table: Table, values: Mapping[str, Array], t: Array) -> None:
+def _refuse_extremes(table: RawTable, values: Mapping[str, Array], t: Array) -> None:
     """Whatever is accepted: powers of such numbers leave the range of double precision."""
     dt = float(t[-1] - t[0]) / max(t.size - 1, 1)
     if not _STEPS[0] <= dt <= _STEPS[1]:
@@ -186,7 +186,9 @@ def _refuse_extremes(table: Table, values: Mapping[str, Array], t: Array) -> Non
             report([table.problem("not_finite", found, "check the unit of the channel", name)])
 
 
-def _without_lost_rows(table: Table, channels: Channels) -> tuple[dict[str, Array], dict[str, Array], list[Problem]]:
+def _without_lost_rows(
+    table: RawTable, channels: Channels
+) -> tuple[dict[str, Array], dict[str, Array], list[RecordingProblem]]:
     """Channels and extra columns without the rows in which a channel is missing, where these are few."""
     values, n = dict(channels.values), channels.values["t"].size
     extra = {name: array for name, array in channels.extra.items() if array.size == n}
@@ -205,7 +207,7 @@ def _without_lost_rows(table: Table, channels: Channels) -> tuple[dict[str, Arra
     return values, extra, [lost]
 
 
-def _presence(table: Table, channels: Channels, door: _Door) -> list[Problem]:
+def _presence(table: RawTable, channels: Channels, door: _Door) -> list[RecordingProblem]:
     values = channels.values
     misread = {item.channel for item in channels.problems if item.severity == "error"}
     problems = []

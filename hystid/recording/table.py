@@ -10,7 +10,7 @@ import numpy as np
 from hystid.errors import listed
 from hystid.numeric import Array
 from hystid.recording.names import split_header
-from hystid.recording.problems import Problem, Severity
+from hystid.recording.problems import RecordingProblem, Severity
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class RawTable:
     """The columns of one test. Columns may differ in length until the door checks have run.
 
     file is what messages call it. lines holds the line number of each sample for text files, else None.
@@ -55,9 +55,9 @@ class Table:
         channel: str = "",
         sample: int | None = None,
         severity: Severity = "error",
-    ) -> Problem:
-        """A problem of this table; see ``Problem``."""
-        return Problem(self.file, rule, found, action, channel, sample, self.line(sample), severity)
+    ) -> RecordingProblem:
+        """A problem of this table; see ``RecordingProblem``."""
+        return RecordingProblem(self.file, rule, found, action, channel, sample, self.line(sample), severity)
 
 
 def column(header: str, values: object) -> Column:

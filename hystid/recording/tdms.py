@@ -10,13 +10,13 @@ import numpy as np
 from hystid.errors import RecordingError
 from hystid.numeric import Array
 from hystid.recording.names import known_name, split_header
-from hystid.recording.table import Column, Table, clock_seconds, clocks_apart
+from hystid.recording.table import Column, RawTable, clock_seconds, clocks_apart
 from hystid.recording.tree import refuse_scale
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")  # of LabVIEW, of its DAQ, of DIAdem
 
 
-def read_tdms(path: Path) -> list[Table]:
+def read_tdms(path: Path) -> list[RawTable]:
     """One table for every group with numeric channels.
 
     The unit is a property of the channel (``_UNITS``), or stands in the name, ``x [mm]``;
@@ -38,7 +38,7 @@ def read_tdms(path: Path) -> list[Table]:
     found, unnamed = [], []
     for name, columns, rate in groups:
         kept = tuple(column for column in columns if column is not None and column.values.size)
-        table = Table(path.name, kept, name if several else path.stem, sample_rate=rate)
+        table = RawTable(path.name, kept, name if several else path.stem, sample_rate=rate)
         if any(known_name(column.name) for column in kept):
             found.append(table)
         elif len(kept) > 1:  # names of their own, which a user may assign

@@ -21,7 +21,7 @@ from hystid.numeric import Array
 from hystid.recording.headings import Header, headers_of, refuse_scales, with_unit_row, with_units_below
 from hystid.recording.names import announced, known_name
 from hystid.recording.stamps import is_stamp, seconds
-from hystid.recording.table import Column, Table
+from hystid.recording.table import Column, RawTable
 from hystid.recording.text_cells import (
     COMMAS,
     EXAMPLE,
@@ -47,7 +47,7 @@ _LONGEST_LINE = 1_000_000  # characters: some 50,000 columns
 _LONGEST_NOTE, _MOST_NOTES = 1_000, 2_000  # characters and lines above the table that are read for a sample rate
 
 
-def read_text(path: Path) -> list[Table]:
+def read_text(path: Path) -> list[RawTable]:
     """The one table of a text file. Raises RecordingError naming the line and column of the first bad cell."""
     lines, comments = _content(path)
     if not lines:
@@ -70,7 +70,7 @@ def read_text(path: Path) -> list[Table]:
     columns = tuple(Column(name, unit, np.ascontiguousarray(values[:, k])) for k, (name, unit) in enumerate(headers))
     before = [line.strip()[:_LONGEST_NOTE] for _, line in [*comments, *lines[:first]][-_MOST_NOTES:]]
     rates = [rate for line in before if (rate := announced(line)) is not None]
-    return [Table(path.name, columns, path.stem, _line_numbers(body), rates[-1] if rates else None)]
+    return [RawTable(path.name, columns, path.stem, _line_numbers(body), rates[-1] if rates else None)]
 
 
 def _is_json(lines: Sequence[str]) -> bool:

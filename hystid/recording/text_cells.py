@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from hystid.errors import RecordingError
-from hystid.recording.problems import Problem
+from hystid.recording.problems import RecordingProblem
 from hystid.recording.stamps import is_stamp
 
 EXAMPLE = "name the columns like 't [s],F [N],x [m]'"
@@ -70,4 +70,4 @@ def refused(
     channel: str = "",
 ) -> RecordingError:
     """The error of a rule that a text file breaks."""
-    return RecordingError(str(Problem(path.name, rule, found, action, channel, sample, line)))
+    return RecordingError(str(RecordingProblem(path.name, rule, found, action, channel, sample, line)))

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from hystid.errors import counted
 from hystid.numeric import Array
-from hystid.recording.problems import Problem
-from hystid.recording.table import Table
+from hystid.recording.problems import RecordingProblem
+from hystid.recording.table import RawTable
 
 SHORTEST = 16  # samples: below, no filter, no derivative and no fit means anything
 ROUNDING = 0.02  # of a step: time stamps this close to a uniform grid were rounded when written
@@ -31,7 +31,7 @@ class Grid:
     part: slice
     stamps: Array | None
     notes: tuple[str, ...] = ()
-    problems: tuple[Problem, ...] = ()
+    problems: tuple[RecordingProblem, ...] = ()
 
     def place(self, values: Array) -> Array:
         """A channel of the file, shape (samples in the file,), on this grid, shape (n,)."""
@@ -39,7 +39,7 @@ class Grid:
         return kept if self.stamps is None else np.interp(self.t, self.stamps, kept)
 
 
-def order_problems(table: Table, t: Array) -> list[Problem]:
+def order_problems(table: RawTable, t: Array) -> list[RecordingProblem]:
     """Samples at which time is not finite, repeats or runs backwards."""
     problems = []
     bad = np.flatnonzero(~np.isfinite(t))
@@ -67,7 +67,7 @@ def order_problems(table: Table, t: Array) -> list[Problem]:
     return problems
 
 
-def uniform(table: Table, t: Array, *, resample: bool) -> Grid:
+def uniform(table: RawTable, t: Array, *, resample: bool) -> Grid:
     """The grid for increasing time stamps t, shape (n,), n >= 16.
 
     Rounded stamps are put on their grid; a little jitter and single dropped samples are interpolated; of a recording
@@ -84,7 +84,7 @@ def uniform(table: Table, t: Array, *, resample: bool) -> Grid:
     return _without_gaps(table, t, slice(0, t.size))
 
 
-def _longest_part(table: Table, t: Array, dt: float, gaps: NDArray[np.intp]) -> Grid:
+def _longest_part(table: RawTable, t: Array, dt: float, gaps: NDArray[np.intp]) -> Grid:
     edges = np.concatenate([[0], gaps + 1, [t.size]])
     longest = int(np.argmax(np.diff(edges)))
     part = slice(int(edges[longest]), int(edges[longest + 1]))
@@ -104,7 +104,7 @@ def _longest_part(table: Table, t: Array, dt: float, gaps: NDArray[np.intp]) -> 
     return Grid(rest.t, part, rest.stamps, (action, *rest.notes), (problem, *rest.problems))
 
 
-def _without_gaps(table: Table, t: Array, part: slice) -> Grid:
+def _without_gaps(table: RawTable, t: Array, part: slice) -> Grid:
     stamps = t[part]
     n = stamps.size
     step = np.diff(stamps)

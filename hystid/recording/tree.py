@@ -17,8 +17,8 @@ import numpy as np
 from hystid.errors import RecordingError, UsageError
 from hystid.numeric import Array
 from hystid.recording.names import known_name, scales, split_header
-from hystid.recording.problems import Problem
-from hystid.recording.table import Column, Table
+from hystid.recording.problems import RecordingProblem
+from hystid.recording.table import Column, RawTable
 from hystid.units import parse
 
 _RATES = ("fs", "sample_rate", "samplerate", "samplingrate", "sampling_rate", "samplefrequency")
@@ -37,7 +37,7 @@ class Vector:
     counts: bool = False
 
 
-def tables_of(tree: Any, file: str, name: str) -> list[Table]:
+def tables_of(tree: Any, file: str, name: str) -> list[RawTable]:
     """Every test in a tree of mappings, sequences, ``Vector``, arrays, numbers and texts.
 
     Where no name is known, vectors of one length that stand together are taken, for a user may say what they hold.
@@ -45,7 +45,7 @@ def tables_of(tree: Any, file: str, name: str) -> list[Table]:
     return _tables(tree, file, name, known=True) or _tables(tree, file, name, known=False)
 
 
-def _tables(tree: Any, file: str, name: str, *, known: bool) -> list[Table]:
+def _tables(tree: Any, file: str, name: str, *, known: bool) -> list[RawTable]:
     if isinstance(tree, Sequence) and not isinstance(tree, str | bytes):
         many = len(tree) > 1
         parts = [
@@ -62,7 +62,7 @@ def _tables(tree: Any, file: str, name: str, *, known: bool) -> list[Table]:
     return [t for key, item in inner.items() for t in _tables(item, file, names[key], known=known)]
 
 
-def _table(tree: Mapping[str, Any], file: str, name: str) -> Table | None:
+def _table(tree: Mapping[str, Any], file: str, name: str) -> RawTable | None:
     vectors = {key: vector for key, item in tree.items() if (vector := _vector(item)) is not None}
     columns = [_column(key, vector, tree) for key, vector in vectors.items()]
     known = [column for column in columns if known_name(column.name)]
@@ -73,15 +73,15 @@ def _table(tree: Mapping[str, Any], file: str, name: str) -> Table | None:
     _refuse_tables(tree, vectors, {known_name(column.name) for column in known}, file)
     longest = max(column.values.size for column in known)
     kept = tuple(column for column in columns if column in known or column.values.size == longest)
-    return Table(file, kept, name, sample_rate=rate)
+    return RawTable(file, kept, name, sample_rate=rate)
 
 
-def _unnamed(tree: Mapping[str, Any], file: str, name: str) -> Table | None:
+def _unnamed(tree: Mapping[str, Any], file: str, name: str) -> RawTable | None:
     columns = [_column(key, vector, tree) for key, item in tree.items() if (vector := _vector(item)) is not None]
     sizes = [column.values.size for column in columns]
     usual = max(sizes, key=lambda size: (sizes.count(size), size), default=0)
     kept = tuple(column for column in columns if column.values.size == usual)
-    return Table(file, kept, name, sample_rate=_rate(tree)) if len(kept) > 1 else None
+    return RawTable(file, kept, name, sample_rate=_rate(tree)) if len(kept) > 1 else None
 
 
 def _vector(item: Any) -> Vector | None:
@@ -110,7 +110,7 @@ def refuse_scale(file: str, name: str, scale: str, value: object) -> None:
     if known_name(split_header(name)[0]) and scales(scale) and factor not in (None, 0.0, 1.0):
         found = f"{scale} = {factor:g} stands beside {name}, and is not applied"
         action = f"write {name} in its unit and leave {scale} out"
-        raise RecordingError(str(Problem(file, "columns", found, action, name)))
+        raise RecordingError(str(RecordingProblem(file, "columns", found, action, name)))
 
 
 def _refuse_scales(tree: Mapping[str, Any], file: str) -> None:
@@ -131,7 +131,9 @@ def _refuse_tables(tree: Mapping[str, Any], vectors: Collection[str], found: Col
             continue
         what = "complex numbers" if item.dtype.kind == "c" else f"{' by '.join(map(str, item.shape))} numbers"
         action = "save the measured values as one vector for each channel"
-        raise RecordingError(str(Problem(file, "columns", f"{key} holds {what}", action, known_name(name) or "")))
+        raise RecordingError(
+            str(RecordingProblem(file, "columns", f"{key} holds {what}", action, known_name(name) or ""))
+        )
 
 
 def _is_unit(text: str) -> bool:

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from hystid.errors import RecordingError
-from hystid.recording.table import Column, Table, clocks_apart
+from hystid.recording.table import Column, RawTable, clocks_apart
 
 # Specific data types of data set 58's ordinate and the SI unit that the format prescribes for unlabelled data
 _QUANTITIES = {8: ("x", "m"), 11: ("v", "m/s"), 12: ("a", "m/s2"), 13: ("F", "N")}
 _TIME_RESPONSE = (0, 1)  # function types: general, time response
 
 
-def read_uff(path: Path) -> list[Table]:
+def read_uff(path: Path) -> list[RawTable]:
     """One test: the time responses in the file, evenly spaced, each on the channel that its ordinate type states.
 
     Several responses of one type keep the type's channel for the first and become extra columns after that.
@@ -36,7 +36,7 @@ def read_uff(path: Path) -> list[Table]:
     return [_table(path, responses)]
 
 
-def _table(path: Path, responses: list[dict[str, Any]]) -> Table:
+def _table(path: Path, responses: list[dict[str, Any]]) -> RawTable:
     columns: dict[str, Column] = {}
     time = np.asarray(responses[0]["x"], dtype=np.float64)
     for number, response in enumerate(responses, start=1):
@@ -52,4 +52,4 @@ def _table(path: Path, responses: list[dict[str, Any]]) -> Table:
             raise RecordingError(f"{path.name}: {name} {apart} that of {next(iter(columns))}; export one test per file")
     if any(column.values.size != time.size for column in columns.values()):
         raise RecordingError(f"{path.name}: its time responses differ in length; export one test per file")
-    return Table(path.name, (Column("t", "s", time), *columns.values()), path.stem)
+    return RawTable(path.name, (Column("t", "s", time), *columns.values()), path.stem)

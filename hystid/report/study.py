@@ -10,7 +10,7 @@ from hystid.recording import Array
 from hystid.report.page import Fact, Page, Table, Verdict, columns, percent
 from hystid.report.plots import Axis, Boxes, Line, Mark, Plot, Points, Series
 from hystid.study import GridResult, MassResult
-from hystid.study.cells import Cell
+from hystid.study.cells import GridCell
 
 _OTHERS = "Other recordings help more than other structures: they must cover the motion of the held-out ones."
 
@@ -97,7 +97,7 @@ def _mass_page(result: MassResult, command: str) -> Page:
     return page
 
 
-def _boxes(cells: Sequence[Cell], kind: str) -> Plot:
+def _boxes(cells: Sequence[GridCell], kind: str) -> Plot:
     shown = [np.array([v for v in getattr(cell, kind).values if np.isfinite(v)]) * 100 for cell in cells]
     title = "Force NRMSE on the measured motion" if kind == "force" else "Free-run displacement NRMSE"
     lost = sum(len(getattr(cell, kind).values) for cell in cells) - sum(values.size for values in shown)
@@ -109,7 +109,7 @@ def _boxes(cells: Sequence[Cell], kind: str) -> Plot:
     )
 
 
-def _spreads(title: str, named: Sequence[tuple[str, Cell]], kind: str) -> Table:
+def _spreads(title: str, named: Sequence[tuple[str, GridCell]], kind: str) -> Table:
     columns = ["structure", "best", "lower quartile", "median", "upper quartile", "worst", "ensemble", "best single"]
     key = "force_nrmse" if kind == "force" else "x_nrmse"
     rows = []
@@ -122,7 +122,7 @@ def _spreads(title: str, named: Sequence[tuple[str, Cell]], kind: str) -> Table:
     )
 
 
-def _endings(cells: Sequence[Cell]) -> Table:
+def _endings(cells: Sequence[GridCell]) -> Table:
     rows = [
         [cell.name, network, str(count), reason]
         for cell in cells
@@ -136,7 +136,7 @@ def _share(value: float) -> str:
     return "diverged" if np.isposinf(value) else percent(value)
 
 
-def _ensembles(cells: Sequence[Cell]) -> Plot:
+def _ensembles(cells: Sequence[GridCell]) -> Plot:
     key = "force_nrmse" if np.isnan(cells[0].ensemble["x_nrmse"]) else "x_nrmse"
     single, mean = (_finite([getattr(cell, which)[key] for cell in cells]) for which in ("single", "ensemble"))
     largest = float(np.nanmax(np.concatenate([single, mean])))
@@ -150,7 +150,7 @@ def _ensembles(cells: Sequence[Cell]) -> Plot:
     return Plot(f"{what} error, NRMSE", *axes, points, caption)
 
 
-def _over_mass(result: MassResult, rows: dict[tuple[int, ...], list[Cell]], kind: str, title: str) -> Plot:
+def _over_mass(result: MassResult, rows: dict[tuple[int, ...], list[GridCell]], kind: str, title: str) -> Plot:
     offsets = 100 * np.array(result.offsets)
     curves = [
         Line(offsets, _finite([getattr(cell, kind).median for cell in cells]), cells[0].name) for cells in rows.values()

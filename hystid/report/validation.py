@@ -9,7 +9,7 @@ from hystid.report.curves import X_AXIS, Curve, harmonic_bars, highest_frequency
 from hystid.report.linked import Linked, Series
 from hystid.report.page import Cell, Fact, Page, Table, Verdict, columns, graded, number, percent, training_range
 from hystid.report.plots import Axis, Bars, Plot
-from hystid.validation import Case, Levels, Stability, Validation
+from hystid.validation import Levels, Stability, Validation, ValidationCase
 
 _GOOD, _FAIR = 0.06, 0.15  # force NRMSE at worst: the demo's target, and what is still of use
 _SHOWN = 3  # worst cases with figures of their own
@@ -123,7 +123,7 @@ def add_errors(page: Page, result: Validation) -> None:
     page.plots(Plot("Error of every case", Axis("Case"), Axis("NRMSE", "%"), bars, "Shorter is better."))
 
 
-def _row(case: Case) -> list[str | Cell]:
+def _row(case: ValidationCase) -> list[str | Cell]:
     run, energy = case.free_run, case.energy
     tone = graded(case.force_nrmse, _GOOD, _FAIR)
     odd = case.levels.worst_odd_db("force") if case.levels else None
@@ -135,7 +135,7 @@ def _row(case: Case) -> list[str | Cell]:
     return [case.name, Cell(percent(case.force_nrmse), tone), number(case.force_mse), *free, *ends]
 
 
-def _case(page: Page, case: Case) -> None:
+def _case(page: Page, case: ValidationCase) -> None:
     record = case.reference
     x, R = record.channel("x"), record.channel("R")
     near = window_of(record.F if record.F is not None else x, x, record.dt)
@@ -148,7 +148,7 @@ def _case(page: Page, case: Case) -> None:
     page.plots(*_motion(case, near), content(case))
 
 
-def _motion(case: Case, near: slice) -> list[Plot]:
+def _motion(case: ValidationCase, near: slice) -> list[Plot]:
     if case.diverged or case.free_run is None:
         return []
     record = case.reference
@@ -161,7 +161,7 @@ def _motion(case: Case, near: slice) -> list[Plot]:
     return [over_time("Free run: displacement", X_AXIS, curves, caption, near)]
 
 
-def content(case: Case) -> Plot:
+def content(case: ValidationCase) -> Plot:
     """Harmonics of R where the force is one tone, else its power spectrum."""
     if case.levels:
         return _harmonics(case.levels)

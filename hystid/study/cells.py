@@ -47,7 +47,7 @@ class Quartiles:
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class GridCell:
     """All starts of one structure at one mass.
 
     force, free_run: spread over the starts of each one's median error over the held-out recordings. ensemble: errors of
@@ -97,14 +97,14 @@ class Cell:
 class GridResult(Result, report="study", json="study.json"):
     """Result of ``grid``. cells: one per structure, in the order asked for; chosen: place of the best; reason: why."""
 
-    cells: Sequence[Cell]
+    cells: Sequence[GridCell]
     chosen: int
     reason: str
     settings: Mapping[str, Any]
     files: Mapping[str, Path] = field(default_factory=dict)
 
     @property
-    def best(self) -> Cell:
+    def best(self) -> GridCell:
         """The chosen structure."""
         return self.cells[self.chosen]
 
@@ -133,13 +133,13 @@ class GridResult(Result, report="study", json="study.json"):
 class MassResult(Result, report="study", json="study.json"):
     """Result of ``mass``: cells for each size and assumed mass. offsets: fractions of the nominal mass."""
 
-    cells: Sequence[Cell]
+    cells: Sequence[GridCell]
     nominal: float
     offsets: tuple[float, ...]
     settings: Mapping[str, Any]
     files: Mapping[str, Path] = field(default_factory=dict)
 
-    def row(self, layers: tuple[int, ...]) -> list[Cell]:
+    def row(self, layers: tuple[int, ...]) -> list[GridCell]:
         """Cells of one structure, in the order of the offsets."""
         return [cell for cell in self.cells if cell.layers == layers]
 
@@ -154,7 +154,7 @@ class MassResult(Result, report="study", json="study.json"):
         }
 
 
-def choose(cells: Sequence[Cell]) -> tuple[int, str]:
+def choose(cells: Sequence[GridCell]) -> tuple[int, str]:
     """The smallest structure whose median held-out error is within a tenth of the least, and a sentence saying so.
 
     The error is the free-run displacement's where there is a mass, else the force's.

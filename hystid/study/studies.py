@@ -20,7 +20,7 @@ from hystid.leastsquares import Rule
 from hystid.networks.normal_equations import Precision
 from hystid.networks.training import Mode, rule_of
 from hystid.recording import CHANNELS, Recording, Sources, check_together, loaded
-from hystid.study.cells import Cell, GridResult, MassResult, Quartiles, choose
+from hystid.study.cells import GridCell, GridResult, MassResult, Quartiles, choose
 from hystid.study.scheduling import complete
 from hystid.study.work import Payload, Task, TrainingResult, errors_of, model_of, prepared
 
@@ -162,7 +162,7 @@ def _cells(
     starts: int,
     workers: int | None,
     scheduler: str | None,
-) -> list[Cell]:
+) -> list[GridCell]:
     """A cell for each so many starts, in the order of the tasks."""
     _claim(out, {**settings, "data": _fingerprint(payload)})
     outcomes = complete(payload, tasks, out / "trainings", workers=workers, scheduler=scheduler)
@@ -196,13 +196,13 @@ def _fingerprint(payload: Payload) -> str:
     return digest.hexdigest()[:32]
 
 
-def _cell(outcomes: Sequence[TrainingResult], payload: Payload) -> Cell:
+def _cell(outcomes: Sequence[TrainingResult], payload: Payload) -> GridCell:
     task = outcomes[0].task
     ranked = sorted(outcomes, key=lambda outcome: outcome.validation)
     tenth = ranked[: max(1, round(len(ranked) / 10))]
     model = model_of([outcome.member for outcome in tenth], task.mass, payload)
     averaged = errors_of(model, payload.tested(task.mass))
-    return Cell(
+    return GridCell(
         task.layers,
         task.mass,
         outcomes,

@@ -20,7 +20,7 @@ from hystid.surrogate import block, reader
 from hystid.surrogate.emit import Functions, value_function
 from hystid.surrogate.identifiers import Names, identifier, readable
 from hystid.surrogate.loops import number
-from hystid.surrogate.network import Layout, Ports, interface_of
+from hystid.surrogate.network import PortLayout, Ports, interface_of
 from hystid.surrogate.program import Elementwise, MatMul, Port, Program
 from hystid.surrogate.restoring_force import interface_of_surrogate, is_surrogate
 
@@ -88,7 +88,7 @@ class _Text:
 
     def __init__(self, program: Program, interface: Ports, name: str, real: Real) -> None:
         self.program, self.interface, self.name, self.real = program, interface, name, real
-        layout = Layout.of(program, interface)
+        layout = PortLayout.of(program, interface)
         self.inputs, self.states = layout.inputs, layout.states
         self.outputs, self.nexts = layout.outputs, layout.nexts
         self.functions: Functions = value_function(program, "network")

@@ -16,7 +16,7 @@ from hystid.surrogate.tensors import Kind, Values
 
 
 @dataclass(frozen=True)
-class Function:
+class Operation:
     """y = f(a, b, ...). ``c`` and ``partials`` are C expressions in {a}, {b}, {c} and, for partials, {y}.
 
     partials: one per operand; None, or nothing at all, where the derivative vanishes (almost) everywhere.
@@ -42,80 +42,80 @@ def _float(f: Callable[..., Any]) -> Callable[..., Values]:
     return call
 
 
-FUNCTIONS: dict[str, Function] = {
+FUNCTIONS: dict[str, Operation] = {
     # arithmetic
-    "copy": Function("{a}", lambda a: a, ("1.0",)),
-    "neg": Function("-{a}", np.negative, ("-1.0",)),
-    "add": Function("{a} + {b}", np.add, ("1.0", "1.0")),
-    "sub": Function("{a} - {b}", np.subtract, ("1.0", "-1.0")),
-    "mul": Function("{a} * {b}", np.multiply, ("{b}", "{a}")),
-    "div": Function("{a} / {b}", _float(np.divide), ("1.0 / {b}", "-{y} / {b}")),
-    "div_int": Function("trunc({a} / {b})", _truncated_division),
-    "mod": Function("nn_mod({a}, {b})", np.mod),
-    "fmod": Function("fmod({a}, {b})", np.fmod, ("1.0", "-trunc({a} / {b})")),
-    "pow": Function(
+    "copy": Operation("{a}", lambda a: a, ("1.0",)),
+    "neg": Operation("-{a}", np.negative, ("-1.0",)),
+    "add": Operation("{a} + {b}", np.add, ("1.0", "1.0")),
+    "sub": Operation("{a} - {b}", np.subtract, ("1.0", "-1.0")),
+    "mul": Operation("{a} * {b}", np.multiply, ("{b}", "{a}")),
+    "div": Operation("{a} / {b}", _float(np.divide), ("1.0 / {b}", "-{y} / {b}")),
+    "div_int": Operation("trunc({a} / {b})", _truncated_division),
+    "mod": Operation("nn_mod({a}, {b})", np.mod),
+    "fmod": Operation("fmod({a}, {b})", np.fmod, ("1.0", "-trunc({a} / {b})")),
+    "pow": Operation(
         "pow({a}, {b})",
         _float(np.power),
         ("{b} == 0.0 ? 0.0 : {b} * pow({a}, {b} - 1.0)", "{a} > 0.0 ? {y} * log({a}) : 0.0"),
     ),
-    "reciprocal": Function("1.0 / {a}", _float(lambda a: 1.0 / a), ("-{y} * {y}",)),
-    "min": Function(
+    "reciprocal": Operation("1.0 / {a}", _float(lambda a: 1.0 / a), ("-{y} * {y}",)),
+    "min": Operation(
         "{a} < {b} || {a} != {a} ? {a} : {b}", np.minimum, ("{a} < {b} ? 1.0 : 0.0", "{a} < {b} ? 0.0 : 1.0")
     ),
-    "max": Function(
+    "max": Operation(
         "{a} > {b} || {a} != {a} ? {a} : {b}", np.maximum, ("{a} > {b} ? 1.0 : 0.0", "{a} > {b} ? 0.0 : 1.0")
     ),
-    "square": Function("{a} * {a}", np.square, ("2.0 * {a}",)),
+    "square": Operation("{a} * {a}", np.square, ("2.0 * {a}",)),
     # activations
-    "tanh": Function("nn_tanh({a})", _float(np.tanh), ("1.0 - {y} * {y}",)),
-    "sigmoid": Function("nn_sigmoid({a})", _float(special.expit), ("{y} * (1.0 - {y})",)),
-    "relu": Function("{a} < 0.0 ? 0.0 : {a}", lambda a: np.where(a < 0, 0, a), ("{a} > 0.0 ? 1.0 : 0.0",)),
-    "leaky": Function(
+    "tanh": Operation("nn_tanh({a})", _float(np.tanh), ("1.0 - {y} * {y}",)),
+    "sigmoid": Operation("nn_sigmoid({a})", _float(special.expit), ("{y} * (1.0 - {y})",)),
+    "relu": Operation("{a} < 0.0 ? 0.0 : {a}", lambda a: np.where(a < 0, 0, a), ("{a} > 0.0 ? 1.0 : 0.0",)),
+    "leaky": Operation(
         "{a} < 0.0 ? {b} * {a} : {a}",
         lambda a, b: np.where(a < 0, b * a, a),
         ("{a} < 0.0 ? {b} : 1.0", "{a} < 0.0 ? {a} : 0.0"),
     ),
-    "softplus": Function("nn_softplus({a})", _float(lambda a: np.logaddexp(0.0, a)), ("nn_sigmoid({a})",)),
-    "hard_sigmoid": Function(
+    "softplus": Operation("nn_softplus({a})", _float(lambda a: np.logaddexp(0.0, a)), ("nn_sigmoid({a})",)),
+    "hard_sigmoid": Operation(
         "fmin(1.0, fmax(0.0, {b} * {a} + {c}))",
         lambda a, b, c: np.clip(b * a + c, 0.0, 1.0),
         ("{y} > 0.0 && {y} < 1.0 ? {b} : 0.0", None, None),
     ),
     # elementary functions
-    "exp": Function("exp({a})", _float(np.exp), ("{y}",)),
-    "expm1": Function("expm1({a})", _float(np.expm1), ("{y} + 1.0",)),
-    "log": Function("log({a})", _float(np.log), ("1.0 / {a}",)),
-    "sqrt": Function("sqrt({a})", _float(np.sqrt), ("{y} > 0.0 ? 0.5 / {y} : 0.0",)),
-    "erf": Function("erf({a})", _float(special.erf), ("1.1283791670955126 * exp(-{a} * {a})",)),
-    "sin": Function("sin({a})", _float(np.sin), ("cos({a})",)),
-    "cos": Function("cos({a})", _float(np.cos), ("-sin({a})",)),
-    "tan": Function("tan({a})", _float(np.tan), ("1.0 + {y} * {y}",)),
-    "asin": Function("asin({a})", _float(np.arcsin), ("1.0 / sqrt(1.0 - {a} * {a})",)),
-    "acos": Function("acos({a})", _float(np.arccos), ("-1.0 / sqrt(1.0 - {a} * {a})",)),
-    "atan": Function("atan({a})", _float(np.arctan), ("1.0 / (1.0 + {a} * {a})",)),
-    "sinh": Function("sinh({a})", _float(np.sinh), ("cosh({a})",)),
-    "cosh": Function("cosh({a})", _float(np.cosh), ("sinh({a})",)),
-    "asinh": Function("asinh({a})", _float(np.arcsinh), ("1.0 / sqrt({a} * {a} + 1.0)",)),
-    "abs": Function("fabs({a})", np.abs, ("({a} > 0.0) - ({a} < 0.0)",)),
+    "exp": Operation("exp({a})", _float(np.exp), ("{y}",)),
+    "expm1": Operation("expm1({a})", _float(np.expm1), ("{y} + 1.0",)),
+    "log": Operation("log({a})", _float(np.log), ("1.0 / {a}",)),
+    "sqrt": Operation("sqrt({a})", _float(np.sqrt), ("{y} > 0.0 ? 0.5 / {y} : 0.0",)),
+    "erf": Operation("erf({a})", _float(special.erf), ("1.1283791670955126 * exp(-{a} * {a})",)),
+    "sin": Operation("sin({a})", _float(np.sin), ("cos({a})",)),
+    "cos": Operation("cos({a})", _float(np.cos), ("-sin({a})",)),
+    "tan": Operation("tan({a})", _float(np.tan), ("1.0 + {y} * {y}",)),
+    "asin": Operation("asin({a})", _float(np.arcsin), ("1.0 / sqrt(1.0 - {a} * {a})",)),
+    "acos": Operation("acos({a})", _float(np.arccos), ("-1.0 / sqrt(1.0 - {a} * {a})",)),
+    "atan": Operation("atan({a})", _float(np.arctan), ("1.0 / (1.0 + {a} * {a})",)),
+    "sinh": Operation("sinh({a})", _float(np.sinh), ("cosh({a})",)),
+    "cosh": Operation("cosh({a})", _float(np.cosh), ("sinh({a})",)),
+    "asinh": Operation("asinh({a})", _float(np.arcsinh), ("1.0 / sqrt({a} * {a} + 1.0)",)),
+    "abs": Operation("fabs({a})", np.abs, ("({a} > 0.0) - ({a} < 0.0)",)),
     # steps: no derivative almost everywhere
-    "sign": Function("({a} > 0.0) - ({a} < 0.0)", np.sign),
-    "floor": Function("floor({a})", np.floor),
-    "ceil": Function("ceil({a})", np.ceil),
-    "round": Function("nearbyint({a})", np.rint),
-    "trunc": Function("trunc({a})", np.trunc),
-    "truth": Function("{a} != 0.0", lambda a: a != 0, kind="bool"),
+    "sign": Operation("({a} > 0.0) - ({a} < 0.0)", np.sign),
+    "floor": Operation("floor({a})", np.floor),
+    "ceil": Operation("ceil({a})", np.ceil),
+    "round": Operation("nearbyint({a})", np.rint),
+    "trunc": Operation("trunc({a})", np.trunc),
+    "truth": Operation("{a} != 0.0", lambda a: a != 0, kind="bool"),
     # relations and logic
-    "less": Function("{a} < {b}", np.less, kind="bool"),
-    "less_equal": Function("{a} <= {b}", np.less_equal, kind="bool"),
-    "greater": Function("{a} > {b}", np.greater, kind="bool"),
-    "greater_equal": Function("{a} >= {b}", np.greater_equal, kind="bool"),
-    "equal": Function("{a} == {b}", np.equal, kind="bool"),
-    "isnan": Function("{a} != {a}", np.isnan, kind="bool"),
-    "not": Function("{a} == 0.0", np.logical_not, kind="bool"),
-    "and": Function("{a} != 0.0 && {b} != 0.0", np.logical_and, kind="bool"),
-    "or": Function("{a} != 0.0 || {b} != 0.0", np.logical_or, kind="bool"),
-    "xor": Function("({a} != 0.0) != ({b} != 0.0)", np.logical_xor, kind="bool"),
-    "select": Function("{a} != 0.0 ? {b} : {c}", np.where, (None, "{a} != 0.0 ? 1.0 : 0.0", "{a} != 0.0 ? 0.0 : 1.0")),
+    "less": Operation("{a} < {b}", np.less, kind="bool"),
+    "less_equal": Operation("{a} <= {b}", np.less_equal, kind="bool"),
+    "greater": Operation("{a} > {b}", np.greater, kind="bool"),
+    "greater_equal": Operation("{a} >= {b}", np.greater_equal, kind="bool"),
+    "equal": Operation("{a} == {b}", np.equal, kind="bool"),
+    "isnan": Operation("{a} != {a}", np.isnan, kind="bool"),
+    "not": Operation("{a} == 0.0", np.logical_not, kind="bool"),
+    "and": Operation("{a} != 0.0 && {b} != 0.0", np.logical_and, kind="bool"),
+    "or": Operation("{a} != 0.0 || {b} != 0.0", np.logical_or, kind="bool"),
+    "xor": Operation("({a} != 0.0) != ({b} != 0.0)", np.logical_xor, kind="bool"),
+    "select": Operation("{a} != 0.0 ? {b} : {c}", np.where, (None, "{a} != 0.0 ? 1.0 : 0.0", "{a} != 0.0 ? 0.0 : 1.0")),
 }
 
 _EXPM1 = """\

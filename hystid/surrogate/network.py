@@ -82,7 +82,7 @@ def network_code(
 
 def block_code(program: Program, interface: Ports, title: str, description: str = "") -> ModelCode:
     """A compiled network as a ``ModelCode``: inputs -> outputs, with memory where the interface says so."""
-    layout = Layout.of(program, interface)
+    layout = PortLayout.of(program, interface)
     text = functions(program, "network")
     frame = replace(layout.block, n_w=layout.recorded + text.work)
     c_text = _Frame(program, layout, frame, interface).text(block.text_of(text), title)
@@ -177,7 +177,7 @@ def _check_pairs(program: Program, pairs: Mapping[str, str]) -> None:
 
 
 @dataclass(frozen=True)
-class Layout:
+class PortLayout:
     """Ports by their part in the block, and their first slots there."""
 
     inputs: tuple[Port, ...]
@@ -188,7 +188,7 @@ class Layout:
     outside: bool
 
     @staticmethod
-    def of(program: Program, interface: Ports) -> Layout:
+    def of(program: Program, interface: Ports) -> PortLayout:
         """Sort the ports of a program."""
         by_name = {port.name: port for port in program.outputs}
         inputs = tuple(port for port in program.inputs if port.name not in interface.memory)
@@ -199,7 +199,7 @@ class Layout:
             raise NetworkError("the network has no output besides its memory")
         outside = any(port.name in interface.training_range for port in inputs)
         n_u, n_d, n_y = (sum(port.view.size for port in ports) for ports in (inputs, states, outputs))
-        return Layout(inputs, states, outputs, nexts, Block(n_u=n_u, n_d=n_d, n_y=n_y + outside), outside)
+        return PortLayout(inputs, states, outputs, nexts, Block(n_u=n_u, n_d=n_d, n_y=n_y + outside), outside)
 
     @property
     def recorded(self) -> int:
@@ -229,7 +229,7 @@ def element_names(port: Port, names: Names, given: Sequence[str] = ()) -> list[s
     return [f"{base}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*shape)]
 
 
-def _variables(layout: Layout, interface: Ports) -> list[Variable]:
+def _variables(layout: PortLayout, interface: Ports) -> list[Variable]:
     names, b = Names({"time"}), layout.block
     starts = layout.starts(interface)
     found: list[Variable] = []
@@ -297,7 +297,7 @@ class _Frame:
     """C text around a memory network: evaluation with a record of the latest sample, and derivatives."""
 
     program: Program
-    layout: Layout
+    layout: PortLayout
     block: Block
     interface: Ports
 

@@ -17,7 +17,7 @@ from hystid.fmu import Driver
 from hystid.processing import Band, prepare
 from hystid.recording import Array, Recording, Sources, loaded, own_mass
 from hystid.simulation import force_of, simulate
-from hystid.validation.cases_compared import Case, FreeRun, Levels, Validation
+from hystid.validation.cases_compared import FreeRun, Levels, Validation, ValidationCase
 from hystid.validation.judged import force_error, run_errors
 from hystid.validation.stability import stability
 from hystid.validation.surrogate import Surrogate, open_surrogate
@@ -50,8 +50,8 @@ def validate(
     instead of the surrogate's own. out: folder for validation.json. Both sides start with the same x, v and restoring
     force.
 
-    A free run that diverges is a result (``Case.diverged``). Raises UsageError (nothing to compare with, sample rates
-    that do not fit), RecordingError (no x, too short), NetworkError and FmuError (a file that cannot be used).
+    A free run that diverges is a result (``ValidationCase.diverged``). Raises UsageError (nothing to compare with,
+    sample rates that do not fit), RecordingError (no x, too short), NetworkError and FmuError (a file beyond use).
 
     >>> import hystid
     >>> fmu = hystid.build("HystId.Oscillators.Jenkins", "jenkins.fmu")
@@ -102,13 +102,13 @@ def validate(
     return result
 
 
-def compare(model: Surrogate, record: Recording) -> Case:
+def compare(model: Surrogate, record: Recording) -> ValidationCase:
     """One recording against the surrogate: force on the recorded motion and, where F and a mass are there, free run."""
     model = replace(model, mass=own_mass(record, model.mass))
     notes = _check(model, record)
     R = record.channel("R")
     force = model.force(record)
-    case = Case(
+    case = ValidationCase(
         record.name,
         record,
         force,
@@ -190,7 +190,7 @@ def _watch(x: Array, record: Recording) -> None:
         )
 
 
-def _with_levels(case: Case) -> Case:
+def _with_levels(case: ValidationCase) -> ValidationCase:
     tone = _fundamental(case.reference)
     if tone is None:
         return case

@@ -65,7 +65,7 @@ class Levels:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class ValidationCase:
     """One excitation. reference: t [s], F [N], x [m], v [m/s], a [m/s2], R [N], each (n,), measured or simulated.
 
     force: R [N] of the surrogate on the reference motion, (n,); force_nrmse (fraction), force_mse [N2].
@@ -143,7 +143,7 @@ class Validation(Result, report="validation", json="validation.json"):
     mass: float
     sample_rate: float | None
     training_range: Mapping[str, tuple[float, float]]
-    cases: tuple[Case, ...]
+    cases: tuple[ValidationCase, ...]
     notes: tuple[str, ...] = ()
     stability: Stability | None = None
     inputs: tuple[FurtherInput, ...] = ()

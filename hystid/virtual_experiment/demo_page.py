@@ -14,7 +14,7 @@ from hystid.report.diagnosis import value_text
 from hystid.report.page import Cell, Fact, Page, Table, Verdict, number, percent
 from hystid.report.plots import Axis, Band, Bars, Line, Plot, Role, Series
 from hystid.report.validation import content
-from hystid.validation import Case
+from hystid.validation import ValidationCase
 from hystid.virtual_experiment.lab import LabCase, UnseenTest
 from hystid.virtual_experiment.reference_study import (
     BAND,
@@ -127,7 +127,7 @@ def _surrogate(page: Page, study: ReferenceStudy) -> None:
     page.plots(content(cases[0]), content(cases[-1]))
 
 
-def _loop(case: Case) -> Plot:
+def _loop(case: ValidationCase) -> Plot:
     record = case.reference
     last = slice(-round(0.1 / record.dt), None)
     run = case.free_run

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from hystid.diagnosis.decide.criterion import DOUBT, NAME, ZERO, Criterion, Hypothesis, leaves_noise
+from hystid.diagnosis.decide.criterion import DOUBT, NAME, ZERO, Criterion, FittedSet, leaves_noise
 from hystid.diagnosis.decide.selection import Choice, choose, choose_among, weigh
 from hystid.diagnosis.decide.unseen import unseen_likelihood
 from hystid.diagnosis.fit.case import (
@@ -213,7 +213,7 @@ def chosen(
     library: Sequence[Effect],
     progress: Callable[[], None] = lambda: None,
     *,
-    known: Sequence[Hypothesis] = (),
+    known: Sequence[FittedSet] = (),
 ) -> Choice:
     """The selection of a case, with what its held-out recordings say. known: what was likely under another assumption,
     which the search may pass by here."""

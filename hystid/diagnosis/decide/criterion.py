@@ -62,7 +62,7 @@ NAME = 0.5  # probability from which a name is told: a wrong name costs as much 
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class FittedSet:
     """A set of effects as fitted. names: ids, strongest first, none for the baseline alone. size: parameters.
 
     windowed: acts for a part of the time. exact: no form to be wrong, as a fault of a channel. laws: members that have
@@ -97,7 +97,7 @@ class Candidate:
     names: tuple[str, ...]
     probability: float
     explained: float
-    hypothesis: Hypothesis = field(repr=False)
+    hypothesis: FittedSet = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Posterior:
     nothing: float
     unknown: float
     candidates: tuple[Candidate, ...] = ()
-    zero: Hypothesis | None = field(default=None, repr=False)
+    zero: FittedSet | None = field(default=None, repr=False)
 
     @property
     def something(self) -> float:
@@ -118,7 +118,7 @@ class Posterior:
         return 1.0 - self.nothing
 
     @property
-    def likely(self) -> list[Hypothesis]:
+    def likely(self) -> list[FittedSet]:
         """Hypotheses that are worth a closer look, most probable first."""
         return [c.hypothesis for c in self.candidates if c.probability > CHANCE]
 
@@ -319,7 +319,7 @@ class Criterion:
         least = max(without - max(curves, default=0.0), 0.0)
         return self.likelihood(misfit) - self.likelihood(least) > self.price(size, misfit)
 
-    def with_level(self, found: Sequence[Hypothesis], reached: float) -> Criterion:
+    def with_level(self, found: Sequence[FittedSet], reached: float) -> Criterion:
         """The same at the level of the noise: what the best hypothesis leaves, as far as the noise may be off, or all
         of it where that is noise alone (reached; infinite where not).
 
@@ -329,7 +329,7 @@ class Criterion:
         best = min(self.misfit(self.baseline, self.floor), least)
         return self.at(best if best < 0 else max(min(best, self.slack), reached if np.isfinite(reached) else 0.0))
 
-    def posterior(self, found: Sequence[Hypothesis], *, is_noise: bool, curves: Sequence[float] = ()) -> Posterior:
+    def posterior(self, found: Sequence[FittedSet], *, is_noise: bool, curves: Sequence[float] = ()) -> Posterior:
         """Probabilities of the hypotheses.
 
         curves: what forces without a law explain of the mean square (``lawfree``). is_noise: the baseline leaves
@@ -372,18 +372,18 @@ class Criterion:
             zero if zero is not None and weights[0] > 0.5 * total else None,
         )
 
-    def _plain(self, h: Hypothesis, misfit: float) -> float:
+    def _plain(self, h: FittedSet, misfit: float) -> float:
         """Logarithm of the likelihood of a hypothesis, its parameters paid for."""
         return self.likelihood(misfit) + h.unseen - self.penalty(h.size, len(h.names), misfit)
 
-    def _score(self, h: Hypothesis, misfit: float, whole: float) -> float:
+    def _score(self, h: FittedSet, misfit: float, whole: float) -> float:
         """Logarithm of the probability of a hypothesis, up to a constant, what its baseline departs by not paid for."""
         form = self.form(misfit, whole, exact=h.exact, laws=h.laws)
         return self._plain(h, misfit) + form + self.prior(len(h.names), windowed=h.windowed)
 
-    def _best_of_each(self, found: Sequence[Hypothesis], whole: float) -> Iterator[tuple[Hypothesis, float]]:
+    def _best_of_each(self, found: Sequence[FittedSet], whole: float) -> Iterator[tuple[FittedSet, float]]:
         """The most probable hypothesis of each set of names, with the logarithm of its probability."""
-        best: dict[frozenset[str], tuple[Hypothesis, float]] = {}
+        best: dict[frozenset[str], tuple[FittedSet, float]] = {}
         for h in found:
             score = self._score(h, self.misfit(h.fit, h.floor), whole) - self.departure(h.fit)
             names = frozenset(h.names)
@@ -391,18 +391,18 @@ class Criterion:
                 best[names] = h, score
         yield from best.values()
 
-    def gain(self, one: Hypothesis, other: Hypothesis) -> float:
+    def gain(self, one: FittedSet, other: FittedSet) -> float:
         """Logarithm of the likelihood of one hypothesis over that of another, parameters not counted."""
         return self.likelihood(self.misfit(one.fit, one.floor)) - self.likelihood(self.misfit(other.fit, other.floor))
 
-    def predicts_else(self, one: Hypothesis, other: Hypothesis) -> bool:
+    def predicts_else(self, one: FittedSet, other: FittedSet) -> bool:
         """Whether the predictions of two hypotheses differ by more than noise and the model error of a right law."""
         apart = float(np.mean((one.fit.residual - other.fit.residual) ** 2))
         explained = float(np.mean((self.baseline.residual - other.fit.residual) ** 2))
         return apart > FORM * explained + self.least / self.each
 
 
-def _share(merged: dict[frozenset[str], Candidate], idle: Hypothesis, score: float) -> None:
+def _share(merged: dict[frozenset[str], Candidate], idle: FittedSet, score: float) -> None:
     """Let a set with a member that does not count take its part of the probability of sets that have another one
     instead, for what is left of it. score: logarithm of its weight."""
     left = idle.counting
@@ -451,8 +451,8 @@ def zero_probability(share: float) -> float:
 
 
 def _split(
-    found: Sequence[Hypothesis], misfits: Sequence[float], weights: Array
-) -> Iterator[tuple[tuple[str, ...], Hypothesis, float, float]]:
+    found: Sequence[FittedSet], misfits: Sequence[float], weights: Array
+) -> Iterator[tuple[tuple[str, ...], FittedSet, float, float]]:
     """Names, hypothesis, misfit and weight; what may be the zero of a sensor counts for both."""
     for h, m, w in zip(found, misfits, weights, strict=True):
         if h.zero:

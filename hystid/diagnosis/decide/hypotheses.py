@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
-from hystid.diagnosis.decide.criterion import FORM, MENTION, SOUND, Criterion, Hypothesis
+from hystid.diagnosis.decide.criterion import FORM, MENTION, SOUND, Criterion, FittedSet
 from hystid.diagnosis.decide.lawfree import free_curves, wrong_forms
 from hystid.diagnosis.decide.part_time import in_windows
 from hystid.diagnosis.decide.trials import (
@@ -33,8 +33,7 @@ from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass, is_source
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.pairscan import scan_pairs
 from hystid.diagnosis.fit.problem import Problem, standing
-from hystid.diagnosis.fit.search import Candidate as Scanned
-from hystid.diagnosis.fit.search import from_nominal, one_per_id, scan, try_fit, unexplained
+from hystid.diagnosis.fit.search import ScannedForm, from_nominal, one_per_id, scan, try_fit, unexplained
 from hystid.diagnosis.fit.windows import has_windows
 from hystid.diagnosis.model.channel_effects import ChannelEffect, force_drifts, high_passes, ranges
 from hystid.diagnosis.model.effects import Effect
@@ -82,7 +81,7 @@ class Search:
         """Misfit of the baseline above the noise."""
         return self.baseline.chi2 - self.floor
 
-    def hypotheses(self, known: Sequence[Hypothesis] = ()) -> list[Hypothesis]:
+    def hypotheses(self, known: Sequence[FittedSet] = ()) -> list[FittedSet]:
         """Sets of effects, each fitted. known: some that are fitted already; where they explain all, no sets are
         looked for."""
         if not self._may_gain(self.candidates, self.excess) and (
@@ -111,18 +110,18 @@ class Search:
             return found
         return self.hypotheses(found)
 
-    def again(self, known: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+    def again(self, known: Sequence[FittedSet]) -> Iterator[FittedSet]:
         """Hypotheses of another problem with the same recordings, fitted again."""
         for h in known:
             made = try_fit(self.problem, h.fit.hypothesis)
             if h.names and made is not None and are_reached(self.problem, made):
                 yield self._anew(replace(h, fit=made))
 
-    def _anew(self, h: Hypothesis) -> Hypothesis:
+    def _anew(self, h: FittedSet) -> FittedSet:
         """A hypothesis against the baseline in use."""
         return self._hypothesis(h.names, h.size, h.fit, windowed=h.windowed)
 
-    def _with_chain(self, found: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+    def _with_chain(self, found: Sequence[FittedSet]) -> Iterator[FittedSet]:
         """What leads with a late force channel, or another mass, where its fit runs into the limits of what is none."""
         bare = [h for h in found if not h.fit.hypothesis.late and 0 < len(h.names) < _MEMBERS]
         worth = {id(h): self._worth(self.criterion.misfit(h.fit, h.floor), h.size, len(h.names)) for h in bare}
@@ -131,7 +130,7 @@ class Search:
                 if trial.name not in h.names and are_reached(self.problem, trial.fit):
                     yield self._hypothesis((*h.names, trial.name), h.size + trial.size, trial.fit, windowed=h.windowed)
 
-    def _as_given(self, found: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+    def _as_given(self, found: Sequence[FittedSet]) -> Iterator[FittedSet]:
         """What leads, fitted again from the values that were given, where its baseline stands far from them and more
         than noise is left: a refit without what is missing goes astray, and what is fitted from there may stay."""
         criterion, nominal = self.criterion, dict(self.problem.baseline.nominal)
@@ -149,7 +148,7 @@ class Search:
         """Whether what the baseline leaves is noise, whatever its level."""
         return is_noise(self.problem, self.baseline)
 
-    def _leads(self, found: Sequence[Hypothesis]) -> bool:
+    def _leads(self, found: Sequence[FittedSet]) -> bool:
         """Whether any effect explains more than it costs."""
         criterion, whole = self.criterion, self.excess
         return any(
@@ -158,7 +157,7 @@ class Search:
             if (m := criterion.misfit(h.fit, h.floor)) < whole
         )
 
-    def _may_gain(self, candidates: Sequence[Scanned], misfit: float) -> bool:
+    def _may_gain(self, candidates: Sequence[ScannedForm], misfit: float) -> bool:
         """Whether any effect could be worth its price beside a fit, as a scan sees it; scans are linear, hence the
         factor.
 
@@ -175,7 +174,7 @@ class Search:
         """Misfit that is left to those effects of a set that have a form, which may be a little wrong."""
         return min([self.excess, *(misfit for name, misfit in self.exact.items() if name in names)])
 
-    def _all_is_explained(self, found: Sequence[Hypothesis]) -> bool:
+    def _all_is_explained(self, found: Sequence[FittedSet]) -> bool:
         best = min(found, key=lambda h: self.criterion.misfit(h.fit, h.floor), default=None)
         if best is None:
             return self.criterion.is_reached(self.excess)
@@ -243,22 +242,22 @@ class Search:
         misfit = self.criterion.misfit(line[-1].fit, float("nan"))
         return self.criterion.is_settled(misfit, self.formed([trial.name for trial in line]))
 
-    def _singles(self, found: Sequence[Trial]) -> list[Hypothesis]:
+    def _singles(self, found: Sequence[Trial]) -> list[FittedSet]:
         """One hypothesis per id and size: the best form of each."""
         made: dict[tuple[str, int], Trial] = {}
         for trial in found:
             made.setdefault((trial.name, trial.size), trial)
         return [self._hypothesis((t.name,), t.size, t.fit) for t in made.values()]
 
-    def _hypothesis(self, names: tuple[str, ...], size: int, fit: Fit, *, windowed: bool = False) -> Hypothesis:
+    def _hypothesis(self, names: tuple[str, ...], size: int, fit: Fit, *, windowed: bool = False) -> FittedSet:
         near = fit.chi2 - self.floor < 2 * self.criterion.slack + 0.1 * self.excess
         floor = self.criterion.floor_of(fit) if near else self.floor
         terms = {term.effect.id: term.effect for term in fit.hypothesis.terms}
         formed = [terms[name] for name in names if name in terms and not _is_exact(terms[name])]
         laws = sum(not law.uses_h for law in formed)  # what weakens or pinches the hysteresis is no force of its own
-        return Hypothesis(names, size, fit, windowed, not formed, floor, laws=max(laws, 1))
+        return FittedSet(names, size, fit, windowed, not formed, floor, laws=max(laws, 1))
 
-    def _in_windows(self) -> Iterator[Hypothesis]:
+    def _in_windows(self) -> Iterator[FittedSet]:
         """Effects that act for a part of the time, or of the levels. What these cost is not taken from the sets."""
         began = self.problem.work
         for fit in in_windows(self.problem, self.criterion, self.baseline, self.effects):
@@ -266,7 +265,7 @@ class Search:
             yield self._hypothesis((effect.id,), effect.size, fit, windowed=has_windows(fit.hypothesis))
         self.began += self.problem.work - began
 
-    def _sets(self) -> list[Hypothesis]:
+    def _sets(self) -> list[FittedSet]:
         """Two or three effects: pairs that fit together, then forward from the leading singles, then members exchanged
         for others."""
         began = self.problem.work
@@ -285,14 +284,14 @@ class Search:
             found += self.exchanged(min(found, key=lambda h: h.fit.chi2))
         return found
 
-    def _pairs(self) -> list[Hypothesis]:
+    def _pairs(self) -> list[FittedSet]:
         """Two effects of which each may hide the other, the best fit of each two ids: from where the refit stands, and
         from nominal values where both led it astray."""
         problem, starts = self.problem, [self.baseline]
         astray = self.criterion.departure(self.baseline) > -math.log(MENTION)
         if astray and (nominal := from_nominal(problem, self.baseline)) is not None:
             starts.append(nominal)
-        best: dict[tuple[frozenset[str], int], Hypothesis] = {}
+        best: dict[tuple[frozenset[str], int], FittedSet] = {}
         for start in starts:
             here, misfit = start.hypothesis, unexplained(problem, start) - self.floor
 
@@ -325,7 +324,7 @@ class Search:
 
         return distinct(sorted(self.first, key=worth, reverse=True))[:_STARTS]
 
-    def _beside(self, start: Trial) -> Iterator[Hypothesis]:
+    def _beside(self, start: Trial) -> Iterator[FittedSet]:
         """A small effect beside one that explains nearly all: what the form of a law leaves, no other law takes down to
         the noise, or to next to nothing."""
         misfit = self.criterion.misfit(start.fit, float("nan"))
@@ -339,7 +338,7 @@ class Search:
             if self.criterion.is_reached(left) or self.criterion.is_worth_a_name(left, misfit, self.formed(h.names)):
                 yield h
 
-    def _line(self, start: Trial, library: Sequence[Effect], found: list[Hypothesis]) -> list[Trial]:
+    def _line(self, start: Trial, library: Sequence[Effect], found: list[FittedSet]) -> list[Trial]:
         """A set that grows from one effect by the best further one; all that was tried is added to what was found."""
         line = [start]
         while len(line) < _MEMBERS and not self._is_settled(line) and self.problem.work - self.began < _WORK:
@@ -350,11 +349,11 @@ class Search:
             line.append(nexts[0])
         return line
 
-    def _of(self, line: Sequence[Trial]) -> Hypothesis:
+    def _of(self, line: Sequence[Trial]) -> FittedSet:
         return self._hypothesis(tuple(t.name for t in line), sum(t.size for t in line), line[-1].fit)
 
     def _further(
-        self, line: Sequence[Trial], scanned: Sequence[Scanned], most: int = _STARTS, fits: int = _TRIED
+        self, line: Sequence[Trial], scanned: Sequence[ScannedForm], most: int = _STARTS, fits: int = _TRIED
     ) -> list[Trial]:
         """The best further effects of a set, one per id. fits: how many forms are fitted."""
         end, used = line[-1], {trial.name for trial in line}
@@ -366,16 +365,16 @@ class Search:
         found = trials(self.problem, end.fit, scanned, left, extra, most=fits)
         return distinct(t for t in found if t.name not in used)[:most]
 
-    def _by_worth(self, scanned: Sequence[Scanned], misfit: float) -> list[Scanned]:
+    def _by_worth(self, scanned: Sequence[ScannedForm], misfit: float) -> list[ScannedForm]:
         """Candidates by what they gain beyond the price of their parameters: a law always fits worse than the more
         general one that holds it, and would never be tried for its gain alone. misfit: what they may take."""
 
-        def worth(c: Scanned) -> float:
+        def worth(c: ScannedForm) -> float:
             return self._worth(misfit - c.gain / self.criterion.rows, c.effect.size)
 
         return sorted(scanned, key=worth, reverse=True)
 
-    def exchanged(self, best: Hypothesis) -> list[Hypothesis]:
+    def exchanged(self, best: FittedSet) -> list[FittedSet]:
         """The leading set with each member exchanged for others: the first was chosen when the rest was not there."""
         found = []
         here = best.fit.hypothesis
@@ -398,7 +397,7 @@ class Search:
                     found.append(self._hypothesis(names, size, made))
         return found
 
-    def without_one(self, hypothesis: Hypothesis, criterion: Criterion) -> Iterator[tuple[Hypothesis, bool]]:
+    def without_one(self, hypothesis: FittedSet, criterion: Criterion) -> Iterator[tuple[FittedSet, bool]]:
         """A set without each of its members, fitted again, and whether the member counts: whether that costs more than
         it does. criterion: at the level of the noise."""
         here, misfit = hypothesis.fit.hypothesis, criterion.misfit(hypothesis.fit, hypothesis.floor)

@@ -8,7 +8,7 @@ from hystid.diagnosis.decide.criterion import Criterion
 from hystid.diagnosis.decide.trials import are_reached, fitted_on
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem, standing
-from hystid.diagnosis.fit.search import Candidate, one_per_id, scan, try_fit, try_term
+from hystid.diagnosis.fit.search import ScannedForm, one_per_id, scan, try_fit, try_term
 from hystid.diagnosis.fit.windows import has_edges, in_window_of, is_off_outside, settled, shared
 from hystid.diagnosis.fit.windowscan import outside, placed, scan_windows
 from hystid.diagnosis.model.effects import Effect
@@ -68,7 +68,7 @@ def _exchanged(problem: Problem, criterion: Criterion, best: Fit, effects: Seque
     start, term = standing(problem, best.hypothesis.without(-1)), best.hypothesis.terms[-1]
     others = [in_window_of(effect, term) for effect in effects if effect.id != term.effect.id]
 
-    def cost(candidate: Candidate) -> float:
+    def cost(candidate: ScannedForm) -> float:
         left = _left(criterion, start) - candidate.gain / criterion.rows
         return criterion.penalty(candidate.effect.size, 1, left) - criterion.likelihood(left)
 
@@ -121,7 +121,7 @@ def _to_the_end(problem: Problem, criterion: Criterion, before: Fit, fit: Fit) -
     return fitted_on(problem, fit) if near and not _is_reached(criterion, fit) else fit
 
 
-def _alone(problem: Problem, start: Fit, candidates: Iterable[Candidate]) -> list[Fit]:
+def _alone(problem: Problem, start: Fit, candidates: Iterable[ScannedForm]) -> list[Fit]:
     """Fits of laws, and windows, beside a baseline that is held."""
     fits = [try_fit(problem, start.hypothesis.beside(candidate.term), last=True) for candidate in candidates]
     return [fit for fit in fits if fit is not None]

@@ -12,7 +12,7 @@ from hystid.diagnosis.decide.criterion import (
     NAME,
     Candidate,
     Criterion,
-    Hypothesis,
+    FittedSet,
     Posterior,
     zero_probability,
 )
@@ -23,8 +23,7 @@ from hystid.diagnosis.decide.trials import LAST, Trial, are_reached
 from hystid.diagnosis.fit.hypothesis import Fit, Key, is_mass
 from hystid.diagnosis.fit.independence import is_noise
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.search import ABSORBED, other_minima, try_fit
-from hystid.diagnosis.fit.search import Candidate as Scanned
+from hystid.diagnosis.fit.search import ABSORBED, ScannedForm, other_minima, try_fit
 from hystid.diagnosis.fit.zeros import zero_of_term
 from hystid.diagnosis.model.effects import Effect
 
@@ -95,7 +94,7 @@ def choose(
     *,
     minima: Sequence[Fit] = (),
     unseen: Unseen = lambda before, after: 0.0,
-    known: Sequence[Hypothesis] = (),
+    known: Sequence[FittedSet] = (),
 ) -> Choice:
     """Name what the refitted baseline leaves, or say that nothing, or nothing known, is there.
 
@@ -107,14 +106,14 @@ def choose(
 
 
 def choose_among(
-    known: Sequence[Hypothesis], problem: Problem, baseline: Fit, effects: Sequence[Effect], unseen: Unseen
+    known: Sequence[FittedSet], problem: Problem, baseline: Fit, effects: Sequence[Effect], unseen: Unseen
 ) -> Choice:
     """The same among hypotheses about the same recordings, fitted again, and no others."""
     search = Search(problem, baseline, effects, lambda: None, ())
     return _decided(search, list(search.again(known)), unseen)
 
 
-def weigh(problem: Problem, baseline: Fit, effects: Sequence[Effect], known: Sequence[Hypothesis]) -> Posterior:
+def weigh(problem: Problem, baseline: Fit, effects: Sequence[Effect], known: Sequence[FittedSet]) -> Posterior:
     """Probabilities of some hypotheses about the same recordings, fitted again, and of what the leading one is with its
     members exchanged: they were chosen under another assumption."""
     search = Search(problem, baseline, effects, lambda: None, ())
@@ -127,13 +126,13 @@ def weigh(problem: Problem, baseline: Fit, effects: Sequence[Effect], known: Seq
     return criterion.posterior(found, is_noise=search.is_noise, curves=tuple(curves))
 
 
-def _decided(search: Search, found: Sequence[Hypothesis], unseen: Unseen) -> Choice:
+def _decided(search: Search, found: Sequence[FittedSet], unseen: Unseen) -> Choice:
     """The choice that the probabilities of the hypotheses lead to."""
     before, noise = search.baseline, search.is_noise
     criterion = search.criterion.with_level(found, _level(search, found))
     curves = tuple(free_curves(search.problem, before)) if len(found) > 0 else ()
 
-    def weighed(hypotheses: Sequence[Hypothesis]) -> Posterior:
+    def weighed(hypotheses: Sequence[FittedSet]) -> Posterior:
         return criterion.posterior(hypotheses, is_noise=noise, curves=curves)
 
     found = _pruned(search, found, weighed, criterion)
@@ -173,10 +172,10 @@ def _decided(search: Search, found: Sequence[Hypothesis], unseen: Unseen) -> Cho
 
 def _pruned(
     search: Search,
-    found: Sequence[Hypothesis],
-    weighed: Callable[[Sequence[Hypothesis]], Posterior],
+    found: Sequence[FittedSet],
+    weighed: Callable[[Sequence[FittedSet]], Posterior],
     criterion: Criterion,
-) -> list[Hypothesis]:
+) -> list[FittedSet]:
     """Hypotheses of which sets with a member that does not count speak for the others, and what sets are without one of
     theirs: what grew by the best further effect may hold one that the next makes idle; and where one may stand for what
     is left without counting, another one that does may not be sure. What leads then has its members exchanged."""
@@ -200,7 +199,7 @@ def _pruned(
     return pruned
 
 
-def _counted(hypothesis: Hypothesis, idle: Mapping[frozenset[str], frozenset[str] | None]) -> Hypothesis | None:
+def _counted(hypothesis: FittedSet, idle: Mapping[frozenset[str], frozenset[str] | None]) -> FittedSet | None:
     """A hypothesis that speaks for what is left of it without members that do not count; None where nothing is."""
     names = frozenset(hypothesis.names)
     left: frozenset[str] | None = hypothesis.counting or names
@@ -209,7 +208,7 @@ def _counted(hypothesis: Hypothesis, idle: Mapping[frozenset[str], frozenset[str
     return None if left is None else hypothesis if left == names else replace(hypothesis, counting=left)
 
 
-def _with_zero(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
+def _with_zero(problem: Problem, hypothesis: FittedSet) -> FittedSet:
     """A hypothesis that knows whether a constant force of it may be the zero of the displacement sensor."""
     here = hypothesis.fit.hypothesis
     for term in here.terms:
@@ -218,7 +217,7 @@ def _with_zero(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     return hypothesis
 
 
-def _level(search: Search, found: Sequence[Hypothesis]) -> float:
+def _level(search: Search, found: Sequence[FittedSet]) -> float:
     """Misfit of the best hypothesis where what it leaves is shown to be noise; infinite where it is not."""
     if search.is_noise or not found:
         return np.inf
@@ -307,7 +306,7 @@ def _to_the_end(problem: Problem, criterion: Criterion, reached: Fit) -> Fit:
     return reached
 
 
-def _untestable(candidates: Sequence[Scanned]) -> tuple[str, ...]:
+def _untestable(candidates: Sequence[ScannedForm]) -> tuple[str, ...]:
     """Ids of which every form is collinear with the refit."""
     least: dict[str, float] = {}
     for candidate in candidates:

@@ -13,7 +13,7 @@ from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, is_mass
 from hystid.diagnosis.fit.problem import DELAY_LIMIT, LATE_LIMIT, MASS_TOLERANCE, Problem, standing
 from hystid.diagnosis.fit.search import (
     ABSORBED,
-    Candidate,
+    ScannedForm,
     downhill,
     from_nominal,
     other_minima,
@@ -73,7 +73,7 @@ class Trial:
 def trials(
     problem: Problem,
     fitted: Fit,
-    candidates: Sequence[Candidate],
+    candidates: Sequence[ScannedForm],
     excess: float,
     extra: Sequence[Trial],
     most: int = 12,
@@ -287,7 +287,7 @@ def is_within(effect: Effect, shapes: Collection[str], size: int) -> bool:
     return effect.size < size and bool(effect.shapes) and all(shape.name in shapes for shape in effect.shapes)
 
 
-def _rivals(candidates: Sequence[Candidate], size: int) -> list[Candidate]:
+def _rivals(candidates: Sequence[ScannedForm], size: int) -> list[ScannedForm]:
     """Candidates that are fitted again: those that take most, and simpler ones that take as much."""
     leading, others = candidates[:_EXCHANGED], candidates[_EXCHANGED:]
     simpler = [c for c in others if c.gain > _EQUAL * candidates[0].gain and c.effect.size < size]
@@ -311,7 +311,7 @@ def fitted_on(problem: Problem, fit: Fit) -> Fit:
     return min([made, *(f for f in fits if f is not None)], key=lambda f: f.chi2)
 
 
-def _trial(candidate: Candidate, made: Fit) -> Trial:
+def _trial(candidate: ScannedForm, made: Fit) -> Trial:
     effect = candidate.effect
     return Trial(effect.id, effect.form, effect.size, made, candidate.absorbed, candidate.others)
 

@@ -27,7 +27,7 @@ Rank = Callable[[float, int], float]  # worth of a pair: by what it takes of the
 
 
 @dataclass(frozen=True)
-class Pair:
+class TermPair:
     """The best grid points of two forms together, and what they take of the sum of squares."""
 
     terms: tuple[Term, Term]
@@ -58,14 +58,14 @@ class _Form:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # columns that are not finite are left out
-def scan_pairs(problem: Problem, fitted: Fit, effects: Sequence[Effect], rank: Rank, most: int) -> list[Pair]:
+def scan_pairs(problem: Problem, fitted: Fit, effects: Sequence[Effect], rank: Rank, most: int) -> list[TermPair]:
     """At most so many pairs of forms, some of each pair of ids, the worthiest first."""
     forms = list(_forms(problem, fitted, effects))
     if not forms:
         return []
     scale = len(fitted.residual) / forms[0].columns.shape[-1]
     made = (_best(one, other, scale) for one, other in combinations(forms, 2) if one.effect.id != other.effect.id)
-    found, count = list[Pair](), Counter[frozenset[str]]()
+    found, count = list[TermPair](), Counter[frozenset[str]]()
     for pair in sorted(filter(None, made), key=lambda pair: -rank(pair.gain, pair.size)):
         count[pair.ids] += 1
         found += [pair] if count[pair.ids] <= _FORMS else []
@@ -103,7 +103,7 @@ def _forms(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> Iterator
         yield _Form(effect, shapes, columns, columns @ residual, amplitudes, lowest)
 
 
-def _best(one: _Form, other: _Form, scale: float) -> Pair | None:
+def _best(one: _Form, other: _Form, scale: float) -> TermPair | None:
     """The grid points of two forms that take most together; None where blocks allow no amplitudes anywhere."""
     (a, i, rows), (b, j, _) = one.columns.shape, other.columns.shape
     cross = (one.columns.reshape(a * i, rows) @ other.columns.reshape(b * j, rows).T).reshape(a, i, b, j)
@@ -120,7 +120,7 @@ def _best(one: _Form, other: _Form, scale: float) -> Pair | None:
         return None
     places = zip((one, other), at, forces, strict=True)
     first_term, second_term = (_term(form, int(place), force[at]) for form, place, force in places)
-    return Pair((first_term, second_term), scale * float(gains[at]))
+    return TermPair((first_term, second_term), scale * float(gains[at]))
 
 
 def _term(form: _Form, place: int, amplitudes: Array) -> Term:

@@ -30,7 +30,7 @@ ABSORBED = 0.99  # share of a column that the refit takes over, above which the 
 
 
 @dataclass(frozen=True)
-class Candidate:
+class ScannedForm:
     """Best grid point of one form: its term, the fall of the sum of squares, and the share that the baseline absorbs.
 
     others: the next best grid points, for restarts.
@@ -47,9 +47,9 @@ class Candidate:
         return self.term.effect
 
 
-def one_per_id(candidates: Iterable[Candidate]) -> list[Candidate]:
+def one_per_id(candidates: Iterable[ScannedForm]) -> list[ScannedForm]:
     """The first candidate of each effect, in their order."""
-    first: dict[str, Candidate] = {}
+    first: dict[str, ScannedForm] = {}
     for candidate in candidates:
         first.setdefault(candidate.effect.id, candidate)
     return list(first.values())
@@ -81,7 +81,7 @@ def scan(
     effects: Sequence[Effect],
     progress: Callable[[], None] = lambda: None,
     near: Mapping[str, float] = MappingProxyType({}),
-) -> list[Candidate]:
+) -> list[ScannedForm]:
     """The best grid point of every form, the largest gain first. Forms without any finite column are left out.
 
     near: values of shapes by name; forms that have shapes of these names are looked at there as well.
@@ -123,7 +123,7 @@ class _Beside:
 
 def _best(
     problem: Problem, effect: Effect, beside: _Beside, signals: Sequence[Signals], near: Mapping[str, float]
-) -> Candidate | None:
+) -> ScannedForm | None:
     """The grid point of one form with the largest gain; None where there is none."""
     grids = [effect.grid(problem.scales)]
     if any(name in near for name in grids[0][0]):
@@ -136,7 +136,7 @@ def _best(
         found += [*zip(gains, absorbed, amplitudes, shapes, strict=True)]
     found = sorted((point for point in found if point[0] > -np.inf), key=lambda point: -point[0])[: 1 + _OTHERS]
     terms = [Term(effect, {**at, **dict(zip(effect.amplitudes, map(float, u), strict=True))}) for _, _, u, at in found]
-    return Candidate(terms[0], float(found[0][0]), float(found[0][1]), tuple(terms[1:])) if found else None
+    return ScannedForm(terms[0], float(found[0][0]), float(found[0][1]), tuple(terms[1:])) if found else None
 
 
 def _scores(columns: Columns, beside: _Beside, lowest: Array) -> tuple[Array, Array, Array]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.hypothesis import Fit, Term
 from hystid.diagnosis.fit.problem import Problem, standing
-from hystid.diagnosis.fit.search import ABSORBED, Candidate, complement, try_fit
+from hystid.diagnosis.fit.search import ABSORBED, ScannedForm, complement, try_fit
 from hystid.diagnosis.fit.windows import LEAST_OUT, Window, Windowed, Windows, windowed
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.segments import Part
@@ -37,7 +37,7 @@ _RIDGE = 1e-9  # of the squared length of columns, in a window and over all rows
 
 
 @np.errstate(over="ignore", invalid="ignore")  # columns that are not finite are left out
-def scan_windows(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> list[Candidate]:
+def scan_windows(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> list[ScannedForm]:
     """The best grid point of every form with its windows, the largest gain first; [] where time was not measured, or
     the motion falls as it goes on.
 
@@ -94,7 +94,7 @@ class _Seen:
         self.table = np.ascontiguousarray(self._by_block(self.known).transpose(0, 2, 1))
         self.least = 2 * float(np.log(len(place)))  # what two times cost (Schwarz 1978)
 
-    def best(self, effect: Effect) -> Candidate | None:
+    def best(self, effect: Effect) -> ScannedForm | None:
         """The best grid point of a form with its windows."""
         points = []
         grid = effect.grid(self.problem.scales)
@@ -105,20 +105,20 @@ class _Seen:
                 sums = self._sums(columns.scaled)
                 alone, _ = _gains(sums.known, sums.each, _lowest(effect, columns))
                 points.append((float(np.sum(np.max(alone, axis=1))), grid[place], columns, sums))
-        found: Candidate | None = None
+        found: ScannedForm | None = None
         for _, shapes, columns, sums in sorted(points, key=lambda point: -point[0])[:_POINTS]:
             if not self._commutes(effect, shapes, columns):
                 sums = self._exact_sums(effect, shapes, columns)
             choice = self._chosen(sums, _lowest(effect, columns))
             if (found is None or choice.gain > found.gain) and self._is_window(choice):
-                found = self._candidate(effect, shapes, columns, choice)
+                found = self._scanned(effect, shapes, columns, choice)
         return found
 
-    def _candidate(self, effect: Effect, shapes: Mapping[str, float], columns: _Columns, choice: _Choice) -> Candidate:
+    def _scanned(self, effect: Effect, shapes: Mapping[str, float], columns: _Columns, choice: _Choice) -> ScannedForm:
         here = windowed(effect, self._windows(choice))
         amplitudes = choice.amplitudes / np.where(columns.lengths > 0, columns.lengths, np.inf)
         values = dict(zip(effect.amplitudes, map(float, amplitudes), strict=True))
-        return Candidate(Term(here, {**shapes, **values, **here.near}), choice.gain, 0.0)
+        return ScannedForm(Term(here, {**shapes, **values, **here.near}), choice.gain, 0.0)
 
     def _windows(self, choice: _Choice) -> Windows:
         pairs = enumerate(zip(choice.intervals, self.spans, strict=True))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hystid.consistency import Examination, Finding, examine
+from hystid.consistency import Examination, Mismatch, examine
 from hystid.diagnosis.prepare.faults import DELAY, Fault
 from hystid.diagnosis.prepare.independence import measurements
 from hystid.diagnosis.prepare.pairs import agreed
@@ -91,7 +91,7 @@ class _Read:
     recording: Recording
     found: Examination
     lag: tuple[float, float] | None
-    severe: Finding | None
+    severe: Mismatch | None
 
 
 def _read(test: Recording, mass: float | None) -> _Read:
@@ -112,7 +112,7 @@ def _read(test: Recording, mass: float | None) -> _Read:
     raise kind("; ".join(str(item) for item in wrong))
 
 
-def _late(here: Recording, found: Examination) -> tuple[tuple[float, float] | None, Finding | None]:
+def _late(here: Recording, found: Examination) -> tuple[tuple[float, float] | None, Mismatch | None]:
     lags = {item.channel: item for item in found.findings if item.slip == "lag"}
     slowed = any("lost above" in item.seen for item in found.findings)  # a low-pass is late as well
     if set(lags) != {"F"} or slowed:  # with motion late, a force looks early against it
@@ -167,12 +167,12 @@ def _filtered_alike(read: _Read, left_out: Mapping[str, str], mass: float | None
     return read
 
 
-def _has_one_reading(item: Finding) -> bool:
+def _has_one_reading(item: Mismatch) -> bool:
     """Whether one repair is the only one: where the force does not fit the mass, either of the two may be wrong."""
     return item.slip in _READ and bool(item.repair) and not (item.slip == "wrong_unit" and item.channel == "F")
 
 
-def _mended(test: Recording, slip: Finding) -> Recording:
+def _mended(test: Recording, slip: Mismatch) -> Recording:
     """The recording with one slip read in the other way, which its notes tell."""
     name = slip.repair.get("reverse", slip.repair.get("unit", "").partition("=")[0])
     if slip.slip == "swapped_sign":

@@ -13,7 +13,7 @@ from hystid.modelcode import Variable
 from hystid.modelica_text import class_texts, modifiers
 from hystid.networks import Lag, TwoNetworkModel
 from hystid.networks.perceptron import Network
-from hystid.networks.ports import Curve
+from hystid.networks.ports import Polyline
 from hystid.recording import Array
 from hystid.rig.terms import starts_of
 from hystid.rotation import turned_unit
@@ -120,7 +120,7 @@ def _network(residual: TwoNetworkModel, share: float) -> list[str]:
     return [*lines, "  end Network;"]
 
 
-def _lines(name: str, curve: Curve) -> str:
+def _lines(name: str, curve: Polyline) -> str:
     """A curve at an input within the range."""
     parts = zip(curve.at, curve.at[1:], curve.slopes, strict=False)
     terms = (f"({_number(s)})*(min(max({name}, {_number(a)}), {_number(b)}) - {_number(a)})" for a, b, s in parts)
