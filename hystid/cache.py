@@ -37,7 +37,7 @@ _OLDER = re.compile(r"(effect_)?[0-9a-f]{32}\.(so|dylib|dll|o|fmu|json|pickle)")
 _KEY = re.compile(r"\w*[0-9a-f]{32}\.\w{1,8}\.key")
 _BESIDE = re.compile(r"\.hystid-[0-9a-f]{8}-\d+-.*", re.DOTALL)  # see ``files.mark``
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
-_MOST = 1 << 30  # bytes: FMUs and libraries are far smaller, and a larger file takes long to read
+_MOST_BYTES = 1 << 30  # bytes: FMUs and libraries are far smaller, and a larger file takes long to read
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ def _content(place: Path, name: str) -> Path | None:
 
 
 def _is_whole(content: Path | None) -> bool:
-    if content is None or _size(content) > _MOST:
+    if content is None or _size(content) > _MOST_BYTES:
         return False
     try:
         return _digest(content) == content.stem

@@ -26,7 +26,7 @@ from typing import Any
 
 from hystid.errors import HystidError, UsageError
 
-_LONGEST = 120  # bytes of a name from data: with what is put around it, below the 255 that file systems take
+_LONGEST_NAME = 120  # bytes of a name from data: with what is put around it, below the 255 that file systems take
 _NOT_PLAIN = re.compile(r"[^\w+=,.@ ()-]")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # devices on Windows
 
@@ -40,7 +40,7 @@ def safe_name(text: str) -> str:
     plain = _NOT_PLAIN.sub("_", unicodedata.normalize("NFC", text)).strip(" .")
     if _RESERVED.fullmatch(plain):
         plain = f"_{plain}"
-    plain = plain.encode()[:_LONGEST].decode(errors="ignore")
+    plain = plain.encode()[:_LONGEST_NAME].decode(errors="ignore")
     if plain and plain == text:
         return plain
     return f"{plain or 'unnamed'}-{hashlib.sha256(text.encode(errors='surrogatepass')).hexdigest()[:8]}"

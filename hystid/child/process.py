@@ -30,7 +30,7 @@ from hystid.child.serving import serve
 serve(int(sys.argv[2]))"""
 _SHARE = 10  # a busy machine stretches the time between signs of life by so much; threads of a library are no load
 _GRACE = 0.25  # s between looks at whether it still runs
-_KEPT = 4096  # bytes of what a child printed
+_KEPT_OUTPUT = 4096  # bytes of what a child printed
 _ATTEMPTS = 200  # to see it end, 10 ms apart
 _SIGN = "HYSTID_CHILD_SIGN"  # a variable by which it, and whatever it starts, is known
 _JSON = 64 << 20  # bytes of JSON in an answer
@@ -228,7 +228,7 @@ class _Process:
         code = self._reap()
         kill(self._process)  # what it has started
         self._close()
-        printed = b"".join(self._last_words)[-_KEPT:].decode(errors="replace")
+        printed = b"".join(self._last_words)[-_KEPT_OUTPUT:].decode(errors="replace")
         if self._peak > self._memory / 2 or "bad_alloc" in printed or "MemoryError" in printed:
             return self._too_large()
         if code >= 0:
@@ -255,7 +255,7 @@ class _Process:
 
     def _drain(self) -> None:
         with contextlib.suppress(OSError, ValueError):
-            while block := self._printed.read(_KEPT):
+            while block := self._printed.read(_KEPT_OUTPUT):
                 self._last_words.append(block)
 
 

@@ -18,7 +18,7 @@ from hystid.numeric import Array, Flags
 from hystid.recording import Recording
 
 _CHANCE = 1e-3  # that a sound sample is taken for a bad one, or a step of the motion
-_FEW = (10, 1e-3)  # samples, or share of them: more are no accidents
+_FEW_BAD = (10, 1e-3)  # samples, or share of them: more are no accidents
 _OUTSIDE = 0.5  # of what any other sample leaves, by which a bad one leaves more
 _ALONE = 0.9  # of its height that its neighbours do not share: a pulse of three samples shares two thirds
 _WIDTH = 3  # samples on either side that count as neighbours
@@ -105,7 +105,7 @@ def _stands_out(values: Array, at: NDArray[np.int64]) -> Flags:
 
 
 def _most(samples: int) -> int:
-    return max(_FEW[0], int(_FEW[1] * samples))
+    return max(_FEW_BAD[0], int(_FEW_BAD[1] * samples))
 
 
 def _bridged(values: Array, bad: NDArray[np.int64]) -> Array:

@@ -12,7 +12,7 @@ from scipy.stats import binom
 from hystid.consistency.kinematics import Pair, spectrum
 from hystid.recording import Array
 
-_FEWEST = 10  # samples at one value from which it is a level
+_LEAST_AT_LEVEL = 10  # samples at one value from which it is a level
 _OFTEN = 3  # times as often as any other value in the upper half: a coarse converter repeats them all alike
 _DIGITS = 1e-9  # of the level: the same number, written by another program
 BELOW = 8.0  # standard deviations of the noise, over which the samples at a level scatter: four on either side
@@ -22,7 +22,7 @@ _CHANCE = 1e-3  # probability at which a sine has as many there
 _TOP = 2 * (1 + math.sqrt(2))  # times as many samples at the top as next below it: twice those of a sine
 _RUN = 3  # samples in a row at a level
 _SECTIONS = 16  # of a recording: motion grows and falls, and most is lost where it is large
-_LONGEST = 0.9  # share of a section at the level: beyond it, nothing tells the size of the motion
+_MOST_AT_LEVEL = 0.9  # share of a section at the level: beyond it, nothing tells the size of the motion
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def level(channels: Sequence[Array]) -> CutOff | None:
         touched += int(np.count_nonzero(stands[inner]))
         inside = values[~stands & (np.abs(values) > top / 2)]
         usual = max(usual, int(np.max(np.unique(inside, return_counts=True)[1], initial=1)))
-    return CutOff(top, touched / total) if touched >= max(_FEWEST, _OFTEN * usual) else None
+    return CutOff(top, touched / total) if touched >= max(_LEAST_AT_LEVEL, _OFTEN * usual) else None
 
 
 def kept_size(values: Array) -> float:
@@ -68,7 +68,7 @@ def kept_size(values: Array) -> float:
         return 1.0
     kept, power = 0.0, 0.0
     for section in np.array_split(values, _SECTIONS):
-        share = min(float(np.mean(_stands(section, found.value, found.width))), _LONGEST)
+        share = min(float(np.mean(_stands(section, found.value, found.width))), _MOST_AT_LEVEL)
         angle = 0.5 * math.pi * (1.0 - share)
         before = 0.5 * (found.value / math.sin(angle)) ** 2 if share else float(np.mean(section**2))
         kept += before * 2.0 / math.pi * (angle + math.sin(angle) * math.cos(angle))
@@ -108,7 +108,7 @@ def _noisy_level(values: Array) -> CutOff | None:
         below = int(np.count_nonzero(np.abs(values) > top - 2 * width)) - count
         runs = int(np.count_nonzero(np.diff(near.astype(np.int8), prepend=0) > 0))
         by_chance = float(binom.sf(count - 1, count + below, _TOP_OF_A_SINE))
-        if count >= max(_FEWEST, _TOP * below, _RUN * runs) and by_chance < _CHANCE:
+        if count >= max(_LEAST_AT_LEVEL, _TOP * below, _RUN * runs) and by_chance < _CHANCE:
             return CutOff(float(np.median(np.abs(values[near]))), count / len(values), 0.5 * width)
     return None
 

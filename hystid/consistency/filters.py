@@ -22,10 +22,10 @@ from hystid.recording import Array, Recording
 Complex = NDArray[np.complex128]
 _ERRORS = RESPONSE_ERROR / 2.0 ** np.arange(4)  # what chains may leave, the worst first
 _PRIOR = math.log(100.0)  # one channel in a hundred has a filter inside the band of the test
-_SURE = math.log(1e3)  # odds beyond: a note on a sound recording costs trust in all others
+_SURE_ODDS = math.log(1e3)  # odds beyond: a note on a sound recording costs trust in all others
 MATTERS = 0.01  # share of the power of the motion: a tenth of its size
 _FEIGNED = 0.1  # share of the work taken up that a phase may feign: no test states a damping closer
-_FEWEST = 5  # bands with motion: a form has two unknowns, in size and phase each
+_FEWEST_BANDS = 5  # bands with motion: a form has two unknowns, in size and phase each
 _BEYOND = 10.0  # corner outside of the motion, as a factor: beyond, a first-order filter turns by less than a tenth
 _TAILS = 3.0  # degrees of freedom of the errors of a band, the fewest with a variance
 
@@ -56,7 +56,7 @@ def filtered(recording: Recording, p: Pair, inertia: float = 0.0) -> Form | None
     order = ORDER[p.high] - ORDER[p.low]
     found = compare(channels[p.low], channels[p.high], order, recording.dt)
     at = found.seen
-    if np.count_nonzero(at) < _FEWEST:
+    if np.count_nonzero(at) < _FEWEST_BANDS:
         return None
     plain, made = -math.inf, []
     for sign in (1.0, -1.0):  # a filter turns the phase by more than a quarter of a period: what looks reversed may not
@@ -65,7 +65,7 @@ def filtered(recording: Recording, p: Pair, inertia: float = 0.0) -> Form | None
         made += [(*held.best(side, channel, shape), held, sign) for side, channel, shape in _forms(p, held.omega)]
     best, answer, corner, (side, channel), held, sign = max(made, key=lambda item: item[0])
     odds = best - plain - _PRIOR - 0.5 * math.log(len(held.omega))
-    if odds < _SURE:
+    if odds < _SURE_ODDS:
         return None
     size = float(np.std(channels[p.high]))
     # near a resonance a spring bears as much as the inertia: a turned phase of x or a feigns work, and that of v none

@@ -18,9 +18,9 @@ from hystid.recording import Array, Recording
 
 _ROWS = 4000  # rows of the least squares
 _BLOCKS = 8  # of the recording, each left out once for the standard error of the mass
-_NEAR = (-1, 0, 1)  # samples by which channels of one logger may differ, that are scanned one after the other
+_NEAR_SHIFTS = (-1, 0, 1)  # samples by which channels of one logger may differ, that are scanned one after the other
 _FURTHEST = 20_000  # samples that two clocks may be apart
-_ALIKE = 1.3  # times the smallest unexplained share, up to which a smaller shift is preferred: a sine repeats itself
+_ALIKE_SHIFTS = 1.3  # times the smallest unexplained share: up to there the smaller shift, for a sine repeats itself
 _PERIODS = 4  # of the motion, over which its energy is averaged
 _TENTH = 0.1  # of the force, by which a mass would change it
 _NOISY = 0.2  # of an acceleration: twice what sensors of 20 dB leave
@@ -128,9 +128,9 @@ def examine_force(recording: Recording, *, placed: bool = False) -> Force | None
         return None
     limit = min(len(columns.F) // 4, _FURTHEST)
     fit = _Fit(columns, limit)
-    now, flipped = (max(fit.passive(k, sign) for k in _NEAR) for sign in (1.0, -1.0))
+    now, flipped = (max(fit.passive(k, sign) for k in _NEAR_SHIFTS) for sign in (1.0, -1.0))
     shift = fit.best_shift()
-    there, back = (max(fit.passive(shift + k, s) for k in _NEAR if abs(shift + k) <= limit) for s in (1.0, -1.0))
+    there, back = (max(fit.passive(shift + k, s) for k in _NEAR_SHIFTS if abs(shift + k) <= limit) for s in (1.0, -1.0))
     first = 0 if recording.quasi_static else _settled(columns)
     if first:
         now, flipped = _passive_from(columns, first, 0)
@@ -197,7 +197,7 @@ def _passive_from(columns: ForceColumns, first: int, shift: int) -> tuple[float,
     if len(later.F) < FEWEST + 2 * limit or not np.ptp(later.F):
         return 0.0, 0.0
     fit = _Fit(later, limit)
-    now, flipped = (max(fit.passive(shift + k, sign) for k in _NEAR) for sign in (1.0, -1.0))
+    now, flipped = (max(fit.passive(shift + k, sign) for k in _NEAR_SHIFTS) for sign in (1.0, -1.0))
     left, right = np.split((columns.F - np.mean(columns.F)) ** 2, [first])
     tells = np.sum(right) > EXPLAINED * (np.sum(left) + np.sum(right))
     return (now, flipped) if tells else (max(now, flipped),) * 2
@@ -254,7 +254,7 @@ class _Fit:
         A sine repeats itself, and what is left of a smooth force hardly changes from sample to sample.
         """
         shares = np.sum((self.cross @ self.everything) ** 2, axis=1) / self.total
-        alike = np.flatnonzero(1.0 - shares <= _ALIKE * (1.0 - float(np.max(shares))) + 1e-3)
+        alike = np.flatnonzero(1.0 - shares <= _ALIKE_SHIFTS * (1.0 - float(np.max(shares))) + 1e-3)
         at = int(alike[np.argmin(np.abs(alike - self.limit))])
         while 0 < at < len(shares) - 1 and (step := int(np.argmax(shares[at - 1 : at + 2])) - 1):
             at += step

@@ -15,8 +15,8 @@ from hystid.recording import Array, Recording
 ORDER = {"x": 0, "v": 1, "a": 2}
 RESPONSE_ERROR = 0.02  # relative error of a response that a sound chain leaves in each band, beside noise
 _SECTIONS = 6  # of the recording, whose lags are compared
-_FLAT = 1.0  # exponent of a power spectrum over the highest octave below which it counts as white
-_SAME = 0.9  # squared coherence beyond which nine tenths of a channel come from another one
+_WHITE = 1.0  # exponent of a power spectrum over the highest octave below which it counts as white
+_SAME_CHANNEL = 0.9  # squared coherence beyond which nine tenths of a channel come from another one
 _SMOOTHED = 1e4  # ratio of noise powers, force over motion, that no chain of one rig shows (40 dB)
 _CLEARLY = 0.1  # share of a misfit that a formula leaves when it is the right one
 _TAPS = 12  # samples on either side from which a formula computes a channel
@@ -282,7 +282,7 @@ def spectrum(values: Array, dt: float) -> ChannelSpectrum:
     if np.count_nonzero(high) < 3:
         return ChannelSpectrum(found.omega, density, False, 0.0, float(np.min(density, initial=np.inf)))
     exponent = float(np.polyfit(np.log(found.omega[high]), np.log(density[high] + 1e-300), 1)[0])
-    return ChannelSpectrum(found.omega, density, abs(exponent) < _FLAT, exponent, float(np.median(density[high])))
+    return ChannelSpectrum(found.omega, density, abs(exponent) < _WHITE, exponent, float(np.median(density[high])))
 
 
 def main_frequency(recording: Recording) -> float:
@@ -317,7 +317,7 @@ def _computed(recording: Recording, names: Mapping[str, Array], low: str, high: 
     if quotient:
         return high
     # No channel shows its noise. Either nothing here is noisy, which the force can tell, or the motion was smoothed.
-    if float(np.mean(found.coherence > _SAME)) < 0.85 or recording.F is None or not np.any(recording.F):
+    if float(np.mean(found.coherence > _SAME_CHANNEL)) < 0.85 or recording.F is None or not np.any(recording.F):
         return None
     return high if _depth(spectrum(recording.F, recording.dt)) > _SMOOTHED * max(_depth(one), _depth(other)) else None
 
@@ -357,7 +357,7 @@ def _depth(held: ChannelSpectrum) -> float:
 
 def _is_quotient(found: Bands, order: int, dt: float) -> bool:
     """Whether the response is that of differences between neighbouring samples instead of that of a derivative."""
-    seen = found.seen & (found.coherence > _SAME)
+    seen = found.seen & (found.coherence > _SAME_CHANNEL)
     angle = found.omega[seen] * dt
     if len(angle) < 4 or angle[-1] < 0.3:  # below, a difference quotient is a derivative to 0.4 %
         return False

@@ -14,7 +14,7 @@ from hystid.fmu.regress import RegressionResult, regress
 from hystid.modelcode import Variable
 
 _ASKED = ("unit", "type", "causality", "variability", "min", "max")
-_MOST = 6  # variables that are named in one line
+_MOST_NAMES = 6  # variables that are named in one line
 
 
 def has_reference(path: Path) -> bool:
@@ -50,7 +50,7 @@ def _changed_variables(old: Path, new: Path) -> Iterator[str]:
     then, now = _variables(old), _variables(new)
     for word, names in (("gone", then.keys() - now.keys()), ("new", now.keys() - then.keys())):
         if names:
-            yield f"{word}: {listed(sorted(names), _MOST)}"
+            yield f"{word}: {listed(sorted(names), _MOST_NAMES)}"
     both = [(then[name], now[name]) for name in now if name in then]
     starts = [
         f"{a.name} {a.start:.6g} -> {b.start:.6g} {b.unit}".rstrip()
@@ -58,12 +58,12 @@ def _changed_variables(old: Path, new: Path) -> Iterator[str]:
         if a.start != b.start and a.start is not None and b.start is not None
     ]
     if starts:
-        yield f"start values: {listed(starts, _MOST)}"
+        yield f"start values: {listed(starts, _MOST_NAMES)}"
     for attribute in _ASKED:
         changed = [(a.name, getattr(a, attribute), getattr(b, attribute)) for a, b in both]
         different = [f"{name} {was or 'none'} -> {now or 'none'}" for name, was, now in changed if was != now]
         if different:
-            yield f"{attribute}: {listed(different, _MOST)}"
+            yield f"{attribute}: {listed(different, _MOST_NAMES)}"
 
 
 def _variables(path: Path) -> Mapping[str, Variable]:

@@ -19,7 +19,7 @@ from hystid.processing import cut
 from hystid.recording import Recording
 from hystid.turning_points import TurningPoints
 
-_LEAST = 200  # samples below which a network of dozens of weights has nothing to be trained on
+_FEWEST = 200  # samples below which a network of dozens of weights has nothing to be trained on
 
 
 def check(recordings: Sequence[Recording], holdout: Sequence[Recording]) -> None:
@@ -35,8 +35,8 @@ def check(recordings: Sequence[Recording], holdout: Sequence[Recording]) -> None
             if np.ptp(values) == 0:
                 raise RecordingError(f"{recording.name}: {name} is constant, so there is nothing to learn from it")
     total = sum(len(recording) for recording in recordings)
-    if total < _LEAST:
-        raise RecordingError(f"the training recordings hold {total} samples together; at least {_LEAST} are needed")
+    if total < _FEWEST:
+        raise RecordingError(f"the training recordings hold {total} samples together; at least {_FEWEST} are needed")
 
 
 def samples(

@@ -16,7 +16,7 @@ _TAKEN = {"t", "time", *CHANNELS, "m", "state", "state_next", "R_spread", "x_sta
 _BLOCKS = 10  # of each recording, left out in turn
 _SAMPLES = 50_000  # of all recordings: thousands for each coefficient
 _WORTH = 0.1  # of the residual's power: an input that explains less lowers the NRMSE by less than a twentieth of itself
-_SAME = 1e-3  # of the force's power: what is left when force is a linear function of motion and column
+_SAME_FORCE = 1e-3  # of the force's power: what is left when force is a linear function of motion and column
 
 
 def resolve(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[FurtherInput, ...]:
@@ -135,7 +135,7 @@ def _is_force(recordings: Sequence[Recording], values: Array) -> bool:
     table = np.stack([values, *motion, np.ones_like(values)])
     for target in (np.concatenate(force), R):
         left = target - _fitted(table, target, table)
-        if np.mean(left**2) < _SAME * np.var(target):
+        if np.mean(left**2) < _SAME_FORCE * np.var(target):
             return True
     return False
 

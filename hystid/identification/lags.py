@@ -23,8 +23,8 @@ _TIMES = {"v": (0.15, 0.25, 0.5, 1.0, 1.5), "inputs": (0.15, 0.5, 1.5, 5.0, 15.0
 # A lag is one more input of both networks and one more state, about a fifth more time in training and use: the price of
 # a fifth of what is left (a tenth of the NRMSE), and not worth it where less than a twentieth of the force is left.
 _GAIN = 1 / 5
-_SMALL = 0.05
-_MOST = 4
+_SMALL_RESIDUAL = 0.05
+_MOST_LAGS = 4
 _NEW = 0.5  # of what a lag adds: below, most of it is a mixture of x and v
 
 
@@ -33,8 +33,8 @@ def choose_lags(leftout: LeftOut) -> tuple[Lag, ...]:
     total = float(np.var(leftout.R[leftout.scattered]))
     chosen: list[Lag] = []
     left = leftout.power(chosen, leftout.scattered) / total
-    candidates = _candidates(leftout) if left > _SMALL**2 else []
-    while len(chosen) < _MOST and left > _SMALL**2 and candidates:
+    candidates = _candidates(leftout) if left > _SMALL_RESIDUAL**2 else []
+    while len(chosen) < _MOST_LAGS and left > _SMALL_RESIDUAL**2 and candidates:
         scores = [leftout.power([*chosen, lag], leftout.scattered) / total for lag in candidates]
         best = int(np.argmin(scores))
         if scores[best] > (1 - _GAIN) * left:

@@ -21,9 +21,9 @@ from hystid.networks.level import Level
 from hystid.recording import Array, Recording
 
 _GAP = 0.05  # of the range of an input without a value in it: the two sides are different levels
-_MOST = 8  # levels: more are a continuous input, of which the networks see enough
+_MOST_LEVELS = 8  # levels: more are a continuous input, of which the networks see enough
 _PROBE = 4_000  # samples of a recording: tens of cycles, enough to compare members with each other
-_FLAT = 0.1  # of the mean slope: less, and the networks could not tell the two levels apart
+_FLAT_SLOPE = 0.1  # of the mean slope: less, and the networks could not tell the two levels apart
 
 
 def with_curves(recordings: Sequence[Recording], inputs: Sequence[FurtherInput]) -> tuple[FurtherInput, ...]:
@@ -40,7 +40,7 @@ def levels_of(values: Array) -> tuple[Array, NDArray[np.intp]] | None:
     input. Levels lie a twentieth of the range or more apart."""
     order = np.sort(values)
     limits = np.flatnonzero(np.diff(order) > _GAP * (order[-1] - order[0]))
-    if not 1 <= len(limits) < _MOST:
+    if not 1 <= len(limits) < _MOST_LEVELS:
         return None
     number = np.searchsorted((order[limits] + order[limits + 1]) / 2, values)
     return np.bincount(number, values) / np.bincount(number), number
@@ -91,7 +91,7 @@ def _curve(which: int, table: Sequence[Array], x: Array, R: Array) -> Polyline |
     if to[-1] == to[0]:
         return None
     to = at[0] + (to - to[0]) * (at[-1] - at[0]) / (to[-1] - to[0])
-    if np.min(np.diff(to) / np.diff(at)) < _FLAT:
+    if np.min(np.diff(to) / np.diff(at)) < _FLAT_SLOPE:
         return None
     ends = float(table[which].min()), float(table[which].max())
     return Polyline(

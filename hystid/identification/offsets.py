@@ -11,12 +11,12 @@ from hystid.networks.training import draw
 from hystid.recording import Array, Recording
 
 _BLOCKS = 10  # left out in turn: how far the answers move then is their standard error (jackknife)
-_SURE = 3.0  # standard errors
-_WORTH = 0.01  # of the force's standard deviation: less does not show in an NRMSE of a few percent
+_SURE_ERRORS = 3.0  # standard errors
+_OFFSET_WORTH = 0.01  # of the force's standard deviation: less does not show in an NRMSE of a few percent
 _SAMPLES = 20_000  # hundreds per knot
 _KNOTS = (4, 8, 16, 32)  # of a curve over x; twice as many say how much the answer hangs on them
 _EDGE = 0.01  # of the samples, at either end of x, between which 0 must lie
-_NOTHING = 1e-3  # of the standard deviation: a mean below it has been taken out, not measured
+_NO_MEAN = 1e-3  # of the standard deviation: a mean below it has been taken out, not measured
 
 
 def constant_and_even(recordings: Sequence[Recording], inputs: Sequence[FurtherInput] = ()) -> tuple[str, ...]:
@@ -40,7 +40,7 @@ def constant_and_even(recordings: Sequence[Recording], inputs: Sequence[FurtherI
     without = f" at {' and '.join(port.column for port in inputs)} of 0" if inputs else ""
     notes = []
     offset, error, friction = _at_zero(x, sides, R)
-    if abs(offset) > max(_SURE * error, _WORTH * size):
+    if abs(offset) > max(_SURE_ERRORS * error, _OFFSET_WORTH * size):
         same = ", more than friction that differs with the direction can make"
         if friction > abs(offset):
             levels = f"{friction + offset:.3g} N forward and {friction - offset:.3g} N backward"
@@ -52,7 +52,7 @@ def constant_and_even(recordings: Sequence[Recording], inputs: Sequence[FurtherI
         notes += _coupled(recordings)
     found, errors, _ = _jackknife(np.column_stack([x / span, sides, np.ones_like(x), square - square.mean()]), R)
     even = float(found[-1])
-    if abs(even) * float(np.std(square)) > max(_SURE * errors[-1] * float(np.std(square)), _WORTH * size):
+    if abs(even) * float(np.std(square)) > max(_SURE_ERRORS * errors[-1] * float(np.std(square)), _OFFSET_WORTH * size):
         notes.append(
             f"the force has a part that is even in the displacement, {even:.3g} N at one standard deviation of x: the "
             "two directions differ, as with a contact, a preload or a sensor that saturates"
@@ -91,7 +91,7 @@ def _coupled(recordings: Sequence[Recording]) -> list[str]:
     for recording in recordings:
         F = recording.F if recording.F is not None else recording.channel("R")
         x = recording.channel("x")
-        if abs(np.mean(F)) < _NOTHING * np.std(F) and abs(np.mean(x)) > 0.1 * np.std(x):
+        if abs(np.mean(F)) < _NO_MEAN * np.std(F) and abs(np.mean(x)) > 0.1 * np.std(x):
             found.append(recording.name)
     if not found:
         return []

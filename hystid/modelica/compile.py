@@ -58,7 +58,7 @@ from hystid.modelica.workarounds.table_files import with_tables_of_files
 from hystid.modelica.workarounds.values_of_elements import with_named_values
 
 _log = logging.getLogger("hystid")
-_LISTED = 6  # names in one sentence
+_LISTED_NAMES = 6  # names in one sentence
 
 # Our small package of units, constants and functions of the Modelica Standard Library, for those who have none.
 _STANDARD = Path(__file__).parent / "standard"
@@ -105,7 +105,7 @@ def _tell_without_value(flat: FlatModel, values: Mapping[str, float]) -> None:
     if names:
         _log.warning(
             "%s: no value is given to %s: the start value counts, 0 where none is stated",
-            places[names[0]], listed(names, _LISTED),
+            places[names[0]], listed(names, _LISTED_NAMES),
         )  # fmt: skip
 
 

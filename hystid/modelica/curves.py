@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 LINEAR, AKIMA, CONSTANT, MONOTONE, STEFFEN, MODIFIED = 1, 2, 3, 4, 5, 6  # Modelica.Blocks.Types.Smoothness
 HOLD, TANGENT, PERIODIC, NONE = 1, 2, 3, 4  # Modelica.Blocks.Types.Extrapolation
 NEVER = sys.float_info.max  # a time event that does not come
-_NEAR = 1e-9  # of a stretch: by which a step may fall short of the break that it aims at
+_NEAR_BREAK = 1e-9  # of a stretch: by which a step may fall short of the break that it aims at
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Spline:
             return 0.0
         shift = 0.0
         if self.outside == PERIODIC:
-            before -= _NEAR * self.period  # more than shifts are rounded by
+            before -= _NEAR_BREAK * self.period  # more than shifts are rounded by
             shift = self._turns(x, before) * self.period
         k = self._stretch(x - shift, before - shift)
         inside = b[0] <= x - shift <= b[-1]
@@ -85,10 +85,10 @@ class Spline:
             return math.ceil((before - b[0]) / self.period) - 1
         turns = math.floor((x - b[0]) / self.period)
         end = b[0] + (turns + 1) * self.period
-        return turns + (end < before < math.inf and end - x <= _NEAR * (b[-1] - b[-2]))
+        return turns + (end < before < math.inf and end - x <= _NEAR_BREAK * (b[-1] - b[-2]))
 
     def _is_near(self, x: float, instant: float, before: float) -> bool:
-        return instant < before and instant - x <= _NEAR * self.period
+        return instant < before and instant - x <= _NEAR_BREAK * self.period
 
     def _stretch(self, x: float, before: float) -> int:
         """Number of the stretch that holds x."""
@@ -96,7 +96,7 @@ class Spline:
         k = bisect_right(b, x) - 1
         if x >= before:
             k = bisect_left(b, before) - 1
-        elif 0 <= k < len(b) - 1 and b[k + 1] < before < math.inf and b[k + 1] - x <= _NEAR * (b[k + 1] - b[k]):
+        elif 0 <= k < len(b) - 1 and b[k + 1] < before < math.inf and b[k + 1] - x <= _NEAR_BREAK * (b[k + 1] - b[k]):
             k = bisect_right(b, b[k + 1]) - 1
         return min(max(k, 0), len(b) - 2)
 

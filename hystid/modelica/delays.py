@@ -19,7 +19,7 @@ from hystid.modelica.expr import evaluate
 
 _HEAD = 5  # numbers before the points
 _FOR_JUMPS = 256  # points beyond those of the steps
-_MOST = 100_000  # points: some megabytes of each copy of an instance's state
+_POINTS = 100_000  # points: some megabytes of each copy of an instance's state
 
 
 def room(delay: Delay, step: float, dependent: Sequence[Step], starts: Mapping[str, float]) -> int:
@@ -34,9 +34,9 @@ def room(delay: Delay, step: float, dependent: Sequence[Step], starts: Mapping[s
         what = "the delay time must be above 0" if most is not None else "the longest delay time must have a value"
         raise ModelicaError(f"{delay.place}: {what} when the model is built: give the parameter a value")
     points = 2 * most / step + _FOR_JUMPS
-    if points > _MOST:
+    if points > _POINTS:
         raise ModelicaError(
-            f"{delay.place}: a delay by {most:g} s in steps of {step:g} s keeps {points:.0f} points (limit {_MOST}): "
+            f"{delay.place}: a delay by {most:g} s in steps of {step:g} s keeps {points:.0f} points (limit {_POINTS}): "
             "state a longer Interval in annotation(experiment(...))"
         )
     return math.ceil(points)

@@ -17,7 +17,7 @@ from hystid.modelica.expr import Op, evaluate, nodes
 from hystid.modelica.hybrid import HybridModel
 
 _DRAWS = 4  # of everything else: a jump that depends on it is there in most of them
-_NEAR = (1e-9, 1e-12)  # distances from 0, in units of a state: a slope shrinks with them, a jump stays
+_NEAR_ZERO = (1e-9, 1e-12)  # distances from 0, in units of a state: a slope shrinks with them, a jump stays
 _JUMP = 1e-9  # least, as part of the derivative away from 0: a thousand roundings and more
 _LARGEST = 400  # steps of evaluation: the models that this is about are small
 
@@ -40,7 +40,7 @@ def jumps_without_event(model: HybridModel) -> bool:
         _evaluate(assigns, point)
         usual = _slopes(model, point)
         for state in model.states:
-            far, near = (_changes(model, after[state], point, state, distance) for distance in _NEAR)
+            far, near = (_changes(model, after[state], point, state, distance) for distance in _NEAR_ZERO)
             if any(abs(near[n]) > max(0.5 * abs(far[n]), _JUMP * abs(usual.get(n, 0.0)), 1e-300) for n in near):
                 return True
     return False

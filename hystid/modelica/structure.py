@@ -15,7 +15,7 @@ from hystid.modelica.check import equation_text
 from hystid.modelica.expr import op
 from hystid.modelica.scalar import ScalarEquation
 
-_SHOWN = 4  # equations or names, before "and more" stands for the others
+_SHOWN_NAMES = 4  # equations or names, before "and more" stands for the others
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,11 @@ def _count(n: int, word: str) -> str:
 
 
 def _names(names: Sequence[str]) -> str:
-    return ", ".join(names[:_SHOWN]) + (" and more" if len(names) > _SHOWN else "")
+    return ", ".join(names[:_SHOWN_NAMES]) + (" and more" if len(names) > _SHOWN_NAMES else "")
 
 
 def _texts(found: Incidence, which: Sequence[int]) -> str:
-    fewest = sorted(which, key=lambda k: len(found.options[k]))[:_SHOWN]  # these tell most
+    fewest = sorted(which, key=lambda k: len(found.options[k]))[:_SHOWN_NAMES]  # these tell most
     shown = [found.equations[k] for k in sorted(fewest)]
     texts = [f"'{equation_text(op('-', e.left, e.right))}' ({e.place.short})" for e in shown]
-    return ", ".join(texts) + (" and more" if len(which) > _SHOWN else "")
+    return ", ".join(texts) + (" and more" if len(which) > _SHOWN_NAMES else "")

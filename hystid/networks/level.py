@@ -15,7 +15,7 @@ from hystid.recording import Array
 
 _TURNS = 3  # of centre and spread: each is fitted with the other as it was before
 _EVEN = 0.05  # deviation of the spread, relative: less does not tell a common stiffness from one that grows with it
-_LEAST = 0.05  # of the mean spread: so low an extrapolated level may get, and no lower
+_LEAST_SPREAD = 0.05  # of the mean spread: so low an extrapolated level may get, and no lower
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Level:
             tuple(float(value) for value in plane[1:]),
             float(growth[0]),
             tuple(float(value) for value in growth[1:]),
-            float(_LEAST * np.mean(distance)) or 1.0,
+            float(_LEAST_SPREAD * np.mean(distance)) or 1.0,
         )
 
     def centre(self, x: Array, further: Array) -> Array:

@@ -11,11 +11,11 @@ from hystid.numeric import Array
 from hystid.recording.problems import RecordingProblem
 from hystid.recording.table import RawTable
 
-_LEAST = 16  # samples in a row at one value
-_RARE = 10.0  # times as long as nearly all runs of the channel: a slow converter repeats its values everywhere
-_MOST = 0.95  # share of the samples that stand in runs that are usual
+_LEAST_RUN = 16  # samples in a row at one value
+_RARE_RUN = 10.0  # times as long as nearly all runs of the channel: a slow converter repeats its values everywhere
+_USUAL_SHARE = 0.95  # share of the samples that stand in runs that are usual
 _STEPS = 4.0  # smallest steps of a channel beyond which it would have changed
-_CLEAR = 10.0  # standard deviations of noise beyond which another channel moves
+_CLEAR_MOTION = 10.0  # standard deviations of noise beyond which another channel moves
 _MOTION = ("x", "v", "a")
 _AFTER, _BEFORE = ("v", "a", ""), ("", "x", "v")  # derivative and integral of each
 
@@ -40,7 +40,7 @@ def _longest(values: Array) -> tuple[int, int] | None:
     lengths = np.diff(edges)
     at = int(np.argmax(lengths))
     each = np.sort(np.delete(np.repeat(lengths, lengths), slice(edges[at], edges[at + 1])))
-    if not len(each) or lengths[at] < max(_LEAST, _RARE * each[int(_MOST * (len(each) - 1))]):
+    if not len(each) or lengths[at] < max(_LEAST_RUN, _RARE_RUN * each[int(_USUAL_SHARE * (len(each) - 1))]):
         return None
     if values[edges[at]] in (np.max(values), np.min(values)):
         return None
@@ -54,10 +54,10 @@ def _moves(name: str, first: int, end: int, channels: Mapping[str, Array], dt: f
     place, count = _MOTION.index(name), end - first
     if (rate := channels.get(_AFTER[place])) is not None:
         path = np.cumsum(rate[first:end] - np.mean(rate[first:end])) * dt
-        return bool(np.ptp(path) > max(_STEPS * step, _CLEAR * _noise(rate) * dt * np.sqrt(count)))
+        return bool(np.ptp(path) > max(_STEPS * step, _CLEAR_MOTION * _noise(rate) * dt * np.sqrt(count)))
     if (way := channels.get(_BEFORE[place])) is not None:
         bend = detrend(way[first:end])
-        return bool(np.ptp(bend) > max(_STEPS * step * count * dt, _CLEAR * _noise(way)))
+        return bool(np.ptp(bend) > max(_STEPS * step * count * dt, _CLEAR_MOTION * _noise(way)))
     return False
 
 

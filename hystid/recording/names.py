@@ -14,7 +14,7 @@ from hystid.errors import UsageError
 from hystid.units import parse
 
 _WORDS = Path(__file__).with_name("names.toml")
-_LONGEST = 300  # characters of a header: time that its expressions take grows with their square
+_LONGEST_HEADER = 300  # characters of a header: time that its expressions take grows with their square
 _BRACKETS = re.compile(r"^(?P<name>.*?)(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|\{(?P<curly>[^}]*)\})?$")
 _PARTED = re.compile(r"\s+(?:in|en|im|i)\s+|\s*/\s*|\s*,\s*|\s*:\s*|_")  # name from unit: "Kraft in N", "F / kN"
 
@@ -66,7 +66,7 @@ def turns(name: str) -> bool:
 
 def numbered(names: Sequence[str]) -> dict[str, str]:
     """Name -> word, of known words with a number behind them, as "Load cell 1", where a channel has but one column."""
-    short = [name for name in names if len(name) <= _LONGEST and not known_name(name)]
+    short = [name for name in names if len(name) <= _LONGEST_HEADER and not known_name(name)]
     words = {name: match[1] for name in short if (match := _NUMBERED.match(name))}
     channels = [known_name(words.get(name, name)) for name in names]
     once = {channel for channel in channels if channel not in (None, "R") and channels.count(channel) == 1}
@@ -101,7 +101,7 @@ def is_unit(text: str) -> bool:
 def split_header(text: str) -> tuple[str, str | None]:
     """``"x [mm]"``, ``"Weg (mm)"``, ``"Kraft in N"`` or ``"F / kN"`` -> (name, unit); ``"x"`` -> ("x", None)."""
     stripped = text.translate(_WIDE).strip().strip('"').strip("'").strip()
-    if len(stripped) > _LONGEST:
+    if len(stripped) > _LONGEST_HEADER:
         return stripped, None
     if match := _BRACKETS.match(stripped):
         unit = next((match[kind] for kind in ("square", "round", "curly") if match[kind] is not None), None)

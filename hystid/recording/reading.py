@@ -27,7 +27,7 @@ _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
 _SHEETS = (".xlsx", ".xlsm", ".xls", ".ods")
 
 _STEPS = (1e-12, 1e12)  # s between samples
-_LEAST = 1e-100  # SI units: squares of the values and of their derivatives are then above 1e-300
+_LEAST_SIZE = 1e-100  # SI units: squares of the values and of their derivatives are then above 1e-300
 _BRIDGED = 0.01  # share of lost rows that are bridged: with a straight line over one in a hundred, 40 dB are kept
 
 
@@ -181,7 +181,7 @@ def _refuse_extremes(table: RawTable, values: Mapping[str, Array], t: Array) -> 
         report([table.problem("time_order", found, "check the unit of time; 1e-12 to 1e12 s are taken", "t")])
     for name, u in values.items():
         size = float(np.max(np.abs(u), where=np.isfinite(u), initial=0.0))
-        if name != "t" and 0 < size < _LEAST:
+        if name != "t" and 0 < size < _LEAST_SIZE:
             found = f"all samples are within {size:.3g}, where squares of numbers vanish"
             report([table.problem("not_finite", found, "check the unit of the channel", name)])
 

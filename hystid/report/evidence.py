@@ -18,7 +18,7 @@ from hystid.report.page import Cell, Table, number, percent
 from hystid.report.plots import Axis, Bars, Line, Mark, Plot, Points, Role, Series
 
 _BINS = 30
-_LEAST, _FEW = 8, 3  # samples in a bin below which it is left out, in long and in short recordings
+_LEAST_IN_LONG, _LEAST_IN_SHORT = 8, 3  # samples in a bin below which it is left out, in long and in short recordings
 _CLOSED = 0.2  # gap of a loop over its range beyond which it has no energy of its own
 _POINTS = 2500  # of a cloud: more hide each other
 _CURVES = 6
@@ -92,7 +92,7 @@ def stiffness(d: Diagnosis) -> Plot | None:
         Line(f, level, f"{number(float(np.std(t.x)), 'm')} rms, {t.name}", width=1.3)
         for t in order[:: max(1, len(order) // _CURVES)]
         for f, level in [response(t.x, t.R, float(t.t[1] - t.t[0]))]
-        if len(f) > _FEW
+        if len(f) > _LEAST_IN_SHORT
     ]
     if not curves:
         return None
@@ -112,7 +112,7 @@ def since_turn(d: Diagnosis) -> Plot | None:
         way.append(np.sign(trace.x - trace.x[last]))
     far, sign = np.concatenate(distance), np.concatenate(way)
     known = np.isfinite(far)
-    if np.count_nonzero(known) < 10 * _LEAST:
+    if np.count_nonzero(known) < 10 * _LEAST_IN_LONG:
         return None
     edges = np.linspace(0.0, float(np.nanmax(far)), _BINS + 1)
     series = []
@@ -199,7 +199,7 @@ def _binned(at: Array, values: Array, edges: Array, chosen: NDArray[np.bool_]) -
     """Means of the chosen values in bins, NaN where there are too few."""
     count, _ = np.histogram(at[chosen], edges)
     total, _ = np.histogram(at[chosen], edges, weights=values[chosen])
-    least = _LEAST if len(at) > 100 * len(edges) else _FEW
+    least = _LEAST_IN_LONG if len(at) > 100 * len(edges) else _LEAST_IN_SHORT
     return (edges[1:] + edges[:-1]) / 2, np.where(count >= least, total / np.maximum(count, 1), np.nan)
 
 

@@ -15,8 +15,8 @@ from hystid.report.page import Cell, Fact, Page, Table, Verdict, columns, number
 from hystid.report.plots import Axis, Line, Plot
 from hystid.rotation import turned_text
 
-_SHOWN = 6  # recordings with pictures
-_LISTED = 8  # further columns that are told by name
+_SHOWN_RECORDINGS = 6  # recordings with pictures
+_COLUMNS = 8  # further columns that are told by name
 _LINES = 2048  # of a spectrum: resolution enough for a page
 
 
@@ -51,7 +51,7 @@ def page(result: Examination, command: str) -> Page:
             made.text(f"{item.unexamined}.")
         if further := _further(result, item):
             made.text(further)
-        recording = next((r for r in result.recordings[:_SHOWN] if r.name == item.recording), None)
+        recording = next((r for r in result.recordings[:_SHOWN_RECORDINGS] if r.name == item.recording), None)
         if recording is not None:
             made.plots(*_pictures(recording))
     levels = responses(result.recordings)
@@ -106,7 +106,7 @@ def _further(result: Examination, item: Examined) -> str:
     names = next((list(r.extra) for r in result.recordings if r.name == item.recording), [])
     if not names:
         return ""
-    return f"columns that are no channel: {listed(names, _LISTED)}; choose one with --channel, as --channel x=COLUMN"
+    return f"columns that are no channel: {listed(names, _COLUMNS)}; choose one with --channel, as --channel x=COLUMN"
 
 
 def _plain(row: Iterable[str | Cell]) -> tuple[str, ...]:
@@ -194,7 +194,7 @@ def _coherences(recordings: Sequence[Recording]) -> list[Plot]:
 
     lines = []
     timed = [r for r in recordings if r.F is not None and r.x is not None and not r.quasi_static and len(r) >= 256]
-    for r in sorted(timed, key=lambda r: float(np.std(np.asarray(r.F))))[:_SHOWN]:
+    for r in sorted(timed, key=lambda r: float(np.std(np.asarray(r.F))))[:_SHOWN_RECORDINGS]:
         x = np.asarray(r.x)
         frequency, share = coherence(np.asarray(r.F), x, fs=1 / r.dt, nperseg=min(len(r) // 8, _LINES))
         level = number(float(np.std(np.asarray(r.F))), r.unit("F"), 3)

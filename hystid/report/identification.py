@@ -34,7 +34,7 @@ from hystid.report.plots import Axis, Bars, Line, Plot, Points, Role
 _CLEARLY = 0.8  # error over error, from which a model is worth asking for (a stated cost)
 _GOOD, _FAIR = 0.05, 0.15  # force NRMSE: a few percent is what the published method reaches on measured data
 _OVERVIEWS = 5
-_SHOWN = 2  # recordings with figures of their own: more make the page long without saying more
+_SHOWN_RECORDINGS = 2  # recordings with figures of their own: more make the page long without saying more
 
 
 def page(result: Identification, command: str) -> Page:
@@ -354,7 +354,7 @@ def _data(page: Page, result: Identification) -> None:
 def _shown(result: Identification) -> list[Comparison]:
     """Held-out recordings first, the worst of them on top: what a reader must see is where it is poor."""
     order = sorted(result.comparisons, key=lambda c: (c.role != "holdout", -c.network.force_nrmse))
-    return order[:_SHOWN]
+    return order[:_SHOWN_RECORDINGS]
 
 
 def _structure(result: Identification) -> str:

@@ -19,7 +19,7 @@ from hystid.report.plots import Axis, Line, Plot, Points, Role, packed, prefix_f
 from hystid.rotation import turned_text
 
 _WINDOWS = 7  # stretches of a long recording
-_MOST = 300  # samples in one of them: dense enough for a loop, light enough for a page
+_DENSE = 300  # samples in one of them: dense enough for a loop, light enough for a page
 _REVERSALS = 7  # in one of them: three loops
 _WHOLE = 3000  # samples up to which a recording is shown as one window
 
@@ -133,10 +133,10 @@ def windows(x: Array, weight: Array | None = None) -> tuple[list[slice], int]:
         near = int(np.searchsorted(turns, middle))
         inside = turns[max(near - _REVERSALS // 2, 0) : near + _REVERSALS // 2 + 1]
         start, stop = (
-            (int(inside[0]), int(inside[-1])) if inside.size > 2 else (middle - _MOST // 2, middle + _MOST // 2)
+            (int(inside[0]), int(inside[-1])) if inside.size > 2 else (middle - _DENSE // 2, middle + _DENSE // 2)
         )
         start, stop = max(start, 0), min(stop + 1, n)
-        parts.append(slice(start, stop, max(1, -(-(stop - start) // _MOST))))
+        parts.append(slice(start, stop, max(1, -(-(stop - start) // _DENSE))))
     score = [float(np.mean(told[part])) for part in parts]
     return parts, int(np.argmax(score))
 

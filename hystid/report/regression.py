@@ -11,7 +11,7 @@ from hystid.report.curves import T_AXIS
 from hystid.report.page import Cell, Page, Table, Verdict
 from hystid.report.plots import Axis, Band, Line, Plot, Points, Series
 
-_SHOWN = 12  # signals with a figure
+_SHOWN_SIGNALS = 12  # signals with a figure
 
 
 def page(result: RegressionResult, command: str) -> Page:
@@ -38,7 +38,7 @@ def page(result: RegressionResult, command: str) -> Page:
     note = f"Not compared: {left}. " if left else ""
     note += f"At their start values, for the reference gives no input: {unset}." if unset else ""
     made.table(Table("Outcome", ["signal", "outcome"], rows, note))
-    made.plots(*(_figure(signal, result.t) for signal in ordered[:_SHOWN]))
+    made.plots(*(_figure(signal, result.t) for signal in ordered[:_SHOWN_SIGNALS]))
     made.reproduce(command)
     return made
 

@@ -12,7 +12,7 @@ from hystid.report.plots import Axis, Bars, Plot
 from hystid.validation import Levels, Stability, Validation, ValidationCase
 
 _GOOD, _FAIR = 0.06, 0.15  # force NRMSE at worst: the demo's target, and what is still of use
-_SHOWN = 3  # worst cases with figures of their own
+_SHOWN_CASES = 3  # worst cases with figures of their own
 
 
 def page(result: Validation, command: str) -> Page:
@@ -28,7 +28,7 @@ def page(result: Validation, command: str) -> Page:
     )
     made.toggles(("reference", "reference"), ("model", "surrogate"), ("third", "free run"))
     add_errors(made, result)
-    for case in sorted(result.cases, key=lambda case: -case.force_nrmse)[:_SHOWN]:
+    for case in sorted(result.cases, key=lambda case: -case.force_nrmse)[:_SHOWN_CASES]:
         _case(made, case)
     if result.stability:
         _stability(made, result.stability)

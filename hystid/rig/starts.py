@@ -20,7 +20,7 @@ _LIBRARY = "HystId."
 _ROWS = 20_000  # rows for a coarse fit
 _LIGHT = 0.02  # share of the force below which inertia is not seen
 _ONE_TONE = 0.99  # correlation of x and -a beyond which inertia cannot be told from stiffness
-_CLEAR = 0.5  # a motion of one frequency shows a mass only if it leaves less than this share of the residual
+_CLEAR_MASS = 0.5  # a motion of one frequency shows a mass only if it leaves less than this share of the residual
 _ROUNDED = 0.01  # share of the largest speed over which a jump that the default has sharp is rounded, as a start
 _STICK = 0.2  # share of the largest displacement over which a contact sticks, as a start
 _SELDOM = 9  # such shares, evenly spaced, of contacts that slip seldom
@@ -70,7 +70,7 @@ def sizes_of(motion: Sequence[Array], force: Array, mass: float | None, *, inert
     found = np.concatenate([[0.0], still]) / scale
     if mass is None and inertial:
         moving, left = nnls(columns / scale, force)
-        if abs(_correlation(x, a)) < _ONE_TONE or left < _CLEAR * rest:
+        if abs(_correlation(x, a)) < _ONE_TONE or left < _CLEAR_MASS * rest:
             found = moving / scale
     spread = float(np.std(force)) or 1.0
     heavy = found[0] * float(np.std(a)) > _LIGHT * spread

@@ -22,7 +22,7 @@ from hystid.numeric import Array
 
 _MASSES = ("m", "mass", "M")
 _INERTIAS = ("kg", "kg.m2")  # of a rig that moves, and of one that turns
-_SAME = 1e-6  # of a mass: what rounding leaves of a force over an acceleration
+_SAME_MASS = 1e-6  # of a mass: what rounding leaves of a force over an acceleration
 
 
 class Model(Protocol):
@@ -123,10 +123,10 @@ def _weighed(name: str, model: Model, found: Reading, given: Mapping[str, float]
     inner = _inertia(model, found, at)
     if not (inner or found.force):
         raise UsageError(f"{name}: its acceleration does not grow with the input F, so that it is not one mass under F")
-    if not inner or np.isclose(inner, at.get(found.mass, 0.0), rtol=_SAME, atol=0):
+    if not inner or np.isclose(inner, at.get(found.mass, 0.0), rtol=_SAME_MASS, atol=0):
         return found
     moved = {key: _inertia(model, found, {**at, key: 1.1 * value or 1.0}) for key, value in at.items()}
-    heavy = frozenset(key for key, mass in moved.items() if not np.isclose(mass, inner, rtol=_SAME, atol=0))
+    heavy = frozenset(key for key, mass in moved.items() if not np.isclose(mass, inner, rtol=_SAME_MASS, atol=0))
     return replace(found, mass="", inner=inner, heavy=heavy)
 
 

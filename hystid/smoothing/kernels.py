@@ -14,7 +14,7 @@ from scipy.signal import savgol_coeffs
 
 from hystid.numeric import Array
 
-_LONGEST = 51  # samples of a smoothing kernel
+_LONGEST_KERNEL = 51  # samples of a smoothing kernel
 _DEGREES = (2, 4)  # of the polynomials of Savitzky and Golay (1964), Anal. Chem. 36: those of 3 and 5 are the same
 _LINES = 1024  # of a spectrum at most; neighbours are averaged in longer ones
 _NULL = 1e-3  # of the mean response, which is left where a response is nought: leakage, and rounding in a text file
@@ -45,10 +45,10 @@ def kernel_of_smoothing(power: Array, first: int, end: int) -> Array | None:
 
 @lru_cache(maxsize=1)
 def _kernels() -> list[Array]:
-    windows = [np.ones(length) for length in range(3, _LONGEST + 1)]
-    windows += [np.convolve(mean, mean) for mean in windows if 2 * len(mean) - 1 <= _LONGEST]
-    windows += [np.hanning(length)[1:-1] for length in range(5, _LONGEST + 3)]
-    polynomials = [(w, degree) for degree in _DEGREES for w in range(degree + 3, _LONGEST + 1, 2)]
+    windows = [np.ones(length) for length in range(3, _LONGEST_KERNEL + 1)]
+    windows += [np.convolve(mean, mean) for mean in windows if 2 * len(mean) - 1 <= _LONGEST_KERNEL]
+    windows += [np.hanning(length)[1:-1] for length in range(5, _LONGEST_KERNEL + 3)]
+    polynomials = [(w, degree) for degree in _DEGREES for w in range(degree + 3, _LONGEST_KERNEL + 1, 2)]
     kernels = [window / np.sum(window) for window in windows]
     return kernels + [savgol_coeffs(window, degree) for window, degree in polynomials]
 

@@ -15,7 +15,7 @@ from scipy.special import betainc, binom, chdtri
 from hystid.numeric import Array, Flags
 from hystid.smoothing.kernels import corner, kernel_of_smoothing, response
 
-_FEWEST = 64  # samples that tell a level by their sixth differences
+_FEWEST_SAMPLES = 64  # samples that tell a level by their sixth differences
 _DIFFERENCES = 6
 _SECTION, SECTIONS = 128, 24  # samples of a section at least, and sections at most, in which noise may be louder
 _LOUD = 2.0  # over the median section: 4.5 standard errors of the level of a section of 128 samples
@@ -32,7 +32,7 @@ _BANDS = np.linspace(0.5, 0.98, 5)  # of the Nyquist frequency: where recordings
 _WELL, _WIDER = 0.3, 1.16  # of the Nyquist frequency, above which that is so; edges of bands below that over each other
 _FINE_BANDS = np.concatenate([_WELL / _WIDER ** np.arange(12.0, 0.0, -1.0), np.linspace(_WELL, 0.98, 15)])  # where a
 # filter may end the noise; a short recording has fewer above _WELL
-_FLAT, _CAUTIOUS = 70, 25  # lines of a band below, so that three of them tell what is flat from what falls by the
+_FLAT_LINES, _CAUTIOUS = 70, 25  # lines of a band below, so that three of them tell what is flat from what falls by the
 # square of the frequency, and from what a mass moves
 _SHELF, _STEEP = 3, 3.0  # bands of noise before a filter, and its fall in power at least
 _CLIFF = 10.0  # the same where motion may end by itself
@@ -45,7 +45,7 @@ _LEAK = 1e-2  # of a response, below which a window and rounding leave more in a
 _ORDER = 12  # power of the frequency by which noise falls behind a filter of sixth order: what a mass moves falls by 4,
 # and by 6 where a force jumps
 _CORNER = 1.1  # what the corner of a filter takes from the last of them, besides chance
-_PARTS, _CHANCE = 8, 5.0  # of a recording, in which noise is as loud but for chance: standard errors by which eight
+_PARTS, _SIGMAS = 8, 5.0  # of a recording, in which noise is as loud but for chance: standard errors by which eight
 # differ at most in 99 of 100 recordings (studentized range)
 _MOTION = 0.5  # coherence of what is motion for the most part; noise shares a tenth in so many parts by chance
 _BRIEF = 3.7  # four standard errors of a standard deviation over that by the median, times the root of the lines
@@ -101,7 +101,7 @@ def unfiltered_level(channel: Array) -> float:
     Where a filter has taken that end away, both see what is left there.
     """
     floor = _RESOLUTION * float(np.std(channel))
-    if len(channel) < _FEWEST:
+    if len(channel) < _FEWEST_SAMPLES:
         return float(max(floor, float(np.std(np.diff(channel, 2))) / np.sqrt(6.0)))
     differences, spectrum = _by_differences(channel), _by_spectrum(channel)
     apart = max(_APART, _APART_SHORT / np.sqrt(len(channel)))
@@ -113,7 +113,7 @@ def level_between(channel: Array, stops: Flags) -> float:
     """The same of a channel that stops at a level, (n,) flags: what stands still there is no quiet noise."""
     differences = scaled_differences(channel)
     around = np.convolve(stops, np.ones(len(channel) - len(differences) + 1), mode="valid") > 0
-    if np.count_nonzero(~around) < _FEWEST:
+    if np.count_nonzero(~around) < _FEWEST_SAMPLES:
         return unfiltered_level(channel)
     return float(np.median(np.abs(differences[~around])) / 0.6745)
 
@@ -151,7 +151,7 @@ def louder_for_a_while(channel: Array) -> tuple[float, Array] | None:
 def between_samples(channel: Array) -> Array:
     """Error (n,) that is left between the samples of shocks of two or three samples, in the unit of a channel; 0 where
     its differences of sixth order are not far above those elsewhere."""
-    if len(channel) < _FEWEST:
+    if len(channel) < _FEWEST_SAMPLES:
         return np.zeros(len(channel))
     rough = maximum_filter1d(np.pad(np.abs(scaled_differences(channel)), _DIFFERENCES // 2), _DIFFERENCES + 1)
     return np.where(rough > _SHOCK * np.median(rough), _UNRESOLVED * rough, 0.0)
@@ -239,7 +239,7 @@ def filtered_beyond(
     loudest = _HALF if others and not drives else SMALL
     window = np.hanning(len(channel))
     lines = np.fft.rfft((channel - np.mean(channel)) * window)
-    told = (1 - 1 / _WIDER) * _FINE_BANDS * (len(lines) - 1) >= (_CAUTIOUS if cautious else _FLAT)
+    told = (1 - 1 / _WIDER) * _FINE_BANDS * (len(lines) - 1) >= (_CAUTIOUS if cautious else _FLAT_LINES)
     above = _FINE_BANDS[_FINE_BANDS >= _WELL]
     most = int((above[-1] - _WELL) * (len(lines) - 1) / (_LINES + 1))  # that hold so many lines, however they are cut
     if most < len(above) - 1:
@@ -336,7 +336,7 @@ def _is_steady(in_band: Array, lines: int) -> bool:
     but for chance, and without shocks."""
     loudness = [float(np.mean(part**2)) for part in np.array_split(in_band, _PARTS)]
     often = float(np.median(np.abs(in_band))) / 0.6745
-    even = float(np.ptp(np.log(loudness))) < _CHANCE * np.sqrt(2 * _PARTS / lines)
+    even = float(np.ptp(np.log(loudness))) < _SIGMAS * np.sqrt(2 * _PARTS / lines)
     return even and float(np.std(in_band)) < float(1 + _BRIEF / np.sqrt(lines)) * often
 
 

@@ -33,7 +33,7 @@ _CLEAR = 10.0  # power of the motion over that of the noise at the lowest freque
 _DROWNED = 0.5  # of the lowest frequency: noise is as large as the motion there (white in a, power over f^4 in x)
 _TAPER = 0.8  # of the frequency of a cut, from which on it begins to let motion pass
 _COMMON = 0.5  # coherence with the force below which most of the power is not motion, but noise
-_STEADY = 0.5  # of the mean power of noise in sections of a recording, which half of them reach; 0.9 in the mean
+_STEADY_NOISE = 0.5  # of the mean power of noise in sections of a recording, which half of them reach; 0.9 in the mean
 _SECTIONS = (8, 4)  # of a recording, for the coherence: 15 half overlapping spectra, which share 0.1 by chance, and 7,
 # which part noise from a motion that is nearly as slow
 _BLOCK = 100_000  # samples smoothed at a time, with an overlap far beyond the smoother's memory: bounds the memory
@@ -288,7 +288,7 @@ def _incoherent(values: Array, force: Array, dt: float, sections: int) -> float:
         return 0.0
     frequency, _, power_of = spectrogram(values, 1.0 / dt, "hann", section, section // 2, detrend="constant")
     power = np.mean(power_of, axis=1)
-    steady = np.median(uniform_filter1d(power_of / power[:, None], 3, axis=0), axis=1) > _STEADY
+    steady = np.median(uniform_filter1d(power_of / power[:, None], 3, axis=0), axis=1) > _STEADY_NOISE
     _, common = coherence(values, force, fs=1.0 / dt, nperseg=section)
     power[0] = 0.0  # the mean was taken out
     top = int(np.argmax(power))

@@ -14,7 +14,7 @@ from hystid.networks.normal_equations import parameter_count
 from hystid.results import Result
 from hystid.study.work import TrainingResult
 
-_NEAR = 1.1  # medians within this factor of the least count as equally good
+_NEAR_LEAST = 1.1  # medians within this factor of the least count as equally good
 _USELESS = 0.5  # NRMSE: a displacement of zero has 1
 _DIVERGED = 1e300  # stands for infinity between which and a number there is a number
 
@@ -163,7 +163,7 @@ def choose(cells: Sequence[GridCell]) -> tuple[int, str]:
     kind = "free-run displacement" if free else "force"
     medians = [(cell.free_run if free else cell.force).median for cell in cells]
     least = int(np.argmin(medians))
-    near = [k for k, median in enumerate(medians) if median <= _NEAR * medians[least]]
+    near = [k for k, median in enumerate(medians) if median <= _NEAR_LEAST * medians[least]]
     chosen = min(near, key=lambda k: (cells[k].parameters, k)) if near else least
     what = f"median {kind} NRMSE over the starts"
     if chosen == least:

@@ -22,7 +22,7 @@ from hystid.validation.judged import force_error, run_errors
 from hystid.validation.stability import stability
 from hystid.validation.surrogate import Surrogate, open_surrogate
 
-SHORTEST = 50
+_SHORTEST = 50
 """Fewest samples of a recording that is worth comparing."""
 HARMONICS = 10
 RUNAWAY = 100.0
@@ -132,9 +132,9 @@ def compare(model: Surrogate, record: Recording) -> ValidationCase:
 
 
 def _check(model: Surrogate, record: Recording) -> tuple[str, ...]:
-    if len(record) < SHORTEST:
+    if len(record) < _SHORTEST:
         raise RecordingError(
-            f"{record.name}: {len(record)} samples are too few to compare, at least {SHORTEST} are needed"
+            f"{record.name}: {len(record)} samples are too few to compare, at least {_SHORTEST} are needed"
         )
     if model.rotational is not None and model.rotational != record.rotational:
         kinds = {True: "a rig that turns (N.m, rad)", False: "one that does not (N, m)"}

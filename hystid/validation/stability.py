@@ -20,7 +20,7 @@ _SHARES = (0.1, 0.3, 0.6, 0.95)  # of the displacement range, whose very ends wo
 _SPEEDS = (0.1, 0.3, 0.95)  # of the velocity range
 _LEVELS = (0.5, 0.0, 1.0)  # of the ranges of the further inputs, where there are any
 _CYCLES = 4
-_LONGEST, _SHORTEST = 20_000, 40  # samples per cycle
+_LONGEST_CYCLE, _SHORTEST_CYCLE = 20_000, 40  # samples per cycle
 _LOSSLESS = -1e-3  # of pi x amplitude x force: below, energy is fed in; above, it is rounding or a lossless law
 
 
@@ -76,7 +76,7 @@ def stability(model: Surrogate) -> Stability | None:
     cycles = []
     for amplitude in (share * x_most for share in _SHARES):
         wanted = [model.sample_rate * 2 * np.pi * amplitude / (speed * v_most) for speed in _SPEEDS]
-        for samples in sorted({round(float(np.clip(count, _SHORTEST, _LONGEST))) for count in wanted}):
+        for samples in sorted({round(float(np.clip(count, _SHORTEST_CYCLE, _LONGEST_CYCLE))) for count in wanted}):
             cycles += [
                 _cycle(model, amplitude, samples, level) for level in _LEVELS[: len(_LEVELS) if model.inputs else 1]
             ]
@@ -112,7 +112,7 @@ def _remembered(model: Surrogate, amplitude: float) -> float:
     low, high = model.training_range["R"]
     assert model.sample_rate is not None
     v_most = _SPEEDS[-1] * min(abs(bound) for bound in model.training_range["v"])
-    samples = round(float(np.clip(model.sample_rate * 2 * np.pi * amplitude / v_most, _SHORTEST, _LONGEST)))
+    samples = round(float(np.clip(model.sample_rate * 2 * np.pi * amplitude / v_most, _SHORTEST_CYCLE, _LONGEST_CYCLE)))
     forces = [model.force(_motion(model, amplitude, samples, start)) for start in (low, high)]
     last = slice(-samples, None)
     return float(np.max(np.abs(forces[1][last] - forces[0][last])) / (high - low))

@@ -17,7 +17,7 @@ from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import complement
 
 Array = NDArray[np.float64]
-_SAME = 1e-6  # relative singular value below which a curve is what the baseline gives already
+_SAME_CURVE = 1e-6  # relative singular value below which a curve is what the baseline gives already
 
 
 def free_curves(problem: Problem, baseline: Fit) -> Iterator[float]:
@@ -46,4 +46,4 @@ def _falls(problem: Problem, fit: Fit, forces: Sequence[Array], names: str) -> I
         columns = np.stack([problem.reduce([table[:, k] for table in made]) for k in range(CURVE)], axis=1)
         norms = np.linalg.norm(columns, axis=0)
         left, size, _ = np.linalg.svd(outside(columns[:, norms > 0] / norms[norms > 0]), full_matrices=False)
-        yield float(np.sum((left[:, size > _SAME].T @ residual) ** 2)) / len(residual)
+        yield float(np.sum((left[:, size > _SAME_CURVE].T @ residual) ** 2)) / len(residual)

@@ -22,8 +22,8 @@ from hystid.numeric import Flags
 TOUCHED = 4  # samples of some recording beyond the threshold of a law that does not act short of it
 _MASSIVE = 0.99  # of the mass that an effect may take away: what is left moves
 AT_END = 0.98  # of the end of the range that is tried: fits that want more end there
-_FEW = 4.0  # samples at full speed that a length must span to be resolved,
-_SMALL = 0.02  # or else this share of the stroke
+_SAMPLES_IN_LENGTH = 4.0  # samples at full speed that a length must span to be resolved,
+_SHARE_OF_STROKE = 0.02  # or else this share of the stroke
 
 
 def is_itself(problem: Problem, term: Term, signals: Sequence[Signals]) -> bool:
@@ -81,7 +81,7 @@ def _unit(problem: Problem, per: str) -> float:
     if per == "resolution":
         path = max(float(np.max(np.abs(part.v))) * part.dt for part in problem.parts)
         stroke = max(float(np.max(np.abs(part.x))) for part in problem.parts)
-        return min(_FEW * path, _SMALL * stroke)
+        return min(_SAMPLES_IN_LENGTH * path, _SHARE_OF_STROKE * stroke)
     tops = {"stroke": problem.scales.x, "speed": problem.scales.v}
     return float(tops[per][-1]) if per else 1.0
 

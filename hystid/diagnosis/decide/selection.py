@@ -27,7 +27,7 @@ from hystid.diagnosis.fit.search import ABSORBED, ScannedForm, other_minima, try
 from hystid.diagnosis.fit.zeros import zero_of_term
 from hystid.diagnosis.model.effects import Effect
 
-_ALIKE = 0.05  # of the probability of what leads: less is told apart, unless it fits better with more parameters
+_ALIKE_NAMES = 0.05  # of the probability of what leads: less is told apart, unless it fits better with more parameters
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,7 @@ def _class(criterion: Criterion, posterior: Posterior, leader: Candidate, name: 
         if len(other.names) == len(leader.names) and len(swapped) == 1 and other is not leader:
             (instead,) = swapped
             gain = criterion.gain(other.hypothesis, leader.hypothesis)
-            near = other.probability > _ALIKE * leader.probability or gain > 1.0
+            near = other.probability > _ALIKE_NAMES * leader.probability or gain > 1.0
             same = near and not criterion.predicts_else(other.hypothesis, leader.hypothesis)
             if instead not in alike and (same or other.probability > MENTION * leader.probability):
                 alike.append(instead)

@@ -28,7 +28,7 @@ from hystid.errors import NumericalError
 _HEALTHY = 0.075  # excess that smoothing and integration leave in healthy recordings
 _PROMISING = 0.3  # share of the largest gain of a scan that makes a form worth a fit
 _HOPEFUL = 0.4  # share of the excess that the best trial may leave to be searched again
-_NEAR, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
+_NEAR_BEST, _SEARCHED = 2.0, 2  # excess over that of the best trial, and number of ids, that are searched again
 _RIVAL, _EXCHANGED = 0.5, 4  # share of the best gain that a look-alike may lack, and how many are fitted again
 _EQUAL, _SIMPLER = 0.99, 2  # share of the gain that a simpler look-alike has, and how many of these are fitted as well
 _FORMS = 3  # forms of the leading id that are searched again
@@ -193,7 +193,7 @@ def searched_again(
     if left > _HOPEFUL * excess:
         return list(found)
     again = list(found)
-    leading = [trial for trial in distinct(found)[:_SEARCHED] if trial.chi2 - floor < _NEAR * left]
+    leading = [trial for trial in distinct(found)[:_SEARCHED] if trial.chi2 - floor < _NEAR_BEST * left]
     forms = {t.form_of.class_name: t for t in reversed(found) if t.form_of and t.name in {one.name for one in leading}}
     for minimum in minima:
         for candidate in scan(problem, minimum, [t.form_of for t in forms.values() if t.form_of])[:_FORMS]:

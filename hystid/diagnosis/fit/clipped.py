@@ -26,7 +26,7 @@ from hystid.diagnosis.prepare.segments import Flags, Part
 from hystid.numeric import stretches
 
 Array = NDArray[np.float64]
-_LEAST = 400  # samples below the top that can lead a refit
+_LEAST_BELOW = 400  # samples below the top that can lead a refit
 
 
 def clipped_force(problem: Problem, baseline: Fit) -> list[Saturation]:
@@ -41,7 +41,7 @@ def clipped_force(problem: Problem, baseline: Fit) -> list[Saturation]:
     if near is None or _level(problem, baseline.hypothesis) is None:
         return []
     kept = [_valid(part) & ~gap for part, gap in zip(problem.parts, near, strict=True)]
-    if sum(map(np.count_nonzero, kept)) < _LEAST:
+    if sum(map(np.count_nonzero, kept)) < _LEAST_BELOW:
         return []
     below = problem.of([replace(part, valid=valid) for part, valid in zip(problem.parts, kept, strict=True)])
     made = try_fit(below, baseline.hypothesis, 25)

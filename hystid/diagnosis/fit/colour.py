@@ -28,10 +28,10 @@ from hystid.diagnosis.prepare.whitening import colouring
 
 Array = NDArray[np.float64]
 _POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of their own
-_FIRST = 3  # line of the spectrum from which the polynomial and the window leave it alone
+_FIRST_LINE = 3  # line of the spectrum from which the polynomial and the window leave it alone
 _BELOW = 0.5  # share of the lowest frequency of the motion below which the window leaks nothing of it
 _ABOVE = 2.0  # times the highest frequency of the motion, from which the spectrum holds little but noise
-_FEWEST, _MANY = 10, 200  # lines from which a colour can be told, and bounded
+_FEWEST_LINES, _MANY_LINES = 10, 200  # lines from which a colour can be told, and bounded
 _ROUNDS = 20  # of reweighting
 
 
@@ -50,7 +50,7 @@ def with_colour(problem: Problem, fitted: Fit, *, led: bool = False) -> tuple[li
     seen, since = _seen(problem, fitted), _lasted(problem.parts)
     frequency, power, dt = (np.concatenate(columns) for columns in zip(*map(_below, seen), strict=True))
     slope, error = _above_all([one for one in seen if led or not one.part.lowest])
-    is_seen, most, is_below = slope > 2 * error, slope + 2 * error, len(power) >= _FEWEST
+    is_seen, most, is_below = slope > 2 * error, slope + 2 * error, len(power) >= _FEWEST_LINES
     if is_below:
         lowest = min(band(part)[0] * part.dt for part in problem.parts)
         pink, red = _fitted(frequency, power, dt, most if is_seen else np.inf, lowest)
@@ -71,7 +71,7 @@ def slow_power(parts: Sequence[Part]) -> float:
     """Power of the noise over that of its white part, in the slowest line that tells its colour; the loudest part."""
     found = []
     for part in parts:
-        slowest, (pink, red) = _FIRST / len(part), part.colour
+        slowest, (pink, red) = _FIRST_LINE / len(part), part.colour
         found.append(1.0 + pink / slowest + red / slowest**2)
     return max(found)
 
@@ -136,7 +136,7 @@ def _below(seen: _Residual) -> tuple[Array, Array, Array]:
     rows = len(residual) // block
     # lines that a filter has taken out say nothing
     last = 0 if part.lowest else int(_BELOW * band(part)[0] * rows * block * part.dt)
-    if last <= _FIRST:
+    if last <= _FIRST_LINE:
         return np.empty(0), np.empty(0), np.empty(0)
     columns = (seen.x, seen.v, residual, *seen.moved)
     x, v, left, *noises = (u[: rows * block].reshape(rows, block).mean(axis=1) for u in columns)
@@ -148,11 +148,11 @@ def _below(seen: _Residual) -> tuple[Array, Array, Array]:
 
     def lines(u: Array) -> Array:
         u = u - known @ np.linalg.lstsq(known, u, rcond=None)[0]
-        return np.asarray(block * np.abs(np.fft.rfft(u * window)[_FIRST:last]) ** 2 / float(window @ window))
+        return np.asarray(block * np.abs(np.fft.rfft(u * window)[_FIRST_LINE:last]) ** 2 / float(window @ window))
 
-    frequency = np.arange(_FIRST, last) / (rows * block)
+    frequency = np.arange(_FIRST_LINE, last) / (rows * block)
     white = 1 + float(np.mean(np.mean([lines(noise) for noise in noises], axis=0) - seen.followed(frequency)))
-    return frequency, lines(left) / white, np.full(last - _FIRST, part.dt)
+    return frequency, lines(left) / white, np.full(last - _FIRST_LINE, part.dt)
 
 
 def _above_all(seen: Sequence[_Residual]) -> tuple[float, float]:
@@ -161,7 +161,7 @@ def _above_all(seen: Sequence[_Residual]) -> tuple[float, float]:
     What moves the structure there adds to it. Noise levels differ from recording to recording.
     """
     found = [(frequency, power / np.mean(power), white) for frequency, power, white in map(_above, seen) if len(power)]
-    if sum(len(power) for _, power, _ in found) < _MANY:
+    if sum(len(power) for _, power, _ in found) < _MANY_LINES:
         return 0.0, 0.0
     frequency, power, white = (np.concatenate(columns) for columns in zip(*found, strict=True))
     shapes = np.column_stack([white, 1 / frequency])
@@ -181,7 +181,7 @@ def _above(seen: _Residual) -> tuple[Array, Array, Array]:
     count = len(seen.residual)
     ends = 0.98 * seen.part.noise_ends
     first, last = (int(share * count) for share in (_ABOVE * band(seen.part)[1] * seen.part.dt, ends))
-    first = max(first, _FIRST, int(_ABOVE * seen.part.first_Hz * seen.part.dt * count))
+    first = max(first, _FIRST_LINE, int(_ABOVE * seen.part.first_Hz * seen.part.dt * count))
     if last <= first:
         return np.empty(0), np.empty(0), np.empty(0)
     window = np.hanning(count)

@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 _PACE = 0.04  # share of the way to the incumbent that every step must make
 _DAMPINGS, _HARDER = 7, 8.0  # dampings per step, and the factor from one to the next
 _ANOTHER = 0.1  # relative difference of steps that makes another one worth its cost
-_NOTHING = 1e-5  # share of the sum of squares below which a promised fall is not worth a step
+_NO_FALL = 1e-5  # share of the sum of squares below which a promised fall is not worth a step
 _REFUSED, _MUCH = 2, 0.1  # refusals after which the law is held, and share of the promised fall that must be left then
-_FIRST = 1e-4  # damping at the start
-_SMALL = 1e-4  # relative fall of the sum of squares that is small
-_EASIER, _LEAST = 0.1, 1e-9  # factor by which a damping falls at most, and how far
+_FIRST_DAMPING = 1e-4  # damping at the start
+_SMALL_FALL = 1e-4  # relative fall of the sum of squares that is small
+_EASIER, _LEAST_DAMPING = 0.1, 1e-9  # factor by which a damping falls at most, and how far
 
 
 @np.errstate(over="ignore", invalid="ignore")  # refused steps may be as wild as they like
@@ -47,7 +47,7 @@ def fit(
     near at its pace. 0: a step that gains less than ``_PACE`` ends it. None: it runs to its end.
     most: whether amplitudes keep to the largest values that their blocks allow. kept: rows that count, all without it;
     last: whether the last effect alone moves.
-    Ends when an accepted step lowers the sum of squares by less than ``_SMALL`` of it twice in a row. The
+    Ends when an accepted step lowers the sum of squares by less than ``_SMALL_FALL`` of it twice in a row. The
     covariance is that of the last point at which derivatives were taken: a step that ends the fit is too small to
     matter, or the fit is given up.
     Raises NumericalError when the start itself has no finite residual.
@@ -60,18 +60,18 @@ def fit(
     cost = float(rows @ rows)
     if not np.isfinite(cost):
         raise NumericalError("the start of a fit has no finite residual; check the nominal parameters")
-    damping, small = _FIRST, 0
+    damping, small = _FIRST_DAMPING, 0
     normal = view.normal(here, rows)
     for done in range(iterations):
         taken = _step(view, here, normal, cost, damping)
         if taken is None and problem.renew(here):
-            normal, damping = view.normal(here, rows), _FIRST
+            normal, damping = view.normal(here, rows), _FIRST_DAMPING
             continue
         if taken is None:
             break
         gain = 1.0 - taken.cost / cost
         here, rows, cost, damping = taken.there, taken.rows, taken.cost, taken.damping
-        small = small + 1 if gain < _SMALL else 0
+        small = small + 1 if gain < _SMALL_FALL else 0
         if done > 2 and incumbent is not None and gain < _PACE * (1.0 - incumbent * len(rows) / cost):
             break
         if small == 2 or gain < 1e-8:
@@ -121,7 +121,7 @@ def _taken(there: Hypothesis, rows: Array | None, cost: float, promised: float, 
     if rows is None or not found < cost:
         return None
     kept = 2 * (cost - found) / promised - 1
-    return _Step(there, rows, found, max(damping * max(_EASIER, 1 - kept**3), _LEAST))
+    return _Step(there, rows, found, max(damping * max(_EASIER, 1 - kept**3), _LEAST_DAMPING))
 
 
 def _step(view: _View, here: Hypothesis, normal: _Normal, cost: float, damping: float) -> _Step | None:
@@ -130,10 +130,10 @@ def _step(view: _View, here: Hypothesis, normal: _Normal, cost: float, damping: 
     Corners of the law may refuse step after step, each of which costs an evaluation of it: then all else moves alone.
     """
     for refused, (tried, promised, there) in enumerate(normal.steps(here, view.unknowns, damping)):
-        if promised < _NOTHING * cost:
+        if promised < _NO_FALL * cost:
             return None
         if refused == _REFUSED:
-            alone = _beside_law(view, here, normal, max(_NOTHING * cost, _MUCH * promised))
+            alone = _beside_law(view, here, normal, max(_NO_FALL * cost, _MUCH * promised))
             beside = _taken(alone, view.rows_or_none(alone), cost, promised, tried) if alone is not None else None
             if beside is not None:
                 return beside
@@ -150,7 +150,7 @@ def _beside_law(view: _View, here: Hypothesis, normal: _Normal, least: float) ->
     held = frozenset(i for i, unknown in enumerate(view.unknowns) if unknown.key in shapes)
     if not held:
         return None
-    _, promised, there = next(normal.steps(here, view.unknowns, _FIRST, held))
+    _, promised, there = next(normal.steps(here, view.unknowns, _FIRST_DAMPING, held))
     return there if promised > least else None
 
 

@@ -23,7 +23,7 @@ _SHIFTS = 40  # circular shifts of the residual against the motion: what indepen
 _CELLS = 7  # bins per axis
 _KNOWN = (0.035, 0.045)  # power between cells as a share of all, and more of it where most of the residual is excess:
 # mismatches of 0.08 of the floor show 0.05 and more, larger ones 0.1 to 1
-_SHOWN = 0.5  # of an excess, which a mismatch shows between cells, by the share of the rest that is noise by its level
+_IN_CELLS = 0.5  # of an excess, which a mismatch shows between cells, by the share of the rest that is noise by level
 TWO_SIDED = 1.96  # standard deviations that hold 95 % of a normal distribution
 _LINE = 60.0  # power of a line over the median beside it; noise reaches 28 in some 10^5 lines, lines begin at 700
 _PERIODS = 8  # in a recording, from which power is a line: its peak in the spectrum is four frequencies wide
@@ -69,7 +69,7 @@ def is_noise(problem: Problem, fitted: Fit) -> bool:
     # What is left in one recording alone can show there alone.
     squares = [float(np.mean(rows**2)) for rows in problem.by_part(fitted.residual)]
     own = np.array([max(0.0, 1.0 - floor / square) if square else 0.0 for square in squares])
-    shown = max(known, _SHOWN * float(np.sum(own * (1.0 - own) * counts)))
+    shown = max(known, _IN_CELLS * float(np.sum(own * (1.0 - own) * counts)))
     powers = [(residual**2 - 1.0) * seen for residual, seen in zip(residuals, sure, strict=True)]
 
     def unknown(pair: tuple[int, int]) -> bool:

@@ -22,9 +22,9 @@ from hystid.numeric import stretches
 
 Array = NDArray[np.float64]
 _WIDTH = 8  # averages in a period of the quickest motion
-_CLEAR = 10.0  # robust standard deviations of these averages from which one is a knock
+_CLEAR_KNOCK = 10.0  # robust standard deviations of these averages from which one is a knock
 _NOISE = 6.0  # of them, which noise of any colour reaches in 10^5 averages: a few knocks stand as far beyond all else
-_MOST, _LONGEST = 5, 3  # knocks in a recording, and periods of the quickest motion that one lasts with what filters
+_KNOCKS, _LASTS = 5, 3  # knocks in a recording, and periods of the quickest motion that one lasts with what filters
 # make of it: what comes more often, or lasts, belongs to the motion
 _STRETCH = 10  # of the longest knock: a stretch of which one knock does not move the median
 _BY_CHANCE = 0.05  # probability at which knocks that do not know the motion come with its largest displacements
@@ -73,17 +73,17 @@ def _knocks(part: Part, residual: Array, used: Flags) -> list[Knock]:
         return []
     width = max(int(1 / (_WIDTH * part.dt * max(band(part)[1], 1 / (len(part) * part.dt)))), 2)
     mean = np.convolve(residual, np.ones(width) / width, mode="same")
-    usual = _usual(np.abs(mean), used, _STRETCH * _LONGEST * _WIDTH * width)
+    usual = _usual(np.abs(mean), used, _STRETCH * _LASTS * _WIDTH * width)
     size = np.abs(mean) / np.maximum(usual, 1 / np.sqrt(width))
-    found = _beyond(_CLEAR, size, used, width)
-    if len(found) > _MOST:
-        tops = sorted((float(np.max(size[k.first : k.last])) for k in found), reverse=True)[: _MOST + 1]
-        clear = [k for k in range(_MOST, 0, -1) if tops[k - 1] > _CLEAR / _NOISE * tops[k]]
-        found = _beyond(tops[clear[0]] * _CLEAR / _NOISE, size, used, width) if clear else []
-    longest = (_LONGEST * _WIDTH + 4) * width
+    found = _beyond(_CLEAR_KNOCK, size, used, width)
+    if len(found) > _KNOCKS:
+        tops = sorted((float(np.max(size[k.first : k.last])) for k in found), reverse=True)[: _KNOCKS + 1]
+        clear = [k for k in range(_KNOCKS, 0, -1) if tops[k - 1] > _CLEAR_KNOCK / _NOISE * tops[k]]
+        found = _beyond(tops[clear[0]] * _CLEAR_KNOCK / _NOISE, size, used, width) if clear else []
+    longest = (_LASTS * _WIDTH + 4) * width
     apart = [_apart(k, size, longest, _WIDTH * width) for k in found]
     each = [knock for knocks in apart for knock in knocks]
-    return each if all(apart) and len(each) <= _MOST else []
+    return each if all(apart) and len(each) <= _KNOCKS else []
 
 
 def _apart(stretch: Knock, size: Array, longest: int, period: int) -> list[Knock]:
@@ -95,7 +95,7 @@ def _apart(stretch: Knock, size: Array, longest: int, period: int) -> list[Knock
     if stretch.last - stretch.first < longest:
         return [stretch]
     left, found = size[stretch.first : stretch.last] ** 2, []
-    while np.max(left) > _CLEAR**2:
+    while np.max(left) > _CLEAR_KNOCK**2:
         top = int(np.argmax(left))
         near = slice(max(top - longest // 2, 0), top + longest // 2)
         middle = slice(max(top - period // 2, 0), top + period // 2)

@@ -26,7 +26,7 @@ _CHANCE = 1e-3  # probability by chance of a line, over all frequencies: one fal
 _SHARE = (
     0.084  # of the misfit: less is what laws leave by their form (decide.criterion.FORM, one standard deviation up)
 )
-_MOST = 5  # lines that are taken out
+_MOST_LINES = 5  # lines that are taken out
 _NEAR, _FAR = 3, 15  # distance of the neighbours from a line, in steps of the frequency resolution
 _QUANTILE = 0.9  # of the neighbours that says how loud they are; of an exponential variable it is ln 10 of the mean
 _SECTIONS, _STEADY = 6, 0.6  # of a recording, and the share of a line's power that is coherent over them: random phases
@@ -73,7 +73,7 @@ def without_periodic_forces(problem: Problem, baseline: Fit) -> Fit:
     if not problem.timed:
         return baseline
     fitted, frequencies = baseline, list[float]()
-    while len(frequencies) < _MOST:
+    while len(frequencies) < _MOST_LINES:
         frequency, tried = _line(problem, fitted.hypothesis, frequencies)
         if frequency is None:
             break
@@ -144,7 +144,7 @@ def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> t
             clear[s.is_beside(frequencies, one)] = 0.0
     needed = np.asarray(gamma.isf(_CHANCE / len(frequencies), np.arange(1, len(spectra) + 1)))
     beyond = clear / needed[np.maximum(np.sum(free, axis=0), 1) - 1]
-    for k in np.argsort(beyond)[::-1][:_MOST]:  # the clearest may be a sweep that passes by
+    for k in np.argsort(beyond)[::-1][:_MOST_LINES]:  # the clearest may be a sweep that passes by
         if beyond[k] < 1.0:
             break
         frequency = _refined(spectra, float(frequencies[k]), 0.5 / grid.length)

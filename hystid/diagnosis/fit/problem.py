@@ -34,8 +34,8 @@ DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fau
 LATE_LIMIT = 8.0  # samples
 MASS_TOLERANCE = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _DRAWS, _MOST_DRAWS = 12, 48  # of the noise, from which their scatter is known, and that are made at most
-_SLOPES, _FEWEST = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
-_KEPT = (40_000_000, 24_000_000, 16_000_000)  # bytes that are remembered: laws, forces of effects, rows per unit
+_SLOPES, _FEWEST_POINTS = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
+_KEPT_BYTES = (40_000_000, 24_000_000, 16_000_000)  # bytes that are remembered: laws, forces of effects, rows per unit
 _TINY = 1e-100  # amplitude below which a force says nothing of its unit
 
 
@@ -49,7 +49,7 @@ class Problem:
         self.reduce = Reduction(parts, baseline.mass)
         self._ready: list[dict[tuple[CompiledModel, int], Motion]] = [{} for _ in self.parts]  # motions for the effects
         self._held = [self._hold(p, p.x, p.v) for p in self.parts]
-        self._laws, self._forces, self._per_unit = (Memory(most) for most in _KEPT)
+        self._laws, self._forces, self._per_unit = (Memory(most) for most in _KEPT_BYTES)
         self._last: tuple[Hypothesis, list[Array]] | None = None
         self._added: tuple[Hypothesis | None, Array]
         self.weighed_by: tuple[Hypothesis, ...] = ()  # fits by which rows were weighed down
@@ -535,7 +535,7 @@ class Problem:
         rows = self.reduce.several([[R for R, _ in parts] for parts in moved])
         made = {n: Slope(r, [h for _, h in parts]) for n, r, parts in zip(steps, rows, moved, strict=True)}
         size = sum(slope.nbytes for slope in made.values())
-        most = max(_FEWEST, _SLOPES // max(size, 1))  # many fits begin at the same point
+        most = max(_FEWEST_POINTS, _SLOPES // max(size, 1))  # many fits begin at the same point
         self._slopes = [(shapes, made), *self._slopes[: most - 1]]
         return made
 

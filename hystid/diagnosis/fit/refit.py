@@ -17,7 +17,7 @@ from hystid.errors import NumericalError
 _STARTS = (0.5, 2.0)  # factors on the nominal shapes of the law, for further starts of the refit
 _MINIMA = 2  # rounds of looking for a better minimum of the refit
 _JUMPS = 2  # rounds in which rows near jumps are found, and the refit begins again without them
-_APART = 0.01  # relative difference of mean squares that makes two optima of the refit
+_OPTIMA_APART = 0.01  # relative difference of mean squares that makes two optima of the refit
 _LEFT = 0.03  # excess over the floor below which a refit needs no further start
 
 Refit = tuple[Fit, tuple[Fit, ...], float]  # the best fit, other optima, and the mean square at the nominal values
@@ -60,7 +60,7 @@ def refit(problem: Problem, kept: Sequence[int] = (), sized: Sequence[Mapping[st
         starts = other_minima(problem, best)
         fits += [made for h in starts if (made := try_fit(problem, h, 25, incumbent=best.chi2)) is not None]
         fits.sort(key=lambda f: f.chi2)
-        if fits[0].chi2 > (1 - _APART) * best.chi2:
+        if fits[0].chi2 > (1 - _OPTIMA_APART) * best.chi2:
             break
     return _without_jumps(problem, fits, nominal)
 
@@ -143,7 +143,7 @@ def _without_jumps(problem: Problem, fits: Sequence[Fit], nominal: Hypothesis) -
 
 
 def _minima(best: Fit, others: Sequence[Fit]) -> tuple[Fit, ...]:
-    return tuple(f for f in others if f.chi2 > (1 + _APART) * best.chi2)[:2]
+    return tuple(f for f in others if f.chi2 > (1 + _OPTIMA_APART) * best.chi2)[:2]
 
 
 def _sits(problem: Problem, fitted: Fit) -> bool:

@@ -21,7 +21,7 @@ from hystid.errors import NumericalError
 
 Array = NDArray[np.float64]
 _SPREAD = (1.4, 1.8)  # factor either way over which shapes of the law, and of effects, are spread for new starts
-_POINTS, _KEPT = 16, 2  # new starts that are tried, and that are kept
+_POINTS, _KEPT_STARTS = 16, 2  # new starts that are tried, and that are kept
 _SIMPLEX = 0.35  # size of a first simplex (logarithmic)
 _EACH, _EVALUATIONS = 25, 80  # evaluations of a simplex per shape, and in all
 _NEAR, _FLAT = 3e-3, 1e-3  # size of a simplex, and relative differences of the cost in it, that end the search
@@ -212,7 +212,7 @@ def leading(problem: Problem, starts: Iterable[Hypothesis]) -> list[Hypothesis]:
     """The best few of some starts, everything linear solved at each."""
     linear = [(start, [u for u in problem.unknowns(start) if u.linear]) for start in starts]
     found = [made for start, unknowns in linear if (made := _solved(problem, start, unknowns)) is not None]
-    return [hypothesis for _, hypothesis in sorted(found, key=lambda item: item[0])[:_KEPT]]
+    return [hypothesis for _, hypothesis in sorted(found, key=lambda item: item[0])[:_KEPT_STARTS]]
 
 
 def other_minima(problem: Problem, fitted: Fit) -> list[Hypothesis]:

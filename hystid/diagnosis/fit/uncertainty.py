@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 _STRETCHES = 60  # of all rows together: long against the memory of the residual, many against the unknowns
 _LEFT_OUT = 12  # stretches that are left out in turn: each is a test of its own
 _ALONE = (0.5, 100.0)  # variance without a stretch over that with it, outside which only that stretch shows a parameter
-_FIRST = 1.5  # bias of the noise that is there over that of the same noise once more, which meets flattened slopes
+_FIRST_BIAS = 1.5  # bias of the noise that is there over that of the same noise once more, which meets flattened slopes
 SAME = 1e-9  # relative singular value below which directions are one
 
 
@@ -46,7 +46,7 @@ def with_robust_errors(problem: Problem, fitted: Fit, variance: float = 1.0) -> 
     repeated = np.diag(inverse) * variance
     left_out = [_stretches(problem, each) for each in (_LEFT_OUT, len(problem.parts))]
     told_apart = np.max([_jackknife(jacobian, fitted.residual, parts, inverse) for parts in left_out], axis=0)
-    bias = _FIRST * _bias(problem, fitted, scale, inverse, jacobian)
+    bias = _FIRST_BIAS * _bias(problem, fitted, scale, inverse, jacobian)
     reached = np.max([white, repeated, robust, told_apart], axis=0) + bias**2
     spread = np.sqrt(reached / np.where(white > 0, white, 1.0))
     return replace(fitted, covariance=inverse / np.outer(scale, scale) * np.outer(spread, spread))

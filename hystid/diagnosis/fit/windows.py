@@ -23,12 +23,12 @@ Array = NDArray[np.float64]
 WINDOW = "HystId.Components.TimeWindow"
 LEAST_OUT = 0.2  # share of the rows outside of windows, at least
 _NEVER = (2e9, 2.1e9, 1.0)  # s: a window that no recording reaches
-_ALIKE = 0.05  # of the longest recording: windows that differ by less may be one
+_ALIKE_WINDOWS = 0.05  # of the longest recording: windows that differ by less may be one
 _RAMP = 0.02  # of the longest recording, as a start
 _SEEN = 2.0  # noise levels beyond which the force of an effect is seen in a sample
 _AS_GOOD = 0.003  # rise of the mean square that is none
-_EDGE, _SURE = 0.25, 2.0  # share of a window that its ramp may take, less this many standard errors
-_SHOWN = 0.1  # mean square that the effect would have outside if it acted there, over that inside
+_EDGE, _RAMP_ERRORS = 0.25, 2.0  # share of a window that its ramp may take, less this many standard errors
+_SHOWN_OUTSIDE = 0.1  # mean square that the effect would have outside if it acted there, over that inside
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def shared(problem: Problem, hypothesis: Hypothesis) -> Hypothesis | None:
         return None
     ends = [float(part.t[-1]) for part in problem.parts]
     times = {i: effect.times(term.values, i) for i in effect.owners}
-    apart = _ALIKE * max(ends)
+    apart = _ALIKE_WINDOWS * max(ends)
     on = [begin for begin, _, _ in times.values()]
     off = [end for i, (_, end, _) in times.items() if end < ends[i] - apart]
     begin, end = float(np.median(on)), float(np.median(off)) if off else max(ends)
@@ -226,7 +226,7 @@ def window_text(problem: Problem, term: Term) -> str:
     begin, end, _ = effect.times(term.values, owner)
     last = lasting(problem, term).get(effect.names(owner)[1])
     until = end if last is None else last
-    if effect.owners is not None and until - begin > (1 - _ALIKE) * problem.parts[owner].t[-1]:
+    if effect.owners is not None and until - begin > (1 - _ALIKE_WINDOWS) * problem.parts[owner].t[-1]:
         return ""
     return f", from {begin:.3g} s to " + (f"{end:.3g} s{only}" if last is None else "the end")
 
@@ -299,7 +299,7 @@ def has_edges(fitted: Fit) -> bool:
     for recording in effect.owners or (0,):
         on, off, ramp = effect.names(recording)
         opened = term.values[off] - term.values[on]
-        surely = term.values[ramp] - _SURE * float(np.nan_to_num(fitted.stderr((str(index), ramp))))
+        surely = term.values[ramp] - _RAMP_ERRORS * float(np.nan_to_num(fitted.stderr((str(index), ramp))))
         widths.append(surely / opened if opened > 0 else np.inf)  # one that closed on itself has none
     return max(widths) < _EDGE
 
@@ -321,7 +321,7 @@ def is_off_outside(problem: Problem, fitted: Fit, floor: float, slack: float) ->
     within, beyond = force[gate > 0.5] ** 2, force[gate == 0] ** 2
     if not len(within) or len(beyond) < LEAST_OUT * (len(within) + len(beyond)):
         return False
-    if float(np.mean(beyond)) > _SHOWN * float(np.mean(within)):
+    if float(np.mean(beyond)) > _SHOWN_OUTSIDE * float(np.mean(within)):
         return True
     closed = np.concatenate([problem.reduce.plain(i, shut) for i, shut in enumerate(gates)]) == 0
     seen, left = (float(np.mean(rows[closed] ** 2)) for rows in (problem.reduce(forces), fitted.residual))

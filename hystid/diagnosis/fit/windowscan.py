@@ -25,13 +25,13 @@ _BLOCKS = 40  # blocks of each recording between which a window may begin and en
 _FIRST, _LAST = np.triu_indices(_BLOCKS + 1, 1)  # blocks at which intervals begin, and before which they end
 _LEAST_IN = 0.03  # share of all rows inside of windows
 _TRIMMED, _TRIMS = 1 / 3, 4  # share of the rows that a trimmed fit keeps, and rounds
-_CHANCE = 3.0  # standard errors of the power of a block up to which it is noise
+_NOISE_ERRORS = 3.0  # standard errors of the power of a block up to which it is noise
 _POINTS = 2  # grid points of each form of which the windows of all recordings are looked for together
 _SWEEPS = 4  # of choosing the window of each recording beside those of the others
 _SETTLED = 1e-3  # relative gain of a sweep that ends them
-_WORTH = 0.01  # share of the gain that the window of one recording must add: a right law leaves as much
-_MOST = 0.5  # share of what is left in a recording that another window must take there: a wrong law takes some anywhere
-_APART = 0.05  # share of a law's columns by which window and whitening may differ in order
+_WINDOW_WORTH = 0.01  # share of the gain that the window of one recording must add: a right law leaves as much
+_ELSEWHERE = 0.5  # share of the rest of a recording that another window must take: a wrong law takes some anywhere
+_ORDER_APART = 0.05  # share of a law's columns by which window and whitening may differ in order
 _RAMP = 0.8  # of a block, over which an effect comes and goes: a jump would be louder than any real one
 _RIDGE = 1e-9  # of the squared length of columns, in a window and over all rows, against those that are zero or alike
 
@@ -159,7 +159,7 @@ class _Seen:
         gate = np.concatenate([self.problem.reduce.plain(i, on) for i, on in enumerate(middle)])
         inside = columns.scaled * gate[:, None]
         made = self._gated(effect, shapes, columns, middle)
-        return float(np.sum((made - inside) ** 2)) < _APART * float(np.sum(inside**2))
+        return float(np.sum((made - inside) ** 2)) < _ORDER_APART * float(np.sum(inside**2))
 
     def _parts(self) -> list[tuple[Part, float]]:
         return list(zip(self.problem.parts, self.spans, strict=True))
@@ -202,7 +202,7 @@ class _Seen:
                 gains, _ = _gains(known + sums.known[i], each + sums.each[i], lowest)
                 best = int(np.argmax(gains))
                 total = float(gains[best])
-                intervals[i] = best if total - without > max(self.least, _WORTH * total) else None
+                intervals[i] = best if total - without > max(self.least, _WINDOW_WORTH * total) else None
                 if intervals[i] is None:
                     total = without
                 else:
@@ -247,7 +247,7 @@ def placed(problem: Problem, fitted: Fit) -> Fit:
         last = int(np.argmax(total - np.minimum.accumulate(total)))
         first = int(np.argmin(total[: last + 1]))
         gain = float(np.sum(left) - np.sum(off) + total[last] - total[first])
-        other = 0.0 if i in windows else _MOST * (float(np.sum(left)) - len(left))  # noise leaves one in each row
+        other = 0.0 if i in windows else _ELSEWHERE * (float(np.sum(left)) - len(left))  # noise leaves one in each row
         if last > first and gain > max(2 * np.log(len(fitted.residual)), other):  # two times (Schwarz 1978)
             t = problem.reduce.plain(i, problem.parts[i].t)
             better[i] = Window(float(t[first]), float(t[last - 1]))
@@ -270,7 +270,7 @@ def outside(problem: Problem, before: Fit) -> tuple[Fit, float]:
     """
     place = np.concatenate(_blocks(problem))
     rows = np.bincount(place)
-    noise = rows + _CHANCE * np.sqrt(2.0 * rows)
+    noise = rows + _NOISE_ERRORS * np.sqrt(2.0 * rows)
     mass = before.hypothesis.mass()
     restoring = problem.reduce([part.F - mass * part.inertia for part in problem.parts])
     power = np.bincount(place, restoring**2)

@@ -13,7 +13,7 @@ from hystid.diagnosis.model.channel_effects import DRIFT, is_constant
 from hystid.numeric import Array
 
 _STEP = 1e-3  # share of the largest displacement by which the law is moved to see its slope
-_STEADY = 1e-6  # relative change of a force that counts as constant
+_STEADY_FORCE = 1e-6  # relative change of a force that counts as constant
 
 
 @dataclass(frozen=True)
@@ -117,4 +117,4 @@ def _constant(term: Term, forces: list[np.ndarray]) -> float:
     """The force of a term that is the same at all times and in all recordings [N]; 0 where it changes."""
     joined = np.concatenate(forces)
     mean = float(np.mean(joined))
-    return mean if term.effect.model is not None and np.ptp(joined) <= _STEADY * abs(mean) else 0.0
+    return mean if term.effect.model is not None and np.ptp(joined) <= _STEADY_FORCE * abs(mean) else 0.0

@@ -19,7 +19,7 @@ from hystid.numeric import Array, stretches
 
 HUM, DRIFT, HISTORY = "mains_hum", "force_drift", "history"
 HIGH_PASS, RANGE = "force_high_pass", "force_range"
-_STEADY = 0.05  # rms of ramps and bows over that of the offsets below which a force channel does not drift
+_STEADY_OFFSET = 0.05  # rms of ramps and bows over that of the offsets below which a force channel does not drift
 # What is not a law of the structure has no block: a fault of a channel is called so here.
 CHANNELS = {
     "channel_delay": Semantics(title="late channel"),
@@ -249,7 +249,7 @@ class ForceDrift(ChannelEffect):
         value = parameters.get(f"offset_{number}", 0.0) + parameters.get(f"ramp_{number}", 0.0) * (t - t[-1] / 2)
         curve = (t / t[-1] - 0.5) ** 2 - 1 / 12
         value = value + parameters.get(f"bow_{number}", 0.0) * curve
-        higher = [parameters.get(f"degree{degree}_{number}", 0.0) for degree in range(_BOWED, _MOST)]
+        higher = [parameters.get(f"degree{degree}_{number}", 0.0) for degree in range(_BOWED, _DEGREES)]
         if any(higher):
             value = value + np.polynomial.legendre.legval(
                 2 * t / t[-1] - 1, np.trim_zeros([0.0] * _BOWED + higher, "b")
@@ -258,10 +258,10 @@ class ForceDrift(ChannelEffect):
 
 
 _WANDERING = "Wandering"
-_BOWED, _MOST = 3, 24  # polynomials of a bow; and most that are fitted to a recording, for the time that it takes
+_BOWED, _DEGREES = 3, 24  # polynomials of a bow; and most that are fitted to a recording, for the time that it takes
 _KINDS = {"Constant": ("offset",), "": ("offset", "ramp"), "Bowed": ("offset", "ramp", "bow")} | {
     f"{_WANDERING}{most}": ("offset", "ramp", "bow", *(f"degree{degree}" for degree in range(_BOWED, most)))
-    for most in (6, 12, _MOST)
+    for most in (6, 12, _DEGREES)
 }
 
 
@@ -301,4 +301,4 @@ def is_constant(values: Mapping[str, float], parts: Sequence[Part]) -> bool:
     ramp = sum((values.get(f"ramp_{i + 1}", 0.0) * part.t[-1]) ** 2 / 12 for i, part in enumerate(parts))
     bow = sum(values.get(f"bow_{i + 1}", 0.0) ** 2 / 180 for i in range(len(parts)))
     wave = any(name.startswith("degree") for name in values)
-    return not wave and bool(ramp + bow < _STEADY**2 * offset)
+    return not wave and bool(ramp + bow < _STEADY_OFFSET**2 * offset)

@@ -31,7 +31,7 @@ _BELOW = (0.7, 0.35)
 _SLOWEST = 0.1  # but not below this share of the highest
 _ASIDE = 1 / 3  # of the range on either side, from where shapes that may have either sign begin too
 _ACROSS = 13  # starts over the range of such shapes, in fine steps
-_APART = 0.08  # relative distance of such starts: a resonance is 0.1 wide at the damping ratio that is tried
+_STARTS_APART = 0.08  # relative distance of such starts: a resonance is 0.1 wide at the damping ratio that is tried
 _LEAD = (0.01, 0.05, 0.2, 1.0)  # of the time in which the quickest motion turns by a radian: least time, and starts
 _MOST_CHOICES = 20  # values of an Integer parameter: each is a grid of its own, which costs a scan
 _PROBE = 2001  # samples of the signal on which linearity is tested
@@ -413,7 +413,7 @@ def shape_values(shape: Variable, scales: Scales, *, fine: bool) -> Array:
     if shape.unit == "Hz":
         slow = min(_BELOW[0] * scales.band[0], _BELOW[1] * scales.band[1])
         first, last = max(low, slow, _SLOWEST * scales.band[1]), 0.85 * high
-        return np.geomspace(first, last, int(np.log(last / first) / _APART) + 2 if fine else 6)
+        return np.geomspace(first, last, int(np.log(last / first) / _STARTS_APART) + 2 if fine else 6)
     start = shape.start if shape.start is not None else 0.5 * (low + high)
     if low < 0 < high:  # of either sign: what is even at 0 says nothing of what it is beside it
         aside = np.linspace(-1, 1, _ACROSS) if fine else np.array([-_ASIDE, _ASIDE])

@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable
 
 from hystid.numeric import Array
 
-_LEAST = 2  # entries that stay whatever their size: what is asked for twice in a row
+_LEAST_ENTRIES = 2  # entries that stay whatever their size: what is asked for twice in a row
 
 
 class Memory:
@@ -31,7 +31,7 @@ class Memory:
         for array in made:
             array.flags.writeable = False
         self._size += _bytes(made)
-        while self._size > self._most and len(self._kept) > _LEAST:
+        while self._size > self._most and len(self._kept) > _LEAST_ENTRIES:
             self._size -= _bytes(self._kept.popitem(last=self._cyclic)[1])
         return made
 

@@ -18,7 +18,7 @@ from hystid.numeric import Array
 
 _STEP = 1e-3  # relative step of difference quotients
 _NONE = 1e-2  # relative singular value below which a relation is suspected: what differences of that step leave
-_NOTHING = 0.02  # share of the largest exponent below which a parameter has no part in a relation
+_NO_PART = 0.02  # share of the largest exponent below which a parameter has no part in a relation
 _TEST = 0.1  # logarithmic distance along a suspected relation at which the law is compared with itself
 _EQUAL = 1e-7  # relative difference that rounding and integration leave
 
@@ -53,7 +53,7 @@ def _relation(baseline: Baseline, part: Part) -> tuple[str, ...]:
     if sizes[-1] > _NONE * sizes[0]:
         return ()
     exponents = directions[-1] / np.max(np.abs(directions[-1]))
-    taking_part = np.abs(exponents) > _NOTHING
+    taking_part = np.abs(exponents) > _NO_PART
     whole = np.round(exponents / np.min(np.abs(exponents[taking_part])))
     along = {name: _TEST * c for name, c in zip(columns, whole, strict=True) if c}
     same = np.max(np.abs(_law(baseline, part, _scaled(baseline.nominal, along)) - here))

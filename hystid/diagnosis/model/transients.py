@@ -18,11 +18,11 @@ from hystid.diagnosis.prepare.segments import Part
 from hystid.diagnosis.prepare.whitening import longest_trim
 from hystid.numeric import Array
 
-_FIRST = 8  # samples whose mean shows whether a recording begins at rest
-_SURE, _STILL = 4.0, 0.05  # standard errors of that mean, and share of the spread of a channel, that are still rest
+_FIRST_SAMPLES = 8  # samples whose mean shows whether a recording begins at rest
+_AT_REST, _STILL = 4.0, 0.05  # standard errors of that mean, and share of the spread of a channel, that are still rest
 _VISIBLE = 0.5  # noise units: force of another past that is seen, of all samples together
 _STROKE = 60  # samples of a stroke that is put before a recording
-_NEAR, _LAST = 0.03, 20  # share of the stroke that is near an end, and part of a recording that has forgotten most
+_NEAR_END, _LAST = 0.03, 20  # share of the stroke that is near an end, and part of a recording that has forgotten most
 
 
 def beginning(
@@ -69,43 +69,43 @@ def _rests(part: Part, mass: float) -> bool | None:
     is a force, which may as well be constant, or noise hides one. What a constant force moves from there on is not yet
     in motion at the first sample: the velocity is that of then.
     """
-    since = 0.5 * (_FIRST - 1) * part.dt
+    since = 0.5 * (_FIRST_SAMPLES - 1) * part.dt
 
     def velocity(v: NDArray[np.floating], a: NDArray[np.floating]) -> float:
-        return float(np.mean(v[:_FIRST]) - since * np.mean(a[:_FIRST]))
+        return float(np.mean(v[:_FIRST_SAMPLES]) - since * np.mean(a[:_FIRST_SAMPLES]))
 
     draws = part.jitter.first()
     slow, quick = (
         float(np.sqrt(np.mean(np.square(errors))))
-        for errors in zip(*((velocity(dv, da), np.mean(da[:_FIRST])) for _, dv, da, _ in draws), strict=True)
+        for errors in zip(*((velocity(dv, da), np.mean(da[:_FIRST_SAMPLES])) for _, dv, da, _ in draws), strict=True)
     )
     if not _is_small(velocity(part.v, part.a), part.v, slow):
         return False
-    still = "x" in part.noise and _begins_small(part.measured["x"], part.noise["x"] / np.sqrt(_FIRST))
+    still = "x" in part.noise and _begins_small(part.measured["x"], part.noise["x"] / np.sqrt(_FIRST_SAMPLES))
     if "F" not in part.noise:
         return still
-    error = part.noise["F"] / np.sqrt(_FIRST)
+    error = part.noise["F"] / np.sqrt(_FIRST_SAMPLES)
     still |= _begins_small(part.measured["F"], error) and _begins_small(part.a, quick)
     restoring, error = part.F - mass * part.a, float(np.hypot(error, mass * quick))
     if not still:
         return False
     if _begins_small(restoring, error):
-        return True if _SURE * error < _STILL * float(np.std(restoring)) else None
+        return True if _AT_REST * error < _STILL * float(np.std(restoring)) else None
     return None if _begins_small(part.a, quick) else True  # what is accelerated has just been let go
 
 
 def _begins_small(channel: Array, error: float) -> bool:
-    return _is_small(float(np.mean(channel[:_FIRST])), channel, error)
+    return _is_small(float(np.mean(channel[:_FIRST_SAMPLES])), channel, error)
 
 
 def _is_small(value: float, channel: Array, error: float) -> bool:
-    return abs(value) < _SURE * error + _STILL * float(np.std(channel))
+    return abs(value) < _AT_REST * error + _STILL * float(np.std(channel))
 
 
 def _past(part: Part) -> int:
     """Samples until the motion has come near both of its ends: that long a past wipes out what was before."""
     low, high = float(np.min(part.x)), float(np.max(part.x))
-    margin = _NEAR * (high - low)
+    margin = _NEAR_END * (high - low)
     ends = np.argmax(part.x >= high - margin), np.argmax(part.x <= low + margin)  # first samples there
     return int(np.clip(max(ends), 1, len(part) - 1))
 

@@ -17,16 +17,16 @@ from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import is_noise_free
 
-_BANDS, _FEWEST = 48, 24  # bands of the spectrum, each told by its median: lines do not count
+_BANDS, _FEWEST_BANDS = 48, 24  # bands of the spectrum, each told by its median: lines do not count
 _SHELF = 3  # bands that a shelf of noise takes at least
-_FLAT = 3.0  # factor within which the power of a shelf lies
+_FLAT_SHELF = 3.0  # factor within which the power of a shelf lies
 _FALLS = 1e3  # factor by which the power falls beyond the corner: no sensor's noise does that by itself
 _DIGITS = 100.0  # over the rounding of eight digits: what seven digits, and the ends of filters, leave
 _MOTION = 0.95  # share of the power that is motion at least: noise of 20 dB holds a hundredth
 _BEYOND, _STEEP = 1.5, 100.0  # frequency over the corner, and fall of the power up to there: a mass leaves a fifth,
 # a filter of fourth order run both ways a thousandth
-_ALIKE = 0.5  # coherence from which more of a shelf is motion than noise
-_SHORTEST = 400  # samples that must remain
+_ALIKE_COHERENCE = 0.5  # coherence from which more of a shelf is motion than noise
+_SHORTEST_LEFT = 400  # samples that must remain
 
 
 def corner(channel: Array, dt: float) -> float:
@@ -36,7 +36,7 @@ def corner(channel: Array, dt: float) -> float:
     """
     length = min(len(channel) // 8, 2048)
     bands = min(_BANDS, length // 4)
-    if bands < _FEWEST:
+    if bands < _FEWEST_BANDS:
         return np.inf
     twice = np.diff(channel, 2)  # the motion falls with frequency, the noise must not drown in what the window leaks
     options: dict[str, Any] = {"nperseg": length, "window": get_window("blackmanharris", length)}
@@ -60,14 +60,14 @@ def _end_of_shelf(power: Array, bands: int, floor: float) -> int | None:
     edges = np.linspace(0, len(power), bands + 1).astype(int)
     level = np.maximum([float(np.median(power[a:b])) for a, b in pairwise(edges)], floor)
     last = bands - 1
-    while last > 0 and level[last - 1] < _FLAT * level[last]:
+    while last > 0 and level[last - 1] < _FLAT_SHELF * level[last]:
         last -= 1  # the flat end: rounding, and what filters leave
     lowest = int(np.searchsorted(edges, moving))
     for top in range(last, lowest + _SHELF, -1):
         shelf = level[top - _SHELF : top]
         beyond = float(np.max(level[min(int(_BEYOND * top) + 1, bands - 1) :]))
         steep = beyond < np.min(shelf) / _STEEP and level[-1] < np.min(shelf) / _FALLS
-        if steep and np.max(shelf) < _FLAT * np.min(shelf):
+        if steep and np.max(shelf) < _FLAT_SHELF * np.min(shelf):
             return int(edges[top]) - 1
     return None
 
@@ -94,9 +94,9 @@ def _is_filtered(test: Recording) -> bool:
         top = min(corners[0], end)
         if np.isfinite(corners[0]) and np.isfinite(end):
             frequency, alike = coherence(channels[0], values, fs=1 / test.dt, nperseg=length)
-            lowest = (1 - _SHELF / _FEWEST) * top  # of a spectrum of the fewest bands, a shelf takes as much
+            lowest = (1 - _SHELF / _FEWEST_BANDS) * top  # of a spectrum of the fewest bands, a shelf takes as much
             shelf = (frequency > lowest) & (frequency < top)
-            if np.any(shelf) and float(np.median(alike[shelf])) < _ALIKE:
+            if np.any(shelf) and float(np.median(alike[shelf])) < _ALIKE_COHERENCE:
                 return True
     return False
 
@@ -119,7 +119,7 @@ def _corners(tests: Sequence[Recording], name: str) -> list[float]:
 
 def _thinned(test: Recording, lowest: float) -> Recording:
     every = int(np.ceil(0.5 / (test.dt * lowest))) if np.isfinite(lowest) else 1
-    if every < 2 or len(test) // every < _SHORTEST:
+    if every < 2 or len(test) // every < _SHORTEST_LEFT:
         return test
     told = f"a channel was low-passed at {lowest:.3g} Hz; one sample in {every} is used: there its noise is white"
     return test.part(slice(None, None, every), f"{test.name}: {told}")

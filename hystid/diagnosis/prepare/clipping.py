@@ -23,7 +23,7 @@ from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 from hystid.smoothing.smoother import Smoothed, smooth
 
-_FEWEST = 10  # samples beyond a level from which it is one
+_FEWEST_BEYOND = 10  # samples beyond a level from which it is one
 _LOWEST = 0.5  # of the largest value: a louder channel shows no level
 DEEP = 3.0  # standard errors of what is told: less is missing by chance, as excursions are chosen by it
 _SWITCHED = 2.0  # times the change before: noise as large as the change itself doubles it
@@ -87,7 +87,7 @@ def level_of(seen: Sequence[Array], told: Sequence[Array], error: float) -> tupl
     """
     top = max(float(np.max(np.abs(values))) for values in seen)
     far = np.concatenate([(np.sign(one) * values)[np.abs(one) > top] for values, one in zip(seen, told, strict=True)])
-    if len(far) < _FEWEST:
+    if len(far) < _FEWEST_BEYOND:
         return None
     level = float(np.median(far))
     inside = [np.abs(one) > level for one in told]
@@ -124,7 +124,7 @@ def near_top(channels: Sequence[Array], noise: float) -> list[Flags] | None:
     top = max(float(np.max(np.abs(values))) for values in channels)
     near = [np.abs(values) > _lowest(channels, noise) for values in channels]
     is_hidden = BELOW * noise > (1 - _LOWEST) * top
-    return None if is_hidden or sum(map(np.count_nonzero, near)) < _FEWEST else near
+    return None if is_hidden or sum(map(np.count_nonzero, near)) < _FEWEST_BEYOND else near
 
 
 def _lowest(channels: Sequence[Array], noise: float) -> float:
@@ -169,7 +169,7 @@ def _bridging_error(
     drawn_error = float(np.std(getattr(error, name)[gap]))
     longest = max(last - first for first, last in stretches(gap))
     beside = np.roll(gap, 2 * longest) & ~gap
-    if np.count_nonzero(beside) < _FEWEST:
+    if np.count_nonzero(beside) < _FEWEST_BEYOND:
         return drawn_error
     again = smooth({**known, name: np.where(beside, np.nan, known[name])}, noise, dt, bridged.roughness)
     return max(drawn_error, float(np.std((getattr(again, name) - getattr(bridged, name))[beside])))

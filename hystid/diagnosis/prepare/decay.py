@@ -23,12 +23,12 @@ PER_MASS = (
 )
 _PERIODS = 2  # of the motion, over which its size is measured
 _PLATEAU = 0.97  # share of the largest size at which a driven motion still is: a decay begins below it
-_STEADY = 8  # such a stretch is an eighth of a decay, which else falls by more in it: the eighth root of 0.7 is 0.956
+_PARTS = 8  # such a stretch is an eighth of a decay, which else falls by more in it: the eighth root of 0.7 is 0.956
 _FALLEN = 0.7  # share of the first size below which a motion has decayed at all
 _DRIVEN = "{}: it was driven by a force that nobody recorded; record F, or give the free decay alone"
 _QUICK = f"dies away within {{}} samples: at least {SHORTEST} are needed; record it at a higher rate"
 _DEEP = 1 / 3  # share of the first size below which a motion has died away, though its peaks rise now and then
-_RISEN, _CLEAR = 1.5, 5.0  # times the smallest size so far, and times the noise, from which it was pushed again
+_RISEN, _CLEAR_PUSH = 1.5, 5.0  # times the smallest size so far, and times the noise, from which it was pushed again
 _SWINGS, _SHALLOW = 4, 0.02  # reversals of two periods, and share of the range below which one is none
 _CHANCE = 0.1  # probability that white noise reaches any line of a spectrum (half as many lines as samples): 1 in 20
 _GONE = 0.01  # share of the first size below which a motion is creep, or rounding
@@ -108,12 +108,12 @@ def _places(values: Array, window: int, noise: float) -> tuple[list[slice], str]
     count = len(values) // window
     size = np.std(values[: count * window].reshape(count, window), axis=1)
     found, why = list[slice](), _DRIVEN.format("does not die away")
-    seen = size > max(_CLEAR * noise, _GONE * np.max(size))
+    seen = size > max(_CLEAR_PUSH * noise, _GONE * np.max(size))
     last = int(np.flatnonzero(size >= _PLATEAU * np.max(size))[-1])
     while last < count:
         first = last + 1 if last else 0  # a recording that begins with its largest motion begins with the decay
         falling = size[first:]
-        gone = np.flatnonzero(falling < max(_CLEAR * noise, _GONE * size[last]))
+        gone = np.flatnonzero(falling < max(_CLEAR_PUSH * noise, _GONE * size[last]))
         pushed = np.flatnonzero(falling > _RISEN * np.minimum.accumulate(falling)) - 1  # it may begin a window before
         end = int(min([*gone[:1], *pushed[:1], len(falling)]))
         if last and end in pushed[:1] and end - np.argmin(falling[: end + 1]) > 1:  # no blow is so slow
@@ -140,7 +140,7 @@ def _let_go(values: Array, noise: float) -> int:
     """Sample from which the first motion of a recording is free: the first one, or half a period after its largest
     value where something rested before: a blow is over then."""
     eighth = len(values) // (8 * _PERIODS)
-    if np.any(np.abs(values[:eighth] - values[0]) > _CLEAR * noise):
+    if np.any(np.abs(values[:eighth] - values[0]) > _CLEAR_PUSH * noise):
         return 0
     most = int(np.argmax(np.abs(values - values[0])))
     return min(most + 4 * eighth, len(values) - 1)
@@ -150,12 +150,12 @@ def _stopped(values: Array, noise: float) -> int:
     """Number of samples until a motion stops. Dry friction ends it at once, off its zero, and then holds any force: no
     law of the motion says which."""
     rest = np.median(values[-len(values) // (8 * _PERIODS) :])
-    return int(np.max(np.flatnonzero(np.abs(values - rest) > _CLEAR * noise), initial=-1)) + 1
+    return int(np.max(np.flatnonzero(np.abs(values - rest) > _CLEAR_PUSH * noise), initial=-1)) + 1
 
 
 def _after_steady(size: Array) -> int:
     """Number of windows up to the last stretch in which a motion does not fall: it is driven there."""
-    long = max(len(size) // _STEADY, 2)
+    long = max(len(size) // _PARTS, 2)
     runs = np.lib.stride_tricks.sliding_window_view(size, long) if len(size) >= long else np.zeros((0, long))
     steady = np.flatnonzero(np.min(runs, axis=1) > _PLATEAU * np.max(runs, axis=1))
     return int(steady[-1]) + long if len(steady) else 0
@@ -180,12 +180,12 @@ def _swings(values: Array, noise: float) -> int:
 
 def _only_falls(values: Array, noise: float) -> bool:
     """Whether no peak is higher than the one before on the same side, as of one mass that nothing drives."""
-    return all(bool(np.all(np.diff(peaks) < _CLEAR * noise)) for peaks in _peaks(values, noise))
+    return all(bool(np.all(np.diff(peaks) < _CLEAR_PUSH * noise)) for peaks in _peaks(values, noise))
 
 
 def _peaks(values: Array, noise: float) -> list[Array]:
     """Heights of the peaks of either side, one after the other."""
-    deep = max(_CLEAR * noise, _SHALLOW * float(np.ptp(values)))
+    deep = max(_CLEAR_PUSH * noise, _SHALLOW * float(np.ptp(values)))
     return [side[find_peaks(side, prominence=deep)[0]] for side in (values, -values)]
 
 

@@ -8,9 +8,9 @@ from scipy.ndimage import maximum_filter1d
 from hystid.numeric import Array
 from hystid.recording import Recording
 
-_LONGEST = 32  # samples from one that was measured to the next one
+_LONGEST_STRIDE = 32  # samples from one that was measured to the next one
 _ZERO = 0.02  # of the differences of a channel, that is left by rounding in a text file where it has none
-_MOST = 0.9  # of the samples at one distance from those that were measured: shocks may be in the others
+_REGULAR_SHARE = 0.9  # of the samples at one distance from those that were measured: shocks may be in the others
 _OFTEN = (
     0.15  # share of samples without a difference, at least a quarter of those of a polynomial: noise has a hundredth
 )
@@ -41,10 +41,10 @@ def _knots(values: Array) -> tuple[str, int, int] | None:
         difference = np.abs(np.diff(values, order))
         if np.mean(difference < _ZERO * _rms(difference)) < _OFTEN:
             continue
-        for step in range(_LONGEST, order - 1, -1):
+        for step in range(_LONGEST_STRIDE, order - 1, -1):
             phases = [difference[phase::step] for phase in range(step)]
             usual = max(float(np.median(phase)) for phase in phases)
-            inside = np.array([float(np.quantile(phase, _MOST)) for phase in phases]) < _ZERO * usual
+            inside = np.array([float(np.quantile(phase, _REGULAR_SHARE)) for phase in phases]) < _ZERO * usual
             # a difference reaches ``order`` samples further: so many fewer of them lie between two knots
             if np.count_nonzero(inside) != step - order + 1:
                 continue
@@ -58,17 +58,17 @@ def _between_samples(values: Array) -> tuple[str, int, int] | None:
     """The same where what was measured lies between two samples: of three in a row on one straight line, the middle one
     has no second difference, and the one beside a bend has."""
     difference = np.abs(np.diff(values, 2))
-    straight = difference < _ZERO * maximum_filter1d(difference, 2 * _LONGEST + 1)
+    straight = difference < _ZERO * maximum_filter1d(difference, 2 * _LONGEST_STRIDE + 1)
     moves = np.abs(np.diff(values))[1:] > 0
     if np.mean(straight & moves) < _OFTEN:
         return None
     bends = np.flatnonzero(~straight[1:] & straight[:-1])
     apart = np.diff(bends)
     usual = np.abs(apart - np.median(apart)) <= 1 if len(apart) else np.zeros(1, dtype=bool)
-    if np.mean(usual) < _MOST:  # a channel with steps is straight at times, but not from time to time
+    if np.mean(usual) < _REGULAR_SHARE:  # a channel with steps is straight at times, but not from time to time
         return None
     step = int(np.ceil(np.mean(apart[usual])))
-    if step > _LONGEST or not _shows_motion(values, values[::step]):
+    if step > _LONGEST_STRIDE or not _shows_motion(values, values[::step]):
         return None
     return "linear", 0, step
 

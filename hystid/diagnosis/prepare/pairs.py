@@ -23,16 +23,16 @@ from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 
-_SECTIONS, _SHORTEST = 6, 256  # sections per recording, and samples of one at least
+_SECTIONS, _SHORTEST_SECTION = 6, 256  # sections per recording, and samples of one at least
 CHANCE = 1e-3  # probability by chance of a lag that is believed: one false alarm in 1000 healthy recordings
 _HANN = 3 / 8  # mean square of the window
-_FEWEST = 1.5  # effective sections below which there is no scatter
+_FEWEST_SECTIONS = 1.5  # effective sections below which there is no scatter
 _HIGHEST = 1.0  # rad per sample up to which the differences that derive a channel are exact to 0.1 %
 _COHERENT = 0.5  # coherence from which a frequency counts
 _FURTHEST = 0.25  # share of a recording over which a coarse lag is sought: three quarters still overlap
 LEFT = 0.1  # share of the power beside which a shift or a factor is all: clipping or a filter leaves more
 _SEEN = 0.1  # share of the power of both channels that is motion, below which noise hides how they fit together
-_APART = 0.5  # difference of the halves of the band over their mean, from which it is a filter: phase over frequency
+_HALVES = 0.5  # difference of the halves of the band over their mean, from which it is a filter: phase over frequency
 # falls with the square of the frequency beside a corner, and halves are apart by a factor of 1.3 at least
 _AS_GOOD = 0.02  # correlation below the largest at which a smaller shift is preferred: a sine repeats itself
 
@@ -90,12 +90,12 @@ def agreed(values: Array, weights: Array, halves: float = 0.0, chance: float = C
     """
     share = weights / np.sum(weights)
     mean, count = float(share @ values), float(1 / np.sum(share**2))
-    if count < _FEWEST:
+    if count < _FEWEST_SECTIONS:
         return Estimate(mean, float("inf"))
     scatter = float(np.sqrt(np.sum(share**2 * (values - mean) ** 2) * count / (count - 1)))
     sure = float(student.isf(chance / 2, count - 1))
     return Estimate(
-        mean, float(np.hypot(scatter, halves / 2)), abs(mean) > sure * scatter and halves < _APART * abs(mean)
+        mean, float(np.hypot(scatter, halves / 2)), abs(mean) > sure * scatter and halves < _HALVES * abs(mean)
     )
 
 
@@ -199,7 +199,7 @@ def _moved(derived: Array, measured: Array, shift: int) -> tuple[Array, Array]:
 def sections(*channels: Array) -> list[tuple[Array, ...]]:
     """Stretches of channels of one recording, (n,) each; at least 256 samples long where the recording is."""
     n = len(channels[0])
-    edges = np.linspace(0, n, int(np.clip(n // _SHORTEST, 1, _SECTIONS)) + 1).astype(int)
+    edges = np.linspace(0, n, int(np.clip(n // _SHORTEST_SECTION, 1, _SECTIONS)) + 1).astype(int)
     return [tuple(channel[first:last] for channel in channels) for first, last in pairwise(edges)]
 
 

@@ -28,7 +28,7 @@ from hystid.smoothing.noise import is_noise_free
 
 # faults that the diagnosis names instead of refusing them
 TOLERATED = ("clipped", "missing_force", "not_one_motion")
-_MOST = 1_200_000  # samples of all recordings together: memory stays below 1 GB
+_MOST_SAMPLES = 1_200_000  # samples of all recordings together: memory stays below 1 GB
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def _check_content(tests: Sequence[Recording]) -> None:
 
 def _bounded(tests: list[Recording]) -> list[Recording]:
     """Recordings of bounded size: beyond 1.2 million samples all are decimated, without aliasing, and say so."""
-    factor = -(-sum(len(test) for test in tests) // _MOST)
+    factor = -(-sum(len(test) for test in tests) // _MOST_SAMPLES)
     return [prepare(test, decimate=factor) for test in tests] if factor > 1 else tests
 
 

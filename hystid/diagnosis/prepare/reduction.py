@@ -22,13 +22,13 @@ from hystid.numeric import Array, Flags
 from hystid.smoothing.noise import NOISE_ERROR
 
 ROWS = 16_000  # of the least squares problems; more are averaged in blocks
-_SLOW, _LEAST = 8, 2  # blocks per period of the quickest motion, and samples that are averaged all the same
-_MOST, _STRETCHES = 40_000, 24  # rows beyond which stretches of each recording are taken, and how many
+_SLOW, _LEAST_AVERAGED = 8, 2  # blocks per period of the quickest motion, and samples that are averaged all the same
+_MOST_ROWS, _STRETCHES = 40_000, 24  # rows beyond which stretches of each recording are taken, and how many
 _AT_ONCE = 8  # columns that are reduced together: more leave the processor's cache
 _SHORT = 7  # samples per block that are added column by column
 _SPECTRUM = 4096  # lines over which a spectrum is averaged
 _ROUGHLY = 4.0  # in power: half an octave tells the bias of the smoother within a factor of two
-_JUMP, _RARE = 4.0, 0.999  # mean square movement, noise units, beyond which a row is weighed down; quantile looked at
+_JUMP, _QUANTILE = 4.0, 0.999  # mean square movement, noise units, that weighs a row down; quantile looked at
 
 
 class Reduction:
@@ -44,7 +44,7 @@ class Reduction:
         self.parts = tuple(parts)
         total = sum(len(part) for part in parts)
         alike = int(0.5 / min(part.noise_ends for part in parts))  # samples whose noise a filter makes one
-        self.block = max(alike, min(total // ROWS, max(_LEAST, *(_slowly(part) for part in parts))))
+        self.block = max(alike, min(total // ROWS, max(_LEAST_AVERAGED, *(_slowly(part) for part in parts))))
         self._trust: Array | None = None
         self._open = np.zeros(1)  # variance that rows have as nobody knows where a law stands
         self._basis: list[tuple[slice, Array]] | None = None
@@ -139,7 +139,7 @@ class Reduction:
         """
         spread = maximum_filter1d(np.mean([rows**2 for rows in draws], axis=0), 3)
         wide = spread + filtered**2 + unsure**2
-        if float(np.quantile(wide, _RARE)) > _JUMP:
+        if float(np.quantile(wide, _QUANTILE)) > _JUMP:
             self._trust, self._basis = np.where(wide > _JUMP, 1.0 / np.sqrt(1.0 + wide), 1.0), None
         self._open = unsure**2
 
@@ -244,7 +244,7 @@ class Reduction:
         for all of them. What runs along with the time, or with the path, is seen from the beginning to the end."""
         part, trim = self.parts[index], self._trims[index]
         rows = (len(part) - 2 * trim) // self.block
-        share = _MOST * self.block / total
+        share = _MOST_ROWS * self.block / total
         kept = np.ones(rows, dtype=bool)
         if share < 1:
             kept &= np.arange(rows) * _STRETCHES / rows % 1 < share

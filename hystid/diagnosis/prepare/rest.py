@@ -16,14 +16,14 @@ from hystid.numeric import Array, Flags, stretches
 from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 
-_WINDOW, _LEAST = 32, 400  # samples over which a channel rests or not, and that are left at least
-_MOST = 0.5  # share of a recording: a longer rest is cut off, or told
+_WINDOW, _LEAST_LEFT = 32, 400  # samples over which a channel rests or not, and that are left at least
+_MOST_REST = 0.5  # share of a recording: a longer rest is cut off, or told
 _LOUDER = 1.0 + 5.0 / np.sqrt(
     2 * _WINDOW
 )  # times its noise that a channel at rest shows in a window: five standard errors
 _STRAYS = 3.0  # times its noise that a channel at rest shows in the long run: 1/f noise of the same power doubles it
 _PERIODS = 2.0  # of the quickest motion: a reversal stands still for less
-_KEPT = 0.5  # of such a period at either end of a stretch, where the contact takes hold and lets go
+_KEPT_ENDS = 0.5  # of such a period at either end of a stretch, where the contact takes hold and lets go
 
 
 def trimmed(test: Recording) -> Recording:
@@ -39,8 +39,8 @@ def trimmed(test: Recording) -> Recording:
     moving = np.flatnonzero(_moving(values, noise_level(values)) | _moving(force, noise_level(force)))
     if len(moving) == 0:
         return test
-    last = min(max((int(moving[-1]) + 2) * _WINDOW, _LEAST), len(values))
-    if last > (1 - _MOST) * len(values):
+    last = min(max((int(moving[-1]) + 2) * _WINDOW, _LEAST_LEFT), len(values))
+    if last > (1 - _MOST_REST) * len(values):
         return test
     return test.part(
         slice(0, last),
@@ -59,7 +59,7 @@ def resting(part: Part) -> Flags:
     for first, last in stretches(~np.repeat(moving, _WINDOW)):
         strays = does_more_than_noise(part.measured[name][first:last], part.noise[name])
         if last - first > max(_PERIODS * period, 4 * _WINDOW) and not strays:
-            edge = max(int(_KEPT * period), _WINDOW)
+            edge = max(int(_KEPT_ENDS * period), _WINDOW)
             found[first + edge : last - edge] = True
     return found
 
@@ -95,7 +95,7 @@ def without_rest(parts: Sequence[Part]) -> tuple[list[Part], list[str]]:
         still = resting(part) if part.timed else np.zeros(len(part), dtype=bool)
         valid = np.ones(len(part), dtype=bool) if part.valid is None else part.valid
         made.append(replace(part, valid=valid & ~still, rest=valid & still) if np.any(still) else part)
-        if np.mean(still) > _MOST:
+        if np.mean(still) > _MOST_REST:
             told.append(
                 f"{part.name}: at rest in {np.count_nonzero(still)} of {len(part)} samples; they say what friction "
                 "holds, and are left out of the fit"

@@ -16,7 +16,7 @@ from hystid.numeric import Array
 
 _SPREAD = 0.5 * np.sqrt(4 / np.pi - 1)  # half of that of noise: as far from a steady envelope as from noise
 _ENDS = 0.05  # share of a recording at either end, where the envelope is not known
-_MOST = 100_000  # samples that are looked at: the transform costs as many logarithms more
+_MOST_SAMPLES = 100_000  # samples that are looked at: the transform costs as many logarithms more
 
 
 def is_steered(parts: Sequence[Part]) -> bool:
@@ -26,7 +26,7 @@ def is_steered(parts: Sequence[Part]) -> bool:
 
 def _spread(values: Array) -> float:
     """Standard deviation of the envelope over its mean; infinite where there is no signal."""
-    used = values[:_MOST] - np.mean(values[:_MOST])
+    used = values[:_MOST_SAMPLES] - np.mean(values[:_MOST_SAMPLES])
     envelope = np.abs(hilbert(used))
     ends = int(_ENDS * len(envelope))
     inner = envelope[ends : len(envelope) - ends]

@@ -12,7 +12,7 @@ from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import RESTING, is_white, scaled_differences
 
-_ALIKE = 3.2  # differences of sixth order of white noise that say as much as one that is independent: the sum of their
+_AS_ONE = 3.2  # differences of sixth order of white noise that say as much as one that is independent: the sum of their
 # squared correlations, C(24, 12) / C(12, 6)^2
 _BLOCK, _BLOCKS = 16, 256  # samples of a block at least, and blocks of a recording at most
 _POINTS = 8  # of a block, at which a window is known
@@ -61,7 +61,7 @@ def _taper(channel: Array) -> int:
     best = int(np.argmax(each))
     number, beyond = divmod(best, count // 2 - 2)
     window, length = _WINDOWS[number], 2 + beyond  # in blocks
-    odds = 0.5 * size / _ALIKE * float(each[best] - np.max(_likelihood(steps, power)))
+    odds = 0.5 * size / _AS_ONE * float(each[best] - np.max(_likelihood(steps, power)))
     faded = int(length * size) if odds > math.log(len(each) / _CHANCE) else 0
     return int((1 + _KNOWN) * faded) + size if faded and _fades(channel, faded, size / faded, window) else 0
 

@@ -32,7 +32,7 @@ from hystid.numeric import Array
 Settings = Callable[[Hypothesis], Mapping[str, float]]
 WORK = 1_500_000  # samples that may be simulated: two seconds, counted so that the result is the same on any machine
 _FITTED = 0.75  # share of each recording that is fitted; the last part decides
-_WORTH = 0.8  # error on that part, over that before, above which the parameters of the balance are kept
+_FIT_WORTH = 0.8  # error on that part, over that before, above which the parameters of the balance are kept
 _HOPEFUL = 0.8  # sum of squares over that at the start, above which nothing that counts can be reached: 0.8^2 counts
 _QUIET = 1.5  # error of the free run in units of the noise of x below which nothing is left to fit
 _LOST = 0.7  # error of the free run beyond which the run tells nothing about the parameters
@@ -41,9 +41,9 @@ _STEP = 1e-4  # step of difference quotients in scaled unknowns
 _CHAIN = 0.1  # scale of a delay [samples] and of a mass error
 _REACH = 0.5  # largest move of a scaled unknown in one step
 _ROUNDS = 12
-_LEAST = 4  # steps for which there must be work
-_SMALL = 1e-3  # fall of the sum of squares by which a step ends the search
-_SHORTEST = 1000  # samples per recording below which an output-error fit is no longer worth its name
+_LEAST_STEPS = 4  # steps for which there must be work
+_LAST_FALL = 1e-3  # fall of the sum of squares by which a step ends the search
+_SHORTEST_RECORDING = 1000  # samples per recording below which an output-error fit is no longer worth its name
 _BLOCKS = 40  # of all recordings, for the standard errors: each must be long against the memory of the residual
 
 
@@ -124,7 +124,7 @@ def output_error_fit(
         return None
     end, begun = found
     last = search.errors(end, tracks)
-    if last is None or not np.mean(last) < _WORTH * np.mean(first):
+    if last is None or not np.mean(last) < _FIT_WORTH * np.mean(first):
         return None
     return Improved(end, float(np.mean(first)), float(np.mean(last)), search.covariance(end, begun))
 
@@ -150,13 +150,13 @@ def _tracks(model: CompiledModel, start: Hypothesis, parts: Sequence[Part], sett
 
 def _shortened(tracks: Sequence[_Track], count: int, work: int) -> list[_Track]:
     """Tracks of a length that leaves work for at least four steps; none where that is too short."""
-    share = work / max(_LEAST * _cost(tracks, count), 1)
+    share = work / max(_LEAST_STEPS * _cost(tracks, count), 1)
     if share >= 1.0:
         return list(tracks)
     if any(track.periods > 1 for track in tracks):  # half a period does not close on itself
         return []
     made = [replace(track, rows=int(share * track.rows), forces={}) for track in tracks]
-    return made if min(track.rows for track in made) >= _SHORTEST else []
+    return made if min(track.rows for track in made) >= _SHORTEST_RECORDING else []
 
 
 def _cost(tracks: Sequence[_Track], count: int) -> int:
@@ -233,7 +233,7 @@ class _Search:
             else:
                 break
             at, tracks, rows, damping = there, others, tried, max(damping / 10.0, 1e-9)
-            if rows is not None and float(rows @ rows) > (1 - _SMALL) * cost:
+            if rows is not None and float(rows @ rows) > (1 - _LAST_FALL) * cost:
                 break
         return at, tracks
 

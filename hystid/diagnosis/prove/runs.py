@@ -29,7 +29,7 @@ from hystid.fmu.ssp import Connection, write_ssp
 from hystid.modelica_text import EXTENDED, compile_text
 from hystid.numeric import Array
 
-_LONGEST = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
+_MOST_STEPPED = 60_000  # samples of all recordings that two FMUs are run through step by step: some ten seconds
 _BALANCE = 1.3  # rise of the balance's mean square up to which an output-error fit agrees with the measured forces
 _AWAY = 2.0  # error of the free run with what is named over that without: four times the power is left unexplained
 Run = list[tuple[Array | None, float | None]]
@@ -117,7 +117,7 @@ def _beside_fmu(
     none: tuple[Run, Run] = [(None, None)] * len(groups[0]), [(None, None)] * len(groups[1])
     samples = sum(len(part) for part in (*groups[0], *groups[1]))
     rig = open_fmu(Path(path))
-    if rig.model_exchange is None or samples > _LONGEST:
+    if rig.model_exchange is None or samples > _MOST_STEPPED:
         return none
     with scratch() as folder:
         build(compile_text(text, EXTENDED), Path(folder, "effects.fmu"))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from hystid.diagnosis.prepare.steered import is_steered
 from hystid.diagnosis.tell.result import Diagnosis
 
-_LISTED = 2  # effects that could not show, of which the experiment is told
+_LISTED_EFFECTS = 2  # effects that could not show, of which the experiment is told
 
 
 def next_experiment(diagnosis: Diagnosis) -> str:
@@ -28,7 +28,7 @@ def next_experiment(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "sensor_fault":
         return "Mend or calibrate the channel, and record one of the tests again."
     if not diagnosis.findings and (hidden := list(_hidden(diagnosis, steered))):
-        return "These recordings cannot show everything. " + " ".join(hidden[:_LISTED])
+        return "These recordings cannot show everything. " + " ".join(hidden[:_LISTED_EFFECTS])
     if diagnosis.holdout:
         return ""
     which = "a test at another amplitude" if steered else "a recording of another level"

@@ -22,7 +22,7 @@ from hystid.numeric import Array, stretches
 
 _ACTIVE = 0.3  # share of the 99 % quantile of the force above which an effect counts as acting
 _BINS = 24
-_NOTHING = 0.08  # share of the largest force that counts as none
+_NO_FORCE = 0.08  # share of the largest force that counts as none
 _ALWAYS = 0.9  # share of the samples: the rest is where a force changes its sign
 _TAKEN = 0.9  # share of the hysteretic force that slack takes away
 
@@ -157,7 +157,7 @@ def _slack(forces: Sequence[Array], signals: Sequence[Signals]) -> float:
     for force, s in zip(forces, signals, strict=True):
         left = np.abs(s.h + force)
         top = float(np.max(left))
-        free = left < _NOTHING * top if np.any(s.h) and np.any(force * s.h < -_TAKEN * s.h**2) else np.zeros(0, bool)
+        free = left < _NO_FORCE * top if np.any(s.h) and np.any(force * s.h < -_TAKEN * s.h**2) else np.zeros(0, bool)
         at = turns(s.x, 0.05) if np.any(free) else []
         step = np.abs(np.diff(s.x, prepend=s.x[:1]))
         paths += [float(np.sum(step[first:last][free[first:last]])) for first, last in pairwise(at)]

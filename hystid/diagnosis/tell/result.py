@@ -24,7 +24,7 @@ from hystid.numeric import Array
 from hystid.results import Result
 from hystid.rotation import turned_text
 
-_LISTED = 8  # candidates
+_LISTED_CANDIDATES = 8  # candidates
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
             new = {"effect": " + ".join(c.names), "title": title, "probability": 0.0, "explained": c.explained}
             known = merged.setdefault(title, new)
             known["probability"] = min(1.0, known["probability"] + c.probability)
-        return sorted(merged.values(), key=lambda one: -one["probability"])[:_LISTED]
+        return sorted(merged.values(), key=lambda one: -one["probability"])[:_LISTED_CANDIDATES]
 
     def _probabilities(self) -> dict[str, Any]:
         """How probable it is that something is missing, and what; nothing where no selection was made."""

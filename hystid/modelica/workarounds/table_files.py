@@ -26,7 +26,7 @@ from hystid.modelica.workarounds.edits import Edit, edited
 Array = npt.NDArray[np.float64]
 _NAMED = re.compile(r'(?:(?:\.?Modelica\.Utilities\.Files\.)?loadResource\s*\(\s*)?"((?:\\.|[^"\\])*)"\s*\)?')
 _HEAD = re.compile(r"^\s*(?:double|float)\s+(\w+)\s*\(\s*(\d+)\s*,\s*(\d+)\s*\)", re.MULTILINE)
-_MOST = 20_000  # numbers, as many as a model may have elements
+_NUMBERS = 20_000  # numbers, as many as a model may have elements
 
 
 def with_tables_of_files(source: Source) -> Source:
@@ -83,8 +83,8 @@ def _read(path: Path, name: str, said: Mapping[str, str], place: str) -> Array:
         raise ModelicaError(f"{place}: {path} cannot be read as a table: {error}") from None
     if made is None:
         raise ModelicaError(f"{place}: {path} holds no table named {name}")
-    if made.size == 0 or made.size > _MOST or not np.isfinite(made).all():
-        raise ModelicaError(f"{place}: the table {name} of {path} must hold 1 to {_MOST} numbers, and no others")
+    if made.size == 0 or made.size > _NUMBERS or not np.isfinite(made).all():
+        raise ModelicaError(f"{place}: the table {name} of {path} must hold 1 to {_NUMBERS} numbers, and no others")
     return made
 
 
