@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from hystid.numeric import Array
+
 LINEAR, AKIMA, CONSTANT, MONOTONE, STEFFEN, MODIFIED = 1, 2, 3, 4, 5, 6  # Modelica.Blocks.Types.Smoothness
 HOLD, TANGENT, PERIODIC, NONE = 1, 2, 3, 4  # Modelica.Blocks.Types.Extrapolation
 NEVER = sys.float_info.max  # a time event that does not come

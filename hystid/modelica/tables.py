@@ -9,14 +9,13 @@ import re
 from collections.abc import Callable, Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from hystid.modelica import curves
 from hystid.modelica.curves import Spline
 from hystid.modelica.expr import ONE, ZERO, Expr, Num, Op, Text, op
 from hystid.modelica.values import Interpreter, Value, array
+from hystid.numeric import Array
 
-Array = npt.NDArray[np.float64]
 # the front end names a neighbour as the block beside it does
 _FUNCTION = re.compile(r"(?:(?:^|\.)Tables\.Internal\.|^(?=getTable2DAbscissaU))(get\w+)$")
 _OBJECT = re.compile(r"(?:^|\.)Types\.(ExternalCombi(?:TimeTable|Table1D|Table2D))$")

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.diagnosis.decide.criterion import ACCURACY
 from hystid.diagnosis.decide.limits import is_reached
@@ -23,8 +22,8 @@ from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.model.channel_effects import DRIFT, NUISANCES, ChannelEffect, is_constant
 from hystid.diagnosis.model.semantics import End, Semantics
 from hystid.diagnosis.prepare.faults import Fault
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 Verdict = Literal["consistent", "recalibrated", "missing_physics", "sensor_fault", "unknown_physics", "not_applicable"]
 SENSORS = frozenset(
     {

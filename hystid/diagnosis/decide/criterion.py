@@ -33,9 +33,8 @@ from scipy.stats import t as student
 from hystid.diagnosis.fit.curves import CELLS, CURVE, cells
 from hystid.diagnosis.fit.hypothesis import Fit, is_mass
 from hystid.diagnosis.fit.problem import Problem
+from hystid.numeric import Array
 from hystid.smoothing.noise import noise_error
-
-Array = NDArray[np.float64]
 
 ACCURACY = 0.002  # of the force: what smoothing, interpolation and integration leave (measured without noise)
 SOUND = 0.005  # of the force: model error of a structure from which nothing is missing (matched sensors: 0.5 %)

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.diagnosis.decide.criterion import SOUND
 from hystid.diagnosis.decide.trials import are_reached
@@ -23,8 +22,8 @@ from hystid.diagnosis.fit.uncertainty import SAME
 from hystid.diagnosis.fit.windows import in_window_of
 from hystid.diagnosis.model.effects import Effect
 from hystid.errors import NumericalError
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _PHYSICAL = ("m", "m/s", "s", "Hz", "N")  # units of thresholds, times and forces: the same thing in every form
 _FARTHEST = 2.0  # distances of two forms that the truth may lie off: what two draws say of a spread is little
 _STARTS, _ITERATIONS = 2, 25  # grid points of another form that are fitted, and iterations

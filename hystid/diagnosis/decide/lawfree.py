@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.curves import CURVE, curves
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import complement
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _SAME_CURVE = 1e-6  # relative singular value below which a curve is what the baseline gives already
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.colour import coloured_alike, fainter, slow_power, with_colour
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
@@ -39,11 +38,11 @@ from hystid.diagnosis.prepare.segments import Flags, Part, band, prepare_parts, 
 from hystid.errors import NumericalError
 from hystid.modelcode import ModelCode
 from hystid.modelica import compile_model
+from hystid.numeric import Array
 from hystid.rig.starts import Sizes, is_of_the_library, scaled, sizes_of, turning
 from hystid.rig.terms import is_fmu, mass_of, real_parameters
 from hystid.smoothing.noise import NOISE_ERROR
 
-Array = NDArray[np.float64]
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of a colour, until the noise is no louder than all that is left
 _SECTIONS = 10  # of a recording, the first of which tells most of what was before
 _RESTED = ", and what its contacts remember of the time before bears out that they were at rest"

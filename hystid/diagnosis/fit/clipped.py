@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from hystid.consistency.cut_off import BELOW
@@ -23,9 +22,8 @@ from hystid.diagnosis.prepare.clipping import DEEP, STAYS, beyond, level_of, nea
 from hystid.diagnosis.prepare.faults import SATURATION, Fault
 from hystid.diagnosis.prepare.pairs import CHANCE
 from hystid.diagnosis.prepare.segments import Flags, Part
-from hystid.numeric import stretches
+from hystid.numeric import Array, stretches
 
-Array = NDArray[np.float64]
 _LEAST_BELOW = 400  # samples below the top that can lead a refit
 
 

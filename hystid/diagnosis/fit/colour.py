@@ -25,8 +25,8 @@ from hystid.diagnosis.prepare.filtering import filtered
 from hystid.diagnosis.prepare.reduction import ROWS
 from hystid.diagnosis.prepare.segments import Part, band
 from hystid.diagnosis.prepare.whitening import colouring
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _POLYNOMIAL = 3  # coefficients: offset, ramp and bow, which are effects of their own
 _FIRST_LINE = 3  # line of the spectrum from which the polynomial and the window leave it alone
 _BELOW = 0.5  # share of the lowest frequency of the motion below which the window leaks nothing of it

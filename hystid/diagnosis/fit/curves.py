@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-Array = NDArray[np.float64]
+from hystid.numeric import Array
+
 CELLS = 5  # of the phase plane along x and along v: states closer than a fifth of the range share their model error
 CURVE = 8  # coefficients of a cubic spline: five intervals, as the phase plane has cells
 _DEGREE = 3

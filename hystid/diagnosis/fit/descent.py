@@ -12,14 +12,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Unknown, get, put
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.prepare.segments import Flags
 from hystid.errors import NumericalError
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _PACE = 0.04  # share of the way to the incumbent that every step must make
 _DAMPINGS, _HARDER = 7, 8.0  # dampings per step, and the factor from one to the next
 _ANOTHER = 0.1  # relative difference of steps that makes another one worth its cost

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.diagnosis.model.channel_effects import ChannelEffect
 from hystid.diagnosis.model.effects import Effect
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 Key = tuple[str, str]
 
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
+from hystid.numeric import Array
 from hystid.smoothing.noise import MISREAD, SMALL
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 _SHIFTS = 40  # circular shifts of the residual against the motion: what independent noise of the same colour shows
 _CELLS = 7  # bins per axis

@@ -11,16 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.stats import norm, rankdata
 
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.prepare.segments import Flags, Part, band
-from hystid.numeric import stretches
+from hystid.numeric import Array, stretches
 
-Array = NDArray[np.float64]
 _WIDTH = 8  # averages in a period of the quickest motion
 _CLEAR_KNOCK = 10.0  # robust standard deviations of these averages from which one is a knock
 _NOISE = 6.0  # of them, which noise of any colour reaches in 10^5 averages: a few knocks stand as far beyond all else

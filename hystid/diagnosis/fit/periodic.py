@@ -19,8 +19,8 @@ from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_term
 from hystid.diagnosis.model.channel_effects import HUM, mains_hum
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _MAINS = (50.0, 60.0)  # Hz
 _CHANCE = 1e-3  # probability by chance of a line, over all frequencies: one false alarm in 1000 diagnoses
 _SHARE = (

@@ -27,8 +27,8 @@ from hystid.diagnosis.prepare.draws import ENOUGH, Draw
 from hystid.diagnosis.prepare.reduction import Reduction
 from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _Row = TypeVar("_Row", bound=np.generic)
 DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fault
 LATE_LIMIT = 8.0  # samples

@@ -14,8 +14,8 @@ from hystid.diagnosis.model.effects import Effect, Signals
 from hystid.diagnosis.model.memory import Memory
 from hystid.diagnosis.prepare.reduction import Reduction
 from hystid.diagnosis.prepare.segments import Part
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _ROWS, _FORCES = 120_000_000, 40_000_000  # bytes that are remembered: of columns, and of forces per unit of h
 _AT_ONCE = 400_000  # samples of laws that run together: more leave the processor's cache
 

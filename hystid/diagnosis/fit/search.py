@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
@@ -18,8 +17,8 @@ from hystid.diagnosis.fit.scanned import Columns
 from hystid.diagnosis.model.effects import Effect, Signals
 from hystid.diagnosis.prepare.segments import Flags
 from hystid.errors import NumericalError
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _SPREAD = (1.4, 1.8)  # factor either way over which shapes of the law, and of effects, are spread for new starts
 _POINTS, _KEPT_STARTS = 16, 2  # new starts that are tried, and that are kept
 _SIMPLEX = 0.35  # size of a first simplex (logarithmic)

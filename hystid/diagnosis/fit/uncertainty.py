@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from hystid.diagnosis.fit.hypothesis import Fit
 from hystid.diagnosis.fit.problem import Problem
 from hystid.errors import NumericalError
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 _STRETCHES = 60  # of all rows together: long against the memory of the residual, many against the unknowns
 _LEFT_OUT = 12  # stretches that are left out in turn: each is a test of its own
 _ALONE = (0.5, 100.0)  # variance without a stretch over that with it, outside which only that stretch shows a parameter

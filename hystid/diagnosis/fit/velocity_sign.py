@@ -6,12 +6,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from hystid.diagnosis.prepare.segments import Part
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 Law = Callable[[Sequence[Array]], list[Array]]  # force per part [N] at other velocities [m/s] beside the displacements
 _TURN = 0.05  # share of the peak speed over which a contact may turn
 _ROUND = 12**-0.5  # share of a jump that the shape of a turn leaves open, where the law has its own turn (uniform)

@@ -11,15 +11,14 @@ from functools import cache, lru_cache
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hystid.compiled import CompiledModel
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.modelica import compile_model
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 WINDOW = "HystId.Components.TimeWindow"
 LEAST_OUT = 0.2  # share of the rows outside of windows, at least
 _NEVER = (2e9, 2.1e9, 1.0)  # s: a window that no recording reaches

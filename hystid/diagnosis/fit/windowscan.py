@@ -18,8 +18,8 @@ from hystid.diagnosis.fit.search import ABSORBED, ScannedForm, complement, try_f
 from hystid.diagnosis.fit.windows import LEAST_OUT, Window, Windowed, Windows, windowed
 from hystid.diagnosis.model.effects import Effect
 from hystid.diagnosis.prepare.segments import Part
+from hystid.numeric import Array
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 _BLOCKS = 40  # blocks of each recording between which a window may begin and end
 _FIRST, _LAST = np.triu_indices(_BLOCKS + 1, 1)  # blocks at which intervals begin, and before which they end

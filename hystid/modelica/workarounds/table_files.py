@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from hystid.errors import ModelicaError
 from hystid.files import text_of
@@ -22,8 +21,8 @@ from hystid.modelica.clauses import Modifier, Modifiers, clauses
 from hystid.modelica.reach import classes
 from hystid.modelica.sources import Source
 from hystid.modelica.workarounds.edits import Edit, edited
+from hystid.numeric import Array
 
-Array = npt.NDArray[np.float64]
 _NAMED = re.compile(r'(?:(?:\.?Modelica\.Utilities\.Files\.)?loadResource\s*\(\s*)?"((?:\\.|[^"\\])*)"\s*\)?')
 _HEAD = re.compile(r"^\s*(?:double|float)\s+(\w+)\s*\(\s*(\d+)\s*,\s*(\d+)\s*\)", re.MULTILINE)
 _NUMBERS = 20_000  # numbers, as many as a model may have elements
