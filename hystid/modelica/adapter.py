@@ -63,7 +63,7 @@ class Adapter(DictionaryReader):
             whens=tuple(self._when(w) for w in carried.chains),
             assertions=tuple(self._assertion(a) for a in carried.assertions),
             functions=self._functions(d),
-            sections=tuple(self._section(a) for a in d["initial_algorithms"]),
+            sections=tuple(Section(self._statements(a["statements"]), self.place(a)) for a in d["initial_algorithms"]),
             texts=tuple(self._built_in(texts)),
             algorithms=tuple(carried.sections),
         )
@@ -273,9 +273,6 @@ class Adapter(DictionaryReader):
             body=tuple(s for item in f["body"] for s in self._statement(item)),
             place=place,
         )
-
-    def _section(self, a: Mapping[str, Any]) -> Section:
-        return Section(self._statements(a["statements"]), self.place(a))
 
     def _function_variable(self, v: Mapping[str, Any]) -> FunctionVariable:
         dims = tuple(Num(-1.0) if "Colon" in s else self._subscript(s) for s in v["shape_expr"])

@@ -11,7 +11,7 @@ from hystid.modelica.corners import corners_in_loops
 from hystid.modelica.delays import room
 from hystid.modelica.event_model import HOMOTOPY, INITIAL, EventModel, der
 from hystid.modelica.events import name_events
-from hystid.modelica.expr import ONE, ZERO, Expr, refs, substitute
+from hystid.modelica.expr import ONE, ZERO, refs, substitute
 from hystid.modelica.flat import FlatModel
 from hystid.modelica.hybrid import HybridModel
 from hystid.modelica.index import reduce_index
@@ -153,9 +153,6 @@ def _assemble(
         assertions=events.assertions,
         checks=events.checks,
         delays={d: room(d, events.scalar.flat.experiment.step, start.dependent, start.starts) for d in events.delays},
-        homotopy=any(HOMOTOPY in sources(step) for step in start.steps) or any(map(_blends, start.relations)),
+        homotopy=any(HOMOTOPY in sources(step) for step in start.steps)
+        or any(HOMOTOPY in refs(r) for r in start.relations),
     )
-
-
-def _blends(expr: Expr) -> bool:
-    return HOMOTOPY in refs(expr)

@@ -45,7 +45,7 @@ class Initialisation:
     def run(self) -> Initial:
         free = self._parameters_known_later()
         dependent, bindings = self._bindings(free)
-        initial = self._initial_equations()
+        initial = [e for e in self.events.initial if self._stated_before(e) is None]
         equations = [self._at_start(e) for e in self.events.equations] + bindings
         equations += [self._at_start(e) for e in self._discrete_equations()]
         certain = len(equations)
@@ -53,7 +53,7 @@ class Initialisation:
         timed = set(self.discrete)  # for these, fixed is about pre()
         fixed = [n for n in self.events.of_kind("unknown") if self.variables[n].fixed and n not in timed]
         kept = {n for n in fixed if self._number(n) is not None and n in self.events.states}
-        unknowns = self._unknown_names(free) - kept
+        unknowns = {*self.events.unknowns(self.aliases), *self.events.states, *self.discrete, *free} - kept
         equations += [self._start_equation(n) for n in dict.fromkeys(fixed) if n not in kept]
         owner, equations, defaults, surplus = self._matched(equations, unknowns, certain)
         steps = solve_order(equations, owner, self.events.guessed())
@@ -75,12 +75,9 @@ class Initialisation:
         """A state that starts from a number keeps what is in the block, so that a user may set it."""
         return step.variable in self.events.states and isinstance(step.value, Num)
 
-    def _unknown_names(self, free: Iterable[str]) -> set[str]:
-        return {*self.events.unknowns(self.aliases), *self.events.states, *self.discrete, *free}
-
     def _parameters_known_later(self) -> list[str]:
         """Parameters with fixed=false and those that depend on them."""
-        later = {n for n in self.events.of_kind("free")}
+        later = set(self.events.of_kind("free"))
         dependents = self.events.of_kind("dependent")
         while True:
             more = {n for n in dependents if n not in later and refs(self._binding(n)) & later}
@@ -100,9 +97,6 @@ class Initialisation:
         early = [made[n] for n in names if n not in later]
         owner = {e.left.name: k for k, e in enumerate(early) if isinstance(e.left, Ref)}
         return solve_order(early, owner), [made[n] for n in names if n in later]
-
-    def _initial_equations(self) -> list[ScalarEquation]:
-        return [e for e in self.events.initial if self._stated_before(e) is None]
 
     def _stated_before(self, e: ScalarEquation) -> tuple[str, Expr] | None:
         """pre(v) and its value, where an initial equation states it for a v that a when-clause assigns at the start."""

@@ -53,7 +53,7 @@ def fit(
     """
     unknowns = problem.unknowns(start, most=most)
     unknowns = tuple(u for u in unknowns if not last or u.key[0] == str(len(start.terms) - 1))
-    here = _clip(start, unknowns)
+    here = put(start, {u.key: u.within(get(start, u.key)) for u in unknowns})
     view = _View(problem, unknowns, slice(None) if kept is None else kept)
     rows = view.rows(here)
     cost = float(rows @ rows)
@@ -230,7 +230,3 @@ def _move(here: Hypothesis, unknown: Unknown, target: float) -> float:
     """Step of an unknown that leads to a value: the reverse of ``_moved``."""
     value = get(here, unknown.key)
     return float(np.log(target / value)) if unknown.log else target - value
-
-
-def _clip(hypothesis: Hypothesis, unknowns: Sequence[Unknown]) -> Hypothesis:
-    return put(hypothesis, {u.key: u.within(get(hypothesis, u.key)) for u in unknowns})

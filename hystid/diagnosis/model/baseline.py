@@ -12,7 +12,7 @@ import numpy as np
 from hystid.compiled import CompiledModel, Motion
 from hystid.diagnosis.model.fading import fading_states, fast_samples, steps_for
 from hystid.errors import NumericalError
-from hystid.modelcode import ModelCode, Variable
+from hystid.modelcode import ModelCode
 from hystid.numeric import Array
 from hystid.rig.terms import Model, Reading, check_starts, check_values, reading_of, real_parameters
 
@@ -190,16 +190,12 @@ def baseline_of(
     free = tuple(key for key in nominal if key not in held)
     bare = Baseline(
         name, compiled, nominal, free, (), {key: v.unit for key, v in parameters.items()},
-        frozenset(key for key, v in parameters.items() if _is_positive(v, nominal[key])),
+        frozenset(key for key, v in parameters.items() if nominal[key] > 0 and (v.min is None or v.min >= 0)),
         "f_h" in {v.name for v in code.variables}, lowest, highest, weighed or bool(inner), reading,
     )  # fmt: skip
     bare = replace(bare, has_h=bare.has_h and _has_hysteresis(bare, length))
     linear = tuple(key for key in free if key != _MASS and _is_linear(bare, key, length))
     return replace(bare, linear=linear)
-
-
-def _is_positive(variable: Variable, value: float) -> bool:
-    return value > 0 and (variable.min is None or variable.min >= 0)
 
 
 def _probe(size: float) -> tuple[Array, Array, Array]:

@@ -42,7 +42,7 @@ def where_term(problem: Problem, term: Term, signals: Sequence[Signals]) -> Wher
 
 def where_unknown(problem: Problem, residuals: Sequence[Array], noise: float) -> Where:
     """Location and laws of a mismatch that has no name."""
-    smooth = [_local_mean(r) for r in residuals]
+    smooth = [np.convolve(r, np.ones(9) / 9, mode="same") for r in residuals]
     x, v = (np.concatenate([getattr(p, name) for p in problem.parts]) for name in ("x", "v"))
     even, conservative = _map_symmetry(x, v, np.concatenate(smooth))
     amplitude = [float(np.sqrt(2) * np.std(p.x)) for p in problem.parts]
@@ -162,10 +162,6 @@ def _slack(forces: Sequence[Array], signals: Sequence[Signals]) -> float:
         step = np.abs(np.diff(s.x, prepend=s.x[:1]))
         paths += [float(np.sum(step[first:last][free[first:last]])) for first, last in pairwise(at)]
     return float(np.median(paths)) if paths else 0.0
-
-
-def _local_mean(values: Array) -> Array:
-    return np.asarray(np.convolve(values, np.ones(9) / 9, mode="same"))
 
 
 def _map_symmetry(x: Array, v: Array, r: Array) -> tuple[float, float]:
