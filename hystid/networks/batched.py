@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from hystid.errors import UsageError, first_line
 from hystid.leastsquares import Rule, minimise
-from hystid.networks.normal_equations import parameter_count
+from hystid.networks.normal_equations import parameter_count, unflatten
 from hystid.networks.training import Data, Training, stages
 from hystid.recording import Array
 
@@ -41,12 +40,7 @@ class _Batch:
         self.length = max(64, _CHUNK // (self.count * len(target)))
 
     def _layers(self, w: Any) -> list[tuple[Any, Any]]:
-        layers, at = [], 0
-        for ni, no in pairwise(self.sizes):
-            end = at + ni * no
-            layers.append((w[:, at:end].reshape(-1, no, ni), w[:, end : end + no, None]))
-            at = end + no
-        return layers
+        return [(weights, bias[..., None]) for weights, bias in unflatten(w, self.sizes)]
 
     def _forward(self, layers: list[tuple[Any, Any]], part: slice) -> tuple[list[Any], Any]:
         acts = [self.inputs[:, :, part]]

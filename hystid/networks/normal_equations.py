@@ -30,12 +30,12 @@ def parameter_count(sizes: Sequence[int]) -> int:
     return sum((ni + 1) * no for ni, no in pairwise(sizes))
 
 
-def unflatten(w: Array, sizes: Sequence[int]) -> list[tuple[Array, Array]]:
-    """(W, b) of each layer as views into the flat vector; W has shape (outputs, inputs)."""
+def unflatten(w: Any, sizes: Sequence[int]) -> list[tuple[Any, Any]]:
+    """(W, b) of each layer as views into the flat vector, shape (..., P); W has shape (..., outputs, inputs)."""
     layers, at = [], 0
     for ni, no in pairwise(sizes):
         end = at + ni * no
-        layers.append((w[at:end].reshape(no, ni), w[end : end + no]))
+        layers.append((w[..., at:end].reshape(*w.shape[:-1], no, ni), w[..., end : end + no]))
         at = end + no
     return layers
 

@@ -262,19 +262,20 @@ class _Writer:
         elif isinstance(statement, MatMul):
             self._product_forward(statement)
         elif isinstance(statement, Reduce):
-            self._reduction_forward(statement)
+            self._reduction_derivative(statement, back=False)
         else:
             source = f"d_{statement.source.buffer.name}"
             self._loop(statement, lambda n: [f"{n.at(statement.out, 'd_')} = {source}[at_{place}[{n.counter()}]];"])
 
-    def _reduction_forward(self, s: Reduce) -> None:
-        rank = len(s.out.shape)
+    def _reduction_derivative(self, s: Reduce, back: bool) -> None:
         deep, outer = Nest(s.operand.shape), Nest(s.out.shape)
-        line = f"result += {deep.at(s.operand, 'd_')};"
+        here, there = deep.at(s.operand, "d_"), outer.at(s.out, "d_")
+        line = f"{here} += {there};" if back else f"result += {here};"
+        start, end = ([], []) if back else (["double result = 0.0;"], [f"{there} = result;"])
         if s.function != "sum":  # the first of equal elements is the one that counts
             line = f"if (!found && {deep.at(s.operand)} == {outer.at(s.out)}) {{ {line} found = 1; }}"
-        start = ["double result = 0.0;"] + (["int found = 0;"] if s.function != "sum" else [])
-        self.lines += outer.wrap([*start, *deep.inner_wrap([line], rank), f"{outer.at(s.out, 'd_')} = result;"])
+            start.append("int found = 0;")
+        self.lines += outer.wrap([*start, *deep.inner_wrap([line], len(s.out.shape)), *end])
 
     def _product_forward(self, s: MatMul) -> None:
         bias = s.bias if s.bias is not None and s.bias.buffer in self.active else None
@@ -310,7 +311,7 @@ class _Writer:
         elif isinstance(statement, MatMul):
             self._product_adjoint(statement)
         elif isinstance(statement, Reduce):
-            self._reduction_adjoint(statement)
+            self._reduction_derivative(statement, back=True)
         else:
             source = f"d_{statement.source.buffer.name}"
             self._loop(statement, lambda n: [f"{source}[at_{place}[{n.counter()}]] += {n.at(statement.out, 'd_')};"])
@@ -332,15 +333,6 @@ class _Writer:
             self.lines += deep.wrap(body)
         if s.bias is not None and s.bias.buffer in self.active:
             self.lines += outer.wrap([f"{outer.at(s.bias, 'd_')} += {outer.at(s.out, 'd_')};"])
-
-    def _reduction_adjoint(self, s: Reduce) -> None:
-        rank = len(s.out.shape)
-        deep, outer = Nest(s.operand.shape), Nest(s.out.shape)
-        line, start = f"{deep.at(s.operand, 'd_')} += {outer.at(s.out, 'd_')};", []
-        if s.function != "sum":
-            line = f"if (!found && {deep.at(s.operand)} == {outer.at(s.out)}) {{ {line} found = 1; }}"
-            start = ["int found = 0;"]
-        self.lines += outer.wrap([*start, *deep.inner_wrap([line], rank)])
 
     def _loop(self, statement: Statement, body: Callable[[Nest], Lines]) -> None:
         views = [statement.out] if isinstance(statement, Gather) else [statement.out, *statement.operands]

@@ -11,7 +11,6 @@ import numpy as np
 from hystid.diagnosis.decide.criterion import ACCURACY
 from hystid.diagnosis.decide.limits import is_reached
 from hystid.diagnosis.decide.selection import Choice
-from hystid.diagnosis.decide.trials import DELAY
 from hystid.diagnosis.fit.extended import own_texts
 from hystid.diagnosis.fit.hypothesis import Fit, Term, is_mass
 from hystid.diagnosis.fit.problem import Problem
@@ -21,7 +20,7 @@ from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.catalogue import Catalogue
 from hystid.diagnosis.model.channel_effects import DRIFT, NUISANCES, ChannelEffect, is_constant
 from hystid.diagnosis.model.semantics import End, Semantics
-from hystid.diagnosis.prepare.faults import Fault
+from hystid.diagnosis.prepare.faults import DELAY, Fault
 from hystid.numeric import Array
 
 Verdict = Literal["consistent", "recalibrated", "missing_physics", "sensor_fault", "unknown_physics", "not_applicable"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from hystid.diagnosis.decide.limits import AT_END, TOUCHED, is_itself, is_tail
 from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term, is_mass
-from hystid.diagnosis.fit.problem import DELAY_LIMIT, LATE_LIMIT, MASS_TOLERANCE, Problem, standing
+from hystid.diagnosis.fit.problem import DELAY_LIMIT, LATE_LIMIT, Problem, standing
 from hystid.diagnosis.fit.search import (
     ABSORBED,
     ScannedForm,
@@ -23,6 +23,7 @@ from hystid.diagnosis.fit.search import (
 )
 from hystid.diagnosis.model.channel_effects import DRIFT, HIGH_PASS, RANGE
 from hystid.diagnosis.model.effects import Effect
+from hystid.diagnosis.prepare.faults import CALIBRATION, DELAY
 from hystid.errors import NumericalError
 
 _HEALTHY = 0.075  # excess that smoothing and integration leave in healthy recordings
@@ -39,7 +40,6 @@ _REACHED = 0.001  # share of the samples of some recording that lie beyond a thr
 # of the largest speed, within which dry friction must have turned: a smooth sign (tanh) then grows there with a power
 # of the speed below 0.1, a damper with 1
 _SLIDES = 0.44
-DELAY = "channel_delay"
 
 
 @dataclass(frozen=True)
@@ -332,7 +332,7 @@ def chain_trials(problem: Problem, fitted: Fit, effects: Sequence[Effect]) -> li
         made = try_fit(problem, replace(here, late=True))
         if made is not None and abs(made.hypothesis.delay) > DELAY_LIMIT:
             found.append(Trial(DELAY, "", 1, made))
-    if abs(here.mass_error) > 0.95 * MASS_TOLERANCE:
+    if abs(here.mass_error) > 0.95 * CALIBRATION:
         heavier = added_mass_of(problem, fitted, effects)
         found += [heavier] if heavier is not None else []
     return found

@@ -24,6 +24,7 @@ from hystid.diagnosis.model.effects import Effect, Scales, Signals
 from hystid.diagnosis.model.memory import Memory
 from hystid.diagnosis.prepare.differences import interpolated
 from hystid.diagnosis.prepare.draws import ENOUGH, Draw
+from hystid.diagnosis.prepare.faults import CALIBRATION
 from hystid.diagnosis.prepare.reduction import Reduction
 from hystid.diagnosis.prepare.segments import Part
 from hystid.errors import NumericalError
@@ -32,7 +33,6 @@ from hystid.numeric import Array
 _Row = TypeVar("_Row", bound=np.generic)
 DELAY_LIMIT = 0.5  # samples: force held or sampled a little late; more is a fault
 LATE_LIMIT = 8.0  # samples
-MASS_TOLERANCE = 0.035  # share of the mass: weighing and sensitivity errors; more is a finding
 _DRAWS, _MOST_DRAWS = 12, 48  # of the noise, from which their scatter is known, and that are made at most
 _SLOPES, _FEWEST_POINTS = 50_000_000, 2  # bytes of such derivatives that are remembered, and points at least
 _KEPT_BYTES = (40_000_000, 24_000_000, 16_000_000)  # bytes that are remembered: laws, forces of effects, rows per unit
@@ -415,7 +415,7 @@ class Problem:
             limit = LATE_LIMIT if hypothesis.late else DELAY_LIMIT
             found.append(Unknown(("chain", "delay"), low=-limit, high=limit))
             if base.weighed and not any(is_mass(term.effect) for term in hypothesis.terms):
-                found.append(Unknown(("chain", "mass_error"), low=-MASS_TOLERANCE, high=MASS_TOLERANCE, linear=True))
+                found.append(Unknown(("chain", "mass_error"), low=-CALIBRATION, high=CALIBRATION, linear=True))
         for i, term in enumerate(hypothesis.terms):
             lowest = dict(term.effect.lowest)
             if is_mass(term.effect):  # what moves in the end has a mass

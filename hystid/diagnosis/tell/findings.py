@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from hystid.diagnosis.decide.answer import GAIN, Answer, describe
-from hystid.diagnosis.decide.trials import DELAY
 from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.fit.windows import Windowed, lasting
 from hystid.diagnosis.fit.zeros import drift_of_x
 from hystid.diagnosis.model.channel_effects import wanders
 from hystid.diagnosis.model.semantics import Semantics
-from hystid.diagnosis.prepare.faults import Fault
+from hystid.diagnosis.prepare.faults import DELAY, Fault
 from hystid.diagnosis.tell.locate import where_term
 from hystid.diagnosis.tell.result import Diagnosis, Finding, Where
 
