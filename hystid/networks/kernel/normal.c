@@ -81,7 +81,3 @@ API int hystid_solve(long count, const double *S, long stride, const double *dam
 API int hystid_block(void) {
     return BLOCK;
 }
-
-API int hystid_lanes(void) {
-    return LANES;
-}
