@@ -19,10 +19,10 @@ from hystid.diagnosis.fit.hypothesis import Fit, Hypothesis, Term
 from hystid.diagnosis.fit.problem import Problem
 from hystid.diagnosis.fit.search import try_term
 from hystid.diagnosis.model.channel_effects import HUM, mains_hum
+from hystid.diagnosis.prepare.pairs import CHANCE
 from hystid.numeric import Array
 
 _MAINS = (50.0, 60.0)  # Hz
-_CHANCE = 1e-3  # probability by chance of a line, over all frequencies: one false alarm in 1000 diagnoses
 _SHARE = (
     0.084  # of the misfit: less is what laws leave by their form (decide.criterion.FORM, one standard deviation up)
 )
@@ -95,7 +95,7 @@ def without_periodic_forces(problem: Problem, baseline: Fit) -> Fit:
 
 def _by_chance(recordings: int, frequencies: int) -> float:
     """What two amplitudes in each recording take of the sum of squares of noise, at the best of some frequencies."""
-    return float(chi2.isf(_CHANCE / frequencies, 2 * recordings))
+    return float(chi2.isf(CHANCE / frequencies, 2 * recordings))
 
 
 def _is_everywhere(problem: Problem, before: Fit, after: Fit) -> bool:
@@ -142,7 +142,7 @@ def _line(problem: Problem, hypothesis: Hypothesis, known: Sequence[float]) -> t
     for s in spectra:
         for one in known:
             clear[s.is_beside(frequencies, one)] = 0.0
-    needed = np.asarray(gamma.isf(_CHANCE / len(frequencies), np.arange(1, len(spectra) + 1)))
+    needed = np.asarray(gamma.isf(CHANCE / len(frequencies), np.arange(1, len(spectra) + 1)))
     beyond = clear / needed[np.maximum(np.sum(free, axis=0), 1) - 1]
     for k in np.argsort(beyond)[::-1][:_MOST_LINES]:  # the clearest may be a sweep that passes by
         if beyond[k] < 1.0:
@@ -179,7 +179,7 @@ class _Spectrum:
         self._main = float(self._bins[int(np.argmax(self._force))])
         near = np.abs(self._bins - self._main) < 2 / self.length
         self._sine = float(np.sum(self._force[near])) > _DOMINANT * float(np.sum(self._force))
-        lines = _over_neighbours(self._force, np.arange(float(len(self._bins)))) > np.log(len(self._bins) / _CHANCE)
+        lines = _over_neighbours(self._force, np.arange(float(len(self._bins)))) > np.log(len(self._bins) / CHANCE)
         self._tones = not self._sine and float(np.sum(self._force[lines])) > _DOMINANT * float(np.sum(self._force))
 
     def _padded(self, values: Array) -> Array:
@@ -196,7 +196,7 @@ class _Spectrum:
         """
         at = np.interp(frequencies, self._bins, np.arange(len(self._bins)))
         left = np.interp(at, np.arange(len(self._bins)), self._power / np.maximum(self._force, 1e-300))
-        lines = _over_neighbours(self._force, at) > np.log(len(self._bins) / _CHANCE)
+        lines = _over_neighbours(self._force, at) > np.log(len(self._bins) / CHANCE)
         lines &= ~((left > _WHOLE**2) & (left < 1 / _WHOLE**2))
         mains = np.array([k * f for f in _MAINS for k in (1, 2, 3)])
         others = np.min(np.abs(frequencies[:, None] - mains), axis=1) > 1 / self.length

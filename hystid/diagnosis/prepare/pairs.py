@@ -24,7 +24,7 @@ from hystid.recording import Recording
 from hystid.smoothing.noise import noise_level
 
 _SECTIONS, _SHORTEST_SECTION = 6, 256  # sections per recording, and samples of one at least
-CHANCE = 1e-3  # probability by chance of a lag that is believed: one false alarm in 1000 healthy recordings
+CHANCE = 1e-3  # probability by chance of a lag, a taper or a line that is believed: one false alarm in 1000 of each
 _HANN = 3 / 8  # mean square of the window
 _FEWEST_SECTIONS = 1.5  # effective sections below which there is no scatter
 _HIGHEST = 1.0  # rad per sample up to which the differences that derive a channel are exact to 0.1 %

@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from hystid.diagnosis.prepare.pairs import CHANCE
 from hystid.numeric import Array
 from hystid.recording import Recording
 from hystid.smoothing.noise import RESTING, is_white, scaled_differences
@@ -24,7 +25,6 @@ _WINDOWS: tuple[Callable[[Array], Array], ...] = (
 )
 _ROUNDED = 1e-3  # of the largest value, that three digits leave of what a window takes away
 _KNOWN = 0.1  # of a window's length, to which noise tells it: the last tenth of a cosine taper takes off 2 %
-_CHANCE = 1e-3  # probability of a taper by chance, over all that are tried
 _TOLD = "{0}: {1} fades in and out with its noise, as behind a window; {2} samples at either end are left out"
 
 
@@ -62,7 +62,7 @@ def _taper(channel: Array) -> int:
     number, beyond = divmod(best, count // 2 - 2)
     window, length = _WINDOWS[number], 2 + beyond  # in blocks
     odds = 0.5 * size / _AS_ONE * float(each[best] - np.max(_likelihood(steps, power)))
-    faded = int(length * size) if odds > math.log(len(each) / _CHANCE) else 0
+    faded = int(length * size) if odds > math.log(len(each) / CHANCE) else 0
     return int((1 + _KNOWN) * faded) + size if faded and _fades(channel, faded, size / faded, window) else 0
 
 
