@@ -18,23 +18,12 @@ from hystid.diagnosis.fit.value import Value
 from hystid.diagnosis.fit.windows import Windowed, edges, has_own_windows, term_for, widest
 from hystid.diagnosis.model.baseline import Baseline
 from hystid.diagnosis.model.catalogue import Catalogue
-from hystid.diagnosis.model.channel_effects import DRIFT, NUISANCES, ChannelEffect, is_constant
+from hystid.diagnosis.model.channel_effects import CHANNELS, DRIFT, NUISANCES, ChannelEffect, is_constant
 from hystid.diagnosis.model.semantics import End, Semantics
 from hystid.diagnosis.prepare.faults import DELAY, Fault
 from hystid.numeric import Array
 
 Verdict = Literal["consistent", "recalibrated", "missing_physics", "sensor_fault", "unknown_physics", "not_applicable"]
-SENSORS = frozenset(
-    {
-        "channel_delay",
-        "force_gain",
-        "force_drift",
-        "force_high_pass",
-        "force_low_pass",
-        "force_range",
-        "sensor_saturation",
-    }
-)
 GAIN = "force_gain"
 _FORCE = ("N", "kg", "J")  # beginnings of units that are proportional to a force
 _RECALIBRATED = 1.15  # mean square at the nominal values over that of the refit
@@ -54,7 +43,7 @@ class Answer:
     def verdict(self) -> Verdict:
         """The first word of the answer."""
         names = [*(fault.id for fault in self.faults), *self.names()]
-        if any(name not in SENSORS for name in names):
+        if any(name not in CHANNELS for name in names):
             return "missing_physics"
         if names:
             return "sensor_fault"
