@@ -227,7 +227,8 @@ class Criterion:
         logarithm, ``NOMINAL``), beyond what the recordings leave open: a wrong law drags the baseline along. The mass
         that an added one leaves is such a parameter: what was weighed does not vanish."""
         base, cost = self.problem.baseline, 0.0
-        found = [(base.nominal[n], fit.hypothesis.values[n], ("base", n)) for n in base.stated.intersection(base.free)]
+        stated = [name for name in base.free if name in base.stated]
+        found = [(base.nominal[name], fit.hypothesis.values[name], ("base", name)) for name in stated]
         for i, term in enumerate(fit.hypothesis.terms):
             if is_mass(term.effect):
                 name = term.effect.semantics.mass
