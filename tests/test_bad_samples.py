@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
 
 from hystid.consistency import admit, check
 from hystid.consistency.bad_samples import standing_out, without_bad_samples
@@ -30,6 +31,32 @@ def test_bad_samples_are_bridged_and_told(size: float) -> None:
     np.testing.assert_allclose(found.a[at], a[at], atol=0.02)
     untouched = np.delete(np.arange(len(T)), at)
     np.testing.assert_array_equal(found.a[untouched], broken[untouched])
+
+
+@pytest.mark.parametrize("lost", [0.0, -1.7])
+def test_what_a_data_link_puts_for_lost_samples_is_bad_wherever_it_stands(lost: float) -> None:
+    """Twelve samples in a fast motion; one that was small there stands out no further than the motion itself does."""
+    rng = np.random.default_rng(8)
+    v = sosfiltfilt(butter(4, 0.25, output="sos"), rng.standard_normal(len(T))) + 1e-3 * rng.standard_normal(len(T))
+    at = np.sort(rng.choice(np.arange(20, len(T) - 20, 10), 12, replace=False))
+    broken = v.copy()
+    broken[at] = lost
+    assert standing_out(broken).tolist() == at.tolist()
+    assert len(standing_out(v)) == 0
+
+
+def test_a_noisy_channel_that_is_cut_off_has_no_lost_samples() -> None:
+    rng = np.random.default_rng(10)
+    assert len(standing_out(np.clip(rng.standard_normal(len(T)), -1.8, 1.8))) == 0
+
+
+def test_levels_of_a_converter_are_no_lost_samples() -> None:
+    values = np.round(20 * motion(9)) / 20
+    broken = values.copy()
+    broken[[500, 1503, 2506, 3509]] = 3.0  # four spikes to one level
+    assert standing_out(broken).tolist() == [500, 1503, 2506, 3509]
+    broken[[500, 1503, 2506, 3509]] = 0.0  # which the motion has as well
+    assert set(standing_out(broken)) <= {500, 1503, 2506, 3509}
 
 
 def test_what_lasts_is_no_bad_sample() -> None:

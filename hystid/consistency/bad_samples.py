@@ -7,12 +7,12 @@ of the motion leaves a third one, and a bend a second.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d, maximum_filter1d
-from scipy.stats import chi2, norm
+from scipy.stats import chi2, norm, poisson
 
 from hystid.numeric import Array, Flags
 from hystid.recording import Recording
@@ -21,6 +21,7 @@ _CHANCE = 1e-3  # that a sound sample is taken for a bad one, or a step of the m
 _FEW_BAD = (10, 1e-3)  # samples, or share of them: more are no accidents
 _OUTSIDE = 0.5  # of what any other sample leaves, by which a bad one leaves more
 _ALONE = 0.9  # of its height that its neighbours do not share: a pulse of three samples shares two thirds
+_SEVERAL = 3  # samples far from their neighbours that have one value by no accident
 _WIDTH = 3  # samples on either side that count as neighbours
 _BAD = np.array([0, 1, -4, 6, -4, 1, 0]) / 6  # what a bad sample leaves at itself and its neighbours
 _STEPS = [np.roll([1, -3, 3, -1, 0, 0, 0], k)[:, None] for k in range(4)]  # what a step leaves, up to a factor
@@ -66,13 +67,15 @@ def alone(number: int, first: float, of: str = "") -> str:
 
 def standing_out(values: Array) -> NDArray[np.int64]:
     """Indices of single samples of a channel, (n,), that stand out of their neighbours far beyond all others; none
-    where a channel is too short to have others."""
+    where a channel is too short to have others. Where some have one value to the last digit, as a data link puts for
+    what was lost, others of that value need not stand out so far."""
     most, around = _most(len(values)), 2 * _WIDTH + 1
     if len(values) < around * (most + 1) + 4 * _WIDTH:
         return np.zeros(0, dtype=np.int64)
     left = convolve1d(values, _BAD[1:-1], mode="nearest")
     left[: 2 * _WIDTH] = left[-2 * _WIDTH :] = 0.0
     size = np.abs(left)
+    noise = float(np.median(size)) / float(norm.ppf(0.75))
     largest = np.argpartition(size, -around * (most + 1))[-around * (most + 1) :]
     tops: list[int] = []
     for k in largest[np.argsort(-size[largest])].tolist():
@@ -80,10 +83,29 @@ def standing_out(values: Array) -> NDArray[np.int64]:
             tops.append(k)
             size[k - _WIDTH : k + _WIDTH + 1] = 0.0
     far = [k for k in tops if abs(left[k]) > (1 + _OUTSIDE) * np.max(size)]
-    if len(far) > most:
+    least, greatest = np.min(values), np.max(values)
+    within = [k for k in tops if least < values[k] < greatest]  # a channel that is cut off has many at its end
+    lost = _of_one_value(values, [*within, *set(far).difference(within)])
+    if len(set(far).difference(lost)) > most:
         return np.zeros(0, dtype=np.int64)
-    noise = float(np.median(size)) / float(norm.ppf(0.75))
-    return np.array(sorted(k for k in far if _is_alone(left[k - _WIDTH : k + _WIDTH + 1], noise)), dtype=np.int64)
+    alone = [k for k in {*far, *lost} if _is_alone(left[k - _WIDTH : k + _WIDTH + 1], noise)]
+    return np.array(sorted({*alone, *lost} if _is_no_level(values, lost) else alone), dtype=np.int64)
+
+
+def _of_one_value(values: Array, at: Sequence[int]) -> list[int]:
+    """Single samples of a channel, away from its ends, that have a value which several of some samples have."""
+    each, number = np.unique(values[at], return_counts=True)
+    held = np.isin(values, each[number >= _SEVERAL])
+    single = held & ~np.roll(held, 1) & ~np.roll(held, -1)
+    single[: 2 * _WIDTH] = single[-2 * _WIDTH :] = False
+    return np.flatnonzero(single).tolist()
+
+
+def _is_no_level(values: Array, at: Sequence[int]) -> bool:
+    """Whether some samples share a value that chance gives to fewer: by how many have any other value, as a converter
+    has levels."""
+    others = np.unique(np.delete(values, at), return_counts=True)[1]
+    return bool(poisson.sf(len(at) - 1, np.max(others)) < _CHANCE)
 
 
 def _acceleration(channels: Mapping[str, Array]) -> Array | None:
