@@ -39,6 +39,8 @@ def test_the_parameter_that_differs_is_told() -> None:
     assert found.verdict == "unknown_physics"
     [told] = [note for note in found.notes if note.startswith("each recording by itself agrees with the model")]
     assert "fc is" in told
+    assert found.headline.lower() == told.lower()
+    assert found.next_experiment.startswith("Diagnose each recording by itself")
 
 
 def test_a_delay_that_differs_is_told_with_its_time() -> None:
@@ -56,4 +58,4 @@ def test_nothing_is_told_where_one_law_holds_in_all(spring: float) -> None:
     found = asked((2.4, 2.4, 2.4), spring)
     assert found.problem is not None
     assert found.choice is not None
-    assert changes(found.problem, found.choice.before) == []
+    assert changes(found.problem, found.choice.before) == ""

@@ -19,7 +19,7 @@ from hystid.identification.hybrid.package import OSCILLATOR, package_text
 from hystid.modelica import compile_model
 from hystid.modelica_text import compile_text
 from hystid.networks import FurtherInput, Lag, Member, Network, TwoNetworkModel
-from hystid.networks.ports import Curve
+from hystid.networks.ports import Polyline
 from hystid.networks.trust import Spread, Tail
 from hystid.processing import add_noise
 from hystid.recording import Recording
@@ -57,7 +57,7 @@ def test_the_package_is_the_law_and_the_networks(signals: dict[str, np.ndarray],
     members = tuple(Member(network(rng, 6), network(rng, 6)) for _ in range(2))
     limits = {"x": (-1.0, 1.0), "v": (-1.0, 1.0), "u": (0.0, 2.0)}
     further = {"inputs": (FurtherInput("u", "V", "u"),), "lags": (Lag("u", 8e-3), Lag("v", 3e-3))}
-    spread = Spread(0.3, 1.4, (Curve((0.0, 1.0, 2.0), (1.0, 2.5, 1.0)),))
+    spread = Spread(0.3, 1.4, (Polyline((0.0, 1.0, 2.0), (1.0, 2.5, 1.0)),))
     residual = TwoNetworkModel(members, 0.0, RATE, limits, tail=Tail(0.0, 0.0), spread=spread, **further)
     law = law_of("HystId.Oscillators.Jenkins", 1.5)
     values = {**law.nominal, "fc": 20.0}

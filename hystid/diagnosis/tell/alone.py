@@ -20,8 +20,8 @@ CLEAR = 10.0  # standard errors from which a difference is told
 SKEW = 0.1  # samples from which a delay of the force that is no fault is told
 
 
-def changes(problem: Problem, before: Fit) -> list[str]:
-    """A sentence on parameters that differ, where each recording agrees with the model by itself; [] elsewhere.
+def changes(problem: Problem, before: Fit) -> str:
+    """A sentence on parameters that differ, where each recording agrees with the model by itself; "" elsewhere.
 
     before: the model fitted to all recordings together.
     """
@@ -29,14 +29,14 @@ def changes(problem: Problem, before: Fit) -> list[str]:
     first = [_agreeing(one, before.hypothesis) for one in ones]
     fits = [fit for fit in first if fit is not None]
     if not fits or len(fits) < len(first):
-        return []
+        return ""
     best = min(fits, key=lambda fit: fit.chi2).hypothesis  # a law with corners may stand in a minimum of its own
     again = [_agreeing(one, replace(best, delay=fit.hypothesis.delay)) for one, fit in zip(ones, fits, strict=True)]
     fits = [fit if a is None or a.chi2 > fit.chi2 else a for fit, a in zip(fits, again, strict=True)]
     told = [_values(problem, fits, name) for name in before.hypothesis.values if _differs(fits, ("base", name))]
     told += [_delays(problem, fits)] if _differs(fits, _DELAY) else []
     why = "the structure, or a channel, was changed between them"
-    return [f"each recording by itself agrees with the model, but {'; '.join(told)}: {why}"] if told else []
+    return f"each recording by itself agrees with the model, but {'; '.join(told)}: {why}" if told else ""
 
 
 def _agreeing(one: Problem, start: Hypothesis) -> Fit | None:

@@ -60,7 +60,8 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     )
     verdict = answer.verdict()
     told = _not_borne_out(choice, unseen) if choice.named else [away] if away else []
-    told += changes(case.problem, choice.before) if choice.unknown else []
+    changed = changes(case.problem, choice.before) if choice.unknown else ""
+    told += [changed] if changed else []
     told += [_UNRECORDED] if choice.unknown and case.problem.unforced else []
     depends = tuple(dependences(case.problem, choice.after.hypothesis, choice.before.hypothesis))
     remains = _rest(choice)
@@ -87,7 +88,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
         {"lags": case.consistency, "delay": last.delay, "mass_error": last.mass_error},
         _traces(case, choice, answer, before, after), choice, case.problem, choice.after, choice.posterior,
         dependence=depends, catalogue=case.catalogue, values=refit_values(answer, choice.after),
-        lines=lines,
+        lines=lines, changed=changed,
     )  # fmt: skip
     worded = replace(diagnosis, headline=headline(diagnosis), next_experiment=next_experiment(diagnosis))
     return worded, runs.text

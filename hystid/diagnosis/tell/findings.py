@@ -131,7 +131,8 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"The model agrees with the recordings down to their noise{once}{_where_known(diagnosis)}"
     named = " and ".join(_told(finding) for finding in diagnosis.findings)
     if diagnosis.unknown is not None:
-        rest = f"something is missing that no effect of the library explains: {diagnosis.unknown.text}"
+        unnamed = f"something is missing that no effect of the library explains: {diagnosis.unknown.text}"
+        rest = diagnosis.changed or unnamed
         return f"{named}; beside it, {rest}" if named else rest[:1].upper() + rest[1:]
     return f"{named}; {_better(diagnosis)}"
 

@@ -128,6 +128,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     found. rotational: whether the rig turns, x in rad, forces in N.m and the mass in kg.m2.
     misread: labels of the recordings that cannot be right, and how they were read instead. doubts: filters,
     drift and clocks of channels, which may look like physics.
+    changed: what differs between recordings that each agree with the model by themselves.
     as_given: errors of an FMU before anything is fitted, those of ``validate``. lines: periodic forces that nobody
     measured, taken out of the balance and no part of the free runs. extended: text of the extended model.
     """
@@ -161,6 +162,7 @@ class Diagnosis(Result, report="diagnosis", json="diagnosis.json"):
     doubts: tuple[str, ...] = ()
     as_given: tuple[Unchanged, ...] = ()
     lines: tuple[PeriodicForce, ...] = ()
+    changed: str = ""
     extended: str | None = field(default=None, repr=False)
 
     def _write(self, folder: Path) -> None:
