@@ -530,3 +530,16 @@ def test_a_window_that_stays_open_lasts_to_the_end(owned: bool, closes: float, t
     last = float(case.problem.parts[0].t[-1])
     assert window_text(case.problem, term).startswith(f", from 2 s {text}")
     assert lasting(case.problem, term) == ({effect.names(0)[1]: last} if closes > last else {})
+
+
+def test_a_law_of_whole_recordings_has_no_window_of_its_own_in_them() -> None:
+    """A spring that somebody changed between two tests: "t_off = 10 s +- 221 s" told nobody anything."""
+    case, library = posed([rig((1.0, 2.0), 1e7, number, 1e3) for number in (1, 2, 3)])
+    spring = next(effect for effect in library if effect.id == "quadratic_stiffness")
+    last = float(case.problem.parts[0].t[-1])
+    effect = windowed(spring, {0: Window(0.0, last), 2: Window(0.0, 99.0)})
+    term = Term(effect, {**dict.fromkeys(spring.amplitudes, 1e7), **effect.near})
+    first, third = case.problem.parts[0].name, case.problem.parts[2].name
+    assert window_text(case.problem, term) == f", all the time in {first} and {third}, and in no other"
+    told = lasting(case.problem, term)
+    assert told == {"t_on_1": 0.0, "t_off_1": last, "t_on_3": 0.0, "t_off_3": last, "t_ramp": term.values["t_ramp"]}

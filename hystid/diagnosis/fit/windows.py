@@ -219,25 +219,42 @@ def window_text(problem: Problem, term: Term) -> str:
     effect = term.effect
     if not isinstance(effect, Windowed):
         return ""
+    whole = whole_recordings(problem, term)
     if effect.owners is not None and len(effect.owners) > 1:
+        if len(whole) == len(effect.owners) < len(problem.parts):
+            return f", all the time in {' and '.join(problem.parts[owner].name for owner in whole)}, and in no other"
         return f", in a window of time of its own in {len(effect.owners)} of the recordings"
     owner, only = (0, " only") if effect.owners is None else (effect.owners[0], "")
     begin, end, _ = effect.times(term.values, owner)
     last = lasting(problem, term).get(effect.names(owner)[1])
-    until = end if last is None else last
-    if effect.owners is not None and until - begin > (1 - _ALIKE_WINDOWS) * problem.parts[owner].t[-1]:
-        return ""
-    return f", from {begin:.3g} s to " + (f"{end:.3g} s{only}" if last is None else "the end")
+    return "" if whole else f", from {begin:.3g} s to " + (f"{end:.3g} s{only}" if last is None else "the end")
+
+
+def whole_recordings(problem: Problem, term: Term) -> list[int]:
+    """Numbers of the recordings that a window of their own takes as a whole; [] for an effect without such windows."""
+    effect, found = term.effect, list[int]()
+    if isinstance(effect, Windowed):
+        for owner in effect.owners or ():
+            begin, end, _ = effect.times(term.values, owner)
+            length = float(problem.parts[owner].t[-1])
+            found += [owner] if min(end, length) - max(begin, 0.0) > (1 - _ALIKE_WINDOWS) * length else []
+    return found
 
 
 def lasting(problem: Problem, term: Term) -> dict[str, float]:
-    """Ends [s] of recordings by the names of the parameters that close a window only after them."""
+    """Beginnings and ends [s] of recordings by the names of the parameters that open a window only before them, or
+    close it only after: no recording tells where."""
     effect, ends = term.effect, [float(part.t[-1]) for part in problem.parts]
     if not isinstance(effect, Windowed):
         return {}
     last = {0: max(ends)} if effect.owners is None else {owner: ends[owner] for owner in effect.owners}
-    closes = {effect.names(owner)[1]: end for owner, end in last.items()}
-    return {name: end for name, end in closes.items() if term.values[name] > end}
+    found = dict[str, float]()
+    whole = whole_recordings(problem, term)
+    for owner, end in last.items():
+        opens, closes, ramp = effect.names(owner)
+        found |= {closes: end} if term.values[closes] > end else {}
+        found |= {opens: 0.0, closes: end, ramp: term.values[ramp]} if owner in whole else {}
+    return found
 
 
 def edges(problem: Problem, hypothesis: Hypothesis, term: Term) -> dict[str, tuple[float, float]]:
@@ -275,11 +292,17 @@ def _between(seen: Array, end: float, names: Sequence[str], term: Term) -> dict[
 
 
 def settled(problem: Problem, fitted: Fit) -> Fit:
-    """The fit with every window opened and closed in the middle of what the recordings leave open."""
+    """The fit with every window opened and closed in the middle of what the recordings leave open, or at once where it
+    takes the whole of each."""
     here = fitted.hypothesis
     terms = []
     for term in here.terms:
         middle = {name: sum(pair) / 2 for name, pair in edges(problem, here, term).items()}
+        if isinstance(term.effect, Windowed) and (whole := whole_recordings(problem, term)) == [
+            *(term.effect.owners or ())
+        ]:
+            for on, off, ramp in map(term.effect.names, whole):
+                middle |= {on: 0.0, off: 2 * term.values[off], ramp: problem.parts[0].dt}
         terms.append(replace(term, values={**term.values, **middle}))
     there = replace(here, terms=tuple(terms))
     rows = problem.rows(there)

@@ -16,9 +16,7 @@ def next_experiment(diagnosis: Diagnosis) -> str:
     if pair := next(_pairs(diagnosis, steered), None):
         return pair
     if diagnosis.changed:
-        return (
-            "Diagnose each recording by itself; to compare them, record again and change nothing between."
-        )
+        return "Diagnose each recording by itself; to compare them, record again and change nothing between."
     if diagnosis.verdict == "unknown_physics":
         if diagnosis.problem is not None and any(part.lowest for part in diagnosis.problem.parts):
             return "Record the displacement as well: laws of the place, as gaps and stops, do not show without it."

@@ -13,7 +13,7 @@ from hystid.diagnosis.fit.case import Case
 from hystid.diagnosis.fit.extended import skeleton_of
 from hystid.diagnosis.fit.periodic import periodic_forces
 from hystid.diagnosis.fit.problem import Problem
-from hystid.diagnosis.fit.windows import for_recording, has_windows
+from hystid.diagnosis.fit.windows import for_recording, has_windows, whole_recordings
 from hystid.diagnosis.fit.zeros import zeros_instead
 from hystid.diagnosis.model.adapters import FmuModel
 from hystid.diagnosis.model.channel_effects import wanders
@@ -60,7 +60,7 @@ def conclude(case: Case, choice: Choice) -> tuple[Diagnosis, str | None]:
     )
     verdict = answer.verdict()
     told = _not_borne_out(choice, unseen) if choice.named else [away] if away else []
-    changed = changes(case.problem, choice.before) if choice.unknown else ""
+    changed = changes(case.problem, choice.before) if choice.unknown or _differ(case, choice) else ""
     told += [changed] if changed else []
     told += [_UNRECORDED] if choice.unknown and case.problem.unforced else []
     depends = tuple(dependences(case.problem, choice.after.hypothesis, choice.before.hypothesis))
@@ -124,6 +124,12 @@ def _not_borne_out(choice: Choice, unseen: Sequence[Errors]) -> list[str]:
         for e in unseen
         if e.force[1] >= e.force[0]
     ]
+
+
+def _differ(case: Case, choice: Choice) -> bool:
+    """Whether what is named acts in some recordings from beginning to end, and not in the others."""
+    each = (whole_recordings(case.problem, term) for term in choice.after.hypothesis.terms)
+    return any(0 < len(whole) < len(case.problem.parts) for whole in each)
 
 
 def _rest(choice: Choice) -> list[str]:
