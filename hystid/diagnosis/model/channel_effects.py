@@ -31,7 +31,11 @@ CHANNELS = {
     DRIFT: Semantics(title="drift of the force channel"),
     HIGH_PASS: Semantics(title="AC-coupled force channel"),
     "force_low_pass": Semantics(title="low-pass of the force channel"),
-    RANGE: Semantics(title="wrong gain of the force channel in one recording"),
+    RANGE: Semantics(
+        title="wrong gain of the force channel in one recording",
+        sentence="The force channel lacks a share of what it shows; where one channel alone shows the motion, that one "
+        "may as well read so much too high",
+    ),
 }
 NUISANCES = frozenset({HUM, HISTORY})  # taken out, and no findings
 
