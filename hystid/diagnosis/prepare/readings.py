@@ -125,9 +125,11 @@ def _late(here: Recording, found: Examination) -> tuple[tuple[float, float] | No
 def _without_filtered(test: Recording, found: Examination) -> tuple[Recording, bool]:
     """The recording without channels that lose slow or fast motion, where another one shows the motion.
 
-    Their turned phase is damping, or a resonance, that no structure has; what a low-pass took, no noise hides.
+    Their turned phase is damping, or a resonance, that no structure has; what a low-pass took, no noise hides. One with
+    a corner beyond the motion only delays it.
     """
-    lossy = [item for item in found.findings if item.slip == "filtered"]
+    fastest = max((c.band[1] for one in found.examined for c in one.channels.values()), default=0.0)
+    lossy = [i for i in found.findings if i.slip == "filtered" and i.seen.get("lost above", 0.0) < fastest]
     here = test
     for item in lossy:
         whole = set(here.channels("xva")) - {item.channel for item in lossy}
