@@ -83,7 +83,7 @@ def diagnose(
                 step(15, "baseline fitted")
                 library, untestable = possible(everything, case, exclude)
                 every = _every(step, max(1, len(library) // 70))
-                case, choice = decided(case, library, every, posed, integrated=taken.integrated)
+                case, choice = decided(case, library, every, posed, taken.integrated, taken.low_passed)
                 choice = replace(choice, untestable=tuple(sorted({*choice.untestable, *untestable})))
                 answer, extended = conclude(case, _with_errors(case.problem, choice, library))
     except NotDiagnosable as refusal:

@@ -54,6 +54,7 @@ _RUBBING = 6  # laws with dry friction that are fitted again before a search
 _SEEN = 3.0  # standard deviations of the noise of a channel, from which a motion at rest would be seen
 _STUCK = "nothing moves for a while, though the force goes on: something holds the structure that the model has not"
 _MORE_THAN_LATE = "channel {} is left out: moved back, it still leaves what the others do not"
+_LOW_PASSED = "channel {} is left out: it loses fast motion, and the others leave noise without it"
 _AT_LIMIT = (
     "F takes its largest value, {:.4g} N, in {:.2g} % of the samples: mass and law say that the force stays there as "
     "well, as that of dry friction, or of an actuator at its limit"
@@ -69,17 +70,17 @@ def decided(
     library: Sequence[Effect],
     progress: Callable[[], None],
     posed: Callable[..., Case],
-    *,
     integrated: bool = False,
+    low_passed: Sequence[str] = (),
 ) -> Decided:
     """The case under the assumptions that hold, and its selection.
 
     posed: makes the case without some channels of the motion, or (rested=False) with what contacts remember left out,
     where they were taken for at rest before a recording that begins in mid-motion, or (holding=True) still. integrated:
-    x and v are integrals of the acceleration.
+    x and v are integrals of the acceleration. low_passed: channels of the motion that lose fast motion.
     """
     choice = chosen(case, library, progress)
-    if (spared := _without_late(case, choice, library, posed)) is not None:
+    if (spared := _without_late(case, choice, library, posed, low_passed)) is not None:
         return spared
     if not choice.missing and (stuck := held_at_rest(case)) is not None:
         case, choice = stuck, chosen(stuck, library)
@@ -343,24 +344,30 @@ def tells_half(other: Problem, problem: Problem) -> bool:
     return bool(2 * told >= before)
 
 
-def _without_late(case: Case, choice: Choice, library: Sequence[Effect], posed: Callable[..., Case]) -> Decided | None:
+def _without_late(
+    case: Case, choice: Choice, library: Sequence[Effect], posed: Callable[..., Case], low_passed: Sequence[str]
+) -> Decided | None:
     """Without the late channel of the motion, where the others leave noise and it does not: what delays a channel often
-    does more to it. None where that is not so, where no channel is late, or where no other shows the motion."""
-    late = next((fault for fault in case.faults if fault.id == DELAY and fault.channel != "F"), None)
-    if late is None or not choice.missing or leaves_noise(case.problem, choice.best):
+    does more to it. Without one that is low-passed, too, where nothing is missing then. None where that is not so,
+    where no channel is either, or where no other shows the motion."""
+    late = next((fault.channel for fault in case.faults if fault.id == DELAY and fault.channel != "F"), "")
+    channel = late or next(iter(low_passed), "")
+    left_noise = leaves_noise(case.problem, choice.best)
+    if not channel or not choice.missing or (late and left_noise):
         return None
     try:
-        other = posed(late.channel)
+        other = posed(channel)
     except NotDiagnosable:
         return None
     law = try_fit(other.problem, choice.best.hypothesis) or other.refit
-    is_left_out = all(late.channel not in part.measured for part in other.problem.parts)
-    if not is_left_out or not any(leaves_noise(other.problem, fit) for fit in (other.refit, law)):
+    is_left_out = all(channel not in part.measured for part in other.problem.parts)
+    if not is_left_out or (late and not any(leaves_noise(other.problem, fit) for fit in (other.refit, law))):
         return None
     again = chosen(other, library, known=choice.posterior.likely)
-    told = (*other.notes, _MORE_THAN_LATE.format(late.channel))
+    told = (*other.notes, (_MORE_THAN_LATE if late else _LOW_PASSED).format(channel))
     whole = replace(other, faults=case.faults, consistency=case.consistency, notes=told)
-    return (whole, again) if leaves_noise(other.problem, again.best) else None
+    is_better = leaves_noise(other.problem, again.best) and not (left_noise and again.missing)
+    return (whole, again) if is_better else None
 
 
 def _slowly(case: Case, choice: Choice, library: Sequence[Effect]) -> Decided:

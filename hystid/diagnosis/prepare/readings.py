@@ -36,7 +36,7 @@ class Readings:
     """Recordings whose channels fit together, with what was read in another way in their notes, and a late force.
 
     misread: sentences on labels that were read in another way than the file states; doubts: on filters, drift and
-    clocks of channels, which no other reading mends.
+    clocks of channels, which no other reading mends. low_passed: channels of the motion that lose fast motion.
     """
 
     tests: list[Recording]
@@ -44,6 +44,7 @@ class Readings:
     faults: tuple[Fault, ...]
     misread: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    low_passed: tuple[str, ...] = ()
 
 
 def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: float | None) -> Readings:
@@ -63,24 +64,25 @@ def consistent(tests: Sequence[Recording], unseen: Sequence[Recording], mass: fl
             unfit[test.name] = f"held-out recording left out: {denied}"
     unseen = [test for test in unseen if test.name not in unfit]
     if left_out := _left_out((*tests, *unseen), (*used, *held)):
-        used, held = ([_filtered_alike(read, left_out, mass) for read in group] for group in (used, held))
+        used, held = ([_coupled_alike(read, left_out, mass) for read in group] for group in (used, held))
     misread = tuple(
         note
         for test, read in zip((*tests, *unseen), (*used, *held), strict=True)
         for note in read.recording.notes[len(test.notes) :]
     )
     doubts = (*unfit.values(), *(str(note) for read in (*used, *held) for note in read.found.notes))
+    low_passed = _low_passed([read.found for read in used])
     late = _late_force([read.lag for read in used]) if len(used) > 1 else None  # one test may be a law that looks late
     groups = [[read.recording for read in group] for group in (used, held)]
     if late is None:
         if apart := [str(read.severe) for read in (*used, *held) if read.severe is not None]:
             raise Contradiction("; ".join(apart))
-        return Readings(groups[0], groups[1], (), misread, doubts)
+        return Readings(groups[0], groups[1], (), misread, doubts, low_passed)
     seconds, error = late
     dt = groups[0][0].dt
     groups = [[_aligned(test, seconds) for test in group] for group in groups]
     fault = Fault(DELAY, "F", seconds / dt, error / dt, seconds=seconds)
-    return Readings(groups[0], groups[1], (fault,), misread, doubts)
+    return Readings(groups[0], groups[1], (fault,), misread, doubts, low_passed)
 
 
 @dataclass(frozen=True)
@@ -101,8 +103,8 @@ def _read(test: Recording, mass: float | None) -> _Read:
         found = examine([here], mass)
         wrong = [item for item in found.refusals if item.slip in _NEVER - here.accepted]
         if not wrong:
-            here, mended = _without_filtered(here, found)
-            found = examine([here], mass) if mended else found
+            here, coupled = _without_coupled(here, found)
+            found = examine([here], mass) if coupled else found
             return _Read(here, found, *_late(here, found))
         if any(not _has_one_reading(item) for item in wrong):
             break
@@ -122,14 +124,12 @@ def _late(here: Recording, found: Examination) -> tuple[tuple[float, float] | No
     return (force.seen["lag"], force.seen["lag_error"]), force if severe else None
 
 
-def _without_filtered(test: Recording, found: Examination) -> tuple[Recording, bool]:
-    """The recording without channels that lose slow or fast motion, where another one shows the motion.
+def _without_coupled(test: Recording, found: Examination) -> tuple[Recording, bool]:
+    """The recording without channels that lose slow motion, where another one shows the motion.
 
-    Their turned phase is damping, or a resonance, that no structure has; what a low-pass took, no noise hides. One with
-    a corner beyond the motion only delays it.
+    Their turned phase is damping, or a resonance, that no structure has.
     """
-    fastest = max((c.band[1] for one in found.examined for c in one.channels.values()), default=0.0)
-    lossy = [i for i in found.findings if i.slip == "filtered" and i.seen.get("lost above", 0.0) < fastest]
+    lossy = [item for item in found.findings if item.slip == "filtered" and "lost below" in item.seen]
     here = test
     for item in lossy:
         whole = set(here.channels("xva")) - {item.channel for item in lossy}
@@ -151,18 +151,24 @@ def _without(test: Recording, channel: str, why: str) -> Recording | None:
     return test.with_channels(dict.fromkeys(gone), f"{test.name}: {listed} left out, {why}")
 
 
+def _low_passed(found: Sequence[Examination]) -> tuple[str, ...]:
+    """Channels of the motion that lose fast motion in some recording."""
+    lossy = (item for one in found for item in one.findings if item.slip == "filtered" and "lost above" in item.seen)
+    return tuple(dict.fromkeys(item.channel for item in lossy if item.channel in "xva"))
+
+
 def _left_out(tests: Sequence[Recording], read: Sequence[_Read]) -> dict[str, str]:
-    """Channels that were left out as they lose motion, and the first recording in which they were."""
+    """Channels that were left out as they lose slow motion, and the first recording in which they were."""
     pairs = [(test, one.recording) for test, one in zip(tests, read, strict=True)]
     found = {name: [t.name for t, r in pairs if name in t.channels() and name not in r.channels()] for name in "xva"}
     return {name: names[0] for name, names in found.items() if names}
 
 
-def _filtered_alike(read: _Read, left_out: Mapping[str, str], mass: float | None) -> _Read:
-    """The same without channels whose sensors lose motion in other recordings: away from the corner their phase is
-    turned as well, only by less than shows."""
+def _coupled_alike(read: _Read, left_out: Mapping[str, str], mass: float | None) -> _Read:
+    """The same without channels whose sensors lose slow motion in other recordings: where the motion is quick their
+    phase is turned as well, only by less than shows."""
     for channel, elsewhere in left_out.items():
-        left = _without(read.recording, channel, f"as its sensor loses motion in {elsewhere} [filtered]")
+        left = _without(read.recording, channel, f"as its sensor loses slow motion in {elsewhere} [filtered]")
         if left is not None:
             found = examine([left], mass)
             read = _Read(left, found, *_late(left, found))

@@ -38,7 +38,7 @@ class Taken:
     clipped: channels that stop at a level, which only the recordings as they were read show. misread: sentences on
     labels that were read in another way than the files state; doubts: on filters, drift and clocks of channels.
     read: those for the fit as they are after the door, before anything is prepared for it. integrated: x of each has
-    next to no noise beside an acceleration, as an integral of it.
+    next to no noise beside an acceleration, as an integral of it. low_passed: channels that lose fast motion.
     """
 
     tests: list[Recording]
@@ -50,6 +50,7 @@ class Taken:
     doubts: tuple[str, ...] = ()
     read: tuple[Recording, ...] = ()
     integrated: bool = False
+    low_passed: tuple[str, ...] = ()
 
     def without(self, channels: str) -> Taken:
         """The same without some channels of the motion, where another one shows it."""
@@ -87,7 +88,10 @@ def take(recordings: Sources, holdout: Sources, given: Given) -> Taken:
         [_with_noise(test, i, largest) for i, test in enumerate(where_white(group))]
         for group in (bounded[: len(tests)], bounded[len(tests) :])
     )
-    return Taken(tests, unseen, given, read.faults, clipped, read.misread, read.doubts, tuple(read.tests), integrated)
+    return Taken(
+        tests, unseen, given, read.faults, clipped, read.misread, read.doubts, tuple(read.tests), integrated,
+        read.low_passed,
+    )  # fmt: skip
 
 
 def _as_recorded(test: Recording) -> Recording:
