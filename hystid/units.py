@@ -104,6 +104,7 @@ _FACTOR = re.compile(r"^([A-Za-zµμ%°]+|1)\^?([+-]?\d+)?$")
 # pint computes what stands in a unit: powers of powers, as 9**9**9, take hours
 _LONGEST_UNIT = 60  # characters, twice as long as any unit of the standards
 _RAISED = re.compile(r"[\d)]\s*(?:\*\*|\^)")
+_NO_UNIT = re.compile(r"[^\w\s.*/^()+\-−%‰°′\"·⋅×µμ⁰¹²³⁴-⁹⁺⁻]")  # pint passes over such signs: ?m would be m
 _DIGITS = re.compile(r"\d{7}|(?:\*\*|\^)\s*\(?\s*[+-]?\s*\d{3}|[eE]\s*[+-]?\s*\d{3}")
 
 
@@ -254,8 +255,10 @@ def _registry() -> Any:
 
 
 def _by_pint(text: str) -> Unit:
-    registry = _registry()
     try:
+        if _NO_UNIT.search(text):
+            raise _NotSi
+        registry = _registry()
         at_zero, at_one = (registry.Quantity(value, text).to_base_units() for value in (0.0, 1.0))
         dims = at_one.dimensionality
     except Exception:  # pint raises its own, tokenize's and Python's syntax errors alike

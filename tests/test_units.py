@@ -84,3 +84,10 @@ def test_si_units_need_no_pint() -> None:
     """Commands must start at once, and pint's registry takes longer than the rest of a start."""
     code = "import sys; from hystid.units import exponents; exponents('N.s/m'); assert 'pint' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("unit", ["?m", "\ufffdm", "$m", "m;", "&N", "k?"])
+def test_a_sign_that_no_unit_has_is_refused(unit: str) -> None:
+    """A code page puts such a sign in the place of a prefix: µm became m."""
+    with pytest.raises(UsageError, match="is not known"):
+        parse(unit)
